@@ -1,0 +1,109 @@
+"""Checks of user input: each returns the cleaned value or says name, rule, value and way out."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def show(value: object) -> str:
+    """Return a short text of `value` for an error message."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer too long to print, a list inside itself
+        text = f"a {type(value).__name__} too large to print"
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def array(name: str, value: Any) -> FloatArray:
+    """Return `value` as a new C-ordered array of finite float64 numbers, of any shape."""
+    try:
+        raw = np.asarray(value)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(
+            f"{name} must be a number or a rectangular array, got {show(value)}"
+        ) from error
+    if raw.dtype.kind not in "iuf":
+        raise TypeError(
+            f"{name} must hold real numbers, got {show(value)}; convert with np.asarray(..., float)"
+        )
+    out = np.array(raw, dtype=np.float64, order="C")
+    if not np.all(np.isfinite(out)):
+        raise ValueError(f"{name} must be finite, got {show(value)}")
+    return out
+
+
+def vector(name: str, value: Any, n: int) -> FloatArray:
+    """Return `value` as an array of shape (n,); one number stands for all rods."""
+    out = array(name, value)
+    if out.shape not in ((), (n,)):
+        raise ValueError(
+            f"{name} must be one number or an array of shape ({n},), got shape {out.shape}"
+        )
+    return np.broadcast_to(out, (n,)).copy()
+
+
+def at_least_zero(name: str, value: FloatArray) -> FloatArray:
+    """Return `value`, refused where an entry is negative."""
+    if np.any(value < 0.0):
+        raise ValueError(f"{name} must be zero or more, got {show(value.tolist())}")
+    return value
+
+
+def positive(name: str, value: FloatArray) -> FloatArray:
+    """Return `value`, refused where an entry is zero or negative."""
+    if np.any(value <= 0.0):
+        raise ValueError(f"{name} must be greater than zero, got {show(value.tolist())}")
+    return value
+
+
+def number(name: str, value: Any) -> float:
+    """Return `value` as one finite float."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
+        raise TypeError(f"{name} must be a real number, got {show(value)}")
+    try:
+        out = float(value)
+    except OverflowError:
+        out = math.inf
+    if not math.isfinite(out):
+        raise ValueError(f"{name} must be finite, got {show(value)}")
+    return out
+
+
+def positive_number(name: str, value: Any) -> float:
+    """Return `value` as one finite float greater than zero."""
+    out = number(name, value)
+    if out <= 0.0:
+        raise ValueError(f"{name} must be greater than zero, got {show(value)}")
+    return out
+
+
+def nonnegative_number(name: str, value: Any) -> float:
+    """Return `value` as one finite float, zero or more."""
+    out = number(name, value)
+    if out < 0.0:
+        raise ValueError(f"{name} must be zero or more, got {show(value)}")
+    return out
+
+
+def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> int:
+    """Return `value` as an int in [low, high]; booleans and floats are refused."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name} must be an integer, got {show(value)}")
+    if value < low or (high is not None and value > high):
+        rule = f"at least {low}" if high is None else f"between {low} and {high}"
+        raise ValueError(f"{name} must be {rule}, got {show(value)}")
+    return int(value)
+
+
+def choice(name: str, value: Any, options: tuple[str, ...]) -> str:
+    """Return `value`, which must be one of `options`."""
+    if not isinstance(value, str) or value not in options:
+        raise ValueError(f"{name} must be one of {', '.join(options)}; got {show(value)}")
+    return value

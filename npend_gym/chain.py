@@ -1,0 +1,149 @@
+"""The chain: N point masses on massless rods, hung from a pivot; checked once, immutable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+
+MAX_RODS = 1_000_000
+STANDARD_GRAVITY = 9.81  # m/s^2, the paper's listing
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Chain:
+    r"""A planar chain of n point masses on massless rods.
+
+    ::
+
+        pivot  O---------> x          theta_i: angle of rod i from the downward
+               |\                     vertical, counter-clockwise positive
+               | \  rod 0, l_0
+               |  \                   x_i =  sum_{k<=i} l_k sin theta_k
+               |th0*  m_0             y_i = -sum_{k<=i} l_k cos theta_k
+               v    \
+               g     * m_1 ...
+
+    Parameters
+    ----------
+    masses, lengths : float or array_like, shape (n,)
+        Mass of each bob [kg] and length of each rod [m], greater than zero. One number stands for
+        every rod; two numbers make a single pendulum.
+    gravity : float
+        Acceleration of gravity [m/s^2], zero or more.
+    damping : float or array_like, shape (n,)
+        Viscous damping of each joint [N m s/rad], zero or more: joint j, between rod j-1 and
+        rod j, resists with the torque damping_j (omega_j - omega_{j-1}).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not numeric, not finite, of the wrong sign or of the wrong shape.
+    """
+
+    masses: FloatArray
+    lengths: FloatArray
+    gravity: float
+    damping: FloatArray
+
+    def __init__(
+        self,
+        masses: ArrayLike,
+        lengths: ArrayLike,
+        gravity: float = STANDARD_GRAVITY,
+        damping: ArrayLike = 0.0,
+    ) -> None:
+        m = _checks.positive("masses", _checks.array("masses", masses))
+        rods = _checks.positive("lengths", _checks.array("lengths", lengths))
+        n = _rod_count(m, rods)
+        values = {
+            "masses": _checks.vector("masses", m, n),
+            "lengths": _checks.vector("lengths", rods, n),
+            "gravity": _checks.nonnegative_number("gravity", gravity),
+            "damping": _checks.at_least_zero("damping", _checks.vector("damping", damping, n)),
+        }
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def uniform(
+        cls,
+        n: int,
+        mass: float = 1.0,
+        length: float = 1.0,
+        gravity: float = STANDARD_GRAVITY,
+        damping: float = 0.0,
+    ) -> Chain:
+        """Return a chain of `n` equal rods, each `length` [m] long with a bob of `mass` [kg]."""
+        n = _checks.count("n", n, high=MAX_RODS)
+        mass = _checks.positive_number("mass", mass)
+        length = _checks.positive_number("length", length)
+        return cls(np.full(n, mass), np.full(n, length), gravity, damping)
+
+    @property
+    def n(self) -> int:
+        """Number of rods."""
+        return self.masses.size
+
+    @cached_property
+    def carried_masses(self) -> FloatArray:
+        """Mass hanging on each rod, sum_{k>=i} m_k [kg], shape (n,)."""
+        return np.cumsum(self.masses[::-1])[::-1]
+
+    @property
+    def total_length(self) -> float:
+        """Length of the chain when straight [m]."""
+        return float(self.lengths.sum())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain numbers and lists, for a manifest."""
+        return {
+            "masses": self.masses.tolist(),
+            "lengths": self.lengths.tolist(),
+            "gravity": self.gravity,
+            "damping": self.damping.tolist(),
+        }
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Chain) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[object, ...]:
+        arrays = (self.masses, self.lengths, self.damping)
+        return (self.gravity, *(a.tobytes() for a in arrays))
+
+    def __repr__(self) -> str:
+        def brief(a: FloatArray) -> str:
+            return f"{a[0]:g}" if np.all(a == a[0]) else np.array2string(a, threshold=6)
+
+        return (
+            f"Chain(n={self.n}, masses={brief(self.masses)}, lengths={brief(self.lengths)}, "
+            f"gravity={self.gravity:g}, damping={brief(self.damping)})"
+        )
+
+
+def _rod_count(masses: FloatArray, lengths: FloatArray) -> int:
+    """Return n, where scalars follow the other argument."""
+    for name, value in (("masses", masses), ("lengths", lengths)):
+        if value.ndim > 1 or value.size == 0:
+            raise ValueError(
+                f"{name} must be one number or a list with an entry for each rod, "
+                f"got shape {value.shape}"
+            )
+        _checks.count(f"the number of {name}", value.size, high=MAX_RODS)
+    if masses.ndim and lengths.ndim and masses.size != lengths.size:
+        raise ValueError(
+            f"masses and lengths must have an entry for each rod, "
+            f"got {masses.size} masses and {lengths.size} lengths"
+        )
+    return max(masses.size, lengths.size)

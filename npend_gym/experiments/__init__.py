@@ -1,0 +1,1 @@
+"""Experiments: physics in, tidy tables out."""

@@ -1,0 +1,199 @@
+"""The paper's experiment (its section 5, procedure (i)-(vi)): release, time every bob, average."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks, theory
+from npend_gym._checks import FloatArray
+from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.period import READINGS, pseudo_periods
+
+PAPER_N = (5, 10, 20, 100)
+PAPER_AMPLITUDE = math.pi / 4  # rad
+PAPER_SPREAD = 0.017  # rad: one degree, the uncertainty of a reading
+PAPER_TRIALS = 3
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Release:
+    """What to release: every n in `n_values`, `trials` times each.
+
+    Attributes
+    ----------
+    n_values : sequence of int
+        Numbers of pendulums.
+    trials : int
+        Trials for each n.
+    amplitude, spread : float
+        A trial starts at rest with all rods at `amplitude` plus one draw, common to all rods, from
+        [0, spread) [rad].
+    seed : int
+        Seed of the draws. A trial's draw depends on seed, n and trial alone.
+    duration : float, optional
+        Window [s]; by default long enough for every bob.
+    reading : str
+        What completes a pseudo-period, see `npend_gym.pseudo_periods`.
+    masses, lengths : float or sequence
+        Per rod where not a number; then `n_values` must be their length.
+    gravity, damping : float
+        As in `npend_gym.Chain`.
+    """
+
+    n_values: Sequence[int] = PAPER_N
+    trials: int = PAPER_TRIALS
+    amplitude: float = PAPER_AMPLITUDE
+    spread: float = PAPER_SPREAD
+    seed: int = 0
+    duration: float | None = None
+    reading: str = "bob"
+    masses: ArrayLike = 1.0
+    lengths: ArrayLike = 1.0
+    gravity: float = STANDARD_GRAVITY
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        _checks.count("trials", self.trials)
+        _checks.count("seed", self.seed, low=0, high=2**63 - 1)
+        _checks.choice("reading", self.reading, READINGS)
+        amplitude = abs(_checks.number("amplitude", self.amplitude))
+        spread = _checks.nonnegative_number("spread", self.spread)
+        if amplitude == 0.0 or amplitude + spread >= math.pi:
+            raise ValueError(
+                f"amplitude must not be 0 and, with the spread of {spread:g}, must stay within pi, "
+                f"got {self.amplitude:g}"
+            )
+        if self.duration is not None:
+            _checks.positive_number("duration", self.duration)
+        if len(self.n_values) == 0:
+            raise ValueError("n_values must name at least one number of pendulums, got none")
+        for n in self.n_values:
+            self.chain(n)
+
+    def chain(self, n: int) -> Chain:
+        """Return the chain of `n` rods that is released."""
+        uniform = Chain.uniform(n)  # checks n
+        masses = _checks.array("masses", self.masses)
+        lengths = _checks.array("lengths", self.lengths)
+        for name, value in (("masses", masses), ("lengths", lengths)):
+            if value.ndim and value.shape != (n,):
+                raise ValueError(
+                    f"{name} must be one number or {n} of them for n = {n}, got shape {value.shape}"
+                )
+        ones = uniform.masses
+        return Chain(ones * masses, ones * lengths, self.gravity, self.damping)
+
+    def runs(self) -> list[tuple[int, int, float]]:
+        """Return (n, trial, starting angle [rad]) of every run, trials counted from 1."""
+        return [
+            (n, trial, self.amplitude + self.spread * self._draw(n, trial))
+            for n in self.n_values
+            for trial in range(1, self.trials + 1)
+        ]
+
+    def _draw(self, n: int, trial: int) -> float:
+        return float(np.random.default_rng([self.seed, n, trial]).random())
+
+
+@dataclass(frozen=True)
+class Run:
+    """One release: the pseudo-period of every bob [s], NaN where it did not complete."""
+
+    n: int
+    trial: int
+    start: float
+    periods: FloatArray
+
+    @property
+    def mean(self) -> float:
+        """Mean over the bobs that completed [s]; NaN if none did."""
+        done = self.periods[np.isfinite(self.periods)]
+        return float(done.mean()) if done.size else math.nan
+
+
+def measure(release: Release, n: int, trial: int, start: float) -> Run:
+    """Carry out one run of `release`, from rest with all rods at `start` [rad]."""
+    periods = pseudo_periods(
+        release.chain(n), start, reading=release.reading, duration=release.duration
+    )
+    return Run(n, trial, start, periods)
+
+
+def _no_progress(items: Iterable[_T]) -> Iterable[_T]:
+    return items
+
+
+def run_release(
+    release: Release,
+    progress: Callable[
+        [Iterable[tuple[int, int, float]]], Iterable[tuple[int, int, float]]
+    ] = _no_progress,
+) -> list[Run]:
+    """Carry out every run of `release`; `progress` may wrap the iteration, as tqdm does."""
+    return [measure(release, *run) for run in progress(release.runs())]
+
+
+def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return the tidy table: a row for every n, trial and bob (counted from 1 at the pivot)."""
+    return [
+        {
+            "n": run.n,
+            "trial": run.trial,
+            "start_rad": run.start,
+            "bob": bob,
+            "completed": bool(np.isfinite(period)),
+            "pseudo_period_s": float(period),
+        }
+        for run in runs
+        for bob, period in enumerate(run.periods, start=1)
+    ]
+
+
+def summary_rows(release: Release, runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return a row for every n: what was measured, the models, and how far off they are.
+
+    The relative error is the paper's, \\|S - T\\| / S with S measured and T the model.
+    """
+    return [
+        _summary(release, n, [run for run in runs if run.n == n])
+        for n in dict.fromkeys(run.n for run in runs)
+    ]
+
+
+def _summary(release: Release, n: int, runs: Sequence[Run]) -> dict[str, Any]:
+    chain = release.chain(n)
+    periods = np.array([run.periods for run in runs])
+    done = np.isfinite(periods)
+    means = np.array([run.mean for run in runs])
+    measured = float(np.nanmean(means)) if done.any() else math.nan
+    ideal = theory.ideal_period(chain)
+    starts = np.array([run.start for run in runs])
+    corrected = ideal * (1.0 + float(theory.amplitude_correction(starts).mean()))
+    fundamental = theory.fundamental_period(chain)
+    return {
+        "n": n,
+        "trials": len(runs),
+        "measured_s": measured,
+        "bob_spread_s": float(np.mean([_std(p[d]) for p, d in zip(periods, done, strict=True)])),
+        "trial_spread_s": _std(means[np.isfinite(means)]),
+        "completed": int(done.sum()),
+        "bobs": int(done.size),
+        "ideal_s": ideal,
+        "corrected_s": corrected,
+        "fundamental_s": fundamental,
+        "ideal_error": abs(measured - ideal) / measured,
+        "corrected_error": abs(measured - corrected) / measured,
+        "fundamental_error": abs(measured - fundamental) / measured,
+    }
+
+
+def _std(values: FloatArray) -> float:
+    return float(values.std()) if values.size else math.nan

@@ -1,0 +1,167 @@
+"""The pseudo-period of every bob after a release: array in, array out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks, theory
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.physics.energy import positions
+from npend_gym.physics.kernels.dop853 import new_solver, start
+from npend_gym.physics.kernels.dynamics import pack_rods
+from npend_gym.physics.kernels.listing import listing_gaps
+from npend_gym.physics.kernels.turning import BOB, HEIGHT, LINK, measure, new_turns
+from npend_gym.physics.simulate import IntegrationError, simulate
+
+_CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
+READINGS = (*_CODES, "listing")
+
+COUNTED_SPEED = 1e-6  # of sqrt(g/l): below it a sign is rounding noise
+_HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
+_WINDOW = 10.0  # fundamental periods, after which a bob is given up
+_RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
+LISTING_DURATION = 10.0  # s
+LISTING_FRAMES_PER_SECOND = 100
+_LISTING_CLOSE = 0.01  # m: heights nearer than this count as the same
+
+
+def pseudo_periods(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike = 0.0,
+    *,
+    reading: str = "bob",
+    duration: float | None = None,
+    rtol: float = 1e-10,
+) -> FloatArray:
+    """Return the pseudo-period [s] of every bob after a release, shape (n,).
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, omega : array_like, shape (n,)
+        Angles [rad] and angular velocities [rad/s] at the release; one number stands for all.
+    reading : {"bob", "link", "height", "listing"}
+        What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
+
+        - "bob": the bob's horizontal velocity has reversed twice;
+        - "link": the rod's angular velocity has gone 0, -, +, 0;
+        - "height": the bob is back at its starting height;
+        - "listing": the estimator printed in the paper's appendix D, quirks and all.
+    duration : float, optional
+        Length of the window [s]. By default it lasts until every bob has completed, at most ten
+        fundamental periods ("listing": the paper's 10 s).
+    rtol : float
+        Relative tolerance of the integration; the absolute one is a hundredth of it.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where the bob does not complete within the window.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule, or the window has no scale: no gravity, but motion.
+    IntegrationError
+        If the integration cannot go on.
+
+    Notes
+    -----
+    "bob" and "link" take the first + to - crossing after a - to + crossing for a release from
+    positive angles (mirrored for negative ones; for "bob" the side on which the bob starts
+    counts), so that a rod that first drifts the other way is not credited with that. t = 0 is no
+    crossing. A sign counts once the speed has exceeded 1e-6 sqrt(g/l), times l for a bob, l being
+    the mean length: the outer rods of a uniform release rest, at rounding level, until the wave
+    reaches them. "height" takes a touch within 10 rtol of the chain's length as a return, at the
+    instant of the touch (for one pendulum at T/2: the paper asks for the height, not the side).
+    Instants are zeros of the dense solution, located to 1e-11 s.
+    """
+    if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
+    theta = _checks.vector("theta", theta, chain.n)
+    omega = _checks.vector("omega", omega, chain.n)
+    reading = _checks.choice("reading", reading, READINGS)
+    rtol = _checks.positive_number("rtol", rtol)
+    if duration is not None:
+        duration = _checks.positive_number("duration", duration)
+    if reading == "listing":
+        return _listing(chain, theta, omega, duration or LISTING_DURATION, rtol)
+    if chain.gravity == 0.0 and not np.any(omega):
+        return np.full(chain.n, np.nan)
+    if duration is None:
+        if chain.gravity == 0.0:
+            raise ValueError("duration must be given where gravity is 0: no period sets a window")
+        duration = _WINDOW * theory.fundamental_period(chain)
+    return _measured(chain, theta, omega, _CODES[reading], duration, rtol)
+
+
+def _measured(
+    chain: Chain, theta: FloatArray, omega: FloatArray, reading: int, duration: float, rtol: float
+) -> FloatArray:
+    n, atol = chain.n, 1e-2 * rtol
+    rods, torque = pack_rods(chain), np.zeros(n)
+    solver = new_solver(0.0, np.concatenate([theta, omega]))
+    turns = new_turns(theta, _orientation(chain, theta, reading))
+    threshold = _threshold(chain, omega, reading, rtol)
+    scratch = np.zeros((2, n))
+    start(solver, rods, torque, rtol, atol)
+    steps = max(1, _RODS_PER_CALL // n)
+    state = 0
+    while state == 0:
+        state = measure(
+            reading, solver, duration, steps, rods, torque, rtol, atol, threshold, turns, scratch
+        )
+    if state < 0:
+        raise IntegrationError(
+            f"no step is small enough at t = {solver.clock[1]:g} s for rtol = {rtol:g}: "
+            f"loosen it, or check the state and parameters"
+        )
+    return turns.period
+
+
+def _orientation(chain: Chain, theta: FloatArray, reading: int) -> FloatArray:
+    """Return +1 for rods released from positive angles (or from zero), -1 from negative ones."""
+    if reading == HEIGHT:
+        return np.ones(chain.n)
+    side = theta if reading == LINK else positions(chain, theta)[:, 0]
+    return np.where(side < 0.0, -1.0, 1.0)
+
+
+def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> float:
+    """Return the size [rad/s, m/s or m] above which the sign of a signal counts."""
+    if reading == HEIGHT:
+        return _HEIGHT_TOLERANCE * rtol * chain.total_length
+    length = float(chain.lengths.mean())
+    rate = np.sqrt(chain.gravity / length) or float(np.max(np.abs(omega)))
+    return COUNTED_SPEED * rate * (length if reading == BOB else 1.0)
+
+
+def _listing(
+    chain: Chain, theta: FloatArray, omega: FloatArray, duration: float, rtol: float
+) -> FloatArray:
+    """Return what the paper's get_timeperiod_y gives for every bob (appendix D)."""
+    frames = max(2, round(LISTING_FRAMES_PER_SECOND * duration))
+    times = np.linspace(0.0, duration, frames)
+    path = simulate(chain, theta, omega, times, rtol=rtol, atol=1e-2 * rtol).positions()
+    return np.array([listing_estimate(path[:, i, 1]) for i in range(chain.n)])
+
+
+def listing_estimate(height: FloatArray) -> float:
+    """Return the paper's printed estimate of a period [s] from a bob's heights [m], shape (T,).
+
+    The listing counts frames as 1/100 s each though they are 10/999 s apart, compares the first
+    frame with the last, and averages two unlike things: one term for the mean gap between frames
+    of like height, and a term for every pair of turning points two apart. NaN where there is
+    neither.
+    """
+    sign = np.sign(np.gradient(height))
+    times: list[float] = []
+    for k in np.flatnonzero(sign != np.roll(sign, 1)).tolist():
+        if k - 1 not in times:  # compares a frame with seconds, as printed
+            times.append(k / LISTING_FRAMES_PER_SECOND)
+    total, pairs = listing_gaps(np.ascontiguousarray(height), _LISTING_CLOSE)
+    gap = total / pairs / LISTING_FRAMES_PER_SECOND if pairs else np.nan
+    return float(abs(np.mean([gap, *(b - a for a, b in zip(times, times[2:], strict=False))])))

@@ -1,0 +1,1 @@
+"""The mechanics of the chain: equations of motion, integration, energy."""

@@ -1,0 +1,14 @@
+"""All compiled code. Arrays in, arrays out: no checks, no exceptions, no allocation in loops.
+
+Joint j lies between rod j-1 and rod j, joint 0 at the pivot.
+
+Symbols, the paper's where it has them (S. Charles 2019, its rods 1..N are 0..n-1 here)::
+
+    theta, omega, alpha   angle, angular velocity, angular acceleration of each rod
+    v_j = 1/m_{j-1}       inverse mass at joint j; v_0 = 0, for the pivot cannot move
+    l, 1/l, g             rod length, its inverse, gravity
+    s_j, c_j              sine and cosine of theta_j - theta_{j-1}; at joint 0 of theta_0
+    tau_j                 torque at joint j, actuator less damping; tau_n = 0
+    f_i = Q_i / l_i       force couple that carries the net torque Q_i = tau_i - tau_{i+1} of rod i
+    T_i                   tension of rod i
+"""

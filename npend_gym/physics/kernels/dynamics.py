@@ -1,0 +1,160 @@
+"""The equations of motion in O(n), through the tensions of the rods.
+
+The paper's system A(theta) theta'' = b (its section 2; Eq. (eom)) couples every angle with every
+other. The tensions couple only neighbours. With e_i the unit vector along rod i and n_i across it,
+mass i obeys
+
+    m_i a_i = -m_i g y - T_i e_i + f_i n_i + T_{i+1} e_{i+1} - f_{i+1} n_{i+1},
+
+and rod i stays as long as it is: (a_i - a_{i-1}) . e_i = -l_i omega_i^2. Put together:
+
+    (v_i + v_{i+1}) T_i - c_{i+1} v_{i+1} T_{i+1} - c_i v_i T_{i-1}                         (1)
+        = l_i omega_i^2 + v_{i+1} f_{i+1} s_{i+1} - v_i f_{i-1} s_i + [i = 0] g c_0
+
+a symmetric tridiagonal system, positive definite. The component across the rod then gives
+
+    l_i alpha_i = v_{i+1} (T_{i+1} s_{i+1} - f_{i+1} c_{i+1} + f_i)                         (2)
+                  - v_i (T_{i-1} s_i + f_{i-1} c_i - f_i) - [i = 0] g s_0.
+
+The paper prints pi_ij = min(i, j) in A and b and max(i, j) in its appendix A; these equations
+equal the system with max, and with the masses that its kinetic energy leaves out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.physics.kernels.jit import kernel
+from npend_gym.physics.kernels.sincos import sincos
+
+_WORK_ROWS = 7
+
+
+class Rods(NamedTuple):
+    """The parameters of a chain as the kernels take them."""
+
+    inverse_mass: FloatArray  # v at joints 0..n, (n + 1,); zero at the pivot
+    length: FloatArray  # l, (n,)
+    inverse_length: FloatArray  # 1/l, (n,)
+    damping: FloatArray  # joints 0..n-1, (n,)
+    gravity: FloatArray  # g, (1,)
+
+
+def pack_rods(chain: Chain) -> Rods:
+    """Return the parameters of `chain` in the form the kernels take."""
+    return Rods(
+        np.concatenate([[0.0], 1.0 / chain.masses]),
+        chain.lengths.copy(),
+        1.0 / chain.lengths,
+        chain.damping.copy(),
+        np.array([chain.gravity]),
+    )
+
+
+def new_work(n: int) -> FloatArray:
+    """Return scratch rows for `accelerations`; the guard entries at their ends stay zero."""
+    return np.zeros((_WORK_ROWS, n + 2))
+
+
+@kernel
+def copy(source: FloatArray, target: FloatArray) -> None:
+    """Copy a row; slice assignment would do, at a second of compile time a kernel."""
+    for i in range(source.size):
+        target[i] = source[i]
+
+
+@kernel
+def _tensions(
+    v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray
+) -> None:
+    """Solve Eq. (1) for one chain, from both ends to the middle rod and back.
+
+    Row i is brought to T_i = tension_i + link_i T_next, `next` being its neighbour on the way to
+    the middle. Two independent sweeps take half the time of one, as each waits for its divisions.
+    The guards v_0 = 0 and c_n = 0 end the chain, so that no row needs a case of its own.
+    """
+    n = rhs.size
+    middle = n // 2
+    q_top = z_top = q_tip = z_tip = 0.0  # inverse pivot and reduced right side of the last row
+    for i in range(middle):
+        o = c[i] * v[i]
+        q_top = 1.0 / ((v[i] + v[i + 1]) - (o * o) * q_top)
+        z_top = (rhs[i] + o * z_top) * q_top
+        tension[i] = z_top
+        link[i] = (c[i + 1] * v[i + 1]) * q_top
+        j = n - 1 - i
+        if j > middle:
+            o = c[j + 1] * v[j + 1]
+            q_tip = 1.0 / ((v[j] + v[j + 1]) - (o * o) * q_tip)
+            z_tip = (rhs[j] + o * z_tip) * q_tip
+            tension[j] = z_tip
+            link[j] = (c[j] * v[j]) * q_tip
+    o = c[middle] * v[middle]
+    o_below = c[middle + 1] * v[middle + 1]
+    pivot = ((v[middle] + v[middle + 1]) - (o * o) * q_top) - (o_below * o_below) * q_tip
+    up = down = ((rhs[middle] + o * z_top) + o_below * z_tip) / pivot
+    tension[middle] = up
+    for i in range(1, middle + 1):
+        up = tension[middle - i] + link[middle - i] * up
+        tension[middle - i] = up
+        if middle + i < n:
+            down = tension[middle + i] + link[middle + i] * down
+            tension[middle + i] = down
+
+
+@kernel
+def accelerations(
+    theta: FloatArray,
+    omega: FloatArray,
+    torque: FloatArray,
+    rods: Rods,
+    work: FloatArray,
+    alpha: FloatArray,
+) -> None:
+    """Write the angular accelerations [rad/s^2] of one chain into `alpha`, all of shape (n,).
+
+    `torque` [N m] acts at joints 0..n-1; `work` comes from `new_work`. Every loop here is over
+    independent rods, and so vectorised; the recurrences are in `_tensions`.
+    """
+    v, l, inverse_l, damping = rods.inverse_mass, rods.length, rods.inverse_length, rods.damping
+    n = theta.size
+    g = rods.gravity[0]
+    s, c, tau, rhs, link = work[0], work[1], work[2], work[3][:n], work[4]
+    # Rows with a guard at each end: the rods above, here and below are three views of one row
+    f_above, f, f_below = work[5][:n], work[5][1:], work[5][2:]
+    t_above, t, t_below = work[6][:n], work[6][1:], work[6][2:]
+
+    s[0], c[0] = sincos(theta[0])
+    for j in range(1, n):
+        s[j], c[j] = sincos(theta[j] - theta[j - 1])
+    tau[0] = torque[0] - damping[0] * omega[0]
+    for j in range(1, n):
+        tau[j] = torque[j] - damping[j] * (omega[j] - omega[j - 1])
+    for i in range(n):
+        f[i] = (tau[i] - tau[i + 1]) * inverse_l[i]
+    for i in range(n):
+        rhs[i] = (l[i] * (omega[i] * omega[i]) + v[i + 1] * (f_below[i] * s[i + 1])) - v[i] * (
+            f_above[i] * s[i]
+        )
+    rhs[0] += g * c[0]
+    _tensions(v, c, rhs, t[:n], link)
+    for i in range(n):
+        from_below = (t_below[i] * s[i + 1] - f_below[i] * c[i + 1]) + f[i]
+        from_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
+        alpha[i] = (v[i + 1] * from_below - v[i] * from_above) * inverse_l[i]
+    alpha[0] -= (g * s[0]) * inverse_l[0]
+
+
+@kernel
+def derivative(
+    y: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray, dydt: FloatArray
+) -> None:
+    """Write the time derivative of the state y = (theta, omega), flat, into `dydt`."""
+    n = y.size // 2
+    for i in range(n):
+        dydt[i] = y[n + i]
+    accelerations(y[:n], y[n:], torque, rods, work, dydt[n:])

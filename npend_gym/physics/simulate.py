@@ -1,0 +1,230 @@
+"""Trajectories: `simulate` integrates a chain, `Trajectory` holds the result."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks, _files
+from npend_gym._checks import FloatArray
+from npend_gym._version import __version__
+from npend_gym.chain import Chain
+from npend_gym.physics import energy as _energy
+from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver, start
+from npend_gym.physics.kernels.dynamics import new_work, pack_rods
+from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
+
+METHODS = ("dop853", "rk4")
+_RODS_PER_CALL = (
+    500_000  # rods times steps in one compiled call: about a second, then Ctrl-C is heard
+)
+
+
+class IntegrationError(RuntimeError):
+    """The integration cannot go on: the state has diverged, or the tolerance is out of reach."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The motion of a chain at given times.
+
+    Attributes
+    ----------
+    chain : Chain
+    times : ndarray, shape (T,)
+        Instants [s].
+    theta, omega : ndarray, shape (T, n)
+        Angles [rad], unwrapped, and angular velocities [rad/s].
+    provenance : dict
+        What made it: package version, method, tolerances, torque.
+    """
+
+    chain: Chain
+    times: FloatArray
+    theta: FloatArray
+    omega: FloatArray
+    provenance: dict[str, Any] = field(default_factory=dict[str, Any])
+
+    def positions(self) -> FloatArray:
+        """Return the positions of the bobs [m], shape (T, n, 2)."""
+        return _energy.positions(self.chain, self.theta)
+
+    def velocities(self) -> FloatArray:
+        """Return the velocities of the bobs [m/s], shape (T, n, 2)."""
+        return _energy.velocities(self.chain, self.theta, self.omega)
+
+    def energy(self) -> FloatArray:
+        """Return the energy above hanging at rest [J], shape (T,)."""
+        return _energy.energy(self.chain, self.theta, self.omega)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the trajectory to `path` as an npz archive, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            If `path` cannot be written.
+        """
+        about = json.dumps({"chain": self.chain.as_dict(), "provenance": self.provenance})
+        with _files.replacing(Path(path), "wb") as file:
+            np.savez_compressed(
+                file, about=np.array(about), times=self.times, theta=self.theta, omega=self.omega
+            )
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Trajectory:
+        """Read what `save` wrote; nothing in the file is executed.
+
+        Raises
+        ------
+        ValueError
+            If the file is not a whole trajectory.
+        OSError
+            If `path` cannot be read.
+        """
+        try:
+            with np.load(Path(path), allow_pickle=False) as data:
+                about = json.loads(str(data["about"]))
+                arrays = [np.asarray(data[name], float) for name in ("times", "theta", "omega")]
+            chain = Chain(**about["chain"])
+        except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise ValueError(
+                f"path must name a trajectory made by save(); {path}: {error}"
+            ) from error
+        return cls(chain, arrays[0], arrays[1], arrays[2], about["provenance"])
+
+
+def simulate(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    times: ArrayLike,
+    *,
+    torque: ArrayLike | None = None,
+    method: str = "dop853",
+    rtol: float = 1e-10,
+    atol: float = 1e-12,
+    dt: float | None = None,
+) -> Trajectory:
+    """Integrate the equations of motion and return the state at the given times.
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, omega : array_like, shape (n,)
+        Angles [rad] and angular velocities [rad/s] at ``times[0]``; one number stands for all.
+    times : array_like, shape (T,)
+        Instants at which the state is wanted [s], increasing.
+    torque : float or array_like, shape (n,), optional
+        Constant torque [N m]: a number acts on joint 0, an array on every joint.
+    method : {"dop853", "rk4"}
+        "dop853": order 8(5,3), its step chosen to meet `rtol` and `atol`. "rk4": order 4, equal
+        steps, the fewest between two times that are no longer than `dt`.
+    rtol, atol : float
+        Relative and absolute tolerance of each step (for "dop853").
+    dt : float, optional
+        Longest step [s] (for "rk4", and needed there).
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    IntegrationError
+        If the state diverges, or no step is small enough for the tolerance.
+
+    Notes
+    -----
+    The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, see
+    `npend_gym.physics.kernels.dynamics`. Results are the same bits on every machine.
+    """
+    if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
+    n = chain.n
+    y = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
+    times = _checks.array("times", times)
+    if times.ndim != 1 or times.size == 0 or np.any(np.diff(times) <= 0.0):
+        raise ValueError(f"times must be a list of increasing instants, got {_checks.show(times)}")
+    method = _checks.choice("method", method, METHODS)
+    couple = _torque(torque, n)
+    provenance: dict[str, Any] = {
+        "npend_gym": __version__,
+        "method": method,
+        "torque": couple.tolist(),
+    }
+    frames = np.empty((times.size, 2 * n))
+    if method == "rk4":
+        if dt is None:
+            raise ValueError('dt must be given with method "rk4": the longest step in seconds')
+        dt = _checks.positive_number("dt", dt)
+        provenance["dt"] = dt
+        _run_rk4(chain, y, times, dt, couple, frames)
+    else:
+        if dt is not None:
+            raise ValueError(
+                f'dt must be None with method "dop853", which chooses its own, got {dt}'
+            )
+        rtol = _checks.positive_number("rtol", rtol)
+        atol = _checks.positive_number("atol", atol)
+        provenance |= {"rtol": rtol, "atol": atol}
+        _run_dop853(chain, y, times, couple, rtol, atol, frames)
+    return Trajectory(chain, times, frames[:, :n].copy(), frames[:, n:].copy(), provenance)
+
+
+def _torque(torque: ArrayLike | None, n: int) -> FloatArray:
+    if torque is None:
+        return np.zeros(n)
+    given = _checks.array("torque", torque)
+    if given.shape == ():
+        return np.concatenate([[float(given)], np.zeros(n - 1)])
+    return _checks.vector("torque", given, n)
+
+
+def _run_rk4(
+    chain: Chain,
+    y: FloatArray,
+    times: FloatArray,
+    dt: float,
+    torque: FloatArray,
+    frames: FloatArray,
+) -> None:
+    rods, work = pack_rods(chain), new_work(chain.n)
+    done = rk4_frames(y, times, dt, torque, rods, work, np.zeros((STAGE_ROWS, y.size)), frames)
+    if done < times.size:
+        raise IntegrationError(
+            f"the state diverged between t = {times[done - 1]:g} s and {times[done]:g} s: "
+            f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
+        )
+
+
+def _run_dop853(
+    chain: Chain,
+    y: FloatArray,
+    times: FloatArray,
+    torque: FloatArray,
+    rtol: float,
+    atol: float,
+    frames: FloatArray,
+) -> None:
+    rods, solver = pack_rods(chain), new_solver(float(times[0]), y)
+    start(solver, rods, torque, rtol, atol)
+    frames[0] = y
+    done = 1
+    steps = max(1, _RODS_PER_CALL // chain.n)
+    while done < times.size:
+        done = dop853_frames(solver, times, done, steps, rods, torque, rtol, atol, frames)
+        if done < 0:
+            raise IntegrationError(
+                f"no step is small enough at t = {solver.clock[1]:g} s for rtol = {rtol:g} and "
+                f"atol = {atol:g}: loosen them, or check the state and parameters"
+            )

@@ -1,0 +1,1 @@
+"""Reports: given results, draw and write them; nothing is measured here."""

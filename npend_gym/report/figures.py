@@ -1,0 +1,131 @@
+"""Figures of the release experiment, by matplotlib (extra "plot"), without any window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from importlib.resources import as_file, files
+from typing import Any, ParamSpec
+
+import numpy as np
+
+from npend_gym import theory
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.release import Release, Run
+
+try:
+    import matplotlib.style
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
+except ImportError as error:
+    raise ImportError(
+        'figures need matplotlib: install it with pip install "npend-gym[plot]"'
+    ) from error
+
+_P = ParamSpec("_P")
+_IDEAL, _CORRECTED, _FUNDAMENTAL = "#D55E00", "#E69F00", "#009E73"
+_MEASURED, _BOB = "#0072B2", "#7FB8D8"
+_TRIALS = ("#A6CDE8", "#0072B2", "#000000")
+
+
+def _styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
+    """Draw in the package's style, whatever the user's own."""
+
+    @wraps(draw)
+    def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
+        with as_file(files("npend_gym.report") / "npend.mplstyle") as style:
+            with matplotlib.style.context(["default", str(style)]):
+                return draw(*args, **kwargs)
+
+    return styled
+
+
+@_styled
+def period_against_n(release: Release, runs: Sequence[Run]) -> Figure:
+    """Draw the pseudo-period against the number of pendulums, with the models."""
+    figure = Figure(figsize=(6.4, 4.4))
+    axes: Any = figure.add_subplot()
+    counts = sorted({run.n for run in runs})
+    _draw_models(axes, release, counts)
+    for run in runs:
+        jitter = 1.0 + 0.03 * (run.trial - (release.trials + 1) / 2)
+        x = np.full(run.n, run.n * jitter)
+        axes.plot(x, run.periods, "_", color=_BOB, markersize=7, markeredgewidth=0.6)
+        axes.plot(run.n * jitter, run.mean, "o", color=_MEASURED, markersize=5)
+    axes.plot([], [], "o", color=_MEASURED, markersize=5, label="measured, mean of a trial")
+    axes.plot([], [], "_", color=_BOB, markersize=7, label="measured, each bob")
+    axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
+    axes.set_title(f'Release from {release.amplitude:.3g} rad, reading "{release.reading}"')
+    axes.xaxis.set(major_locator=FixedLocator(counts), minor_locator=NullLocator())
+    axes.xaxis.set_major_formatter(ScalarFormatter())
+    _plain_log_ticks(axes)
+    axes.legend()
+    return figure
+
+
+def _draw_models(axes: Any, release: Release, counts: Sequence[int]) -> None:
+    per_rod = np.ndim(release.masses) or np.ndim(release.lengths)
+    low, high = counts[0], counts[-1]
+    grid = list(counts) if per_rod else np.unique(np.geomspace(low, high, 60, dtype=int))
+    chains = [release.chain(int(n)) for n in grid]
+    ideal = np.array([theory.ideal_period(chain) for chain in chains])
+    factor = 1.0 + float(theory.amplitude_correction(release.amplitude))
+    fundamental = [theory.fundamental_period(chain) for chain in chains]
+    marker = "_" if len(grid) == 1 else None
+    for values, style, color, label in (
+        (ideal * factor, "--", _CORRECTED, "$T_0$ with the pendulum's amplitude correction"),
+        (ideal, "-", _IDEAL, r"the paper's $T_0 = 2\pi\sqrt{N l/g}$" if not per_rod else "$T_0$"),
+        (fundamental, "-", _FUNDAMENTAL, "$T_1$, slowest normal mode"),
+    ):
+        axes.plot(grid, values, style, color=color, label=label, marker=marker, markersize=16)
+
+
+def _plain_log_ticks(axes: Any) -> None:
+    low, high = axes.get_ylim()
+    ticks = [t for t in (0.5, 1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 50, 100, 200) if low <= t <= high]
+    axes.yaxis.set(major_locator=FixedLocator(ticks), minor_locator=NullLocator())
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+
+
+@_styled
+def period_of_each_bob(release: Release, runs: Sequence[Run]) -> Figure:
+    """Draw the pseudo-period of every bob along the chain, a panel for each N."""
+    counts = sorted({run.n for run in runs})
+    columns = min(2, len(counts))
+    rows = -(-len(counts) // columns)
+    figure = Figure(figsize=(1.2 + 3.2 * columns, 0.8 + 2.4 * rows))
+    for k, n in enumerate(counts, start=1):
+        axes: Any = figure.add_subplot(rows, columns, k)
+        chain = release.chain(n)
+        bobs = np.arange(1, n + 1)
+        for run in (run for run in runs if run.n == n):
+            # one inside the other, for trials can lie on top of each other
+            shrink = 1.0 - 0.7 * (run.trial - 1) / max(1, release.trials - 1)
+            color = _TRIALS[(run.trial - 1) % len(_TRIALS)]
+            size = _marker_size(n) * shrink
+            axes.plot(
+                bobs, run.periods, "o", color=color, markersize=size, markeredgewidth=0,
+                label=f"trial {run.trial}",
+            )  # fmt: skip
+        axes.axhline(theory.ideal_period(chain), color=_IDEAL, label="the paper's $T_0$")
+        axes.axhline(
+            theory.fundamental_period(chain), color=_FUNDAMENTAL, label="$T_1$, slowest normal mode"
+        )
+        axes.set_ylim(0.0, None)
+        axes.set_title(f"N = {n}: {_completed(runs, n)}")
+        axes.set(xlabel="bob, counted from the pivot", ylabel="pseudo-period [s]")
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.set_xlim(1 - 0.04 * n, n + 0.04 * n)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    legend: Any = figure.legend
+    legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
+    return figure
+
+
+def _marker_size(n: int) -> float:
+    return min(7.0, max(3.5, 60.0 / n))
+
+
+def _completed(runs: Sequence[Run], n: int) -> str:
+    periods: FloatArray = np.concatenate([run.periods for run in runs if run.n == n])
+    return f"{np.isfinite(periods).sum()} of {periods.size} completed"

@@ -1,0 +1,132 @@
+"""Closed forms: the paper's model of the pseudo-period, and the correct ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh_tridiagonal
+from scipy.special import ellipk, jn_zeros
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import STANDARD_GRAVITY, Chain
+
+
+def ideal_period(chain: Chain) -> float:
+    r"""Return the paper's T0(N) [s], Eq. (npesudoperiod): 2 pi N / sum_i sqrt(g m_i / (l_i M)).
+
+    For equal masses and lengths it is 2 pi sqrt(N l/g). The paper takes the mass and stiffness
+    matrices as diagonal; `fundamental_period` does not. NaN without gravity.
+    """
+    if chain.gravity == 0.0:
+        return math.nan
+    total = chain.masses.sum()
+    rates = np.sqrt(chain.gravity * chain.masses / (chain.lengths * total))
+    return float(2.0 * np.pi * chain.n / rates.sum())
+
+
+def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatArray:
+    r"""Return Delta T / T0 of a single pendulum released from `theta0` [rad], of its shape.
+
+    The series sum_{k=1}^{terms} ((2k)! / (2^{2k} (k!)^2))^2 sin^{2k}(theta0/2): the paper's
+    Eq. (absolute) with 2^{2k} where it prints 2^{2 pi}. Without `terms` its limit,
+    2 K(sin(theta0/2)) / pi - 1 with the complete elliptic integral K (0.0400 at pi/4).
+
+    Raises
+    ------
+    ValueError
+        If \|theta0\| >= pi, where the period is infinite, or `terms` is negative.
+    """
+    angle = _checks.array("theta0", theta0)
+    if np.any(np.abs(angle) >= np.pi):
+        raise ValueError(f"theta0 must lie between -pi and pi, got {_checks.show(theta0)}")
+    m = np.sin(0.5 * angle) ** 2
+    if terms is None:
+        return np.asarray(2.0 * ellipk(m) / np.pi - 1.0)
+    term, total = np.ones_like(m), np.zeros_like(m)
+    for k in range(1, _checks.count("terms", terms, low=0) + 1):
+        term = term * ((2 * k - 1) / (2 * k)) ** 2 * m
+        total = total + term
+    return total
+
+
+def pendulum_period(
+    theta0: ArrayLike, length: float = 1.0, gravity: float = STANDARD_GRAVITY
+) -> FloatArray:
+    """Return the exact period [s] of a single pendulum released from `theta0` [rad]."""
+    return single_period(length, gravity) * (1.0 + amplitude_correction(theta0))
+
+
+def single_period(length: float = 1.0, gravity: float = STANDARD_GRAVITY) -> float:
+    """Return 2 pi sqrt(l/g) [s], the paper's Eq. (simpleperiod)."""
+    length = _checks.positive_number("length", length)
+    gravity = _checks.positive_number("gravity", gravity)
+    return 2.0 * math.pi * math.sqrt(length / gravity)
+
+
+def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Return the exact frequencies and shapes of small oscillations about hanging at rest.
+
+    Returns
+    -------
+    omega : ndarray, shape (n,)
+        Angular frequencies [rad/s], increasing.
+    modes : ndarray, shape (n, n)
+        Column k: the angles of mode k, the largest being 1.
+
+    Notes
+    -----
+    The linearised system M theta'' + K theta = 0 has M_ij = l_i l_j sum_{k>=max(i,j)} m_k, full
+    where the paper has it diagonal, and K = diag(g l_i mu_i) with mu_i = sum_{k>=i} m_k. Its
+    inverse mass matrix is tridiagonal, the tension matrix of a hanging chain, so that omega^2 are
+    the eigenvalues of the symmetric tridiagonal K^(1/2) M^(-1) K^(1/2).
+    """
+    squares, vectors = eigh_tridiagonal(*_stiffness(chain))
+    modes = vectors / np.sqrt(chain.lengths * chain.carried_masses)[:, None]
+    peak = modes[np.argmax(np.abs(modes), axis=0), np.arange(chain.n)]
+    return np.sqrt(np.maximum(squares, 0.0)), modes / peak
+
+
+def fundamental_period(chain: Chain) -> float:
+    """Return the period [s] of the slowest normal mode; NaN without gravity."""
+    if chain.gravity == 0.0:
+        return math.nan
+    diagonal, off = _stiffness(chain)
+    slowest = eigh_tridiagonal(
+        diagonal, off, eigvals_only=True, select="i", select_range=(0, 0), tol=0.0
+    )[0]
+    return float(2.0 * np.pi / np.sqrt(slowest))
+
+
+def _stiffness(chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Return diagonal and off-diagonal of K^(1/2) M^(-1) K^(1/2) [1/s^2]."""
+    v = 1.0 / chain.masses
+    scale = np.sqrt(chain.gravity * chain.carried_masses / chain.lengths)
+    at_joint = np.concatenate([[0.0], v])
+    return (at_joint[:-1] + v) * scale**2, -v[:-1] * scale[:-1] * scale[1:]
+
+
+def uniform_frequencies(
+    n: int, length: float = 1.0, gravity: float = STANDARD_GRAVITY
+) -> FloatArray:
+    """Return the normal frequencies [rad/s] of n equal rods and masses, increasing, shape (n,).
+
+    omega_k^2 = (g/l) x_k with x_k the zeros of the Laguerre polynomial L_n, found as the
+    eigenvalues of its Jacobi matrix.
+    """
+    n = _checks.count("n", n)
+    zeros = eigh_tridiagonal(2.0 * np.arange(n) + 1.0, np.arange(1.0, n), eigvals_only=True)
+    length = _checks.positive_number("length", length)
+    return np.sqrt(_checks.positive_number("gravity", gravity) / length * zeros)
+
+
+def large_n_period(n: int, length: float = 1.0, gravity: float = STANDARD_GRAVITY) -> float:
+    """Return the limit of the fundamental period [s] for many equal rods.
+
+    (2/j01) 2 pi sqrt((n + 1/2) l/g), j01 = 2.4048 the first zero of the Bessel function J0: the
+    paper's square root with the factor 0.83 in place of 1.
+    """
+    n = _checks.count("n", n)
+    return float(2.0 / jn_zeros(0, 1)[0]) * single_period(length, gravity) * math.sqrt(n + 0.5)
