@@ -63,9 +63,13 @@ def positive(name: str, value: FloatArray) -> FloatArray:
     return value
 
 
+def _is_bool(value: Any) -> bool:
+    return isinstance(value, (bool, np.bool_))
+
+
 def number(name: str, value: Any) -> float:
     """Return `value` as one finite float."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
+    if _is_bool(value) or not isinstance(value, numbers.Real):
         raise TypeError(f"{name} must be a real number, got {show(value)}")
     try:
         out = float(value)
@@ -94,12 +98,13 @@ def nonnegative_number(name: str, value: Any) -> float:
 
 def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> int:
     """Return `value` as an int in [low, high]; booleans and floats are refused."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+    if _is_bool(value) or not isinstance(value, numbers.Integral):
         raise TypeError(f"{name} must be an integer, got {show(value)}")
-    if value < low or (high is not None and value > high):
+    out: Any = value
+    if out < low or (high is not None and out > high):
         rule = f"at least {low}" if high is None else f"between {low} and {high}"
         raise ValueError(f"{name} must be {rule}, got {show(value)}")
-    return int(value)
+    return int(out)
 
 
 def choice(name: str, value: Any, options: tuple[str, ...]) -> str:

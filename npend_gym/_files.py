@@ -3,37 +3,30 @@
 from __future__ import annotations
 
 import os
-import tempfile
-from collections.abc import Iterator
+import secrets
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
 
 @contextmanager
-def replacing(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
+def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, None]:
     """Open a file that takes the place of `path` when the block ends without an error.
 
-    Until then, and after an error, what stood at `path` stays untouched.
+    Until then, and after an error, what stood at `path` stays untouched. Text is UTF-8 with the
+    same line ends on every system.
     """
-    text = "b" not in mode
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    opened: IO[Any] = (
+        temporary.open("xb") if binary else temporary.open("x", encoding="utf-8", newline="")
+    )
     try:
-        # newline="": the same bytes on every system
-        with open(
-            handle, mode, encoding="utf-8" if text else None, newline="" if text else None
-        ) as file:
+        with opened as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
+        temporary.replace(path)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

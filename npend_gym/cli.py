@@ -34,21 +34,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _Parser(prog="npend", description="The N-pendulum: release it, measure it.")
     parser.add_argument("--version", action="version", version=f"npend_gym {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_release(commands.add_parser("release", **_RELEASE_HELP))
+    _add_release(commands.add_parser("release", help=_RELEASE_SUMMARY))
     arguments = parser.parse_args(argv)
     return _release(arguments, commands.choices["release"])
-
-
-_RELEASE_HELP = {
-    "help": "release chains from rest and measure the pseudo-period of every bob",
-    "description": "The paper's experiment: chains of N equal pendulums are released from rest, "
-    "the pseudo-period of every bob is measured, averaged and compared with the models.",
-    "epilog": "examples:\n"
-    "  npend release --out results              the paper's N = 5, 10, 20, 100, three trials\n"
-    "  npend release --n 1,2,3 --trials 1 --spread 0\n"
-    "  npend release --n 100 --duration 10      the paper's window\n"
-    "  npend release --n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25",
-}
 
 
 def _numbers(text: str) -> float | list[float]:
@@ -62,6 +50,32 @@ def _counts(text: str) -> list[int]:
 
 _numbers.__name__, _counts.__name__ = "number or list", "list of integers"  # for error messages
 
+_RELEASE_SUMMARY = "release chains from rest and measure the pseudo-period of every bob"
+_RELEASE_ABOUT = """\
+The paper's experiment: chains of N equal pendulums are released from rest, the pseudo-period of
+every bob is measured, averaged and compared with the models.
+"""
+_RELEASE_EXAMPLES = """\
+examples:
+  npend release --out results              the paper's N = 5, 10, 20, 100, three trials
+  npend release --n 1,2,3 --trials 1 --spread 0
+  npend release --n 100 --duration 10      the paper's window
+  npend release --n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
+"""
+# Option, field of Release that it sets, type, placeholder, help
+_RELEASE_OPTIONS = (
+    ("--n", "n_values", _counts, "N,N,...", "numbers of pendulums (5,10,20,100)"),
+    ("--trials", "trials", int, "COUNT", "trials for each N (3)"),
+    ("--amplitude", "amplitude", float, "RAD", "starting angle of all rods (pi/4)"),
+    ("--spread", "spread", float, "RAD", "a trial adds one draw from [0, RAD) to all rods (0.017)"),
+    ("--seed", "seed", int, "SEED", "seed of the draws (0)"),
+    ("--duration", "duration", float, "S", "window, the paper's is 10 (until all have completed)"),
+    ("--masses", "masses", _numbers, "KG[,KG...]", "mass of the bobs, one or per rod (1)"),
+    ("--lengths", "lengths", _numbers, "M[,M...]", "length of the rods, one or per rod (1)"),
+    ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (9.81)"),
+    ("--damping", "damping", float, "NMS", "viscous damping of every joint (0)"),
+)
+
 
 def _add_release(parser: argparse.ArgumentParser) -> None:
     from npend_gym.experiments.release import Release
@@ -69,66 +83,16 @@ def _add_release(parser: argparse.ArgumentParser) -> None:
 
     default = Release()
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    add = parser.add_argument
-    add(
-        "--n",
-        type=_counts,
-        default=list(default.n_values),
-        metavar="N,N,...",
-        help="numbers of pendulums (5,10,20,100)",
-    )
-    add("--trials", type=int, default=default.trials, help="trials for each N (%(default)s)")
-    add(
-        "--amplitude",
-        type=float,
-        default=default.amplitude,
-        metavar="RAD",
-        help="starting angle of all rods (pi/4)",
-    )
-    add(
-        "--spread",
-        type=float,
-        default=default.spread,
-        metavar="RAD",
-        help="a trial adds one draw from [0, spread) to all rods (%(default)s)",
-    )
-    add("--seed", type=int, default=default.seed, help="seed of the draws (%(default)s)")
-    add(
-        "--duration",
-        type=float,
-        metavar="S",
-        help="window; the paper's is 10 (until every bob has completed)",
-    )
-    add(
-        "--reading",
-        choices=READINGS,
-        default=default.reading,
-        help="what completes a pseudo-period (%(default)s)",
-    )
-    add(
-        "--masses",
-        type=_numbers,
-        default=1.0,
-        metavar="KG[,KG...]",
-        help="mass of the bobs, one or per rod (1)",
-    )
-    add(
-        "--lengths",
-        type=_numbers,
-        default=1.0,
-        metavar="M[,M...]",
-        help="length of the rods, one or per rod (1)",
-    )
-    add("--gravity", type=float, default=default.gravity, metavar="M/S2", help="(%(default)s)")
-    add(
-        "--damping",
-        type=float,
-        default=default.damping,
-        metavar="NMS",
-        help="viscous damping of every joint (%(default)s)",
-    )
-    add("--out", type=Path, metavar="FOLDER",
-        help="write periods.csv, summary.csv, manifest.json and figures there")  # fmt: skip
+    parser.description, parser.epilog = _RELEASE_ABOUT, _RELEASE_EXAMPLES
+    for option, field, kind, placeholder, text in _RELEASE_OPTIONS:
+        parser.add_argument(
+            option, dest=field, type=kind, default=getattr(default, field),
+            metavar=placeholder, help=text,
+        )  # fmt: skip
+    text = "what completes a pseudo-period (bob)"
+    parser.add_argument("--reading", choices=READINGS, default=default.reading, help=text)
+    text = "write periods.csv, summary.csv, manifest.json and figures there"
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
 
 def _release(arguments: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
@@ -142,7 +106,7 @@ def _release(arguments: argparse.Namespace, parser: argparse.ArgumentParser) -> 
     runs: list[Run] = []
     interrupted = False
     try:
-        plan = Release(n_values=given.pop("n"), **given)
+        plan = Release(**given)
         if out is not None:
             report.prepare_folder(out)
     except (ValueError, TypeError) as error:
@@ -150,7 +114,7 @@ def _release(arguments: argparse.Namespace, parser: argparse.ArgumentParser) -> 
     try:
         # disable=None: no bar where the output is not a terminal
         for run in tqdm(plan.runs(), unit="release", disable=None, leave=False):
-            runs.append(measure(plan, *run))
+            runs.append(measure(plan, *run))  # noqa: PERF401 - kept when interrupted
     except KeyboardInterrupt:
         interrupted = True
     except (IntegrationError, ValueError) as error:

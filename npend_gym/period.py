@@ -13,7 +13,7 @@ from npend_gym.physics.kernels.dop853 import new_solver, start
 from npend_gym.physics.kernels.dynamics import pack_rods
 from npend_gym.physics.kernels.listing import listing_gaps
 from npend_gym.physics.kernels.turning import BOB, HEIGHT, LINK, measure, new_turns
-from npend_gym.physics.simulate import IntegrationError, simulate
+from npend_gym.physics.simulate import IntegrationError, check_rtol, simulate
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
@@ -75,7 +75,8 @@ def pseudo_periods(
     counts), so that a rod that first drifts the other way is not credited with that. t = 0 is no
     crossing. A sign counts once the speed has exceeded 1e-6 sqrt(g/l), times l for a bob, l being
     the mean length: the outer rods of a uniform release rest, at rounding level, until the wave
-    reaches them. "height" takes a touch within 10 rtol of the chain's length as a return, at the
+    reaches them. Beyond pi/2 a bob reverses more often than its rod: the paper's definition is for
+    small angles. "height" takes a touch within 10 rtol of the chain's length as a return, at the
     instant of the touch (for one pendulum at T/2: the paper asks for the height, not the side).
     Instants are zeros of the dense solution, located to 1e-11 s.
     """
@@ -84,7 +85,7 @@ def pseudo_periods(
     theta = _checks.vector("theta", theta, chain.n)
     omega = _checks.vector("omega", omega, chain.n)
     reading = _checks.choice("reading", reading, READINGS)
-    rtol = _checks.positive_number("rtol", rtol)
+    rtol = check_rtol(rtol)
     if duration is not None:
         duration = _checks.positive_number("duration", duration)
     if reading == "listing":

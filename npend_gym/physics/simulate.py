@@ -22,6 +22,7 @@ from npend_gym.physics.kernels.dynamics import new_work, pack_rods
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
 
 METHODS = ("dop853", "rk4")
+MIN_RTOL = 1e-14
 _RODS_PER_CALL = (
     500_000  # rods times steps in one compiled call: about a second, then Ctrl-C is heard
 )
@@ -73,7 +74,7 @@ class Trajectory:
             If `path` cannot be written.
         """
         about = json.dumps({"chain": self.chain.as_dict(), "provenance": self.provenance})
-        with _files.replacing(Path(path), "wb") as file:
+        with _files.replacing(Path(path), binary=True) as file:
             np.savez_compressed(
                 file, about=np.array(about), times=self.times, theta=self.theta, omega=self.omega
             )
@@ -90,7 +91,7 @@ class Trajectory:
             If `path` cannot be read.
         """
         try:
-            with np.load(Path(path), allow_pickle=False) as data:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
                 about = json.loads(str(data["about"]))
                 arrays = [np.asarray(data[name], float) for name in ("times", "theta", "omega")]
             chain = Chain(**about["chain"])
@@ -174,11 +175,21 @@ def simulate(
             raise ValueError(
                 f'dt must be None with method "dop853", which chooses its own, got {dt}'
             )
-        rtol = _checks.positive_number("rtol", rtol)
+        rtol = check_rtol(rtol)
         atol = _checks.positive_number("atol", atol)
         provenance |= {"rtol": rtol, "atol": atol}
         _run_dop853(chain, y, times, couple, rtol, atol, frames)
     return Trajectory(chain, times, frames[:, :n].copy(), frames[:, n:].copy(), provenance)
+
+
+def check_rtol(rtol: float) -> float:
+    """Return `rtol`, refused where float64 cannot meet it."""
+    rtol = _checks.number("rtol", rtol)
+    if rtol < MIN_RTOL:
+        raise ValueError(
+            f"rtol must be at least {MIN_RTOL:g}, for float64 resolves no less, got {rtol:g}"
+        )
+    return rtol
 
 
 def _torque(torque: ArrayLike | None, n: int) -> FloatArray:

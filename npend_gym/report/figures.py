@@ -33,9 +33,11 @@ def _styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
 
     @wraps(draw)
     def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
-        with as_file(files("npend_gym.report") / "npend.mplstyle") as style:
-            with matplotlib.style.context(["default", str(style)]):
-                return draw(*args, **kwargs)
+        with (
+            as_file(files("npend_gym.report") / "npend.mplstyle") as style,
+            matplotlib.style.context(["default", str(style)]),
+        ):
+            return draw(*args, **kwargs)
 
     return styled
 
@@ -117,8 +119,7 @@ def period_of_each_bob(release: Release, runs: Sequence[Run]) -> Figure:
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_xlim(1 - 0.04 * n, n + 0.04 * n)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    legend: Any = figure.legend
-    legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
     return figure
 
 

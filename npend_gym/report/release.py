@@ -25,6 +25,12 @@ _COLUMNS = (
 )  # fmt: skip
 
 
+_LEGEND = """\
+measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed}
+T0: the paper's 2 pi N / sum sqrt(g m/(l M)); + ampl.: times its amplitude series, corrected
+T1: period of the slowest normal mode; e: |measured - model| / measured"""
+
+
 def summary_text(release: Release, runs: Sequence[Run]) -> str:
     """Return the table of `summary_rows` as text, with a legend."""
     lines = ["".join(f"{name:>{width}}" for name, width in _COLUMNS)]
@@ -32,8 +38,8 @@ def summary_text(release: Release, runs: Sequence[Run]) -> str:
         cells = (
             f"{row['n']}",
             _seconds(row["measured_s"]),
-            f"+- {_seconds(row['bob_spread_s'])}",
-            f"+- {_seconds(row['trial_spread_s'])}",
+            _spread(row["bob_spread_s"]),
+            _spread(row["trial_spread_s"]),
             f"{row['completed']}/{row['bobs']}",
             _seconds(row["ideal_s"]),
             _seconds(row["corrected_s"]),
@@ -41,18 +47,16 @@ def summary_text(release: Release, runs: Sequence[Run]) -> str:
             *(_percent(row[f"{key}_error"]) for key in ("ideal", "corrected", "fundamental")),
         )
         lines.append("".join(f"{c:>{w}}" for c, (_, w) in zip(cells, _COLUMNS, strict=True)))
-    lines += [
-        "",
-        f'measured: mean pseudo-period [s] over bobs and trials, reading "{release.reading}", '
-        f"seed {release.seed}",
-        "T0: the paper's 2 pi N / sum sqrt(g m/(l M)); + ampl.: times its amplitude series, corrected",
-        "T1: period of the slowest normal mode; e: |measured - model| / measured",
-    ]
+    lines += ["", _LEGEND.format(reading=release.reading, seed=release.seed)]
     return "\n".join(lines)
 
 
 def _seconds(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.4f}"
+
+
+def _spread(value: float) -> str:
+    return "-" if math.isnan(value) else f"+- {value:.4f}"
 
 
 def _percent(value: float) -> str:
@@ -96,7 +100,7 @@ def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) ->
             ("period_against_n.png", draw.period_against_n(release, runs)),
             ("period_of_each_bob.png", draw.period_of_each_bob(release, runs)),
         ):
-            with _files.replacing(out / name, "wb") as file:
+            with _files.replacing(out / name, binary=True) as file:
                 figure.savefig(
                     file, format="png", metadata={"Software": f"npend_gym {__version__}"}
                 )

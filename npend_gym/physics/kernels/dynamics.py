@@ -28,7 +28,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.physics.kernels.jit import kernel
+from npend_gym.physics.kernels.jit import inlined_kernel, kernel
 from npend_gym.physics.kernels.sincos import sincos
 
 _WORK_ROWS = 7
@@ -67,7 +67,7 @@ def copy(source: FloatArray, target: FloatArray) -> None:
         target[i] = source[i]
 
 
-@kernel
+@inlined_kernel
 def _tensions(
     v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray
 ) -> None:
@@ -106,7 +106,7 @@ def _tensions(
             tension[middle + i] = down
 
 
-@kernel
+@inlined_kernel
 def accelerations(
     theta: FloatArray,
     omega: FloatArray,

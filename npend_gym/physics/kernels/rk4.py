@@ -5,10 +5,21 @@ from __future__ import annotations
 import math
 
 from npend_gym._checks import FloatArray
-from npend_gym.physics.kernels.dynamics import Rods, copy, derivative
+from npend_gym.physics.kernels.dynamics import Rods, accelerations, copy
 from npend_gym.physics.kernels.jit import kernel
 
-STAGE_ROWS = 5  # K_1..K_4 and the state at which the next is taken
+STAGE_ROWS = 4  # K_1..K_4 and the stage states
+
+
+@kernel
+def _stage(
+    theta: FloatArray, omega: FloatArray, rate: FloatArray, alpha: FloatArray, h: float,
+    x: FloatArray, w: FloatArray,
+) -> None:  # fmt: skip
+    """Write the stage state theta + h rate, omega + h alpha into `x` and `w`."""
+    for i in range(x.size):
+        x[i] = theta[i] + h * rate[i]
+        w[i] = omega[i] + h * alpha[i]
 
 
 @kernel
@@ -20,20 +31,25 @@ def rk4_step(
     work: FloatArray,
     stages: FloatArray,
 ) -> None:
-    """Advance the state y = (theta, omega) by one step of `h` seconds, in place."""
-    k1, k2, k3, k4, x = stages[0], stages[1], stages[2], stages[3], stages[4]
-    derivative(y, torque, rods, work, k1)
-    for i in range(y.size):
-        x[i] = y[i] + (0.5 * h) * k1[i]
-    derivative(x, torque, rods, work, k2)
-    for i in range(y.size):
-        x[i] = y[i] + (0.5 * h) * k2[i]
-    derivative(x, torque, rods, work, k3)
-    for i in range(y.size):
-        x[i] = y[i] + h * k3[i]
-    derivative(x, torque, rods, work, k4)
-    for i in range(y.size):
-        y[i] += (h / 6.0) * ((k1[i] + k4[i]) + 2.0 * (k2[i] + k3[i]))
+    """Advance the state y = (theta, omega) by one step of `h` seconds, in place.
+
+    A stage's theta' is its own omega, so that only angular accelerations are stored as K_1..K_4.
+    """
+    n = y.size // 2
+    theta, omega = y[:n], y[n:]
+    a1, a2, a3, a4 = stages[0][:n], stages[0][n:], stages[1][:n], stages[1][n:]
+    x, w2, w3, w4 = stages[2][:n], stages[2][n:], stages[3][:n], stages[3][n:]
+    accelerations(theta, omega, torque, rods, work, a1)
+    _stage(theta, omega, omega, a1, 0.5 * h, x, w2)
+    accelerations(x, w2, torque, rods, work, a2)
+    _stage(theta, omega, w2, a2, 0.5 * h, x, w3)
+    accelerations(x, w3, torque, rods, work, a3)
+    _stage(theta, omega, w3, a3, h, x, w4)
+    accelerations(x, w4, torque, rods, work, a4)
+    sixth = h / 6.0
+    for i in range(n):
+        theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
+        omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
 
 
 @kernel
@@ -53,8 +69,8 @@ def rk4_frames(
     """
     copy(y, frames[0])
     for k in range(1, times.size):
-        interval = times[k] - times[k - 1]
-        steps = max(1, int(math.ceil(interval / dt - 1e-9)))
+        interval: float = times[k] - times[k - 1]
+        steps = max(1, math.ceil(interval / dt - 1e-9))
         for _ in range(steps):
             rk4_step(y, interval / steps, torque, rods, work, stages)
         total = 0.0

@@ -26,7 +26,7 @@ _C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.1359
 
 @kernel
 def _bits(x: float) -> int:
-    return np.float64(x).view(np.int64)
+    return np.float64(x).view(np.int64)  # type: ignore[return-value]
 
 
 @kernel
@@ -36,7 +36,7 @@ def _float(bits: int) -> float:
 
 @kernel
 def sincos(x: float) -> tuple[float, float]:
-    """Return sin x and cos x, each within 1 ulp for \\|x\\| <= 1e5."""
+    """Return sin x and cos x, each within 1 ulp for |x| <= 1e5."""
     # x = q pi/2 + y + y_low with |y| <= pi/4; y_low is what rounding y left over
     shifted = x * _TWO_OVER_PI + _ROUND
     q = shifted - _ROUND

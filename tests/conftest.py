@@ -1,0 +1,32 @@
+"""Fixtures and strategies that several test files share."""
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from npend_gym import Chain
+
+settings.register_profile("fixed", derandomize=True, deadline=None, max_examples=100)
+settings.load_profile("fixed")
+
+
+@st.composite
+def chains_in_motion(draw, max_n=12):
+    """A random chain with a state and torques: (chain, theta, omega, torque)."""
+    n = draw(st.integers(1, max_n))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    chain = Chain(
+        rng.uniform(0.2, 5.0, n),
+        rng.uniform(0.2, 5.0, n),
+        gravity=rng.uniform(0.0, 20.0),
+        damping=rng.uniform(0.0, 2.0, n) * draw(st.booleans()),
+    )
+    spin = rng.normal(size=n) * 3.0
+    return chain, rng.uniform(-7.0, 7.0, n), spin, rng.normal(size=n) * 20.0 * draw(st.booleans())
+
+
+@pytest.fixture
+def uneven():
+    """A chain of four unequal rods, without damping."""
+    return Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3])

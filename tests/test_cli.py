@@ -1,0 +1,101 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from npend_gym.cli import main
+
+
+def run(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "npend_gym", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        **options,
+    )
+
+
+def test_release_prints_the_table_and_writes_the_files(tmp_path, capsys):
+    out = tmp_path / "results"
+    assert main(["release", "--n", "1,2", "--trials", "1", "--spread", "0", "--out", str(out)]) == 0
+    text = capsys.readouterr().out
+    assert "2.0863" in text
+    assert "2.7165" in text
+    assert {p.name for p in out.iterdir()} >= {"periods.csv", "manifest.json"}
+
+
+def test_release_takes_every_option(capsys):
+    arguments = "release --n 2 --trials 2 --amplitude 0.3 --spread 0.01 --seed 5 --duration 8 "
+    arguments += "--reading link --masses 1,2 --lengths 1,0.5 --gravity 9.8 --damping 0.001"
+    assert main(arguments.split()) == 0
+    assert 'reading "link", seed 5' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("", "COMMAND"),
+        ("fly", "invalid choice: 'fly'"),
+        ("release --n 0", "n must be between 1 and 1000000, got 0"),
+        ("release --n 1000000000", "n must be between"),
+        ("release --n two", "--n"),
+        ("release --n 2,", "--n"),
+        ("release --trials 0", "trials must be at least 1"),
+        ("release --amplitude nan", "amplitude must be finite"),
+        ("release --amplitude 4", "amplitude"),
+        ("release --spread -1", "spread must be zero or more"),
+        ("release --seed -1", "seed must be between"),
+        ("release --duration 0", "duration must be greater than zero"),
+        ("release --reading swing", "--reading"),
+        ("release --masses 1,2", "masses must be one number or 5"),
+        ("release --masses 0", "masses must be greater than zero"),
+        ("release --lengths inf", "lengths must be finite"),
+        ("release --gravity -9.81", "gravity must be zero or more"),
+        ("release --colour red", "--colour"),
+        ("release --n 1 --out /dev/null/x", "out must be a folder"),
+        ("release --n 1 --out /dev/null", "out must be a folder"),
+    ],
+)
+def test_bad_arguments_exit_with_2_and_one_line_that_names_them(arguments, message, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments.split())
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def test_python_m_npend_gym_is_the_same_command():
+    done = run("release", "--n", "0")
+    assert done.returncode == 2
+    assert done.stderr.startswith("npend release: error: n must be")
+    assert run("--version").stdout.startswith("npend_gym ")
+
+
+def test_help_shows_examples():
+    done = run("release", "--help")
+    assert done.returncode == 0
+    assert "npend release --out results" in done.stdout
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_keeps_what_was_measured_and_exits_with_130(tmp_path):
+    arguments = ["release", "--n", "1,1000", "--trials", "200", "--out", str(tmp_path)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "npend_gym", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(20.0)
+    process.send_signal(signal.SIGINT)
+    out, error = process.communicate(timeout=60)
+    assert process.returncode == 130, error
+    assert "interrupted" in error
+    assert "2.08" in out
+    assert '"complete": false' in (tmp_path / "manifest.json").read_text()

@@ -1,0 +1,70 @@
+"""The package as a whole: what an import brings in, and the same bits everywhere."""
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import npend_gym
+from npend_gym import Chain, pseudo_periods, simulate
+
+HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
+
+
+def python(code, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | environment,
+    ).stdout.strip()
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    code = f"import sys, npend_gym; print([m for m in {HEAVY!r} if m in sys.modules])"
+    assert python(code) == "[]"
+
+
+def test_every_public_name_is_there():
+    for name in npend_gym.__all__:
+        assert getattr(npend_gym, name) is not None
+    assert set(dir(npend_gym)) == set(npend_gym.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        npend_gym.simulat  # noqa: B018
+
+
+def fingerprint():
+    """Return a digest of every bit of some motions: both methods, events, torque, damping."""
+    chain = Chain(np.linspace(1.0, 2.0, 7), np.linspace(1.0, 0.5, 7), damping=0.01)
+    times = np.linspace(0.0, 3.0, 31)
+    torque = np.linspace(3.0, -1.0, 7)
+    digest = hashlib.sha256()
+    for options in ({}, {"method": "rk4", "dt": 0.01}):
+        path = simulate(chain, 1.2, 0.3, times, torque=torque, **options)
+        digest.update(path.theta.tobytes() + path.omega.tobytes())
+    for reading in ("bob", "link", "height"):
+        digest.update(pseudo_periods(Chain.uniform(5), 0.7, reading=reading).tobytes())
+    return digest.hexdigest()
+
+
+GOLDEN = "9c46f1b0d46bdc215d10f6ad5284ee36637a328877f95320acf8fa7b768f84b8"
+
+
+def test_results_are_the_same_bits_on_every_machine():
+    assert fingerprint() == GOLDEN
+
+
+def test_results_are_the_same_bits_when_compiled_for_the_plainest_processor(tmp_path):
+    code = "from test_package import fingerprint; print(fingerprint())"
+    environment = {
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "",
+        "NUMBA_CACHE_DIR": str(tmp_path),
+        "PYTHONPATH": str(Path(__file__).parent),
+    }
+    assert python(code, **environment) == fingerprint()

@@ -1,0 +1,217 @@
+import heapq
+import itertools
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from npend_gym import Chain, IntegrationError, pseudo_periods, simulate, theory
+from npend_gym.period import listing_estimate
+
+
+@pytest.mark.parametrize(
+    ("theta0", "reading"),
+    [(0.01, "bob"), (np.pi / 4, "bob"), (1.5, "bob"), (-np.pi / 4, "bob"), (0.01, "link"),
+     (np.pi / 4, "link"), (-1.5, "link"), (3.0, "link")],
+)  # fmt: skip
+def test_one_pendulum_has_the_period_of_the_elliptic_integral(reading, theta0):
+    expected = theory.pendulum_period(theta0)
+    measured = pseudo_periods(Chain.uniform(1), theta0, reading=reading)
+    np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
+
+
+def test_beyond_a_right_angle_a_bob_reverses_more_often_than_its_rod():
+    # it moves outwards first; twice reversed, back outwards, when it stops on the far side
+    measured = pseudo_periods(Chain.uniform(1), 3.0)
+    np.testing.assert_allclose(measured, theory.pendulum_period(3.0) / 2, atol=1e-8)
+
+
+def test_one_pendulum_is_back_at_its_height_after_half_a_period():
+    measured = pseudo_periods(Chain.uniform(1), np.pi / 4, reading="height")
+    np.testing.assert_allclose(measured, theory.pendulum_period(np.pi / 4) / 2, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("n", "reading", "mean"),
+    [
+        (1, "link", 2.08625587),
+        (2, "link", 2.71757369),
+        (2, "bob", 2.71648333),
+        (3, "link", 3.22510949),
+        (3, "bob", 3.19436335),
+    ],
+)
+def test_mean_over_bobs_from_a_quarter_pi_is_the_known_one(n, reading, mean):
+    # found independently with SciPy on the dense equations
+    measured = pseudo_periods(Chain.uniform(n), np.pi / 4, reading=reading)
+    assert measured.mean() == pytest.approx(mean, abs=1e-7)
+
+
+def by_frames(chain, theta, reading, duration, dt=1e-3):
+    """The slow, obvious reading: signs of the signal at close frames, roots between them."""
+    times = np.arange(0.0, duration, dt)
+    path = simulate(chain, theta, 0.0, times, rtol=1e-12, atol=1e-13)
+    signal = path.omega if reading == "link" else path.velocities()[:, :, 0]
+    periods = np.full(chain.n, np.nan)
+    for i in range(chain.n):
+        sign = np.where(np.abs(signal[:, i]) > 1e-5, np.sign(signal[:, i]), 0.0)
+        known = np.flatnonzero(sign)
+        turns = [(a, b) for a, b in itertools.pairwise(known) if sign[a] != sign[b]]
+        risen = False
+        for a, b in turns:
+            if sign[b] > 0:
+                risen = True
+            elif risen:
+                spline = np.polynomial.Polynomial.fit(
+                    times[a - 4 : b + 5], signal[a - 4 : b + 5, i], 6
+                )
+                periods[i] = brentq(spline, times[a], times[b])
+                break
+    return periods
+
+
+@pytest.mark.parametrize("reading", ["bob", "link"])
+@pytest.mark.parametrize("n", [2, 5, 12])
+def test_turning_points_are_those_seen_by_close_frames(n, reading):
+    chain = Chain.uniform(n)
+    expected = by_frames(chain, 0.6, reading, 12.0)
+    measured = pseudo_periods(chain, 0.6, reading=reading, duration=11.9)
+    np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
+
+
+def test_unequal_chain_agrees_with_close_frames(uneven):
+    start = np.array([0.5, 0.4, 0.6, 0.3])
+    expected = by_frames(uneven, start, "bob", 10.0)
+    measured = pseudo_periods(uneven, start, duration=9.9)
+    assert np.isfinite(measured).all()
+    np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
+
+
+def test_height_is_reached_again_at_the_reported_instant_and_not_before():
+    chain, start = Chain.uniform(5), 0.7
+    periods = pseudo_periods(chain, start, reading="height", duration=20.0)
+    times = np.linspace(0.0, 20.0, 4001)
+    height = simulate(chain, start, 0.0, times).positions()[:, :, 1]
+    lift = height - height[0]
+    for i in range(5):
+        end = periods[i] if np.isfinite(periods[i]) else 20.0
+        assert (lift[(times > 0.05) & (times < end - 0.01), i] < 0.0).all()
+        if np.isfinite(periods[i]):
+            at = simulate(chain, start, 0.0, [0.0, periods[i]]).positions()[:, i, 1]
+            assert at[1] == pytest.approx(at[0], abs=1e-8)
+    assert 0 < np.isfinite(periods).sum() < 5
+
+
+def test_mirrored_release_has_the_same_periods_to_the_last_bit():
+    for reading in ("bob", "link", "height"):
+        right = pseudo_periods(Chain.uniform(6), 0.5, reading=reading)
+        left = pseudo_periods(Chain.uniform(6), -0.5, reading=reading)
+        np.testing.assert_array_equal(right, left)
+
+
+def test_within_ten_seconds_a_part_of_a_hundred_rods_completes():
+    chain = Chain.uniform(100)
+    for reading, count in (("link", 42), ("bob", 21)):
+        done = np.isfinite(pseudo_periods(chain, np.pi / 4, reading=reading, duration=10.0))
+        assert done.sum() == count
+
+
+def test_without_a_duration_every_bob_of_the_papers_chains_completes():
+    for n in (5, 10, 20, 100):
+        assert np.isfinite(pseudo_periods(Chain.uniform(n), np.pi / 4)).all()
+
+
+def test_a_longer_window_changes_nothing_that_was_found():
+    chain = Chain.uniform(8)
+    short = pseudo_periods(chain, 0.7, duration=4.0)
+    long = pseudo_periods(chain, 0.7)
+    found = np.isfinite(short)
+    assert 0 < found.sum() < 8
+    np.testing.assert_allclose(short[found], long[found], rtol=0, atol=1e-9)
+
+
+def test_tolerance_moves_the_periods_by_no_more_than_it_should():
+    chain = Chain.uniform(10)
+    fine = pseudo_periods(chain, 0.7, rtol=1e-12)
+    np.testing.assert_allclose(pseudo_periods(chain, 0.7), fine, rtol=0, atol=1e-8)
+
+
+def test_a_rod_that_first_drifts_the_other_way_is_not_credited_with_it():
+    # pushed outwards at the start: up, turn (+ to -), down, turn (- to +), up, turn: complete
+    chain = Chain.uniform(1)
+    period = theory.pendulum_period(0.5)
+    path = simulate(chain, 0.5, 0.0, [0.0, float(period) - 0.1])
+    measured = pseudo_periods(chain, path.theta[-1], path.omega[-1])
+    np.testing.assert_allclose(measured, period + 0.1, atol=1e-8)
+
+
+def test_lengths_and_gravity_scale_time():
+    base = pseudo_periods(Chain.uniform(4), 0.6)
+    scaled = pseudo_periods(Chain.uniform(4, mass=7.0, length=4.0), 0.6)
+    np.testing.assert_allclose(scaled, 2.0 * base, rtol=1e-8)
+
+
+def test_zero_gravity_at_rest_never_completes():
+    assert np.isnan(pseudo_periods(Chain.uniform(3, gravity=0.0), 0.5)).all()
+
+
+def test_overdamped_chain_never_completes():
+    assert np.isnan(pseudo_periods(Chain.uniform(2, damping=100.0), 0.5)).all()
+
+
+def printed_gaps(y):
+    """The listing's loop as printed, its list kept as a heap so that min and remove are quick."""
+    held, gaps = [], []
+    for p in range(len(y)):
+        for q in range(p + 1, len(y)):
+            if abs(y[p] - y[q]) < 0.01:
+                heapq.heappush(held, p)
+                heapq.heappush(held, q)
+                least = heapq.heappop(held)
+                gaps.append(abs(held[0] - least) * 1 / 100)
+    return gaps
+
+
+def printed_times(y):
+    z = np.gradient(y)
+    times = []
+    for k in range(len(z)):
+        if np.sign(z[k]) != np.sign(z[k - 1]) and k - 1 not in times:
+            times.append(k * 1 / 100)
+    return times
+
+
+def test_listing_is_the_papers_code():
+    times = np.linspace(0.0, 10.0, 1000)
+    heights = simulate(Chain.uniform(3, length=1 / 3), np.pi / 4, 0.0, times).positions()[:, :, 1]
+    measured = pseudo_periods(Chain.uniform(3, length=1 / 3), np.pi / 4, reading="listing")
+    for j in range(3):
+        turns = printed_times(heights[:, j])
+        averages = [abs(np.mean(printed_gaps(heights[:, j])))]
+        averages += [turns[i + 2] - turns[i] for i in range(len(turns) - 2)]
+        assert measured[j] == pytest.approx(abs(np.mean(averages)), rel=1e-12)
+
+
+def test_listing_of_a_steady_climb_is_not_a_number():
+    assert np.isnan(listing_estimate(np.linspace(0.0, 100.0, 50)))
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"chain": None}, TypeError, "chain must be"),
+        ({"theta": [0.1]}, ValueError, "theta must be"),
+        ({"omega": "0"}, TypeError, "omega must hold"),
+        ({"reading": "swing"}, ValueError, "reading must be one of bob, link, height, listing"),
+        ({"reading": 3}, ValueError, "reading must be one of"),
+        ({"duration": 0.0}, ValueError, "duration must be greater"),
+        ({"duration": np.inf}, ValueError, "duration must be finite"),
+        ({"rtol": -1.0}, ValueError, "rtol must be at least 1e-14"),
+        ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, ValueError, "duration must be gi"),
+        ({"omega": 1e200}, IntegrationError, "no step is small enough"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(change, error, message):
+    arguments = {"chain": Chain.uniform(2), "theta": 0.1} | change
+    with pytest.raises(error, match=message):
+        pseudo_periods(**arguments)

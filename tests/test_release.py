@@ -1,0 +1,167 @@
+import csv
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, __version__, pseudo_periods, theory
+from npend_gym.experiments.release import Release, bob_rows, run_release, summary_rows
+from npend_gym.report import release as report
+
+SMALL = Release(n_values=(2, 5), trials=2, seed=7)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return run_release(SMALL)
+
+
+def test_every_n_is_released_in_every_trial_from_its_own_draw(runs):
+    assert [(run.n, run.trial) for run in runs] == [(2, 1), (2, 2), (5, 1), (5, 2)]
+    starts = [run.start for run in runs]
+    assert len(set(starts)) == 4
+    assert all(np.pi / 4 <= start < np.pi / 4 + 0.017 for start in starts)
+
+
+def test_a_run_is_the_pseudo_periods_of_its_chain(runs):
+    expected = pseudo_periods(Chain.uniform(5), runs[3].start)
+    np.testing.assert_array_equal(runs[3].periods, expected)
+
+
+def test_a_draw_depends_on_seed_n_and_trial_alone():
+    alone = Release(n_values=(5,), trials=1, seed=7).runs()[0]
+    assert alone in SMALL.runs()
+    assert alone not in Release(n_values=(5,), trials=1, seed=8).runs()
+
+
+def test_the_tidy_table_has_a_row_for_every_bob_and_trial(runs):
+    rows = bob_rows(runs)
+    assert len(rows) == 2 * (2 + 5)
+    assert rows[0] == {
+        "n": 2,
+        "trial": 1,
+        "start_rad": runs[0].start,
+        "bob": 1,
+        "completed": True,
+        "pseudo_period_s": runs[0].periods[0],
+    }
+
+
+def test_the_summary_compares_the_mean_with_each_model(runs):
+    row = summary_rows(SMALL, runs)[1]
+    measured = np.mean([run.periods.mean() for run in runs if run.n == 5])
+    assert row["measured_s"] == pytest.approx(measured)
+    assert (row["completed"], row["bobs"]) == (10, 10)
+    chain = Chain.uniform(5)
+    assert row["ideal_s"] == theory.ideal_period(chain)
+    assert row["fundamental_s"] == theory.fundamental_period(chain)
+    assert row["corrected_s"] == pytest.approx(row["ideal_s"] * 1.0400, rel=2e-3)
+    assert row["ideal_error"] == pytest.approx(abs(measured - row["ideal_s"]) / measured)
+
+
+def test_bobs_that_do_not_complete_are_left_out_of_the_mean():
+    plan = Release(n_values=(20,), trials=1, duration=5.0)
+    (run,) = run_release(plan)
+    done = run.periods[np.isfinite(run.periods)]
+    assert 0 < done.size < 20
+    (row,) = summary_rows(plan, [run])
+    assert row["measured_s"] == pytest.approx(done.mean())
+    assert row["completed"] == done.size
+    assert f"{done.size}/20" in report.summary_text(plan, [run])
+
+
+def test_without_a_completed_bob_the_table_shows_dashes():
+    plan = Release(n_values=(2,), trials=1, gravity=0.0)
+    text = report.summary_text(plan, run_release(plan))
+    assert "0/2" in text
+    assert "nan" not in text
+
+
+def test_files_hold_what_was_measured_and_the_manifest_what_made_it(runs, tmp_path):
+    written = report.write(SMALL, runs, tmp_path / "a b" / "out", figures=True)
+    names = {path.name for path in written}
+    assert names == {
+        "periods.csv",
+        "summary.csv",
+        "period_against_n.png",
+        "period_of_each_bob.png",
+        "manifest.json",
+    }
+    folder = tmp_path / "a b" / "out"
+    assert {path.name for path in folder.iterdir()} == names
+    with (folder / "periods.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    read = [float(row["pseudo_period_s"]) for row in rows]
+    np.testing.assert_array_equal(read, np.concatenate([run.periods for run in runs]))
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["version"] == __version__
+    assert manifest["arguments"]["seed"] == 7
+    assert manifest["arguments"]["n_values"] == [2, 5]
+    assert manifest["complete"] is True
+    again = Release(**manifest["arguments"])
+    assert again.runs() == SMALL.runs()
+    for name, digest in manifest["sha256"].items():
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+
+
+def test_figures_show_every_release(runs):
+    from npend_gym.report import figures
+
+    first = figures.period_against_n(SMALL, runs)
+    (axes,) = first.axes
+    drawn = [line.get_ydata() for line in axes.lines if line.get_marker() == "o"]
+    assert [run.mean for run in runs] == [y[0] for y in drawn if len(y)]
+    second = figures.period_of_each_bob(SMALL, runs)
+    assert [axes.get_title() for axes in second.axes] == [
+        "N = 2: 4 of 4 completed",
+        "N = 5: 10 of 10 completed",
+    ]
+
+
+def test_per_rod_chains_and_many_trials_can_be_drawn():
+    from npend_gym.report import figures
+
+    plan = Release(n_values=(3,), trials=4, masses=[1, 2, 3], lengths=[1, 0.5, 0.2])
+    runs = run_release(plan)
+    assert len(figures.period_of_each_bob(plan, runs).axes) == 1
+    figures.period_against_n(plan, runs)
+
+
+def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monkeypatch):
+    report.write(SMALL, runs, tmp_path, figures=False)
+    before = (tmp_path / "periods.csv").read_bytes()
+
+    def full_disk(*_args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full_disk)
+    with pytest.raises((OSError, ValueError), match="No space left"):
+        report.write(SMALL, runs[:1], tmp_path, figures=False)
+    assert (tmp_path / "periods.csv").read_bytes() == before
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"n_values": ()}, ValueError, "n_values must name"),
+        ({"n_values": (0,)}, ValueError, "n must be between"),
+        ({"trials": 0}, ValueError, "trials must be at least 1"),
+        ({"trials": 1.5}, TypeError, "trials must be an integer"),
+        ({"amplitude": 0.0}, ValueError, "amplitude must not be 0"),
+        ({"amplitude": 3.14}, ValueError, "must stay within pi"),
+        ({"amplitude": np.nan}, ValueError, "amplitude must be finite"),
+        ({"spread": -0.1}, ValueError, "spread must be zero or more"),
+        ({"seed": -1}, ValueError, "seed must be between"),
+        ({"duration": 0.0}, ValueError, "duration must be greater"),
+        ({"reading": "x"}, ValueError, "reading must be one of"),
+        ({"masses": 0.0}, ValueError, "masses must be greater"),
+        ({"lengths": [1.0, 2.0]}, ValueError, "lengths must be one number or 5 of them"),
+        ({"gravity": -1.0}, ValueError, "gravity must be zero or more"),
+        ({"damping": -1.0}, ValueError, "damping must be zero or more"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(change, error, message):
+    with pytest.raises(error, match=message):
+        Release(**change)

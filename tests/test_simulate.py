@@ -1,0 +1,192 @@
+import numpy as np
+import oracle
+import pytest
+from conftest import chains_in_motion
+from hypothesis import given, settings
+from scipy.integrate import cumulative_simpson
+
+import npend_gym
+from npend_gym import Chain, IntegrationError, Trajectory, simulate, theory
+
+
+def test_adaptive_method_follows_scipy_on_the_dense_system(uneven):
+    times = np.linspace(0.0, 5.0, 51)
+    theta, omega = oracle.trajectory(uneven, 0.7, 0.0, times)
+    ours = simulate(uneven, 0.7, 0.0, times, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(ours.theta, theta, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours.omega, omega, rtol=0, atol=1e-8)
+
+
+@settings(max_examples=10)
+@given(chains_in_motion(max_n=5))
+def test_forced_and_damped_motion_follows_scipy_for_a_moment(motion):
+    chain, theta, omega, torque = motion
+    times = np.array([0.0, 0.02, 0.05])
+    dense, _ = oracle.trajectory(chain, theta, omega, times, torque)
+    ours = simulate(chain, theta, omega, times, torque=torque, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(ours.theta, dense, rtol=0, atol=1e-8)
+
+
+def test_rk4_converges_with_order_four(uneven):
+    exact = simulate(uneven, 0.5, 0.0, [0.0, 1.0], rtol=1e-13, atol=1e-14).theta[-1]
+    steps = np.array([0.02, 0.01, 0.005])
+    errors = [
+        np.abs(simulate(uneven, 0.5, 0.0, [0.0, 1.0], method="rk4", dt=dt).theta[-1] - exact).max()
+        for dt in steps
+    ]
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert slope == pytest.approx(4.0, abs=0.2)
+
+
+def test_error_of_the_adaptive_method_follows_its_tolerance(uneven):
+    times = np.linspace(0.0, 3.0, 7)
+    exact = simulate(uneven, 0.5, 0.0, times, rtol=1e-13, atol=1e-15).theta
+    tolerances = np.array([1e-5, 1e-7, 1e-9, 1e-11])
+    errors = [
+        np.abs(simulate(uneven, 0.5, 0.0, times, rtol=t, atol=t).theta - exact).max()
+        for t in tolerances
+    ]
+    assert np.all(np.array(errors) < 100 * tolerances)
+    slope = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
+    assert slope == pytest.approx(1.0, abs=0.25)
+
+
+def test_dense_output_is_as_good_as_the_steps(uneven):
+    # the same instants, once as ends of steps and once interpolated
+    times = np.linspace(0.0, 1.0, 401)
+    many = simulate(uneven, 1.0, 0.0, times).theta
+    for k in (37, 201, 399):
+        alone = simulate(uneven, 1.0, 0.0, [0.0, times[k]]).theta[-1]
+        np.testing.assert_allclose(many[k], alone, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("length", [1.0, 0.01])
+def test_energy_of_a_hundred_rods_is_kept(length):
+    chain = Chain.uniform(100, length=length)
+    energy = simulate(chain, np.pi / 4, 0.0, np.linspace(0.0, 10.0, 1000)).energy()
+    assert np.abs(energy / energy[0] - 1.0).max() < 1e-10
+
+
+def test_work_of_torque_and_damping_balances_the_energy():
+    chain = Chain([1.0, 2.0, 0.5], [0.5, 1.0, 0.7], damping=[0.3, 0.1, 0.2])
+    torque = np.array([4.0, -1.0, 0.5])
+    times = np.linspace(0.0, 4.0, 16001)
+    path = simulate(chain, [0.3, 0.2, -0.4], 0.0, times, torque=torque, rtol=1e-12, atol=1e-14)
+    relative = np.diff(path.omega, axis=1, prepend=0.0)
+    power = ((torque - chain.damping * relative) * relative).sum(axis=1)
+    work = cumulative_simpson(power, x=path.times, initial=0.0)
+    np.testing.assert_allclose(path.energy() - path.energy()[0], work, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 2e-4}])
+def test_reversed_velocity_retraces_the_path(uneven, options):
+    there = simulate(uneven, [0.3, -0.2, 0.5, 0.1], 0.0, [0.0, 3.0], **options)
+    back = simulate(uneven, there.theta[-1], -there.omega[-1], [0.0, 3.0], **options)
+    np.testing.assert_allclose(back.theta[-1], there.theta[0], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(back.omega[-1], 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.01}])
+def test_mirrored_release_is_the_mirror_image_to_the_last_bit(uneven, options):
+    times = np.linspace(0.0, 2.0, 21)
+    right = simulate(uneven, 0.9, 0.1, times, torque=0.5, **options)
+    left = simulate(uneven, -0.9, -0.1, times, torque=-0.5, **options)
+    np.testing.assert_array_equal(right.theta, -left.theta)
+
+
+def test_torque_as_a_number_acts_on_the_base_joint(uneven):
+    as_number = simulate(uneven, 0.1, 0.0, [0.0, 0.5], torque=2.0)
+    as_array = simulate(uneven, 0.1, 0.0, [0.0, 0.5], torque=[2.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(as_number.theta, as_array.theta)
+
+
+def test_small_oscillation_in_a_mode_keeps_its_shape_and_frequency(uneven):
+    omega, modes = theory.normal_modes(uneven)
+    for k in range(4):
+        times = np.linspace(0.0, 2 * np.pi / omega[k], 9)
+        path = simulate(uneven, 1e-5 * modes[:, k], 0.0, times, atol=1e-17)
+        expected = 1e-5 * np.cos(omega[k] * times)[:, None] * modes[:, k]
+        np.testing.assert_allclose(path.theta, expected, rtol=0, atol=1e-11)
+
+
+def test_positions_and_energy_follow_the_definitions(uneven):
+    path = simulate(uneven, [0.1, 0.2, 0.3, 0.4], 0.5, [0.0, 0.1])
+    place = velocity = np.zeros(2)
+    total = -sum(-uneven.masses * uneven.gravity * np.cumsum(uneven.lengths))
+    for i in range(4):
+        s, c = np.sin(path.theta[0, i]), np.cos(path.theta[0, i])
+        place = place + uneven.lengths[i] * np.array([s, -c])
+        velocity = velocity + uneven.lengths[i] * path.omega[0, i] * np.array([c, s])
+        np.testing.assert_allclose(path.positions()[0, i], place)
+        np.testing.assert_allclose(path.velocities()[0, i], velocity)
+        m = uneven.masses[i]
+        total += m * (0.5 * velocity @ velocity + uneven.gravity * place[1])
+    assert path.energy()[0] == pytest.approx(total, rel=1e-13)
+
+
+def test_a_single_time_returns_the_start(uneven):
+    path = simulate(uneven, 0.3, 0.2, [5.0])
+    np.testing.assert_array_equal(path.theta, np.full((1, 4), 0.3))
+
+
+def test_rk4_with_too_long_a_step_says_so_instead_of_returning_nonsense():
+    chain = Chain.uniform(100, length=0.01)
+    with pytest.raises(IntegrationError, match="is too long for this chain"):
+        simulate(chain, 1.0, 0.0, np.linspace(0.0, 10.0, 11), method="rk4", dt=0.05)
+
+
+def test_a_state_beyond_all_bounds_is_an_error_and_not_a_nan(uneven):
+    with pytest.raises(IntegrationError, match="no step is small enough at t = 0 s"):
+        simulate(uneven, 1.0, 1e200, [0.0, 1.0])
+
+
+def test_saved_trajectory_comes_back_whole(uneven, tmp_path):
+    path = simulate(uneven, 0.4, 0.0, np.linspace(0.0, 1.0, 5), torque=0.1)
+    path.save(tmp_path / "a.npz")
+    again = Trajectory.load(tmp_path / "a.npz")
+    assert again.chain == uneven
+    assert again.provenance == path.provenance
+    assert again.provenance["npend_gym"] == npend_gym.__version__
+    for name in ("times", "theta", "omega"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(path, name))
+    assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_truncated_trajectory_file_is_refused(uneven, tmp_path):
+    file = tmp_path / "a.npz"
+    simulate(uneven, 0.4, 0.0, [0.0, 1.0]).save(file)
+    whole = file.read_bytes()
+    for cut in (0, 10, len(whole) // 2, len(whole) - 5):
+        file.write_bytes(whole[:cut])
+        with pytest.raises(ValueError, match="path must name a trajectory"):
+            Trajectory.load(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"chain": 3}, TypeError, "chain must be"),
+        ({"theta": [1.0, 2.0]}, ValueError, r"theta must be one number or .* \(4,\)"),
+        ({"theta": "111"}, TypeError, "theta must hold real numbers"),
+        ({"theta": [1.0, [2.0]]}, ValueError, "theta must be"),
+        ({"omega": np.nan}, ValueError, "omega must be finite"),
+        ({"times": [0.0, 0.0]}, ValueError, "times must be a list of increasing"),
+        ({"times": [1.0, 0.0]}, ValueError, "times must be"),
+        ({"times": []}, ValueError, "times must"),
+        ({"times": 1.0}, ValueError, "times must be"),
+        ({"torque": [1.0]}, ValueError, "torque must be"),
+        ({"torque": True}, TypeError, "torque must hold"),
+        ({"method": "euler"}, ValueError, "method must be one of dop853, rk4"),
+        ({"method": "rk4"}, ValueError, "dt must be given"),
+        ({"method": "rk4", "dt": 0.0}, ValueError, "dt must be greater than zero"),
+        ({"method": "rk4", "dt": True}, TypeError, "dt must be a real number"),
+        ({"dt": 0.1}, ValueError, "dt must be None"),
+        ({"rtol": 0.0}, ValueError, "rtol must be at least 1e-14"),
+        ({"rtol": 1e-15}, ValueError, "rtol must be at least 1e-14"),
+        ({"atol": -1.0}, ValueError, "atol must be greater"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(uneven, change, error, message):
+    arguments = {"chain": uneven, "theta": 0.1, "omega": 0.0, "times": [0.0, 1.0]} | change
+    with pytest.raises(error, match=message):
+        simulate(**arguments)
