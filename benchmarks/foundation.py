@@ -32,14 +32,15 @@ ROUNDS = 7
 def repeat_rhs(theta, omega, torque, rods, work, alpha, times):
     """Call `accelerations` many times, as an integrator does: from compiled code."""
     for _ in range(times):
-        accelerations(theta, omega, torque, rods, work, alpha)
+        accelerations(theta, omega, torque, rods, work, alpha, 1)
 
 
-@numba.njit  # not cached: a cache would not see an edit in the package
-def repeat_step(y, h, torque, rods, work, stages, times):
+@numba.njit
+def repeat_step(theta, omega, h, torque, rods, work, stages, times):
     """Take many RK4 steps."""
     for _ in range(times):
-        rk4_step(y, h, torque, rods, work, stages)
+        accelerations(theta, omega, torque, rods, work, stages[0], 1)
+        rk4_step(theta, omega, h, torque, rods, work, stages, 1)
 
 
 def mujoco_chain(n: int, dt: float = 0.01) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -84,11 +85,11 @@ def against_mujoco(n: int, step: bool) -> tuple[float, float]:
     model, data = mujoco_chain(n)
     ours_times, theirs_times = max(1, 200_000 // n), max(5, 3_000 // n)
     if step:
-        stages = np.zeros((STAGE_ROWS, 2 * n))
-        repeat_step(y, 1e-6, torque, rods, work, stages, 1)
+        stages = np.zeros((STAGE_ROWS, n))
+        repeat_step(y[:n], y[n:], 1e-6, torque, rods, work, stages, 1)
 
         def ours():
-            repeat_step(y, 1e-6, torque, rods, work, stages, ours_times)
+            repeat_step(y[:n], y[n:], 1e-6, torque, rods, work, stages, ours_times)
     else:
         alpha = np.zeros(n)
         repeat_rhs(y[:n], y[n:], torque, rods, work, alpha, 1)

@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 
 from npend_gym import Chain
 from npend_gym.physics import energy
-from npend_gym.physics.kernels.dynamics import accelerations, new_work, pack_rods
+from npend_gym.physics.kernels.dynamics import Rods, accelerations, new_work, pack_rods
 from npend_gym.physics.kernels.sincos import MAX_ANGLE, sincos
 
 
 def accelerate(chain, theta, omega, torque=None):
     alpha = np.empty(chain.n)
     torque = np.zeros(chain.n) if torque is None else torque
-    accelerations(theta, omega, torque, pack_rods(chain), new_work(chain.n), alpha)
+    accelerations(theta, omega, torque, pack_rods(chain), new_work(chain.n), alpha, 1)
     return alpha
 
 
@@ -60,6 +60,25 @@ def test_power_of_gravity_torque_and_damping_is_the_change_of_energy(motion):
     power = np.sum((torque - chain.damping * relative) * relative)
     scale = omega @ matrix @ omega * 10 + np.abs(torque * relative).sum() + abs(gravity_power)
     assert abs(kinetic_change - gravity_power - power) < 1e-6 * scale + 1e-9
+
+
+@given(chains_in_motion(max_n=9), st.integers(2, 20))
+def test_many_lanes_give_the_bits_of_one(motion, lanes):
+    chain, theta, omega, torque = motion
+    n = chain.n
+    rng = np.random.default_rng(n)
+    thetas, omegas, torques = (
+        np.ascontiguousarray(x[:, None] * rng.uniform(0.5, 1.0, lanes))
+        for x in (theta, omega, torque)
+    )
+    rods = Rods(*(np.repeat(array, lanes) for array in pack_rods(chain)))
+    alpha = np.empty(n * lanes)
+    accelerations(
+        thetas.ravel(), omegas.ravel(), torques.ravel(), rods, new_work(n, lanes), alpha, lanes
+    )
+    for k in range(lanes):
+        alone = accelerate(chain, *(np.ascontiguousarray(x[:, k]) for x in (thetas, omegas, torques)))
+        np.testing.assert_array_equal(alpha.reshape(n, lanes)[:, k], alone)
 
 
 def test_mirrored_state_has_mirrored_accelerations_to_the_last_bit(uneven):

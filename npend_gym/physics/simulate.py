@@ -210,7 +210,7 @@ def _run_rk4(
     frames: FloatArray,
 ) -> None:
     rods, work = pack_rods(chain), new_work(chain.n)
-    done = rk4_frames(y, times, dt, torque, rods, work, np.zeros((STAGE_ROWS, y.size)), frames)
+    done = rk4_frames(y, times, dt, torque, rods, work, np.zeros((STAGE_ROWS, chain.n)), frames)
     if done < times.size:
         raise IntegrationError(
             f"the state diverged between t = {times[done - 1]:g} s and {times[done]:g} s: "

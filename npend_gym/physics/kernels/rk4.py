@@ -6,9 +6,9 @@ import math
 
 from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels.dynamics import Rods, accelerations, copy
-from npend_gym.physics.kernels.jit import kernel
+from npend_gym.physics.kernels.jit import inlined_kernel, kernel
 
-STAGE_ROWS = 4  # K_1..K_4 and the stage states
+STAGE_ROWS = 8
 
 
 @kernel
@@ -22,33 +22,29 @@ def _stage(
         w[i] = omega[i] + h * alpha[i]
 
 
-@kernel
+@inlined_kernel
 def rk4_step(
-    y: FloatArray,
-    h: float,
-    torque: FloatArray,
-    rods: Rods,
-    work: FloatArray,
-    stages: FloatArray,
-) -> None:
-    """Advance the state y = (theta, omega) by one step of `h` seconds, in place.
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
+    work: FloatArray, stages: FloatArray, lanes: int,
+) -> None:  # fmt: skip
+    """Advance `lanes` chains by one step of `h` seconds, in place; arrays as in `accelerations`.
 
-    A stage's theta' is its own omega, so that only angular accelerations are stored as K_1..K_4.
+    `stages` has the shape (STAGE_ROWS, n lanes). A stage's theta' is its own omega: rows 0 to 3
+    keep the angular accelerations of K_1..K_4, rows 4 to 6 the omega of K_2..K_4. Row 0 must hold
+    the first of them, the accelerations at the start, when the step is taken.
     """
-    n = y.size // 2
-    theta, omega = y[:n], y[n:]
-    a1, a2, a3, a4 = stages[0][:n], stages[0][n:], stages[1][:n], stages[1][n:]
-    x, w2, w3, w4 = stages[2][:n], stages[2][n:], stages[3][:n], stages[3][n:]
-    accelerations(theta, omega, torque, rods, work, a1)
+    a1, a2, a3, a4 = stages[0], stages[1], stages[2], stages[3]
+    w2, w3, w4, x = stages[4], stages[5], stages[6], stages[7]
     _stage(theta, omega, omega, a1, 0.5 * h, x, w2)
-    accelerations(x, w2, torque, rods, work, a2)
+    accelerations(x, w2, torque, rods, work, a2, lanes)
     _stage(theta, omega, w2, a2, 0.5 * h, x, w3)
-    accelerations(x, w3, torque, rods, work, a3)
+    accelerations(x, w3, torque, rods, work, a3, lanes)
     _stage(theta, omega, w3, a3, h, x, w4)
-    accelerations(x, w4, torque, rods, work, a4)
+    accelerations(x, w4, torque, rods, work, a4, lanes)
     sixth = h / 6.0
-    for i in range(n):
+    for i in range(theta.size):
         theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
+    for i in range(theta.size):
         omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
 
 
@@ -67,12 +63,15 @@ def rk4_frames(
 
     Each interval between times is cut into equal steps, the fewest that are no longer than `dt`.
     """
+    n = y.size // 2
+    theta, omega = y[:n], y[n:]
     copy(y, frames[0])
     for k in range(1, times.size):
         interval: float = times[k] - times[k - 1]
         steps = max(1, math.ceil(interval / dt - 1e-9))
         for _ in range(steps):
-            rk4_step(y, interval / steps, torque, rods, work, stages)
+            accelerations(theta, omega, torque, rods, work, stages[0], 1)
+            rk4_step(theta, omega, interval / steps, torque, rods, work, stages, 1)
         total = 0.0
         for i in range(y.size):
             total += y[i]
