@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from npend_gym._version import __version__
 from npend_gym.chain import Chain
+from npend_gym.envs.registration import register_envs
 
 if TYPE_CHECKING:
     from npend_gym import theory
@@ -43,3 +44,6 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+register_envs()

@@ -107,7 +107,7 @@ def _measured(
     solver = new_solver(0.0, np.concatenate([theta, omega]))
     turns = new_turns(theta, _orientation(chain, theta, reading))
     threshold = _threshold(chain, omega, reading, rtol)
-    scratch = np.zeros((2, n))
+    scratch = np.zeros((6, n))
     start(solver, rods, torque, rtol, atol)
     steps = max(1, _RODS_PER_CALL // n)
     state = 0

@@ -93,11 +93,19 @@ def fundamental_period(chain: Chain) -> float:
     """Return the period [s] of the slowest normal mode; NaN without gravity."""
     if chain.gravity == 0.0:
         return math.nan
-    diagonal, off = _stiffness(chain)
-    slowest = eigh_tridiagonal(
-        diagonal, off, eigvals_only=True, select="i", select_range=(0, 0), tol=0.0
+    return 2.0 * math.pi / _frequency(chain, 0)
+
+
+def fastest_frequency(chain: Chain) -> float:
+    """Return the angular frequency [rad/s] of the fastest normal mode; zero without gravity."""
+    return _frequency(chain, chain.n - 1)
+
+
+def _frequency(chain: Chain, k: int) -> float:
+    square = eigh_tridiagonal(
+        *_stiffness(chain), eigvals_only=True, select="i", select_range=(k, k), tol=0.0
     )[0]
-    return float(2.0 * np.pi / np.sqrt(slowest))
+    return math.sqrt(max(float(square), 0.0))
 
 
 def _stiffness(chain: Chain) -> tuple[FloatArray, FloatArray]:

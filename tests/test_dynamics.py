@@ -77,7 +77,9 @@ def test_many_lanes_give_the_bits_of_one(motion, lanes):
         thetas.ravel(), omegas.ravel(), torques.ravel(), rods, new_work(n, lanes), alpha, lanes
     )
     for k in range(lanes):
-        alone = accelerate(chain, *(np.ascontiguousarray(x[:, k]) for x in (thetas, omegas, torques)))
+        alone = accelerate(
+            chain, *(np.ascontiguousarray(x[:, k]) for x in (thetas, omegas, torques))
+        )
         np.testing.assert_array_equal(alpha.reshape(n, lanes)[:, k], alone)
 
 

@@ -67,6 +67,11 @@ def test_fundamental_period_is_that_of_the_slowest_mode(uneven):
     assert theory.fundamental_period(two) == pytest.approx(expected, rel=1e-13)
 
 
+def test_fastest_frequency_is_that_of_the_fastest_mode(uneven):
+    assert theory.fastest_frequency(uneven) == pytest.approx(theory.normal_modes(uneven)[0][-1])
+    assert theory.fastest_frequency(Chain.uniform(3, gravity=0.0)) == 0.0
+
+
 def test_fundamental_period_tends_to_its_large_n_law():
     for n, tolerance in ((10, 5e-4), (100, 6e-6), (1000, 1e-7)):
         exact = theory.fundamental_period(Chain.uniform(n))

@@ -31,7 +31,7 @@ from npend_gym.chain import Chain
 from npend_gym.physics.kernels.jit import inlined_kernel, kernel
 from npend_gym.physics.kernels.sincos import sincos
 
-_WORK_ROWS = 8
+WORK_ROWS = 8
 
 
 class Rods(NamedTuple):
@@ -57,7 +57,7 @@ def pack_rods(chain: Chain) -> Rods:
 
 def new_work(n: int, lanes: int = 1) -> FloatArray:
     """Return scratch rows for `accelerations`; the guard entries at their ends stay zero."""
-    return np.zeros((_WORK_ROWS, (n + 2) * lanes))
+    return np.zeros((WORK_ROWS, (n + 2) * lanes))
 
 
 @kernel
@@ -130,9 +130,7 @@ def _eliminate(
 
 
 @kernel
-def _substitute(
-    tension: FloatArray, link: FloatArray, i: int, known: int, lanes: int
-) -> None:
+def _substitute(tension: FloatArray, link: FloatArray, i: int, known: int, lanes: int) -> None:
     """Put the tensions of row `known` (counted with its guard) into row `i`, in every lane."""
     t, t_known, e = tension[(i + 1) * lanes :], tension[known * lanes :], link[i * lanes :]
     for k in range(lanes):

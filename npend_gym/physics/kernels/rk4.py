@@ -29,12 +29,13 @@ def rk4_step(
 ) -> None:  # fmt: skip
     """Advance `lanes` chains by one step of `h` seconds, in place; arrays as in `accelerations`.
 
-    `stages` has the shape (STAGE_ROWS, n lanes). A stage's theta' is its own omega: rows 0 to 3
+    `stages` has STAGE_ROWS rows of n lanes or more. A stage's theta' is its own omega: rows 0 to 3
     keep the angular accelerations of K_1..K_4, rows 4 to 6 the omega of K_2..K_4. Row 0 must hold
     the first of them, the accelerations at the start, when the step is taken.
     """
-    a1, a2, a3, a4 = stages[0], stages[1], stages[2], stages[3]
-    w2, w3, w4, x = stages[4], stages[5], stages[6], stages[7]
+    end = theta.size
+    a1, a2, a3, a4 = stages[0][:end], stages[1][:end], stages[2][:end], stages[3][:end]
+    w2, w3, w4, x = stages[4][:end], stages[5][:end], stages[6][:end], stages[7][:end]
     _stage(theta, omega, omega, a1, 0.5 * h, x, w2)
     accelerations(x, w2, torque, rods, work, a2, lanes)
     _stage(theta, omega, w2, a2, 0.5 * h, x, w3)

@@ -36,23 +36,22 @@ _MAX_ITERATIONS = 100
 
 
 class Turns(NamedTuple):
-    """What is known of each rod's turning points so far; all of shape (n,) but `ends`."""
+    """What is known of each rod's turning points so far; all of shape (n,)."""
 
     period: FloatArray  # s; NaN until complete
     orientation: FloatArray  # +1 where the rod was released from positive angles, else -1
-    sign: NDArray[np.int8]  # of the signal, once it counted; 0 before
-    risen: NDArray[np.bool_]  # the signal has crossed from - to +
+    sign: NDArray[np.int64]  # of the signal, once it counted; 0 before
+    risen: NDArray[np.int64]  # 1 where the signal has crossed from - to +
     zero: FloatArray  # s; latest zero of the signal
     start: FloatArray  # starting angle; its cosine gives the starting height
-    ends: FloatArray  # (4, n): signal and slope at the left and at the right end of the piece
 
 
 def new_turns(theta: FloatArray, orientation: FloatArray) -> Turns:
     """Return the record of a release from `theta`, nothing seen yet."""
     n = theta.size
     nan = np.full(n, np.nan)
-    sign, risen = np.zeros(n, np.int8), np.zeros(n, np.bool_)
-    return Turns(nan, orientation, sign, risen, nan.copy(), theta.copy(), np.zeros((4, n)))
+    sign, risen = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    return Turns(nan, orientation, sign, risen, nan.copy(), theta.copy())
 
 
 @kernel
@@ -131,7 +130,7 @@ def _root(
 
 
 @kernel
-def _count(
+def count_sign(
     reading: int, i: int, t: float, f: float, at_extremum: bool, threshold: float, turns: Turns
 ) -> None:
     """Take note that rod i's signal has come to `f` at time `t`, its latest zero being known."""
@@ -143,10 +142,10 @@ def _count(
         return
     new = 1 if f > 0.0 else -1
     if sign == -new:
-        if reading == HEIGHT or (new < 0 and turns.risen[i]):
+        if reading == HEIGHT or (new < 0 and turns.risen[i] == 1):
             turns.period[i] = turns.zero[i]
         elif new > 0:
-            turns.risen[i] = True
+            turns.risen[i] = 1
     turns.sign[i] = new
 
 
@@ -156,7 +155,7 @@ def _scan_piece(
     scratch: FloatArray,
 ) -> int:  # fmt: skip
     """Follow every signal from fraction `a` of the step to `b`; return how many are complete."""
-    ends = turns.ends
+    ends = scratch[2:]  # signal and slope at the left and at the right end of the piece
     n = turns.start.size
     t_old = solver.clock[0]
     h = solver.clock[1] - t_old
@@ -179,7 +178,7 @@ def _scan_piece(
             if crosses and turns.sign[i] != 0:
                 x, _ = _root(False, reading, i, solver, left, f, right, g, turns, rods, scratch)
                 turns.zero[i] = t_old + h * x
-            _count(reading, i, t_old + h * right, g, not last, threshold, turns)
+            count_sign(reading, i, t_old + h * right, g, not last, threshold, turns)
             left, f = right, g
         if not math.isnan(turns.period[i]):
             complete += 1
@@ -193,6 +192,8 @@ def measure(
 ) -> int:  # fmt: skip
     """Integrate until every rod is complete or `t_end`; `turns.period` holds what was found.
 
+    `scratch` (6, n) belongs to one release, from the first call to the last.
+
     Return 1 when finished, 0 after `max_steps` steps, -1 where the integration cannot go on.
     """
     n = turns.start.size
@@ -201,7 +202,7 @@ def measure(
             return -1
         prepare_dense(solver, rods, torque)
         if solver.clock[0] == 0.0:
-            _signals(reading, solver, 0.0, 0, n - 1, turns, rods, turns.ends[2], turns.ends[3])
+            _signals(reading, solver, 0.0, 0, n - 1, turns, rods, scratch[4], scratch[5])
         complete = 0
         for piece in range(_PIECES):
             a, b = piece / _PIECES, (piece + 1) / _PIECES

@@ -1,0 +1,1 @@
+"""Gymnasium environments around the chain: NPendulumVectorEnv and its view of one, NPendulumEnv."""

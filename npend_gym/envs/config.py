@@ -1,0 +1,147 @@
+"""The keywords of the environments: checked once, defaults filled in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from npend_gym import _checks, theory
+from npend_gym._checks import FloatArray
+from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
+from npend_gym.envs.modes import MODES, Mode, lifting_energy
+from npend_gym.physics.kernels.lanes import MAX_SPEED
+
+OBSERVATIONS = ("angles", "sincos")
+MAX_SUBSTEPS = 100_000
+
+# Substeps are so short that in each the fastest normal mode turns by no more than this [rad], and
+# damping decays by no more than this. A free release is measured: its turning points come out
+# within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
+_PHASE_FREE, _PHASE_DRIVEN = 1.0 / 16.0, 1.0 / 5.0
+
+
+@dataclass(frozen=True)
+class Config:
+    """The checked keywords of an environment."""
+
+    chain: Chain
+    mode: Mode
+    joints: NDArray[np.int64]  # actuated, in the order of the action; empty where there is none
+    max_torque: float  # N m, on each actuated joint
+    dt: float  # s
+    substeps: int
+    with_sines: bool
+    amplitude: float  # rad
+    spread: float  # rad
+
+    @property
+    def action_space(self) -> spaces.Space[Any]:
+        """Box(-1, 1) with an entry for each actuated joint; Discrete(1) where there is none."""
+        if self.joints.size == 0:
+            return spaces.Discrete(1)
+        return spaces.Box(-1.0, 1.0, (self.joints.size,), np.float32)
+
+    @property
+    def observation_space(self) -> spaces.Space[Any]:
+        """Angles (or sines and cosines), then angular velocities, float32."""
+        n = self.chain.n
+        bound = np.full(3 * n if self.with_sines else 2 * n, MAX_SPEED, np.float32)
+        angles = 2 * n if self.with_sines else n
+        bound[:angles] = 1.0 if self.with_sines else np.pi
+        return spaces.Box(-bound, bound, dtype=np.float32)
+
+
+def make_config(
+    n: int,
+    mode: str | Mode,
+    masses: ArrayLike,
+    lengths: ArrayLike,
+    gravity: float,
+    damping: ArrayLike,
+    actuated: Sequence[int],
+    max_torque: float | None,
+    dt: float | None,
+    substeps: int | None,
+    observation: str,
+    amplitude: float,
+    spread: float,
+) -> Config:
+    """Check the keywords of an environment and fill in what depends on mode and chain."""
+    n = _checks.count("n", n, high=MAX_RODS)
+    m, rods = _checks.vector("masses", masses, n), _checks.vector("lengths", lengths, n)
+    chain = Chain(m, rods, gravity, _checks.vector("damping", damping, n))
+    kind = _mode(mode)
+    joints = _joints(actuated, n) if kind.torque_share > 0.0 else np.zeros(0, np.int64)
+    limit = 0.5 * kind.torque_share * lifting_energy(chain)
+    if max_torque is not None:
+        limit = _checks.nonnegative_number("max_torque", max_torque)
+    step = kind.dt if dt is None else _checks.positive_number("dt", dt)
+    if substeps is None:
+        phase = step * _fastest_rate(chain)
+        largest = _PHASE_DRIVEN if joints.size else _PHASE_FREE
+        pieces = max(1, min(MAX_SUBSTEPS, math.ceil(phase / largest)))
+    else:
+        pieces = _checks.count("substeps", substeps, high=MAX_SUBSTEPS)
+    return Config(
+        chain=chain,
+        mode=kind,
+        joints=joints,
+        max_torque=limit,
+        dt=step,
+        substeps=pieces,
+        with_sines=_checks.choice("observation", observation, OBSERVATIONS) == "sincos",
+        amplitude=_checks.number("amplitude", amplitude),
+        spread=_checks.nonnegative_number("spread", spread),
+    )
+
+
+def _fastest_rate(chain: Chain) -> float:
+    """Return the rate [1/s] that the substeps must resolve: of the fastest mode, or of damping."""
+    gravity = chain.gravity or STANDARD_GRAVITY  # as for the default torque
+    swinging = Chain(chain.masses, chain.lengths, gravity)
+    v = np.concatenate([[0.0], 1.0 / chain.masses])
+    damping = np.append(chain.damping, 0.0)
+    # a bound by Gershgorin's circles on the inverse mass matrix times the damping matrix
+    braking = 4.0 * (v[:-1] + v[1:]) * (damping[:-1] + damping[1:]) / chain.lengths**2
+    return max(theory.fastest_frequency(swinging), float(braking.max()))
+
+
+def _mode(mode: str | Mode) -> Mode:
+    if isinstance(mode, Mode):
+        return mode
+    if str(mode) not in MODES:
+        raise ValueError(
+            f"mode must be one of {', '.join(MODES)} or an instance of npend_gym.envs.modes.Mode; "
+            f"got {_checks.show(mode)}"
+        )
+    return MODES[str(mode)]()
+
+
+def _joints(actuated: Any, n: int) -> NDArray[np.int64]:
+    if isinstance(actuated, str) or not isinstance(actuated, (Sequence, np.ndarray)):
+        raise TypeError(
+            f"actuated must be a list of joints such as (0,), got {_checks.show(actuated)}"
+        )
+    listed: list[Any] = list(actuated)  # pyright: ignore[reportUnknownArgumentType]
+    joints = [_checks.count("actuated", joint, low=0, high=n - 1) for joint in listed]
+    if len(joints) == 0 or len(set(joints)) != len(joints):
+        raise ValueError(
+            f"actuated must name at least one joint, and each once, got {_checks.show(listed)}"
+        )
+    return np.array(joints, np.int64)
+
+
+def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Return `value`, one number or an array of `shape`, as an array of `shape`."""
+    out = _checks.array(name, value)
+    if out.shape not in ((), shape):
+        raise ValueError(
+            f"{name} must be one number or an array of shape {shape}, got shape {out.shape}"
+        )
+    return np.broadcast_to(out, shape).copy()

@@ -1,0 +1,87 @@
+"""What users hand to `reset` and `step`, cleaned or refused by name."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.envs.batch import BoolArray
+
+
+def checked_autoreset_mode(given: Any) -> AutoresetMode:
+    """Return the autoreset mode of that name or value."""
+    if isinstance(given, AutoresetMode):
+        return given
+    names = {mode.value: mode for mode in AutoresetMode} | {m.name: m for m in AutoresetMode}
+    if not isinstance(given, str) or given not in names:
+        raise ValueError(
+            f"autoreset_mode must be one of {', '.join(m.name for m in AutoresetMode)}; "
+            f"got {_checks.show(given)}"
+        )
+    return names[given]
+
+
+def lane_seeds(seed: Any, count: int) -> list[int | None]:
+    """Return the seed of every lane: seed + k, or seed[k]; None leaves a generator alone."""
+    if seed is None:
+        return [None] * count
+    if not isinstance(seed, (list, tuple, np.ndarray)):
+        first = _checks.count("seed", seed, low=0)
+        return [first + lane for lane in range(count)]
+    listed: list[Any] = list(seed)  # pyright: ignore[reportUnknownArgumentType]
+    if len(listed) != count:
+        raise ValueError(
+            f"seed must have an entry for each of the {count} lanes, got {len(listed)}"
+        )
+    return [None if s is None else _checks.count("seed", s, low=0) for s in listed]
+
+
+def reset_mask(mask: Any, count: int) -> BoolArray:
+    """Return the lanes to reset; all of them where there is no mask."""
+    if mask is None:
+        return np.ones(count, np.bool_)
+    shown = _checks.show(mask)
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        raise TypeError(f"options['reset_mask'] must be a bool array, got {shown}")
+    if mask.shape != (count,) or not mask.any():
+        raise ValueError(
+            f"options['reset_mask'] must have the shape ({count},) and be True somewhere, "
+            f"got {shown}"
+        )
+    return np.array(mask, np.bool_)  # pyright: ignore[reportUnknownArgumentType]
+
+
+def clean_action(given: Any, target: FloatArray, *, single: bool) -> None:
+    """Write the action into `target` (B, joints), or say what is wrong with it.
+
+    A single environment's has no leading axis. In passive mode there are no joints, and every
+    action must be 0.
+    """
+    lanes, joints = target.shape
+    if joints == 1 and single and type(given) is np.ndarray and given.shape == (1,):
+        share = given.item() if given.dtype.kind == "f" else math.nan
+        if math.isfinite(share):  # the common case, quickly; others come by below
+            target[0, 0] = share
+            return
+    raw = np.asarray(given)
+    if raw.dtype.kind not in ("iu" if joints == 0 else "iuf"):
+        kind = "integers" if joints == 0 else "real numbers"
+        raise TypeError(f"action must hold {kind}, got {_checks.show(given)}")
+    leading = () if single else (lanes,)
+    wanted = leading if joints == 0 else (*leading, joints)
+    if raw.shape != wanted:
+        raise ValueError(f"action must have the shape {wanted}, got {raw.shape}")
+    if joints == 0:
+        if np.any(raw != 0):
+            raise ValueError(
+                f"action must be 0, for waiting is all there is to do, got {_checks.show(given)}"
+            )
+        return
+    if not np.isfinite(raw).all():
+        raise ValueError(f"action must be finite, got {_checks.show(given)}")
+    target[:] = raw  # as float64: float32 arithmetic would reach the torque

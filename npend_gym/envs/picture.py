@@ -1,0 +1,81 @@
+"""The camera of an environment: keeps the trace of each tip, has pictures painted and shown."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks, render
+from npend_gym._checks import FloatArray
+from npend_gym.envs.batch import Batch
+
+RENDER_MODES = ("human", "rgb_array")
+_TRACE_LENGTH = 150  # frames
+
+
+class Camera:
+    """Paints the lanes of a batch as `render_mode` asks: None, "human" or "rgb_array"."""
+
+    def __init__(self, render_mode: str | None, fps: float) -> None:
+        if render_mode is not None:
+            _checks.choice("render_mode", render_mode, RENDER_MODES)
+        self.mode, self.fps = render_mode, fps
+        self._traces: dict[int, deque[FloatArray]] = {}
+        self._painter = None if render_mode is None else render.Painter()
+        self._window = render.Window() if render_mode == "human" else None
+
+    @property
+    def on(self) -> bool:
+        """Whether pictures are wanted at all."""
+        return self.mode is not None
+
+    def forget(self, lane: int) -> None:
+        """Drop the trace of a lane, whose episode ends."""
+        self._traces.pop(lane, None)
+
+    def follow(self, batch: Batch) -> None:
+        """Add the tips' places to the traces and, in "human" mode, show the picture."""
+        for lane in range(batch.count):
+            trace = self._traces.setdefault(lane, deque(maxlen=_TRACE_LENGTH))
+            trace.append(batch.positions(lane)[-1])
+        if self.mode == "human":
+            self.render(batch)
+
+    def render(self, batch: Batch) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of every lane, or show them and return None."""
+        if self._painter is None:
+            raise RuntimeError(
+                'there is nothing to render to: make the environment with render_mode="rgb_array" '
+                'or "human"'
+            )
+        info = batch.info()
+        frames = tuple(
+            self._painter.paint(self._scene(batch, info, lane)) for lane in range(batch.count)
+        )
+        if self._window is None:
+            return frames
+        self._window.show(render.tile(frames), self.fps)
+        return None
+
+    def _scene(self, batch: Batch, info: dict[str, Any], lane: int) -> render.Scene:
+        trace = self._traces.get(lane)
+        drive = batch.action[lane].clip(-1.0, 1.0)
+        return render.Scene(
+            positions=batch.positions(lane),
+            reach=batch.reach(lane),
+            time=float(info["time"][lane]),
+            energy=float(info["energy"][lane]),
+            pseudo_period=float(info["pseudo_period"][lane]),
+            completed=int(info["bobs_completed"][lane]),
+            torque=float(drive[0]) if drive.size else 0.0,
+            caption=f"{batch.config.mode.name}, n = {batch.config.chain.n}",
+            trace=np.array(trace) if trace else np.empty((0, 2)),
+        )
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._window is not None:
+            self._window.close()

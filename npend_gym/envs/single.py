@@ -1,0 +1,229 @@
+"""NPendulumEnv: one environment, the vector environment's batch with a single lane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from npend_gym.envs.batch import Batch
+from npend_gym.envs.config import make_config
+from npend_gym.envs.inputs import clean_action
+from npend_gym.envs.modes import Mode
+from npend_gym.envs.picture import Camera
+from npend_gym.envs.vector import Info, ObsArray
+
+_THE_LANE = np.ones(1, np.bool_)
+
+
+class NPendulumEnv(gym.Env[ObsArray, Any]):
+    r"""The N-pendulum: n point masses on massless rods, hung from a pivot.
+
+    What `gym.make("NPendulum-v0")` wraps. The vector form is `NPendulumVectorEnv`.
+
+    Description
+    -----------
+    A planar chain moves under gravity, joint damping and torques at the actuated joints (by
+    default the base). The state is exact up to the integrator: the equations of motion are
+    solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
+    paper's system A(theta) theta'' = b, by Runge-Kutta steps of order 4, `substeps` a step. All
+    results are the same bits on every machine.
+
+    Action
+    ------
+    ``Box(-1, 1, (len(actuated),), float32)``: torque at each actuated joint over `max_torque`,
+    positive counter-clockwise on the rod below the joint; beyond the box it is clipped. In mode
+    "passive" ``Discrete(1)``: 0 is to wait.
+
+    ==================== ============================================ =================
+    mode                 task                                         default max_torque
+    ==================== ============================================ =================
+    "passive"            free release, the paper's experiment         none
+    "swingup" (default)  from hanging to upright and slow             0.5 of the static
+    "balance"            stay upright; fails when the tip falls       0.5 of the static
+    "calm"               bring the released chain to rest             0.2 of the static
+    ==================== ============================================ =================
+
+    The static torque g sum_i l_i sum_{k>=i} m_k holds the whole chain horizontal. Half of it
+    cannot lift the chain in one go: it must be swung. `dt` is 0.01 s in mode "passive", so that
+    the paper's 10 s are 1000 steps, 0.02 s in "balance", where the fall is quick, 0.05 s else.
+
+    Observation
+    -----------
+    float32, in rad and rad/s, angles from the downward vertical, counter-clockwise positive:
+
+    ============= ========= ========================================== ================
+    observation   shape     entries                                    bounds
+    ============= ========= ========================================== ================
+    "angles"      (2n,)     theta wrapped to [-pi, pi), then omega     pi, then 1e6
+    "sincos"      (3n,)     sin theta, cos theta, omega                1, 1, then 1e6
+    ============= ========= ========================================== ================
+
+    Reward
+    ------
+    Between 0 and 1 a step; 0 in mode "passive". With `height` of the centre of mass (0 hanging,
+    1 upright), `tip` height over length, `kinetic` and `energy` above rest in units of the energy
+    that lifts the chain upright, `left` the energy over that at the start, `effort` the mean
+    square of the clipped actions, and calmness = 1 / (1 + 4 kinetic):
+
+    - swingup: height^2 (1 + calmness) / 2 (1 - effort / 10)
+    - balance: max(tip, 0) (1 + calmness) / 2 (1 - effort / 10)
+    - calm: (1 / (1 + left) + 1 / (1 + 100 left)) / 2 (1 - effort / 10)
+
+    Starting state
+    --------------
+    passive, calm: at rest, all rods at `amplitude` plus one draw from [0, spread) common to all.
+    swingup, balance: each angle and angular velocity drawn within 0.05 (0.02) of hanging
+    (standing) at rest. ``reset(options={...})`` takes, for this episode: "theta", "omega" (n,),
+    "amplitude", "masses", "lengths", "damping" (n,), "gravity"; one number stands for all rods.
+
+    Episode end
+    -----------
+    Terminates in mode "balance" when the tip falls below half the chain's length. Truncated after
+    1000 steps (`gym.make`'s TimeLimit), and where the state leaves all bounds (\|theta\| > 1e5
+    or \|omega\| > 1e6, or no number): then ``info["diverged"]`` is True and the last sound state
+    is kept.
+
+    Info
+    ----
+    The same keys from the reset on. ``time`` [s]; ``energy`` above hanging at rest [J];
+    ``energy_error``: energy less that at the start less the work of torque and damping, over the
+    larger of the two energies; ``bobs_completed``, ``pseudo_periods`` (n,) [s] (0.0 where not
+    yet) and their mean ``pseudo_period``, in the reading "bob" of `npend_gym.pseudo_periods`;
+    ``ideal_period``, the paper's T0 [s]; ``tip_height`` over the pivot [m]; ``theta`` (n,),
+    unwrapped, and ``omega`` (n,); ``diverged``.
+
+    Parameters
+    ----------
+    n : int
+        Number of rods.
+    mode : {"swingup", "passive", "balance", "calm"} or npend_gym.envs.modes.Mode
+        The task; an instance of a class of your own derived from Mode will do.
+    masses, lengths, damping : float or array_like, shape (n,)
+        As in `npend_gym.Chain` [kg, m, N m s/rad].
+    gravity : float
+        [m/s^2].
+    actuated : sequence of int
+        Joints with an actuator, in the order of the action; joint 0 is the base.
+    max_torque : float, optional
+        [N m]; by default as in the table above, of the chain as made (options change nothing).
+    dt : float, optional
+        Time of a step [s].
+    substeps : int, optional
+        Runge-Kutta steps a step; by default so many that the fastest normal mode turns by at most
+        1/16 rad in each ("passive"), 1/5 rad else.
+    observation : {"angles", "sincos"}
+    amplitude, spread : float
+        Of the release [rad].
+    render_mode : {None, "rgb_array", "human"}
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a keyword breaks its rule.
+
+    Version history
+    ---------------
+    v0: initial version.
+
+    References
+    ----------
+    S. Charles, "The Lagrangian Mechanics and Pseudo-Periodicity of The Many-Body Planar Pendulum
+    System", 2019.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
+
+    def __init__(
+        self,
+        n: int = 2,
+        mode: str | Mode = "swingup",
+        masses: ArrayLike = 1.0,
+        lengths: ArrayLike = 1.0,
+        gravity: float = 9.81,
+        damping: ArrayLike = 0.0,
+        actuated: Sequence[int] = (0,),
+        max_torque: float | None = None,
+        dt: float | None = None,
+        substeps: int | None = None,
+        observation: str = "angles",
+        amplitude: float = np.pi / 4,
+        spread: float = 0.017,
+        render_mode: str | None = None,
+    ) -> None:
+        self.config = config = make_config(
+            n, mode, masses, lengths, gravity, damping, actuated, max_torque, dt, substeps,
+            observation, amplitude, spread,
+        )  # fmt: skip
+        self.action_space = config.action_space
+        self.observation_space = config.observation_space
+        self.metadata = NPendulumEnv.metadata | {"render_fps": max(1, round(1.0 / config.dt))}
+        self.render_mode = render_mode
+        self.camera = Camera(render_mode, self.metadata["render_fps"])
+        self._batch = Batch(config, 1)
+        self._mode = config.mode
+        self._started = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[ObsArray, Info]:
+        """Begin a new episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            Seed of the generator; without, it goes on.
+        options : dict, optional
+            For this episode: "theta", "omega" (a chosen start), "masses", "lengths", "damping",
+            each (n,) or one number; "amplitude", "gravity", numbers.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an option is unknown or breaks its rule; nothing has changed then.
+        """
+        checked = self._batch.check_options(options, single=True)
+        super().reset(seed=seed)
+        self._batch.rngs = [self.np_random]
+        self._batch.start(_THE_LANE, checked)
+        self._started = True
+        self.camera.forget(0)
+        if self.render_mode == "human":
+            self.camera.follow(self._batch)
+        return self._batch.observation[0], self._batch.only_lane()[1]
+
+    def step(self, action: Any) -> tuple[ObsArray, float, bool, bool, Info]:
+        """Advance by `dt`; an action beyond the box is clipped.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the action is not a number, not finite or of the wrong shape; nothing has changed
+            then.
+        RuntimeError
+            Before the first reset.
+        """
+        if not self._started:
+            raise RuntimeError("call reset() before step()")
+        batch, mode = self._batch, self._mode
+        clean_action(action, batch.action, single=True)
+        batch.step()
+        quantities, info = batch.only_lane()
+        reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
+        if self.render_mode is not None:
+            self.camera.follow(batch)
+        return batch.observation[0], reward, failed, info["diverged"], info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it."""
+        if not self._started:
+            raise RuntimeError("call reset() before render()")
+        frames = self.camera.render(self._batch)
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Close the window."""
+        self.camera.close()

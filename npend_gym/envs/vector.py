@@ -1,0 +1,271 @@
+"""NPendulumVectorEnv: many environments in one, stepped together by compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.envs.batch import Batch, BoolArray
+from npend_gym.envs.config import make_config
+from npend_gym.envs.inputs import (
+    checked_autoreset_mode,
+    clean_action,
+    lane_seeds,
+    reset_mask,
+)
+from npend_gym.envs.modes import Mode
+from npend_gym.envs.picture import Camera
+
+MAX_LANES = 10_000_000
+MAX_THREADS = 1024
+
+ObsArray = NDArray[np.float32]
+Info = dict[str, Any]
+
+
+class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
+    """Many N-pendulums stepped at once, natively: what `gym.make_vec("NPendulum-v0")` returns.
+
+    Every lane is an `NPendulumEnv`, to the last bit: lane k of a vector env reset with seed s is
+    the single env reset with seed s + k, whatever `num_envs` and `threads` are.
+
+    Parameters
+    ----------
+    num_envs : int
+        Number of lanes B.
+    max_episode_steps : int or None
+        Steps after which a lane is truncated; None for never.
+    autoreset_mode : gymnasium.vector.AutoresetMode or str
+        NEXT_STEP (default): a lane that is done is reset by the next step, whose action it
+        ignores. SAME_STEP: it is reset at once, its last observation and info being in
+        ``info["final_obs"]`` and ``info["final_info"]``. DISABLED: the caller resets it with
+        ``reset(options={"reset_mask": done})``.
+    threads : int
+        Threads that share the lanes. No result depends on it.
+    **others
+        As for `NPendulumEnv`.
+
+    Notes
+    -----
+    Infos are those of the single env with a leading axis of B, each with its mask ``_key``.
+    ``_pseudo_period`` and ``_pseudo_periods`` are True only in lanes where a bob has completed.
+    `reset` takes the options of the single env with a leading axis of B, or numbers for all lanes,
+    and ``reset_mask`` (B,), the lanes to reset.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        n: int = 2,
+        mode: str | Mode = "swingup",
+        masses: ArrayLike = 1.0,
+        lengths: ArrayLike = 1.0,
+        gravity: float = 9.81,
+        damping: ArrayLike = 0.0,
+        actuated: Sequence[int] = (0,),
+        max_torque: float | None = None,
+        dt: float | None = None,
+        substeps: int | None = None,
+        observation: str = "angles",
+        amplitude: float = np.pi / 4,
+        spread: float = 0.017,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = 1000,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 1,
+    ) -> None:
+        config = make_config(
+            n, mode, masses, lengths, gravity, damping, actuated, max_torque, dt, substeps,
+            observation, amplitude, spread,
+        )  # fmt: skip
+        self.num_envs = _checks.count("num_envs", num_envs, high=MAX_LANES)
+        if max_episode_steps is not None:
+            max_episode_steps = _checks.count("max_episode_steps", max_episode_steps)
+        self.max_episode_steps = max_episode_steps
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
+        self.config = config
+        self.single_action_space = config.action_space
+        self.single_observation_space = config.observation_space
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.metadata = NPendulumVectorEnv.metadata | {
+            "render_fps": max(1, round(1.0 / config.dt)),
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.camera = Camera(render_mode, self.metadata["render_fps"])
+        self.render_mode = render_mode
+        threads = _checks.count("threads", threads, high=MAX_THREADS)
+        self._batch = Batch(config, self.num_envs, threads)
+        self._seeds: list[int] = []
+        self._steps = np.zeros(self.num_envs, np.int64)
+        self._done: BoolArray | None = None  # None until the first reset
+
+    # -- Gymnasium's interface --------------------------------------------------------------
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[ObsArray, Info]:
+        """Begin a new episode in every lane, or in those of ``options["reset_mask"]``.
+
+        Parameters
+        ----------
+        seed : int or sequence of int, optional
+            Lane k is seeded with seed + k, or with seed[k]; without, its generator goes on.
+        options : dict, optional
+            "reset_mask", bool (B,); "theta", "omega", "masses", "lengths", "damping" (B, n);
+            "amplitude", "gravity" (B,); one number stands for all.
+
+        Returns
+        -------
+        observation : ndarray, float32, shape (B, 2n) or (B, 3n)
+        info : dict
+
+        Raises
+        ------
+        ValueError, TypeError
+            If seed or options break a rule; no lane has changed then.
+        """
+        given = dict(options or {})
+        mask = reset_mask(given.pop("reset_mask", None), self.num_envs)
+        if self._done is None and not mask.all():
+            raise ValueError("options['reset_mask'] must be all True in the first reset")
+        checked = self._batch.check_options(given, single=False)
+        self._seed(seed, mask)
+        self._batch.start(mask, checked)
+        self._steps[mask] = 0
+        done = np.zeros(self.num_envs, np.bool_) if self._done is None else self._done & ~mask
+        self._done = done
+        for lane in np.flatnonzero(mask).tolist():
+            self.camera.forget(lane)
+        return self._batch.observation, self._info(mask)
+
+    def step(self, actions: Any) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, Info]:
+        """Advance every lane by `dt`; actions beyond the box are clipped.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the actions are not numbers, not finite or of the wrong shape; nothing has changed
+            then.
+        RuntimeError
+            Before the first reset, or with autoreset disabled where a lane is done.
+        """
+        if self._done is None:
+            raise RuntimeError("call reset() before step()")
+        waiting = self._done
+        if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
+            raise RuntimeError(
+                "autoreset is disabled and lanes "
+                f"{_checks.show(np.flatnonzero(waiting).tolist())} are done: reset them with "
+                'reset(options={"reset_mask": done})'
+            )
+        batch = self._batch
+        clean_action(actions, batch.action, single=False)
+        np.logical_not(waiting, out=batch.active)
+        batch.step()
+        self._steps += batch.active
+        some_wait = bool(waiting.any())
+        if some_wait:  # autoreset of NEXT_STEP
+            batch.start(waiting, {}, anew=False)
+            self._steps[waiting] = 0
+        quantities = batch.quantities()
+        reward = self.config.mode.reward(quantities)
+        terminated = self.config.mode.failed(quantities)
+        if some_wait:
+            reward = np.where(waiting, 0.0, reward)
+            terminated = terminated & ~waiting
+        truncated = batch.diverged
+        if self.max_episode_steps is not None:
+            truncated |= self._steps >= self.max_episode_steps
+        done = self._done = terminated | truncated
+        info = self._after_step(done) if done.any() else self._info()
+        if self.camera.on:
+            self.camera.follow(batch)
+        return batch.observation, reward, terminated, truncated, info
+
+    def _after_step(self, done: BoolArray) -> Info:
+        """Return the info, lanes that are done having been reset where the mode says so."""
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            return self._info()
+        last = self._info(done)
+        observation = self._batch.observation
+        finals = np.full(self.num_envs, None, dtype=object)
+        for lane in np.flatnonzero(done).tolist():
+            finals[lane] = observation[lane].copy()
+            self.camera.forget(lane)
+        final_info: Info = {
+            key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
+            for key, value in last.items()
+        }
+        self._batch.start(done, {}, anew=False)
+        self._steps[done] = 0
+        self._done = np.zeros(self.num_envs, np.bool_)
+        return self._info() | {
+            "final_obs": finals,
+            "_final_obs": done.copy(),
+            "final_info": final_info,
+            "_final_info": done.copy(),
+        }
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
+        """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window."""
+        if self._done is None:
+            raise RuntimeError("call reset() before render()")
+        return self.camera.render(self._batch)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End threads and window."""
+        del kwargs
+        self._batch.close()
+        self.camera.close()
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generators of the lanes."""
+        if not self._batch.rngs:
+            self._seed(None, np.ones(self.num_envs, np.bool_))
+        return tuple(self._batch.rngs)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seeds of the lanes."""
+        return tuple(self._seeds) if self.np_random else ()
+
+    # -- parts ------------------------------------------------------------------------------
+
+    def _seed(self, seed: Any, mask: BoolArray) -> None:
+        seeds = lane_seeds(seed, self.num_envs)
+        if not self._batch.rngs:
+            fresh = [seeding.np_random(s) for s in seeds]
+            self._batch.rngs = [rng for rng, _ in fresh]
+            self._seeds = [number for _, number in fresh]
+            return
+        for lane in np.flatnonzero(mask).tolist():
+            if seeds[lane] is not None:
+                self._batch.rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
+
+    def _info(self, mask: BoolArray | None = None) -> Info:
+        """Return the batch's info with a mask for every key; `mask` says which lanes it is of."""
+        info = self._batch.info()
+        masks = np.ones((len(info), self.num_envs), np.bool_)
+        if mask is not None:
+            masks &= mask
+        for row, key in zip(masks, tuple(info), strict=True):
+            info[f"_{key}"] = row
+        for key in ("_pseudo_period", "_pseudo_periods"):
+            info[key] &= info["bobs_completed"] > 0
+        return info

@@ -1,0 +1,443 @@
+import copy
+import pickle
+import subprocess
+import sys
+import threading
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import npend_gym
+from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym.envs.modes import MODES, Mode
+
+ALL_MODES = tuple(MODES)
+INFO_KEYS = {
+    "time", "energy", "energy_error", "bobs_completed", "pseudo_period", "pseudo_periods",
+    "ideal_period", "tip_height", "theta", "omega", "diverged",
+}  # fmt: skip
+
+
+def make(**keywords):
+    return gym.make("NPendulum-v0", **keywords)
+
+
+def bare(**keywords):
+    return make(**keywords).unwrapped
+
+
+def rollout(env, steps, seed=0, **options):
+    """Return everything an episode shows, actions drawn from the action space."""
+    env.action_space.seed(seed)
+    observation, info = env.reset(seed=seed, **options)
+    seen = [(observation, info)]
+    for _ in range(steps):
+        step = env.step(env.action_space.sample())
+        seen.append(step)
+        if step[2] or step[3]:
+            break
+    return seen
+
+
+def digest(seen):
+    return pickle.dumps(seen)
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+@pytest.mark.parametrize("observation", ["angles", "sincos"])
+def test_gymnasiums_checker_is_content_without_a_warning(mode, observation):
+    check_env(bare(mode=mode, n=3, observation=observation), skip_render_check=True)
+
+
+def test_gymnasiums_checker_is_content_with_rendering():
+    pytest.importorskip("pygame")
+    check_env(bare(mode="calm", render_mode="rgb_array"))
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+def test_same_seed_same_episode(mode):
+    first = rollout(make(mode=mode, n=3), 50, seed=4)
+    assert digest(first) == digest(rollout(make(mode=mode, n=3), 50, seed=4))
+    assert digest(first) != digest(rollout(make(mode=mode, n=3), 50, seed=5))
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+def test_infos_have_the_same_keys_and_fresh_finite_values_from_the_reset_on(mode):
+    seen = rollout(make(mode=mode, n=3), 20)
+    infos = [seen[0][1]] + [step[4] for step in seen[1:]]
+    arrays = [info[key] for info in infos for key in ("theta", "omega", "pseudo_periods")]
+    arrays += [seen[0][0]] + [step[0] for step in seen[1:]]
+    assert all(set(info) == INFO_KEYS for info in infos)
+    assert all(np.all(np.isfinite(value)) for info in infos for value in info.values())
+    for i, a in enumerate(arrays):
+        assert not any(np.shares_memory(a, b) for b in arrays[:i])
+    assert isinstance(infos[-1]["time"], float)
+    assert isinstance(infos[-1]["bobs_completed"], int)
+    assert infos[-1]["theta"].dtype == np.float64
+
+
+@pytest.mark.parametrize("mode", [m for m in ALL_MODES if m != "passive"])
+def test_rewards_lie_between_zero_and_one(mode):
+    rewards = [step[1] for step in rollout(make(mode=mode, n=2), 300)[1:]]
+    assert all(type(reward) is float and 0.0 <= reward <= 1.0 for reward in rewards)
+    assert max(rewards) > 0.0
+
+
+def test_passive_episode_is_the_papers_thousand_frames_without_reward():
+    seen = rollout(make(mode="passive", n=2), 2000)
+    assert len(seen) == 1001
+    assert seen[-1][3]
+    assert not seen[-1][2]
+    assert seen[-1][4]["time"] == pytest.approx(10.0)
+    assert all(step[1] == 0.0 for step in seen[1:])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 10, 20])
+def test_passive_mode_measures_the_pseudo_periods_of_the_release(n):
+    env = make(mode="passive", n=n)
+    _, info = env.reset(seed=n)
+    expected = pseudo_periods(Chain.uniform(n), info["theta"], duration=10.0)
+    truncated = False
+    while not truncated:
+        _, _, _, truncated, info = env.step(0)
+    done = np.isfinite(expected)
+    assert info["bobs_completed"] == done.sum()
+    np.testing.assert_allclose(info["pseudo_periods"][done], expected[done], rtol=0, atol=1e-6)
+    assert not info["pseudo_periods"][~done].any()
+    assert info["pseudo_period"] == pytest.approx(expected[done].mean(), abs=1e-6)
+
+
+def test_a_release_from_the_other_side_has_the_same_periods():
+    infos = []
+    for side in (1.0, -1.0):
+        env = bare(mode="passive", n=3)
+        env.reset(options={"theta": side * 0.7})
+        for _ in range(500):
+            info = env.step(0)[4]
+        infos.append(info)
+    np.testing.assert_array_equal(infos[0]["pseudo_periods"], infos[1]["pseudo_periods"])
+    assert infos[0]["bobs_completed"] == 3
+
+
+def test_the_env_moves_as_simulate_does():
+    chain = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], damping=0.1)
+    env = bare(
+        n=3, masses=[1.0, 0.5, 2.0], lengths=[1.0, 0.7, 0.4], damping=0.1, dt=0.02,
+        substeps=20, actuated=(2, 0), max_torque=3.0,
+    )  # fmt: skip
+    env.reset(options={"theta": [0.3, -0.2, 0.5], "omega": 0.1})
+    info = [env.step(np.array([-0.5, 0.9]))[4] for _ in range(50)][-1]
+    torque = [2.7, 0.0, -1.5]
+    exact = simulate(chain, [0.3, -0.2, 0.5], 0.1, [0.0, 1.0], torque=torque)
+    np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(info["omega"], exact.omega[-1], rtol=0, atol=1e-5)
+    assert info["energy"] == pytest.approx(exact.energy()[-1], rel=1e-6)
+    assert info["tip_height"] == pytest.approx(exact.positions()[-1, -1, 1], abs=1e-6)
+    assert abs(info["energy_error"]) < 1e-6  # work of torque and damping is accounted for
+
+
+def test_observations_are_wrapped_angles_or_sines_and_then_velocities():
+    start = {"theta": [3.5, -9.0], "omega": [0.25, -1.0]}
+    angles, _ = bare(n=2).reset(options=start)
+    expected = [3.5 - 2 * np.pi, -9.0 + 2 * np.pi, 0.25, -1.0]
+    np.testing.assert_allclose(angles, expected, rtol=1e-6)
+    sines, _ = bare(n=2, observation="sincos").reset(options=start)
+    expected = [*np.sin([3.5, -9.0]), *np.cos([3.5, -9.0]), 0.25, -1.0]
+    np.testing.assert_allclose(sines, expected, rtol=1e-6)
+    at_pi, _ = bare(n=1).reset(options={"theta": np.nextafter(np.pi, 0.0), "omega": 0.0})
+    assert at_pi[0] == -np.float32(np.pi)
+
+
+def test_actions_beyond_the_box_are_clipped():
+    results = []
+    for action in (1.0, 25.0):
+        env = bare(n=2)
+        env.reset(seed=0)
+        results.append(env.step(np.array([action], np.float32)))
+    assert digest(results[0]) == digest(results[1])
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "message"),
+    [
+        (np.array([np.nan], np.float32), ValueError, "action must be finite"),
+        (np.array([np.inf]), ValueError, "action must be finite"),
+        (np.zeros(2, np.float32), ValueError, r"action must have the shape \(1,\), got \(2,\)"),
+        (0.5, ValueError, "action must have the shape"),
+        (np.array(["1"]), TypeError, "action must hold real numbers"),
+        (np.array([1j]), TypeError, "action must hold real numbers"),
+        (None, TypeError, "action must hold real numbers"),
+        (np.array([True]), TypeError, "action must hold real numbers"),
+    ],
+)
+def test_bad_actions_are_refused_and_change_nothing(action, error, message):
+    env, twin = bare(n=2), bare(n=2)
+    env.reset(seed=3)
+    twin.reset(seed=3)
+    with pytest.raises(error, match=message):
+        env.step(action)
+    good = np.array([0.3], np.float32)
+    assert digest(env.step(good)) == digest(twin.step(good))
+
+
+def test_waiting_is_the_only_action_of_the_passive_mode():
+    env = bare(mode="passive")
+    env.reset(seed=0)
+    for action in (0, np.int64(0), np.array(0)):
+        env.step(action)
+    with pytest.raises(ValueError, match="action must be 0"):
+        env.step(1)
+    with pytest.raises(TypeError, match="action must hold integers"):
+        env.step(0.0)
+
+
+def test_reset_options_last_for_one_episode():
+    env = bare(n=2, mode="calm")
+    _, info = env.reset(
+        seed=0, options={"lengths": [0.5, 0.25], "masses": 2.0, "gravity": 5.0, "amplitude": 0.2}
+    )
+    chain = Chain(2.0, [0.5, 0.25], gravity=5.0)
+    path = simulate(chain, info["theta"], 0.0, [0.0])
+    assert info["energy"] == pytest.approx(path.energy()[0])
+    assert info["ideal_period"] == pytest.approx(npend_gym.theory.ideal_period(chain))
+    assert 0.2 <= info["theta"][0] < 0.217
+    _, info = env.reset(seed=0)
+    assert info["ideal_period"] == pytest.approx(npend_gym.theory.ideal_period(Chain.uniform(2)))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"angle": 1.0}, ValueError, "options must be among theta, omega"),
+        ({"theta": [1.0, 2.0, 3.0]}, ValueError, r"options\['theta'\] must be one number"),
+        ({"theta": "up"}, TypeError, r"options\['theta'\] must hold real"),
+        ({"omega": [np.nan, 0.0]}, ValueError, r"options\['omega'\] must be finite"),
+        ({"masses": [1.0, -1.0]}, ValueError, "masses must be greater"),
+        ({"gravity": -1.0}, ValueError, "gravity must be zero or more"),
+        ({"amplitude": [1.0, 2.0]}, ValueError, r"options\['amplitude'\] must be one number"),
+        ({"reset_mask": np.ones(1, bool)}, ValueError, "options must be among"),
+    ],
+)
+def test_bad_options_are_refused_and_change_nothing(options, error, message):
+    env, twin = bare(n=2), bare(n=2)
+    env.reset(seed=3)
+    twin.reset(seed=3)
+    with pytest.raises(error, match=message):
+        env.reset(options=options)
+    assert digest(env.reset()) == digest(twin.reset())
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "message"),
+    [
+        ({"n": 0}, ValueError, "n must be between"),
+        ({"n": True}, TypeError, "n must be an integer"),
+        ({"n": 10**400}, ValueError, "n must be between"),
+        ({"mode": "fly"}, ValueError, "mode must be one of passive, swingup, balance, calm"),
+        ({"mode": None}, ValueError, "mode must be one of"),
+        ({"masses": 0.0}, ValueError, "masses must be greater"),
+        ({"masses": [1.0]}, ValueError, "masses must be one number"),
+        ({"lengths": "11"}, TypeError, "lengths must hold real"),
+        ({"gravity": -1.0}, ValueError, "gravity must be zero"),
+        ({"damping": [0.1, -0.1]}, ValueError, "damping must be zero"),
+        ({"actuated": (2,)}, ValueError, "actuated must be between 0 and 1"),
+        ({"actuated": ()}, ValueError, "actuated must name at least one joint"),
+        ({"actuated": (0, 0)}, ValueError, "actuated must name at least one joint, and each once"),
+        ({"actuated": 0}, TypeError, "actuated must be a list of joints"),
+        ({"max_torque": np.nan}, ValueError, "max_torque must be finite"),
+        ({"dt": 0.0}, ValueError, "dt must be greater"),
+        ({"substeps": 0}, ValueError, "substeps must be between"),
+        ({"substeps": 1.5}, TypeError, "substeps must be an integer"),
+        ({"observation": "pixels"}, ValueError, "observation must be one of angles, sincos"),
+        ({"amplitude": np.inf}, ValueError, "amplitude must be finite"),
+        ({"spread": -0.1}, ValueError, "spread must be zero or more"),
+        ({"render_mode": "ascii"}, ValueError, "render_mode must be one of human, rgb_array"),
+    ],
+)
+def test_bad_keywords_are_refused_by_name(keywords, error, message):
+    from npend_gym.envs.single import NPendulumEnv
+
+    with pytest.raises(error, match=message):
+        NPendulumEnv(**keywords)
+
+
+def test_steps_before_the_reset_are_refused():
+    with pytest.raises(RuntimeError, match=r"call reset\(\) before step\(\)"):
+        bare().step(np.zeros(1))
+
+
+def test_balance_fails_when_the_tip_falls_below_half_its_height():
+    seen = rollout(make(mode="balance", n=2), 1000)
+    assert seen[-1][2]
+    assert seen[-1][4]["tip_height"] < 1.0
+    assert all(step[4]["tip_height"] >= 1.0 for step in seen[1:-1])
+
+
+def test_a_diverged_chain_is_truncated_with_its_last_sound_state():
+    env = bare(n=40, mode="passive", lengths=0.01, dt=0.5, substeps=1)
+    env.reset(seed=0)
+    before = None
+    for _ in range(200):
+        observation, _, terminated, truncated, info = env.step(0)
+        assert np.isfinite(observation).all()
+        assert all(np.all(np.isfinite(value)) for value in info.values())
+        if truncated:
+            break
+        before = info
+    assert truncated
+    assert info["diverged"]
+    assert not terminated
+    if before is not None:
+        np.testing.assert_array_equal(info["theta"], before["theta"])
+    _, info = env.reset()
+    assert not info["diverged"]
+
+
+@pytest.mark.parametrize("copier", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_made_in_mid_episode_goes_on_bit_for_bit(copier):
+    env = make(mode="calm", n=3)
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, (60, 1)).astype(np.float32)
+    for action in actions[:30]:
+        env.step(action)
+    twin = copier(env)
+    there = [env.step(action) for action in actions[30:]] + [env.reset()]
+    assert digest(there) == digest([twin.step(a) for a in actions[30:]] + [twin.reset()])
+
+
+def test_a_spec_survives_json_and_pickle():
+    env = make(n=3, mode="calm", max_torque=2.0, actuated=(0, 2))
+    for spec in (EnvSpec.from_json(env.spec.to_json()), pickle.loads(pickle.dumps(env.spec))):
+        assert digest(rollout(gym.make(spec), 20)) == digest(rollout(env, 20))
+
+
+def test_a_process_that_imported_nothing_can_make_the_env_by_its_module():
+    code = (
+        "import gymnasium as gym; env = gym.make('npend_gym:NPendulum-v0', n=1);"
+        "print(env.reset(seed=0)[0].shape)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "(2,)"
+
+
+def test_everyday_wrappers_work():
+    env = make(mode="swingup", n=2)
+    for wrap in (
+        lambda e: gym.wrappers.TimeLimit(e, 30),
+        gym.wrappers.RecordEpisodeStatistics,
+        gym.wrappers.NormalizeObservation,
+        lambda e: gym.wrappers.RescaleAction(e, np.float32(-2.0), np.float32(2.0)),
+        lambda e: gym.wrappers.FrameStackObservation(e, 3),
+    ):
+        env = wrap(env)
+    seen = rollout(env, 100)
+    assert len(seen) == 31
+    assert seen[-1][0].shape == (3, 4)
+    assert seen[-1][4]["episode"]["l"] == 30
+
+
+class Still(Mode):
+    """A mode of a user: stay where you are."""
+
+    name = "still"
+
+    def start(self, rng, n, amplitude, spread):  # noqa: ARG002
+        return np.full(n, 0.1), np.zeros(n)
+
+    def reward(self, seen):
+        return 1.0 / (1.0 + seen.kinetic)
+
+    def failed(self, seen):
+        return seen.height > 0.9
+
+
+def test_a_user_can_pass_a_mode_of_their_own():
+    env = make(mode=Still(), n=2)
+    check_env(env.unwrapped, skip_render_check=True)
+    vector = gym.make_vec("NPendulum-v0", num_envs=3, mode=Still(), n=2)
+    vector.reset(seed=0)
+    env.reset(seed=0)
+    reward = vector.step(np.full((3, 1), 0.5, np.float32))[1]
+    assert reward.shape == (3,)
+    assert reward[0] == env.step(np.full(1, 0.5, np.float32))[1]
+
+
+@settings(max_examples=25)
+@given(
+    n=st.integers(1, 6),
+    mode=st.sampled_from(ALL_MODES),
+    observation=st.sampled_from(["angles", "sincos"]),
+    gravity=st.floats(0.0, 30.0),
+    damping=st.floats(0.0, 5.0),
+    length=st.floats(0.1, 5.0),
+    mass=st.floats(0.1, 10.0),
+    data=st.data(),
+)
+def test_any_keywords_make_an_env_that_stays_in_its_spaces(
+    n, mode, observation, gravity, damping, length, mass, data
+):
+    joints = data.draw(st.lists(st.integers(0, n - 1), min_size=1, max_size=n, unique=True))
+    env = bare(
+        n=n, mode=mode, observation=observation, gravity=gravity, damping=damping, lengths=length,
+        masses=mass, actuated=joints,
+    )  # fmt: skip
+    for step in rollout(env, 20)[1:]:
+        assert env.observation_space.contains(step[0])
+        assert 0.0 <= step[1] <= 1.0
+        assert abs(step[4]["energy_error"]) < 0.05
+
+
+def test_two_threads_can_step_two_envs_at_once():
+    expected = digest(rollout(make(n=5), 400, seed=1))
+    results = {}
+
+    def work(k):
+        results[k] = digest(rollout(make(n=5), 400, seed=1))
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert results == {0: expected, 1: expected}
+
+
+def test_a_hundred_thousand_steps_do_not_grow_the_memory():
+    resource = pytest.importorskip("resource")
+    env = bare(n=2)
+    env.reset(seed=0)
+    action = np.array([0.2], np.float32)
+    sizes = []
+    for _ in range(5):
+        for _ in range(20_000):
+            env.step(action)
+        env.reset()
+        sizes.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    assert sizes[-1] - sizes[0] < 2_000  # kilobytes
+
+
+def test_pictures_follow_the_chain():
+    pytest.importorskip("pygame")
+    env = make(mode="passive", n=3, render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    for _ in range(50):
+        env.step(0)
+    second = env.render()
+    assert first.shape == second.shape == (480, 480, 3)
+    assert first.dtype == np.uint8
+    assert (first != second).any()
+    assert env.metadata["render_fps"] == 100
+    assert make(mode="swingup", n=2).metadata["render_fps"] == 20
+
+
+def test_rendering_without_a_render_mode_says_what_to_do():
+    env = bare(n=2)
+    env.reset(seed=0)
+    with pytest.raises(RuntimeError, match='render_mode="rgb_array"'):
+        env.render()

@@ -1,0 +1,292 @@
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+
+import npend_gym  # noqa: F401 - registers the environments
+from npend_gym.envs.modes import MODES
+
+ALL_MODES = tuple(MODES)
+
+
+def make_vec(num_envs, **keywords):
+    return gym.make_vec("NPendulum-v0", num_envs=num_envs, **keywords)
+
+
+def actions_for(env, steps, seed=0):
+    env.action_space.seed(seed)
+    return [env.action_space.sample() for _ in range(steps)]
+
+
+def run(env, actions, seed=7):
+    """Return everything that the vector env shows."""
+    return [env.reset(seed=seed)] + [env.step(action) for action in actions]
+
+
+def assert_same(a, b):
+    """Assert equality of nested tuples, dicts and arrays, to the last bit."""
+    if isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for key in a:
+            assert_same(a[key], b[key])
+    elif isinstance(a, (tuple, list)):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            assert_same(x, y)
+    elif isinstance(a, np.ndarray) and a.dtype == object:
+        assert_same(list(a), list(b))
+    elif a is None:
+        assert b is None
+    else:
+        np.testing.assert_array_equal(a, b)
+
+
+def lane(value, k):
+    """Return lane `k` of something batched, infos without their masks."""
+    if isinstance(value, dict):
+        return {key: lane(v, k) for key, v in value.items() if not key.startswith("_")}
+    return value[k]
+
+
+@pytest.mark.parametrize("mode", ALL_MODES)
+@pytest.mark.parametrize("autoreset", list(AutoresetMode)[:2])
+def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(mode, autoreset):
+    count, n = 5, 3
+    vector = make_vec(count, n=n, mode=mode, max_episode_steps=25, autoreset_mode=autoreset)
+    singles = SyncVectorEnv(
+        [
+            lambda: gym.make("NPendulum-v0", n=n, mode=mode, max_episode_steps=25)
+            for _ in range(count)
+        ],
+        autoreset_mode=autoreset,
+    )
+    actions = actions_for(vector, 80)
+    for ours, theirs in zip(run(vector, actions), run(singles, actions), strict=True):
+        assert_same(ours[0], theirs[0])
+        for mine, reference in zip(ours[1:-1], theirs[1:-1], strict=True):
+            assert_same(mine, reference)
+        for key, value in theirs[-1].items():
+            if key not in ("final_obs", "final_info", "_pseudo_period", "_pseudo_periods"):
+                assert_same(ours[-1][key], value)
+        if "final_obs" in theirs[-1]:
+            assert_same(ours[-1]["_final_obs"], theirs[-1]["_final_obs"])
+            done = theirs[-1]["_final_obs"]
+            for k in np.flatnonzero(done):
+                assert_same(ours[-1]["final_obs"][k], theirs[-1]["final_obs"][k])
+                assert_same(lane(ours[-1]["final_info"], k), lane(theirs[-1]["final_info"], k))
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+@pytest.mark.parametrize("mode", ["passive", "swingup"])
+def test_threads_and_tiles_change_no_bit(mode, threads):
+    count = 150  # two tiles and a part
+    alone = make_vec(count, n=2, mode=mode, max_episode_steps=20)
+    shared = make_vec(count, n=2, mode=mode, max_episode_steps=20, threads=threads)
+    small = make_vec(3, n=2, mode=mode, max_episode_steps=20)
+    actions = actions_for(alone, 50)
+    everything = run(alone, actions)
+    assert_same(everything, run(shared, actions))
+    few = run(small, [action[:3] for action in actions])
+    for a, b in zip(everything, few, strict=True):
+        assert_same([lane(x, 1) for x in a], [lane(x, 1) for x in b])
+    shared.close()
+
+
+def test_next_step_resets_in_the_step_after_and_ignores_its_action():
+    env = make_vec(2, n=1, max_episode_steps=3)
+    env.reset(seed=0)
+    action = np.ones((2, 1), np.float32)
+    for _ in range(3):
+        _, _, terminated, truncated, info = env.step(action)
+    assert truncated.all()
+    assert not terminated.any()
+    assert (info["time"] > 0.1).all()
+    _, reward, _, truncated, info = env.step(action)
+    assert not truncated.any()
+    assert (reward == 0.0).all()
+    assert (info["time"] == 0.0).all()
+
+
+def test_same_step_gives_the_last_observation_and_info_of_those_that_are_done():
+    env = make_vec(2, n=2, mode="balance", autoreset_mode="SAME_STEP")
+    env.reset(seed=0, options={"theta": np.array([[np.pi, np.pi], [1.6, 1.6]])})
+    observation, _, terminated, _, info = env.step(np.zeros((2, 1), np.float32))
+    assert terminated.tolist() == [False, True]
+    assert info["_final_obs"].tolist() == info["_final_info"].tolist() == [False, True]
+    assert info["final_obs"][0] is None
+    assert info["final_obs"][1][0] == pytest.approx(1.6, abs=0.1)
+    assert observation[1][0] == pytest.approx(np.pi, abs=0.1) or observation[1][0] < -3.0
+    assert info["final_info"]["time"][1] == pytest.approx(0.02)
+    assert info["final_info"]["_time"].tolist() == [False, True]
+    assert info["time"][1] == 0.0
+
+
+def test_without_autoreset_a_done_lane_must_be_reset_by_mask():
+    env = make_vec(3, n=2, max_episode_steps=4, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    action = np.zeros((3, 1), np.float32)
+    for _ in range(4):
+        _, _, _, truncated, _ = env.step(action)
+    assert truncated.all()
+    with pytest.raises(RuntimeError, match="autoreset is disabled and lanes"):
+        env.step(action)
+    env.reset(options={"reset_mask": truncated})
+    env.step(action)
+
+
+def test_a_partial_reset_leaves_the_other_lanes_alone():
+    env = make_vec(3, n=2, mode="calm")
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(np.zeros((3, 1), np.float32))
+    before = env.step(np.zeros((3, 1), np.float32))
+    mask = np.array([False, True, False])
+    observation, info = env.reset(seed=[None, 5, None], options={"reset_mask": mask})
+    assert_same(observation[[0, 2]], before[0][[0, 2]])
+    assert info["_time"].tolist() == [False, True, False]
+    fresh, _ = gym.make("NPendulum-v0", n=2, mode="calm").reset(seed=5)
+    assert_same(observation[1], fresh)
+
+
+def test_options_have_a_leading_axis_or_are_numbers_for_all():
+    env = make_vec(2, n=3, mode="passive")
+    lengths = np.array([[1.0, 0.5, 0.25], [2.0, 1.0, 0.5]])
+    _, info = env.reset(
+        seed=0, options={"lengths": lengths, "gravity": np.array([9.0, 3.0]), "amplitude": 0.3}
+    )
+    for k in range(2):
+        single = gym.make("NPendulum-v0", n=3, mode="passive")
+        options = {"lengths": lengths[k], "gravity": [9.0, 3.0][k], "amplitude": 0.3}
+        _, alone = single.reset(seed=k, options=options)
+        for key in ("energy", "ideal_period", "theta", "tip_height"):
+            assert_same(info[key][k], alone[key])
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        (
+            {"theta": [0.1, 0.2]},
+            ValueError,
+            r"options\['theta'\] must be one number or .* \(3, 2\)",
+        ),
+        ({"speed": 1.0}, ValueError, "options must be among"),
+        ({"reset_mask": [True] * 3}, TypeError, r"options\['reset_mask'\] must be a bool array"),
+        ({"reset_mask": np.ones(2, bool)}, ValueError, r"must have the shape \(3,\)"),
+        ({"reset_mask": np.zeros(3, bool)}, ValueError, "be True somewhere"),
+    ],
+)
+def test_bad_options_are_refused_and_change_nothing(options, error, message):
+    env, twin = make_vec(3, n=2), make_vec(3, n=2)
+    env.reset(seed=1)
+    twin.reset(seed=1)
+    with pytest.raises(error, match=message):
+        env.reset(options=options)
+    assert_same(env.reset(), twin.reset())
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "message"),
+    [
+        (np.full((3, 1), np.nan), ValueError, "action must be finite"),
+        (np.zeros(3), ValueError, r"action must have the shape \(3, 1\), got \(3,\)"),
+        ([["a"], ["b"], ["c"]], TypeError, "action must hold real numbers"),
+    ],
+)
+def test_bad_actions_are_refused_and_change_no_lane(action, error, message):
+    env, twin = make_vec(3, n=2), make_vec(3, n=2)
+    env.reset(seed=1)
+    twin.reset(seed=1)
+    with pytest.raises(error, match=message):
+        env.step(action)
+    good = np.full((3, 1), 0.2, np.float32)
+    assert_same(env.step(good), twin.step(good))
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"num_envs": 0}, "num_envs must be between"),
+        ({"threads": 0}, "threads must be between"),
+        ({"autoreset_mode": "later"}, "autoreset_mode must be one of"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be at least"),
+    ],
+)
+def test_bad_keywords_are_refused_by_name(keywords, message):
+    from npend_gym.envs.vector import NPendulumVectorEnv
+
+    with pytest.raises(ValueError, match=message):
+        NPendulumVectorEnv(**{"num_envs": 2, **keywords})
+
+
+@pytest.mark.parametrize("seed", [-1, True, "a", [1, 2], 1.5])
+def test_bad_seeds_are_refused_by_name(seed):
+    with pytest.raises((ValueError, TypeError), match="seed must"):
+        make_vec(3).reset(seed=seed)
+
+
+def test_masks_of_the_pseudo_period_are_true_where_a_bob_has_completed():
+    env = make_vec(2, n=1, mode="passive")
+    env.reset(seed=0, options={"theta": np.array([[0.5], [0.0]])})
+    for _ in range(220):
+        info = env.step(np.zeros(2, np.int64))[-1]
+    assert info["_pseudo_period"].tolist() == info["_pseudo_periods"].tolist() == [True, False]
+    assert info["pseudo_period"][1] == 0.0
+    assert info["_time"].all()
+
+
+def test_one_diverged_lane_disturbs_no_other():
+    env, calm = make_vec(2, n=1, dt=0.05), make_vec(2, n=1, dt=0.05)
+    env.reset(seed=0, options={"omega": np.array([[0.1], [0.999e6]]), "gravity": 9.81})
+    calm.reset(seed=0, options={"omega": 0.1, "gravity": 9.81})
+    action = np.zeros((2, 1), np.float32)
+    seen = [(env.step(action), calm.step(action)) for _ in range(10)]
+    assert any(step[-1]["diverged"][1] for step, _ in seen)
+    for step, reference in seen:
+        assert np.isfinite(step[0]).all()
+        assert_same(step[0][0], reference[0][0])
+
+
+@pytest.mark.parametrize("copier", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_made_in_mid_episode_goes_on_bit_for_bit(copier):
+    env = make_vec(3, n=2, threads=2, max_episode_steps=15)
+    actions = actions_for(env, 40)
+    run(env, actions[:20])
+    twin = copier(env)
+    assert_same([env.step(a) for a in actions[20:]], [twin.step(a) for a in actions[20:]])
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_gymnasiums_worker_processes_can_run_it(context):
+    def make_one():
+        return gym.make("npend_gym:NPendulum-v0", n=2)
+
+    env = AsyncVectorEnv([make_one] * 2, context=context)
+    actions = actions_for(env, 5)
+    reference = make_vec(2, n=2)
+    for a, b in zip(run(env, actions), run(reference, actions), strict=True):
+        assert_same(a[0], b[0])
+    env.close()
+
+
+def test_every_lane_is_painted():
+    pytest.importorskip("pygame")
+    env = make_vec(3, n=2, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(np.zeros((3, 1), np.float32))
+    frames = env.render()
+    assert len(frames) == 3
+    assert frames[0].shape == (480, 480, 3)
+
+
+def test_spaces_are_batches_of_the_single_ones():
+    env = make_vec(4, n=3, observation="sincos", actuated=(0, 1))
+    assert env.single_observation_space.shape == (9,)
+    assert env.observation_space.shape == (4, 9)
+    assert env.action_space.shape == (4, 2)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    assert env.spec.id == "NPendulum-v0"
+    assert make_vec(4, mode="passive").action_space == gym.spaces.MultiDiscrete([1] * 4)
