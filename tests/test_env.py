@@ -436,6 +436,16 @@ def test_pictures_follow_the_chain():
     assert make(mode="swingup", n=2).metadata["render_fps"] == 20
 
 
+def test_frames_can_be_collected_by_gymnasiums_wrapper():
+    pytest.importorskip("pygame")
+    env = gym.wrappers.RenderCollection(make(mode="calm", n=2, render_mode="rgb_array"))
+    env.reset(seed=0)
+    env.step(np.zeros(1, np.float32))
+    frames = env.render()
+    assert len(frames) == 2
+    assert all(frame.shape == (480, 480, 3) for frame in frames)
+
+
 def test_rendering_without_a_render_mode_says_what_to_do():
     env = bare(n=2)
     env.reset(seed=0)

@@ -49,9 +49,9 @@ class Batch:
         self.action, self.active = self._lanes.action, self._lanes.active  # for the next step
         self.active[:] = 1
         self._ideal = np.empty(count)  # s
-        self._custom = np.zeros(count, np.bool_)  # lanes with a chain of their own
-        for lane in range(count):
-            self._set_chain(lane, config.chain)
+        self._chains: dict[int, Chain] = {}  # of lanes that have one of their own
+        for first in range(0, count, kernels.TILE):
+            self._set_chain(first, config.chain, min(kernels.TILE, count - first))
         self._scratch = [kernels.new_scratch(n, count) for _ in range(threads)]
         self._pool: ThreadPoolExecutor | None = None
         self._look_anew()
@@ -67,31 +67,20 @@ class Batch:
         """
         lanes, config = self._lanes, self.config
         n = config.chain.n
-        # all that can fail comes before anything is changed
-        chains = {k: self._episode_chain(k, options) for k in np.flatnonzero(mask).tolist()}
-        for k, chain in chains.items():
-            if chain is not config.chain or self._custom[k]:
-                self._set_chain(k, chain)
-                self._custom[k] = chain is not config.chain
-            amplitude = float(options["amplitude"][k]) if "amplitude" in options else None
-            theta, omega = config.mode.start(
+        chosen = np.flatnonzero(mask)
+        self._change_chains(chosen.tolist(), options)
+        amplitude = options.get("amplitude")
+        for k in chosen.tolist():
+            lanes.theta[k], lanes.omega[k] = config.mode.start(
                 self.rngs[k],
                 n,
-                config.amplitude if amplitude is None else amplitude,
+                config.amplitude if amplitude is None else float(amplitude[k]),
                 config.spread,
             )
-            lanes.theta[k] = options["theta"][k] if "theta" in options else theta
-            lanes.omega[k] = options["omega"][k] if "omega" in options else omega
-            side = positions(chain, lanes.theta[k])[:, 0]
-            row = slice(k * n, (k + 1) * n)
-            lanes.turns.orientation[row] = np.where(side < 0.0, -1.0, 1.0)
-            lanes.turns.period[row] = np.nan
-            lanes.turns.sign[row] = 0
-            lanes.turns.risen[row] = 0
-            lanes.turns.zero[row] = np.nan
-            length = float(chain.lengths.mean())
-            rate = np.sqrt(chain.gravity / length) or float(np.max(np.abs(lanes.omega[k])))
-            lanes.threshold[k] = COUNTED_SPEED * rate * length
+        for name, target in (("theta", lanes.theta), ("omega", lanes.omega)):
+            if name in options:
+                target[chosen] = options[name][chosen]
+        self._forget_turns(chosen)
         for array in (lanes.time, lanes.work_done, lanes.completed, lanes.diverged, lanes.action):
             array[mask] = 0
         if anew:
@@ -100,6 +89,40 @@ class Batch:
             self._floats, self._integers, mask.astype(np.int64), anew, n, self.observation,
             self._out, self._scratch[0],
         )  # fmt: skip
+
+    def _change_chains(self, chosen: list[int], options: Mapping[str, FloatArray]) -> None:
+        """Give the chosen lanes the chains of their new episode."""
+        if not self._chains and not options.keys() & set(CHAIN_OPTIONS):
+            return
+        # all that can fail comes before anything is changed
+        chains = {k: self._episode_chain(k, options) for k in chosen}
+        for k, chain in chains.items():
+            if chain is not self._chain_of(k):
+                self._set_chain(k, chain)
+            self._chains.pop(k, None)
+            if chain is not self.config.chain:
+                self._chains[k] = chain
+
+    def _chain_of(self, lane: int) -> Chain:
+        return self._chains.get(lane, self.config.chain)
+
+    def _forget_turns(self, chosen: NDArray[np.int64]) -> None:
+        """Begin to look for the turning points of the chosen lanes, from their new state."""
+        lanes, n = self._lanes, self.config.chain.n
+        turns = lanes.turns
+        side = positions(self.config.chain, lanes.theta[chosen])[..., 0]
+        speed = np.abs(lanes.omega[chosen]).max(axis=1)
+        threshold = _threshold(self.config.chain, speed)
+        for row, k in enumerate(chosen.tolist() if self._chains else ()):
+            chain = self._chain_of(k)
+            side[row] = positions(chain, lanes.theta[k])[:, 0]
+            threshold[row] = _threshold(chain, speed[row])
+        lanes.threshold[chosen] = threshold
+        turns.orientation.reshape(-1, n)[chosen] = np.where(side < 0.0, -1.0, 1.0)
+        turns.period.reshape(-1, n)[chosen] = np.nan
+        turns.zero.reshape(-1, n)[chosen] = np.nan
+        turns.sign.reshape(-1, n)[chosen] = 0
+        turns.risen.reshape(-1, n)[chosen] = 0
 
     def check_options(self, options: Mapping[str, Any] | None, *, single: bool) -> dict[str, Any]:
         """Return the reset options as arrays with a leading lane axis, or say what is wrong."""
@@ -136,25 +159,26 @@ class Batch:
         values["gravity"] = float(values["gravity"])
         return Chain(**values)
 
-    def _set_chain(self, lane: int, chain: Chain) -> None:
-        """Give `lane` the parameters of `chain`."""
+    def _set_chain(self, lane: int, chain: Chain, count: int = 1) -> None:
+        """Give `count` lanes from `lane` on, all of one tile, the parameters of `chain`."""
         first = lane - lane % kernels.TILE
         width = min(kernels.TILE, self.count - first)
+        some = slice(lane, lane + count)
 
         def put(target: FloatArray, values: FloatArray) -> None:
             rows = values.size
             tile = target[first * rows : (first + width) * rows].reshape(rows, width)
-            tile[:, lane - first] = values
+            tile[:, lane - first : lane - first + count] = values[:, None]
 
         for target, values in zip(self._lanes.rods, pack_rods(chain), strict=True):
             put(target, values)
         put(self._lanes.mass, chain.masses)
         put(self._lanes.carried, chain.carried_masses * chain.lengths)
-        self._lanes.per_unit[lane] = 1.0 / lifting_energy(chain)
-        self._lanes.per_reach[lane] = 1.0 / chain.total_length
-        self._lanes.lift_share[lane] = 0.5 / float(chain.lengths @ chain.carried_masses)
-        self._ideal[lane] = theory.ideal_period(chain) if chain.gravity > 0.0 else 0.0
-        self._only_ideal = float(self._ideal[lane])
+        self._lanes.per_unit[some] = 1.0 / lifting_energy(chain)
+        self._lanes.per_reach[some] = 1.0 / chain.total_length
+        self._lanes.lift_share[some] = 0.5 / float(chain.lengths @ chain.carried_masses)
+        self._ideal[some] = theory.ideal_period(chain) if chain.gravity > 0.0 else 0.0
+        self._only_ideal = float(self._ideal[0])
 
     # -- stepping ---------------------------------------------------------------------------
 
@@ -251,15 +275,7 @@ class Batch:
 
     def reach(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""
-        return 1.0 / float(self._lanes.per_reach[lane])
-
-    def _chain_of(self, lane: int) -> Chain:
-        first = lane - lane % kernels.TILE
-        width = min(kernels.TILE, self.count - first)
-        n = self.config.chain.n
-        rods = slice(first * n, (first + width) * n)
-        lengths = self._lanes.rods.length[rods].reshape(n, width)[:, lane - first]
-        return Chain(1.0, lengths)
+        return self._chain_of(lane).total_length
 
     def _look_anew(self) -> None:
         """Make new arrays for what is seen: those handed out before are not written again."""
@@ -283,3 +299,10 @@ class Batch:
             self._floats, self._integers, self.count, self.config.chain.n
         )
         self.action, self.active = self._lanes.action, self._lanes.active
+
+
+def _threshold(chain: Chain, speed: Any) -> Any:
+    """Return the speed [m/s] above which a bob's direction counts, as in `pseudo_periods`."""
+    length = float(chain.lengths.mean())
+    rate = np.sqrt(chain.gravity / length) if chain.gravity > 0.0 else speed
+    return COUNTED_SPEED * rate * length * np.ones_like(speed)

@@ -85,6 +85,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
     ) -> None:
+        self.closed = True  # until there is something to close
         config = make_config(
             n, mode, masses, lengths, gravity, damping, actuated, max_torque, dt, substeps,
             observation, amplitude, spread,
@@ -110,6 +111,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._seeds: list[int] = []
         self._steps = np.zeros(self.num_envs, np.int64)
         self._done: BoolArray | None = None  # None until the first reset
+        self.closed = False
 
     # -- Gymnasium's interface --------------------------------------------------------------
 
