@@ -23,7 +23,7 @@ from scipy.integrate import solve_ivp
 
 from npend_gym import Chain, simulate
 from npend_gym.physics.kernels.dynamics import accelerations, new_work, pack_rods
-from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
+from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step_of_one
 
 ROUNDS = 7
 
@@ -39,8 +39,7 @@ def repeat_rhs(theta, omega, torque, rods, work, alpha, times):
 def repeat_step(theta, omega, h, torque, rods, work, stages, times):
     """Take many RK4 steps."""
     for _ in range(times):
-        accelerations(theta, omega, torque, rods, work, stages[0], 1)
-        rk4_step(theta, omega, h, torque, rods, work, stages, 1)
+        rk4_step_of_one(theta, omega, h, torque, rods, work, stages)
 
 
 def mujoco_chain(n: int, dt: float = 0.01) -> tuple[mujoco.MjModel, mujoco.MjData]:

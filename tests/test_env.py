@@ -356,6 +356,26 @@ class Still(Mode):
         return seen.height > 0.9
 
 
+class Lazy(Still):
+    """A mode that returns one number for all, or a quantity as it is."""
+
+    def reward(self, seen):
+        return seen.tip
+
+    def failed(self, seen):  # noqa: ARG002
+        return True
+
+
+def test_a_mode_may_return_one_number_or_a_quantity_as_it_is():
+    vector = gym.make_vec("NPendulum-v0", num_envs=3, mode=Lazy(), autoreset_mode="SAME_STEP")
+    vector.reset(seed=0)
+    single = bare(mode=Lazy())
+    single.reset(seed=0)
+    _, reward, terminated, _, _ = vector.step(np.ones((3, 1)))
+    assert reward[0] == single.step(np.ones(1))[1]
+    assert terminated.tolist() == [True] * 3
+
+
 def test_a_user_can_pass_a_mode_of_their_own():
     env = make(mode=Still(), n=2)
     check_env(env.unwrapped, skip_render_check=True)

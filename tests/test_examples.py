@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -20,11 +22,6 @@ def run(*arguments, cwd):
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def in_readme(pattern):
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    return re.search(pattern, readme, re.DOTALL).groups()
 
 
 def test_passive_release_prints_the_known_periods_and_draws(tmp_path):
@@ -65,12 +62,17 @@ def test_environments_reproduce_the_papers_periods_and_draw(tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
-def test_code_of_the_readme_prints_what_the_readme_shows(tmp_path):
-    code, output = in_readme(r"```python\n(.*?)```\n\n```text\n(.*?)```")
+@pytest.mark.parametrize("block", [0, 1])
+def test_code_of_the_readme_prints_what_the_readme_shows(block, tmp_path):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", readme, re.DOTALL)
+    assert len(blocks) == 2
+    code, output = blocks[block]
     (tmp_path / "code.py").write_text(code, encoding="utf-8")
     assert run("code.py", cwd=tmp_path) == output
 
 
 def test_table_of_the_readme_is_what_the_command_prints(tmp_path):
-    (shown,) = in_readme(r"```console\n\$ npend release\n(.*?)```")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = re.search(r"```console\n\$ npend release\n(.*?)```", readme, re.DOTALL)[1]
     assert run("-m", "npend_gym", "release", cwd=tmp_path) == shown

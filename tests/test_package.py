@@ -12,6 +12,7 @@ import pytest
 
 import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym.physics.kernels.jit import cache_folder
 
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
@@ -39,6 +40,23 @@ def test_every_public_name_is_there():
         npend_gym.simulat  # noqa: B018
 
 
+def test_machine_code_is_kept_apart_for_every_state_of_the_sources(tmp_path):
+    (tmp_path / "a.py").write_text("TILE = 16")
+    (tmp_path / "b.py").write_text("from a import TILE")
+    before = cache_folder(tmp_path, "")
+    assert before.parent == tmp_path / "__pycache__"
+    assert cache_folder(tmp_path, "") == before
+    (tmp_path / "a.py").write_text("TILE = 32")
+    assert cache_folder(tmp_path, "") != before
+    assert cache_folder(tmp_path, "/elsewhere").parent == Path("/elsewhere")
+
+
+def test_a_read_only_installation_compiles_into_the_users_cache(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda *_: False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert cache_folder(tmp_path, "").parent == tmp_path / "cache"
+
+
 def fingerprint():
     """Return a digest of every bit of some motions: both methods, events, torque, damping."""
     chain = Chain(np.linspace(1.0, 2.0, 7), np.linspace(1.0, 0.5, 7), damping=0.01)
@@ -60,7 +78,7 @@ def fingerprint():
     return digest.hexdigest()
 
 
-GOLDEN = "3dae9bbbc0deb981516e24bc4c7ef5a10bf715d9bad3617004513282a49ea1dc"
+GOLDEN = "2deeb4d53b8de99f2ebdd3e2c8a7cb9f2cbbacd71549e96ab0d6c9f02af87f06"
 
 
 def test_results_are_the_same_bits_on_every_machine():

@@ -184,10 +184,15 @@ class Batch:
 
     def step(self) -> None:
         """Advance the lanes that are `active` by one step under `action`, which is clipped."""
-        self._look_anew()
-        if self.threads == 1:
-            self._advance(0, self.count, self._scratch[0])
+        if self.threads == 1:  # without the calls below, which a single environment would feel
+            self.observation = np.empty(self._sizes[0], np.float32)
+            self._out = np.empty(self._sizes[1])
+            advance(
+                self._floats, self._integers, *self._fixed, 0, self.count, self.observation,
+                self._out, self._scratch[0],
+            )  # fmt: skip
             return
+        self._look_anew()
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, "npend_gym")
         jobs = [

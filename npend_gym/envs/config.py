@@ -21,9 +21,9 @@ OBSERVATIONS = ("angles", "sincos")
 MAX_SUBSTEPS = 100_000
 
 # Substeps are so short that in each the fastest normal mode turns by no more than this [rad], and
-# damping decays by no more than this. A free release is measured: its turning points come out
-# within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
-_PHASE_FREE, _PHASE_DRIVEN = 1.0 / 16.0, 1.0 / 5.0
+# damping decays by no more than this. Turning points of a release then come out within 1e-6 s of
+# the adaptive method's for the paper's chains up to N = 20.
+_PHASE = 1.0 / 16.0
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,7 @@ def make_config(
     step = kind.dt if dt is None else _checks.positive_number("dt", dt)
     if substeps is None:
         phase = step * _fastest_rate(chain)
-        largest = _PHASE_DRIVEN if joints.size else _PHASE_FREE
-        pieces = max(1, min(MAX_SUBSTEPS, math.ceil(phase / largest)))
+        pieces = max(1, min(MAX_SUBSTEPS, math.ceil(phase / _PHASE)))
     else:
         pieces = _checks.count("substeps", substeps, high=MAX_SUBSTEPS)
     return Config(

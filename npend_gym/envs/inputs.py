@@ -63,10 +63,10 @@ def clean_action(given: Any, target: FloatArray, *, single: bool) -> None:
     action must be 0.
     """
     lanes, joints = target.shape
-    if joints == 1 and single and type(given) is np.ndarray and given.shape == (1,):
-        share = given.item() if given.dtype.kind == "f" else math.nan
-        if math.isfinite(share):  # the common case, quickly; others come by below
-            target[0, 0] = share
+    if single and type(given) is np.ndarray and given.dtype == np.float32 and given.size == 1:
+        share = given.item()
+        if joints == 1 and given.ndim == 1 and math.isfinite(share):
+            target[0, 0] = share  # the common case, quickly; all others come by below
             return
     raw = np.asarray(given)
     if raw.dtype.kind not in ("iu" if joints == 0 else "iuf"):

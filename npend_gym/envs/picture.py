@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
-from npend_gym.envs.batch import Batch
+from npend_gym.envs.batch import Batch, BoolArray
 
 RENDER_MODES = ("human", "rgb_array")
 _TRACE_LENGTH = 150  # frames
@@ -32,9 +32,10 @@ class Camera:
         """Whether pictures are wanted at all."""
         return self.mode is not None
 
-    def forget(self, lane: int) -> None:
-        """Drop the trace of a lane, whose episode ends."""
-        self._traces.pop(lane, None)
+    def forget(self, lanes: BoolArray) -> None:
+        """Drop the traces of lanes (B,) whose episode has ended."""
+        for lane in np.flatnonzero(lanes).tolist() if self._traces else ():
+            self._traces.pop(lane, None)
 
     def follow(self, batch: Batch) -> None:
         """Add the tips' places to the traces and, in "human" mode, show the picture."""

@@ -114,7 +114,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Time of a step [s].
     substeps : int, optional
         Runge-Kutta steps a step; by default so many that the fastest normal mode turns by at most
-        1/16 rad in each ("passive"), 1/5 rad else.
+        1/16 rad in each. A chain whirled round much faster than it swings wants more: watch
+        ``info["energy_error"]``.
     observation : {"angles", "sincos"}
     amplitude, spread : float
         Of the release [rad].
@@ -190,7 +191,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._batch.rngs = [self.np_random]
         self._batch.start(_THE_LANE, checked)
         self._started = True
-        self.camera.forget(0)
+        self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
             self.camera.follow(self._batch)
         return self._batch.observation[0], self._batch.only_lane()[1]

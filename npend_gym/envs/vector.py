@@ -151,8 +151,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._steps[mask] = 0
         done = np.zeros(self.num_envs, np.bool_) if self._done is None else self._done & ~mask
         self._done = done
-        for lane in np.flatnonzero(mask).tolist():
-            self.camera.forget(lane)
+        self.camera.forget(mask)
         return self._batch.observation, self._info(mask)
 
     def step(self, actions: Any) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, Info]:
@@ -184,12 +183,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if some_wait:  # autoreset of NEXT_STEP
             batch.start(waiting, {}, anew=False)
             self._steps[waiting] = 0
+            self.camera.forget(waiting)
         quantities = batch.quantities()
-        reward = self.config.mode.reward(quantities)
-        terminated = self.config.mode.failed(quantities)
+        # new arrays, even where a mode returns one number, or one of the quantities as it is
+        reward, terminated = np.empty(self.num_envs), np.empty(self.num_envs, np.bool_)
+        reward[:] = self.config.mode.reward(quantities)
+        terminated[:] = self.config.mode.failed(quantities)
         if some_wait:
-            reward = np.where(waiting, 0.0, reward)
-            terminated = terminated & ~waiting
+            reward[waiting], terminated[waiting] = 0.0, False
         truncated = batch.diverged
         if self.max_episode_steps is not None:
             truncated |= self._steps >= self.max_episode_steps
@@ -208,7 +209,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         finals = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(done).tolist():
             finals[lane] = observation[lane].copy()
-            self.camera.forget(lane)
+        self.camera.forget(done)
         final_info: Info = {
             key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
             for key, value in last.items()

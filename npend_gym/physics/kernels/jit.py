@@ -1,29 +1,44 @@
-"""The one decorator of all compiled functions, and the flags it stands for."""
+"""The decorators of all compiled functions, their flags, and where the machine code is kept."""
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Callable
 from contextlib import suppress
-from os import utime
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
-def _refresh_stamps(folder: Path) -> None:
-    """Give every kernel file the age of the newest.
+def sources_digest(folder: Path) -> str:
+    """Return a digest of all sources in `folder`."""
+    digest = sha256()
+    for file in sorted(folder.glob("*.py")):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
 
-    Numba's disk cache looks at the age of the file that a function stands in, not at the files of
-    the functions that it calls: without this, an edit in one kernel file would leave stale
-    machine code of another in use.
+
+def cache_folder(folder: Path, chosen: str) -> Path:
+    """Return where the machine code made from the sources in `folder` is kept.
+
+    Numba looks at the file that a function stands in, not at the files of the functions that it
+    calls: an edit or an upgrade of one kernel file would leave stale machine code of another in
+    use. Each state of the sources therefore has a folder of its own: in the one that was `chosen`
+    (NUMBA_CACHE_DIR), else beside the sources, else, where these are read-only, in the user's
+    cache.
     """
-    files = list(folder.glob("*.py"))
-    newest = max(file.stat().st_mtime_ns for file in files)
-    for file in files:
-        if file.stat().st_mtime_ns != newest:
-            with suppress(OSError):  # a read-only installation is not being edited
-                utime(file, ns=(newest, newest))
+    if chosen:
+        base = Path(chosen)
+    elif os.access(folder, os.W_OK):
+        base = folder / "__pycache__"
+    else:
+        base = Path(tempfile.gettempdir())
+        with suppress(RuntimeError):  # there is no home
+            base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / f"npend_gym-{sources_digest(folder)}"
 
 
 if TYPE_CHECKING:
@@ -37,14 +52,25 @@ if TYPE_CHECKING:
         return function
 
 else:
-    import numba
+    from numba import config, njit
 
-    _refresh_stamps(Path(__file__).parent)
+    _FOLDER = cache_folder(Path(__file__).parent, config.CACHE_DIR)
 
-    # cache: compiled once per machine, not per process.
-    # nogil: other Python threads run on while a kernel does.
-    # error_model: 1/0 is inf as in C, without the branch that stops vectorisation.
-    # fastmath stays off: it reorders sums, and the bits would depend on the machine.
-    kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
-    # for the innermost function: passing its many arrays takes a tenth of its time at n = 5
-    inlined_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+    def _compiled(function, **flags):
+        before, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)  # read when decorating
+        try:
+            # cache: compiled once per machine, not per process.
+            # nogil: other Python threads run on while a kernel does.
+            # error_model: 1/0 is inf as in C, without the branch that stops vectorisation.
+            # fastmath stays off: it reorders sums, and the bits would depend on the machine.
+            return njit(cache=True, nogil=True, error_model="numpy", **flags)(function)
+        finally:
+            config.CACHE_DIR = before
+
+    def kernel(function):
+        """Compile `function` with Numba."""
+        return _compiled(function)
+
+    def inlined_kernel(function):
+        """Compile `function` as a part of its callers: passing many arrays takes tens of ns."""
+        return _compiled(function, forceinline=True)

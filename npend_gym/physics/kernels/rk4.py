@@ -50,6 +50,16 @@ def rk4_step(
 
 
 @kernel
+def rk4_step_of_one(
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
+    work: FloatArray, stages: FloatArray,
+) -> None:  # fmt: skip
+    """Advance one chain by one step, from `accelerations` on; LLVM knows that it is one."""
+    accelerations(theta, omega, torque, rods, work, stages[0][: theta.size], 1)
+    rk4_step(theta, omega, h, torque, rods, work, stages, 1)
+
+
+@kernel
 def rk4_frames(
     y: FloatArray,
     times: FloatArray,
@@ -71,8 +81,7 @@ def rk4_frames(
         interval: float = times[k] - times[k - 1]
         steps = max(1, math.ceil(interval / dt - 1e-9))
         for _ in range(steps):
-            accelerations(theta, omega, torque, rods, work, stages[0], 1)
-            rk4_step(theta, omega, interval / steps, torque, rods, work, stages, 1)
+            rk4_step_of_one(theta, omega, interval / steps, torque, rods, work, stages)
         total = 0.0
         for i in range(y.size):
             total += y[i]

@@ -41,7 +41,7 @@ from npend_gym.physics.kernels.lanes import (
     observe_tile,
     seen_of,
 )  # fmt: skip
-from npend_gym.physics.kernels.rk4 import rk4_step
+from npend_gym.physics.kernels.rk4 import rk4_step, rk4_step_of_one
 from npend_gym.physics.kernels.sincos import MAX_ANGLE, sincos
 from npend_gym.physics.kernels.turning import BOB, Turns, count_sign
 
@@ -359,14 +359,17 @@ def advance(
         for lane in range(first, first + lanes):
             pending = pending or all_lanes.completed[lane] < n
         for substep in range(substeps):
-            accelerations(theta, omega, torque, rods, work, stages[0][:end], lanes)
             if pending:
                 copy(velocity, scratch[VALUE_0])
                 copy(theta, scratch[THETA_0])
                 copy(omega, scratch[OMEGA_0])
             if damped:
                 _add_damping_work(omega, rods.damping, h / 6.0, lanes, damping_work)
-            rk4_step(theta, omega, h, torque, rods, work, stages, lanes)
+            if lanes == 1:
+                rk4_step_of_one(theta, omega, h, torque, rods, work, stages)
+            else:
+                accelerations(theta, omega, torque, rods, work, stages[0][:end], lanes)
+                rk4_step(theta, omega, h, torque, rods, work, stages, lanes)
             if damped:
                 _add_damping_work(stages[4][:end], rods.damping, h / 3.0, lanes, damping_work)
                 _add_damping_work(stages[5][:end], rods.damping, h / 3.0, lanes, damping_work)
