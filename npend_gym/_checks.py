@@ -39,14 +39,19 @@ def array(name: str, value: Any) -> FloatArray:
     return out
 
 
+def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Return `value`, one number or an array of `shape`, as a new array of `shape`."""
+    out = array(name, value)
+    if out.shape not in ((), shape):
+        raise ValueError(
+            f"{name} must be one number or an array of shape {shape}, got shape {out.shape}"
+        )
+    return np.broadcast_to(out, shape).copy()
+
+
 def vector(name: str, value: Any, n: int) -> FloatArray:
     """Return `value` as an array of shape (n,); one number stands for all rods."""
-    out = array(name, value)
-    if out.shape not in ((), (n,)):
-        raise ValueError(
-            f"{name} must be one number or an array of shape ({n},), got shape {out.shape}"
-        )
-    return np.broadcast_to(out, (n,)).copy()
+    return broadcast(name, value, (n,))
 
 
 def at_least_zero(name: str, value: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.envs.config import Config, broadcast
+from npend_gym.envs.config import Config
 from npend_gym.envs.modes import Quantities, lifting_energy
 from npend_gym.period import COUNTED_SPEED
 from npend_gym.physics.energy import positions
@@ -138,7 +138,7 @@ class Batch:
         for name, value in given.items():
             shape = () if name in ("amplitude", "gravity") else (n,)
             full = shape if single else (self.count, *shape)
-            checked[name] = broadcast(f"options[{name!r}]", value, full)
+            checked[name] = _checks.broadcast(f"options[{name!r}]", value, full)
             limit = _LIMITS.get(name, np.inf)
             if np.any(np.abs(checked[name]) > limit):
                 raise ValueError(

@@ -12,7 +12,6 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks, theory
-from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
 from npend_gym.envs.modes import MODES, Mode, lifting_energy
 from npend_gym.physics.kernels.lanes import MAX_SPEED
@@ -134,13 +133,3 @@ def _joints(actuated: Any, n: int) -> NDArray[np.int64]:
             f"actuated must name at least one joint, and each once, got {_checks.show(listed)}"
         )
     return np.array(joints, np.int64)
-
-
-def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return `value`, one number or an array of `shape`, as an array of `shape`."""
-    out = _checks.array(name, value)
-    if out.shape not in ((), shape):
-        raise ValueError(
-            f"{name} must be one number or an array of shape {shape}, got shape {out.shape}"
-        )
-    return np.broadcast_to(out, shape).copy()

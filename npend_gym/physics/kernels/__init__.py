@@ -1,5 +1,9 @@
 """All compiled code. Arrays in, arrays out: no checks, no exceptions, no allocation in loops.
 
+sincos, dynamics (the equations), rk4 and dop853 (steps) build on each other; turning and listing
+measure a release; lanes and stepping serve the environments. Many chains ("lanes") are worked on
+at once with the lane innermost: entry i lanes + k of a flat array belongs to rod i of lane k.
+
 Joint j lies between rod j-1 and rod j, joint 0 at the pivot.
 
 Symbols, the paper's where it has them (S. Charles 2019, its rods 1..N are 0..n-1 here)::
