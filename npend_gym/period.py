@@ -18,7 +18,7 @@ from npend_gym.physics.simulate import IntegrationError, check_rtol, simulate
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
 
-COUNTED_SPEED = 1e-6  # of sqrt(g/l): below it a sign is rounding noise
+_COUNTED_SHARE = 1e-6  # of sqrt(g/l): below it a sign is rounding noise
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 _RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
@@ -135,9 +135,17 @@ def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> fl
     """Return the size [rad/s, m/s or m] above which the sign of a signal counts."""
     if reading == HEIGHT:
         return _HEIGHT_TOLERANCE * rtol * chain.total_length
-    length = float(chain.lengths.mean())
-    rate = np.sqrt(chain.gravity / length) or float(np.max(np.abs(omega)))
-    return COUNTED_SPEED * rate * (length if reading == BOB else 1.0)
+    rate = float(counted_speed(chain, np.max(np.abs(omega))))
+    return rate * float(chain.lengths.mean()) if reading == BOB else rate
+
+
+def counted_speed(chain: Chain, fastest: ArrayLike) -> FloatArray:
+    """Return the angular velocity [rad/s] above which a sign counts, shaped like `fastest`.
+
+    `fastest` is the largest |omega| at the release, which sets the scale without gravity.
+    """
+    natural = np.sqrt(chain.gravity / float(chain.lengths.mean()))
+    return _COUNTED_SHARE * np.where(natural > 0.0, natural, fastest)
 
 
 def _listing(

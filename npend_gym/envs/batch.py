@@ -15,7 +15,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs.config import Config
 from npend_gym.envs.modes import Quantities, lifting_energy
-from npend_gym.period import COUNTED_SPEED
+from npend_gym.period import counted_speed
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels import lanes as kernels
 from npend_gym.physics.kernels.dynamics import pack_rods
@@ -112,11 +112,11 @@ class Batch:
         turns = lanes.turns
         side = positions(self.config.chain, lanes.theta[chosen])[..., 0]
         speed = np.abs(lanes.omega[chosen]).max(axis=1)
-        threshold = _threshold(self.config.chain, speed)
+        threshold = _counted_velocity(self.config.chain, speed)
         for row, k in enumerate(chosen.tolist() if self._chains else ()):
             chain = self._chain_of(k)
             side[row] = positions(chain, lanes.theta[k])[:, 0]
-            threshold[row] = _threshold(chain, speed[row])
+            threshold[row] = _counted_velocity(chain, speed[row])
         lanes.threshold[chosen] = threshold
         turns.orientation.reshape(-1, n)[chosen] = np.where(side < 0.0, -1.0, 1.0)
         turns.period.reshape(-1, n)[chosen] = np.nan
@@ -306,8 +306,6 @@ class Batch:
         self.action, self.active = self._lanes.action, self._lanes.active
 
 
-def _threshold(chain: Chain, speed: Any) -> Any:
-    """Return the speed [m/s] above which a bob's direction counts, as in `pseudo_periods`."""
-    length = float(chain.lengths.mean())
-    rate = np.sqrt(chain.gravity / length) if chain.gravity > 0.0 else speed
-    return COUNTED_SPEED * rate * length * np.ones_like(speed)
+def _counted_velocity(chain: Chain, fastest: FloatArray) -> FloatArray:
+    """Return the speed of a bob [m/s] above which its direction counts."""
+    return counted_speed(chain, fastest) * float(chain.lengths.mean())

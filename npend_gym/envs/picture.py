@@ -27,11 +27,6 @@ class Camera:
         self._painter = None if render_mode is None else render.Painter()
         self._window = render.Window() if render_mode == "human" else None
 
-    @property
-    def on(self) -> bool:
-        """Whether pictures are wanted at all."""
-        return self.mode is not None
-
     def forget(self, lanes: BoolArray) -> None:
         """Drop the traces of lanes (B,) whose episode has ended."""
         for lane in np.flatnonzero(lanes).tolist() if self._traces else ():

@@ -196,7 +196,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             truncated |= self._steps >= self.max_episode_steps
         done = self._done = terminated | truncated
         info = self._after_step(done) if done.any() else self._info()
-        if self.camera.on:
+        if self.render_mode is not None:
             self.camera.follow(batch)
         return batch.observation, reward, terminated, truncated, info
 

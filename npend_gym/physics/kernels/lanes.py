@@ -130,6 +130,30 @@ def load(source: FloatArray, first: int, lanes: int, target: FloatArray) -> None
 
 
 @kernel
+def unload(source: FloatArray, first: int, lanes: int, target: FloatArray) -> None:
+    """Bring a row of the tile back into its lanes of `target` (B, n)."""
+    for k in range(lanes):
+        row = target[first + k]
+        for i in range(row.size):
+            row[i] = source[i * lanes + k]
+
+
+@kernel
+def bob_velocities(
+    theta: FloatArray, omega: FloatArray, length: FloatArray, lanes: int, s: FloatArray,
+    c: FloatArray, value: FloatArray,
+) -> None:  # fmt: skip
+    """Write sines, cosines and the horizontal velocity of every bob."""
+    for j in range(theta.size):
+        s[j], c[j] = sincos(theta[j])
+    for j in range(theta.size):
+        value[j] = length[j] * (omega[j] * c[j])
+    below = value[lanes:]
+    for j in range(below.size):
+        below[j] += value[j]
+
+
+@kernel
 def observe_tile(
     first: int, lanes: int, n: int, scratch: FloatArray, observation: NDArray[np.float32]
 ) -> None:
@@ -221,6 +245,7 @@ def describe(
     count = starting.size
     all_lanes, seen = lanes_of(floats, integers, count, n), seen_of(observation, out, count, n)
     theta, omega, s, c = scratch[THETA], scratch[OMEGA], scratch[SIN], scratch[COS]
+    velocity = scratch[VALUE_1]
     for first in range(0, count, TILE):
         lanes = min(TILE, count - first)
         some = everything
@@ -229,16 +254,11 @@ def describe(
                 some = True
                 seen.scalars[EFFORT, lane] = 0.0
         if some:
+            end = n * lanes
             load(all_lanes.theta, first, lanes, theta)
             load(all_lanes.omega, first, lanes, omega)
-            for j in range(n * lanes):
-                s[j], c[j] = sincos(theta[j])
+            length = all_lanes.rods.length[first * n :]
+            bob_velocities(theta[:end], omega[:end], length, lanes, s, c, velocity[:end])
+            unload(velocity, first, lanes, all_lanes.velocity)
             describe_tile(all_lanes, starting, True, first, lanes, scratch, seen)
             observe_tile(first, lanes, n, scratch, observation)
-            for k in range(lanes):
-                v = 0.0
-                for i in range(n):
-                    j = i * lanes + k
-                    length = all_lanes.rods.length[first * n + j]
-                    v += length * (omega[j] * c[j])
-                    all_lanes.velocity[first + k, i] = v

@@ -35,11 +35,13 @@ from npend_gym.physics.kernels.lanes import (
     VALUE_1,
     WORK,
     Lanes,
+    bob_velocities,
     describe_tile,
     lanes_of,
     load,
     observe_tile,
     seen_of,
+    unload,
 )  # fmt: skip
 from npend_gym.physics.kernels.rk4 import rk4_step, rk4_step_of_one
 from npend_gym.physics.kernels.sincos import MAX_ANGLE, sincos
@@ -58,21 +60,6 @@ def _tile_rods(rods: Rods, n: int, first: int, last: int) -> Rods:
         rods.damping[first * n : last * n],
         rods.gravity[first:last],
     )
-
-
-@kernel
-def _bob_velocities(
-    theta: FloatArray, omega: FloatArray, length: FloatArray, lanes: int, s: FloatArray,
-    c: FloatArray, value: FloatArray,
-) -> None:  # fmt: skip
-    """Write sines, cosines and the horizontal velocity of every bob."""
-    for j in range(theta.size):
-        s[j], c[j] = sincos(theta[j])
-    for j in range(theta.size):
-        value[j] = length[j] * (omega[j] * c[j])
-    below = value[lanes:]
-    for j in range(below.size):
-        below[j] += value[j]
 
 
 @kernel
@@ -226,13 +213,14 @@ def _restore_unsound(all_lanes: Lanes, first: int, lanes: int, scratch: FloatArr
             continue
         if all_lanes.active[lane] == 1:
             all_lanes.diverged[lane] = 1
-        velocity = 0.0
         for i in range(n):
             j = i * lanes + k
             theta[j], omega[j] = all_lanes.theta[lane, i], all_lanes.omega[lane, i]
-            scratch[SIN, j], scratch[COS, j] = sincos(theta[j])
-            velocity += all_lanes.rods.length[first * n + j] * (omega[j] * scratch[COS, j])
-            scratch[VALUE_1, j] = velocity
+    end = n * lanes
+    bob_velocities(
+        theta[:end], omega[:end], all_lanes.rods.length[first * n :], lanes, scratch[SIN],
+        scratch[COS], scratch[VALUE_1][:end],
+    )  # fmt: skip
 
 
 @inlined_kernel
@@ -264,17 +252,9 @@ def _store_tile(
                 work += torque[i * lanes + k] * turned
             all_lanes.work_done[lane] += work
             all_lanes.time[lane] += dt
-    _unload(theta, first, lanes, all_lanes.theta)
-    _unload(omega, first, lanes, all_lanes.omega)
-    _unload(velocity, first, lanes, all_lanes.velocity)
-
-
-@kernel
-def _unload(source: FloatArray, first: int, lanes: int, target: FloatArray) -> None:
-    for k in range(lanes):
-        row = target[first + k]
-        for i in range(row.size):
-            row[i] = source[i * lanes + k]
+    unload(theta, first, lanes, all_lanes.theta)
+    unload(omega, first, lanes, all_lanes.omega)
+    unload(velocity, first, lanes, all_lanes.velocity)
 
 
 @inlined_kernel
@@ -375,7 +355,7 @@ def advance(
                 _add_damping_work(stages[5][:end], rods.damping, h / 3.0, lanes, damping_work)
                 _add_damping_work(stages[6][:end], rods.damping, h / 6.0, lanes, damping_work)
             if pending or substep == substeps - 1:
-                _bob_velocities(theta, omega, rods.length, lanes, s, c, velocity)
+                bob_velocities(theta, omega, rods.length, lanes, s, c, velocity)
             if pending:
                 pending = _turn_tile(
                     all_lanes, first, lanes, substep * h, h, careful, rods, scratch
