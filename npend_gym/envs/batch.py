@@ -20,14 +20,21 @@ from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels import lanes as kernels
 from npend_gym.physics.kernels.dynamics import pack_rods
 from npend_gym.physics.kernels.sincos import MAX_ANGLE
-from npend_gym.physics.kernels.stepping import advance
+from npend_gym.physics.kernels.stepping import advance_many, advance_one
 
 BoolArray = NDArray[np.bool_]
 
 CHAIN_OPTIONS = ("masses", "lengths", "gravity", "damping")
 START_OPTIONS = ("theta", "omega", "amplitude")
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": kernels.MAX_SPEED}
-_SCALARS = kernels.SCALARS
+_SCALARS = kernels.SEEN_ROWS
+_BEGUN = [
+    [kernels.TIME], [kernels.WORK_DONE], [kernels.COMPLETED], [kernels.EFFORT], [kernels.DIVERGED]
+]  # fmt: skip
+_UNKNOWN = (
+    (kernels.PERIOD, np.nan), (kernels.ZERO, np.nan), (kernels.SIGN, 0.0), (kernels.RISEN, 0.0)
+)  # fmt: skip
+_VIEWS = ("_rows", "_rods", "action", "active", "_theta", "_omega")
 
 
 class Batch:
@@ -40,21 +47,44 @@ class Batch:
         self.config, self.count, self.threads = config, count, threads
         n = config.chain.n
         self.rngs: list[np.random.Generator] = []
-        self._fixed = (config.max_torque, config.dt, config.substeps, count, n)
-        floats, integers, seen = kernels.memory_sizes(count, n, config.joints.size)
-        self._sizes = ((count, (3 if config.with_sines else 2) * n), seen)
-        self._floats, self._integers = np.zeros(floats), np.zeros(integers, np.int64)
-        self._lanes = kernels.lanes_of(self._floats, self._integers, count, n)
-        self._lanes.joints[:] = config.joints
-        self.action, self.active = self._lanes.action, self._lanes.active  # for the next step
-        self.active[:] = 1
+        self._width = kernels.group_width(count)
+        self._groups = -(-count // self._width)
+        lanes = self._groups * self._width  # the last group is filled up
+        floats, seen = kernels.memory_sizes(lanes, n, config.joints.size)
+        self._sizes = ((lanes, (3 if config.with_sines else 2) * n), seen)
+        self._floats = np.zeros(floats)
+        self._name_parts()
+        self._advance, self._describe = (
+            (advance_one, kernels.describe_one)
+            if count == 1
+            else (advance_many, kernels.describe_many)
+        )
+        self._fixed = (
+            config.joints, config.max_torque, config.dt, config.substeps, self._groups, n,
+        )  # fmt: skip
         self._ideal = np.empty(count)  # s
         self._chains: dict[int, Chain] = {}  # of lanes that have one of their own
-        for first in range(0, count, kernels.TILE):
-            self._set_chain(first, config.chain, min(kernels.TILE, count - first))
-        self._scratch = [kernels.new_scratch(n, count) for _ in range(threads)]
+        self._set_chain(np.arange(lanes), config.chain)
+        self.active[:] = 1.0
+        self._scratch = [kernels.new_scratch(n, self._width) for _ in range(threads)]
         self._pool: ThreadPoolExecutor | None = None
         self._look_anew()
+
+    def _name_parts(self) -> None:
+        """Make the views of the memory: a row for every lane, and rows for the rods of groups."""
+        n, count = self.config.chain.n, self.count
+        lanes = self._groups * self._width
+        first, last = kernels.LANE_ROWS * lanes, self._floats.size - lanes * self.config.joints.size
+        self._rows = self._floats[:first].reshape(-1, lanes)[:, :count]
+        self._rods = self._floats[first:last].reshape(self._groups, -1, self._width)
+        self.action = self._floats[last:].reshape(lanes, -1)[:count]  # of the next step
+        self.active = self._rows[kernels.ACTIVE]  # 1.0 where the next step is to be taken
+        self._theta, self._omega = self._per_rod(kernels.THETA), self._per_rod(kernels.OMEGA)
+
+    def _per_rod(self, field: int, extra: int = 0) -> FloatArray:
+        """Return the rows of a field of every group, (groups, width, n)."""
+        n = self.config.chain.n
+        return self._rods[:, field * n : (field + 1) * n + extra].swapaxes(1, 2)
 
     # -- starting ---------------------------------------------------------------------------
 
@@ -65,30 +95,32 @@ class Batch:
 
         What is seen goes to new arrays, or, not `anew`, to those of the last step.
         """
-        lanes, config = self._lanes, self.config
-        n = config.chain.n
+        config, n = self.config, self.config.chain.n
         chosen = np.flatnonzero(mask)
+        place = divmod(chosen, self._width)
         self._change_chains(chosen.tolist(), options)
         amplitude = options.get("amplitude")
         for k in chosen.tolist():
-            lanes.theta[k], lanes.omega[k] = config.mode.start(
+            at = divmod(k, self._width)
+            self._theta[at], self._omega[at] = config.mode.start(
                 self.rngs[k],
                 n,
                 config.amplitude if amplitude is None else float(amplitude[k]),
                 config.spread,
             )
-        for name, target in (("theta", lanes.theta), ("omega", lanes.omega)):
+        for name, target in (("theta", self._theta), ("omega", self._omega)):
             if name in options:
-                target[chosen] = options[name][chosen]
+                target[place] = options[name][chosen]
         self._forget_turns(chosen)
-        for array in (lanes.time, lanes.work_done, lanes.completed, lanes.diverged, lanes.action):
-            array[mask] = 0
+        self._rows[_BEGUN, chosen] = 0.0
+        self.action[mask] = 0.0
+        self._rows[kernels.STARTING] = mask
         if anew:
             self._look_anew()
-        kernels.describe(
-            self._floats, self._integers, mask.astype(np.int64), anew, n, self.observation,
-            self._out, self._scratch[0],
-        )  # fmt: skip
+        self._describe(
+            self._floats, anew, self._groups, n, self._seen, self._out, self._scratch[0]
+        )
+        self._rows[kernels.STARTING] = 0.0
 
     def _change_chains(self, chosen: list[int], options: Mapping[str, FloatArray]) -> None:
         """Give the chosen lanes the chains of their new episode."""
@@ -98,7 +130,7 @@ class Batch:
         chains = {k: self._episode_chain(k, options) for k in chosen}
         for k, chain in chains.items():
             if chain is not self._chain_of(k):
-                self._set_chain(k, chain)
+                self._set_chain(np.array([k]), chain)
             self._chains.pop(k, None)
             if chain is not self.config.chain:
                 self._chains[k] = chain
@@ -108,21 +140,19 @@ class Batch:
 
     def _forget_turns(self, chosen: NDArray[np.int64]) -> None:
         """Begin to look for the turning points of the chosen lanes, from their new state."""
-        lanes, n = self._lanes, self.config.chain.n
-        turns = lanes.turns
-        side = positions(self.config.chain, lanes.theta[chosen])[..., 0]
-        speed = np.abs(lanes.omega[chosen]).max(axis=1)
+        place = divmod(chosen, self._width)
+        theta, omega = self._theta[place], self._omega[place]
+        side = positions(self.config.chain, theta)[..., 0]
+        speed = np.abs(omega).max(axis=1)
         threshold = _counted_velocity(self.config.chain, speed)
         for row, k in enumerate(chosen.tolist() if self._chains else ()):
             chain = self._chain_of(k)
-            side[row] = positions(chain, lanes.theta[k])[:, 0]
+            side[row] = positions(chain, theta[row])[:, 0]
             threshold[row] = _counted_velocity(chain, speed[row])
-        lanes.threshold[chosen] = threshold
-        turns.orientation.reshape(-1, n)[chosen] = np.where(side < 0.0, -1.0, 1.0)
-        turns.period.reshape(-1, n)[chosen] = np.nan
-        turns.zero.reshape(-1, n)[chosen] = np.nan
-        turns.sign.reshape(-1, n)[chosen] = 0
-        turns.risen.reshape(-1, n)[chosen] = 0
+        self._rows[kernels.THRESHOLD, chosen] = threshold
+        self._per_rod(kernels.ORIENTATION)[place] = np.where(side < 0.0, -1.0, 1.0)
+        for field, unknown in _UNKNOWN:
+            self._per_rod(field)[place] = unknown
 
     def check_options(self, options: Mapping[str, Any] | None, *, single: bool) -> dict[str, Any]:
         """Return the reset options as arrays with a leading lane axis, or say what is wrong."""
@@ -159,68 +189,60 @@ class Batch:
         values["gravity"] = float(values["gravity"])
         return Chain(**values)
 
-    def _set_chain(self, lane: int, chain: Chain, count: int = 1) -> None:
-        """Give `count` lanes from `lane` on, all of one tile, the parameters of `chain`."""
-        first = lane - lane % kernels.TILE
-        width = min(kernels.TILE, self.count - first)
-        some = slice(lane, lane + count)
-
-        def put(target: FloatArray, values: FloatArray) -> None:
-            rows = values.size
-            tile = target[first * rows : (first + width) * rows].reshape(rows, width)
-            tile[:, lane - first : lane - first + count] = values[:, None]
-
-        for target, values in zip(self._lanes.rods, pack_rods(chain), strict=True):
-            put(target, values)
-        put(self._lanes.mass, chain.masses)
-        put(self._lanes.carried, chain.carried_masses * chain.lengths)
-        self._lanes.per_unit[some] = 1.0 / lifting_energy(chain)
-        self._lanes.per_reach[some] = 1.0 / chain.total_length
-        self._lanes.lift_share[some] = 0.5 / float(chain.lengths @ chain.carried_masses)
-        self._ideal[some] = theory.ideal_period(chain) if chain.gravity > 0.0 else 0.0
+    def _set_chain(self, lanes: NDArray[np.int64], chain: Chain) -> None:
+        """Give some lanes the parameters of `chain`."""
+        place = divmod(lanes, self._width)
+        self._per_rod(kernels.LENGTH)[place] = chain.lengths
+        self._per_rod(kernels.INVERSE_LENGTH)[place] = 1.0 / chain.lengths
+        self._per_rod(kernels.DAMPING)[place] = chain.damping
+        self._per_rod(kernels.MASS)[place] = chain.masses
+        self._per_rod(kernels.CARRIED)[place] = chain.carried_masses * chain.lengths
+        rods = pack_rods(chain)
+        last = np.concatenate([rods.gravity, rods.inverse_mass])
+        self._per_rod(kernels.GRAVITY_AND_INVERSE_MASS, 2)[place] = last
+        lanes = lanes[lanes < self.count]
+        self._rows[kernels.PER_UNIT, lanes] = 1.0 / lifting_energy(chain)
+        self._rows[kernels.PER_REACH, lanes] = 1.0 / chain.total_length
+        self._rows[kernels.LIFT_SHARE, lanes] = 0.5 / float(chain.lengths @ chain.carried_masses)
+        self._ideal[lanes] = theory.ideal_period(chain) if chain.gravity > 0.0 else 0.0
         self._only_ideal = float(self._ideal[0])
 
     # -- stepping ---------------------------------------------------------------------------
 
     def step(self) -> None:
         """Advance the lanes that are `active` by one step under `action`, which is clipped."""
-        if self.threads == 1:  # without the calls below, which a single environment would feel
-            self.observation = np.empty(self._sizes[0], np.float32)
-            self._out = np.empty(self._sizes[1])
-            advance(
-                self._floats, self._integers, *self._fixed, 0, self.count, self.observation,
-                self._out, self._scratch[0],
+        self._look_anew()
+        if self.threads == 1:
+            self._advance(
+                self._floats, *self._fixed, 0, self._groups, self._seen, self._out,
+                self._scratch[0],
             )  # fmt: skip
             return
-        self._look_anew()
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, "npend_gym")
+        workers = min(self.threads, self._groups)
+        edges = [self._groups * k // workers for k in range(workers + 1)]
         jobs = [
-            self._pool.submit(self._advance, *share, scratch)
-            for share, scratch in zip(self._shares(), self._scratch, strict=False)
-        ]
+            self._pool.submit(
+                self._advance, self._floats, *self._fixed, *share, self._seen, self._out,
+                scratch,
+            )
+            for share, scratch in zip(pairwise(edges), self._scratch, strict=False)
+        ]  # fmt: skip
         for job in jobs:
             job.result()
-
-    def _advance(self, first: int, last: int, scratch: FloatArray) -> None:
-        advance(
-            self._floats, self._integers, *self._fixed, first, last, self.observation, self._out,
-            scratch,
-        )  # fmt: skip
-
-    def _shares(self) -> list[tuple[int, int]]:
-        """Return the lanes (first, last + 1) that each thread works on, in whole tiles."""
-        tiles = -(-self.count // kernels.TILE)
-        workers = min(self.threads, tiles)
-        edges = [kernels.TILE * (tiles * k // workers) for k in range(workers)] + [self.count]
-        return list(pairwise(edges))
 
     # -- looking ----------------------------------------------------------------------------
 
     @property
+    def observation(self) -> NDArray[np.float32]:
+        """The observations of all lanes, (B, 2n) or (B, 3n)."""
+        return self._seen[: self.count]
+
+    @property
     def diverged(self) -> BoolArray:
         """Lanes whose state has left all bounds; they keep their last sound state."""
-        return self._lanes.diverged != 0
+        return self._rows[kernels.DIVERGED] != 0.0
 
     def quantities(self) -> Quantities[FloatArray]:
         """Return what a mode judges by, an entry for every lane."""
@@ -230,24 +252,25 @@ class Batch:
 
     def _parts(self) -> tuple[FloatArray, FloatArray]:
         """Return what is seen: scalars (SCALARS, B), and periods, theta and omega (3, B, n)."""
-        split = _SCALARS * self.count
+        lanes, n = self._sizes[0][0], self.config.chain.n
+        split, count = _SCALARS * lanes, self.count
         return (
-            self._out[:split].reshape(_SCALARS, self.count),
-            self._out[split:].reshape(3, self.count, self.config.chain.n),
+            self._out[:split].reshape(_SCALARS, lanes)[:, :count],
+            self._out[split:].reshape(3, lanes, n)[:, :count],
         )
 
     def info(self) -> dict[str, Any]:
         """Return the info of every lane: arrays with a leading lane axis, all of them fresh."""
         scalars, per_rod = self._parts()
         return {
-            "time": scalars[kernels.TIME],
-            "energy": scalars[kernels.JOULES],
-            "energy_error": scalars[kernels.DRIFT],
-            "bobs_completed": self._lanes.completed.copy(),
-            "pseudo_period": scalars[kernels.PERIOD],
+            "time": scalars[kernels.SEEN_TIME],
+            "energy": scalars[kernels.SEEN_JOULES],
+            "energy_error": scalars[kernels.SEEN_DRIFT],
+            "bobs_completed": scalars[kernels.SEEN_COMPLETED].astype(np.int64),
+            "pseudo_period": scalars[kernels.SEEN_PERIOD],
             "pseudo_periods": per_rod[0],
             "ideal_period": self._ideal.copy(),
-            "tip_height": scalars[kernels.TIP_METRES],
+            "tip_height": scalars[kernels.SEEN_TIP_METRES],
             "theta": per_rod[1],
             "omega": per_rod[2],
             "diverged": self.diverged,
@@ -255,28 +278,28 @@ class Batch:
 
     def only_lane(self) -> tuple[Quantities[float], dict[str, Any]]:
         """Return quantities and info of a batch of one lane, as plain numbers: the quick way."""
-        out, n = self._out, self._fixed[4]
+        out, n = self._out, self._fixed[5]
         row: list[float] = out[:_SCALARS].tolist()
         theta, omega = out[_SCALARS + n : _SCALARS + 2 * n], out[_SCALARS + 2 * n :]
         quantities = Quantities(row[0], row[1], row[2], row[3], row[4], row[5], theta, omega)
         info = {
-            "time": row[kernels.TIME],
-            "energy": row[kernels.JOULES],
-            "energy_error": row[kernels.DRIFT],
-            "bobs_completed": int(row[kernels.COMPLETED]),
-            "pseudo_period": row[kernels.PERIOD],
+            "time": row[kernels.SEEN_TIME],
+            "energy": row[kernels.SEEN_JOULES],
+            "energy_error": row[kernels.SEEN_DRIFT],
+            "bobs_completed": int(row[kernels.SEEN_COMPLETED]),
+            "pseudo_period": row[kernels.SEEN_PERIOD],
             "pseudo_periods": out[_SCALARS : _SCALARS + n],
             "ideal_period": self._only_ideal,
-            "tip_height": row[kernels.TIP_METRES],
+            "tip_height": row[kernels.SEEN_TIP_METRES],
             "theta": theta,
             "omega": omega,
-            "diverged": row[kernels.DIVERGED] != 0.0,
+            "diverged": row[kernels.SEEN_DIVERGED] != 0.0,
         }
         return quantities, info
 
     def positions(self, lane: int) -> FloatArray:
         """Return the positions of the bobs of a lane [m], shape (n, 2)."""
-        return positions(self._chain_of(lane), self._lanes.theta[lane])
+        return positions(self._chain_of(lane), self._theta[divmod(lane, self._width)])
 
     def reach(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""
@@ -284,7 +307,7 @@ class Batch:
 
     def _look_anew(self) -> None:
         """Make new arrays for what is seen: those handed out before are not written again."""
-        self.observation = np.empty(self._sizes[0], np.float32)
+        self._seen = np.empty(self._sizes[0], np.float32)
         self._out = np.empty(self._sizes[1])
 
     def close(self) -> None:
@@ -295,15 +318,11 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         # threads are made anew where they are needed, views of memory where it is restored
-        views = ("_lanes", "action", "active")
-        return {k: v for k, v in self.__dict__.items() if k not in views} | {"_pool": None}
+        return {k: v for k, v in self.__dict__.items() if k not in _VIEWS} | {"_pool": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._lanes = kernels.lanes_of(
-            self._floats, self._integers, self.count, self.config.chain.n
-        )
-        self.action, self.active = self._lanes.action, self._lanes.active
+        self._name_parts()
 
 
 def _counted_velocity(chain: Chain, fastest: FloatArray) -> FloatArray:

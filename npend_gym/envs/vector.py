@@ -176,9 +176,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             )
         batch = self._batch
         clean_action(actions, batch.action, single=False)
-        np.logical_not(waiting, out=batch.active)
+        batch.active[:] = ~waiting
         batch.step()
-        self._steps += batch.active
+        self._steps += ~waiting
         some_wait = bool(waiting.any())
         if some_wait:  # autoreset of NEXT_STEP
             batch.start(waiting, {}, anew=False)

@@ -31,17 +31,17 @@ from npend_gym.chain import Chain
 from npend_gym.physics.kernels.jit import inlined_kernel, kernel
 from npend_gym.physics.kernels.sincos import sincos
 
-WORK_ROWS = 8
+WORK_ROWS = 6
 
 
 class Rods(NamedTuple):
-    """The parameters of some chains as the kernels take them, flat with the lane innermost."""
+    """The parameters of a chain, or of a pack of chains, as the kernels take them."""
 
-    inverse_mass: FloatArray  # v at joints 0..n, ((n + 1) lanes,); zero at the pivot
-    length: FloatArray  # l, (n lanes,)
-    inverse_length: FloatArray  # 1/l, (n lanes,)
-    damping: FloatArray  # joints 0..n-1, (n lanes,)
-    gravity: FloatArray  # g, (lanes,)
+    inverse_mass: FloatArray  # v at joints 0..n, (n + 1,); zero at the pivot
+    length: FloatArray  # l, (n,)
+    inverse_length: FloatArray  # 1/l, (n,)
+    damping: FloatArray  # joints 0..n-1, (n,)
+    gravity: FloatArray  # g, (1,)
 
 
 def pack_rods(chain: Chain) -> Rods:
@@ -55,9 +55,9 @@ def pack_rods(chain: Chain) -> Rods:
     )
 
 
-def new_work(n: int, lanes: int = 1) -> FloatArray:
+def new_work(n: int) -> FloatArray:
     """Return scratch rows for `accelerations`; the guard entries at their ends stay zero."""
-    return np.zeros((WORK_ROWS, (n + 2) * lanes))
+    return np.zeros((WORK_ROWS, n + 2))
 
 
 @kernel
@@ -71,7 +71,7 @@ def copy(source: FloatArray, target: FloatArray) -> None:
 def _tensions(
     v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray
 ) -> None:
-    """Solve Eq. (1) for one chain, from both ends to the middle rod and back.
+    """Solve Eq. (1), from both ends to the middle rod and back.
 
     Row i is brought to T_i = tension_i + link_i T_next, `next` being its neighbour on the way to
     the middle. Two independent sweeps take half the time of one, as each waits for its divisions.
@@ -106,116 +106,47 @@ def _tensions(
             tension[middle + i] = down
 
 
-@kernel
-def _eliminate(
-    v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray,
-    pivot: FloatArray, i: int, lanes: int, downward: bool,
-) -> None:  # fmt: skip
-    """Bring row `i` of Eq. (1) to T_i = tension_i + link_i T_next in every lane."""
-    from_joint, to_joint = (i, i + 1) if downward else (i + 1, i)
-    before = i if downward else i + 2  # row done before this one, counted with its guard
-    d, d_below = v[i * lanes :], v[(i + 1) * lanes :]
-    c_from, v_from = c[from_joint * lanes :], v[from_joint * lanes :]
-    c_to, v_to = c[to_joint * lanes :], v[to_joint * lanes :]
-    q_before, q = pivot[before * lanes :], pivot[(i + 1) * lanes :]
-    t_before, t = tension[before * lanes :], tension[(i + 1) * lanes :]
-    b, e = rhs[i * lanes :], link[i * lanes :]
-    for k in range(lanes):
-        o = c_from[k] * v_from[k]
-        q[k] = 1.0 / ((d[k] + d_below[k]) - (o * o) * q_before[k])
-    for k in range(lanes):
-        t[k] = (b[k] + (c_from[k] * v_from[k]) * t_before[k]) * q[k]
-    for k in range(lanes):
-        e[k] = (c_to[k] * v_to[k]) * q[k]
-
-
-@kernel
-def _substitute(tension: FloatArray, link: FloatArray, i: int, known: int, lanes: int) -> None:
-    """Put the tensions of row `known` (counted with its guard) into row `i`, in every lane."""
-    t, t_known, e = tension[(i + 1) * lanes :], tension[known * lanes :], link[i * lanes :]
-    for k in range(lanes):
-        t[k] += e[k] * t_known[k]
-
-
-@kernel
-def _tensions_in_lanes(
-    v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray,
-    pivot: FloatArray, n: int, lanes: int,
-) -> None:  # fmt: skip
-    """Solve Eq. (1) for many chains: `_tensions`, the same bits, with the lane innermost.
-
-    One chain is faster with its last row in registers, many with loops over lanes for LLVM to
-    vectorise: each stores to one row, for it gives up on proving that more do not overlap.
-    `tension` and `pivot` (the inverse pivots) have a guard rod of zeros at each end, so that
-    entry j is the rod above, j + lanes the rod itself, j + 2 lanes the rod below.
-    """
-    middle = n // 2
-    for i in range(middle):
-        _eliminate(v, c, rhs, tension, link, pivot, i, lanes, True)
-    for i in range(n - 1, middle, -1):
-        _eliminate(v, c, rhs, tension, link, pivot, i, lanes, False)
-    row = middle * lanes
-    for k in range(lanes):
-        j = row + k
-        o, o_below = c[j] * v[j], c[j + lanes] * v[j + lanes]
-        d = (v[j] + v[j + lanes]) - (o * o) * pivot[j]
-        z = (rhs[j] + o * tension[j]) + o_below * tension[j + 2 * lanes]
-        tension[j + lanes] = z / (d - (o_below * o_below) * pivot[j + 2 * lanes])
-    for i in range(middle - 1, -1, -1):
-        _substitute(tension, link, i, i + 2, lanes)
-    for i in range(middle + 1, n):
-        _substitute(tension, link, i, i, lanes)
-
-
 @inlined_kernel
 def accelerations(
     theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray,
-    alpha: FloatArray, lanes: int,
+    alpha: FloatArray,
 ) -> None:  # fmt: skip
-    """Write the angular accelerations [rad/s^2] of `lanes` chains into `alpha`.
+    """Write the angular accelerations [rad/s^2] of a chain, or of a pack of them, into `alpha`.
 
-    Arrays are flat, (n lanes,): entry i lanes + k belongs to rod i of lane k, the rod above is
-    `lanes` entries before, the rod below as many after. `torque` [N m] acts at joints 0..n-1.
-    Every loop here is over independent entries, and so vectorised; the recurrences are in
-    `_tensions`. No result depends on the number of lanes.
+    Arrays have shape (n,); `torque` [N m] acts at joints 0..n-1. The long loops are over
+    independent entries, for LLVM to vectorise where there is one chain.
     """
     l, inverse_l, damping, g = rods.length, rods.inverse_length, rods.damping, rods.gravity
-    end = theta.size
-    tau, rhs = work[0], work[1][:end]
+    n = theta.size
     # Views of one row, so that one index serves for the joint or rod above, here and below
-    v, v_below = rods.inverse_mass, rods.inverse_mass[lanes:]
-    s, s_below = work[2], work[2][lanes:]
-    c, c_below = work[3], work[3][lanes:]
-    tau_below = tau[lanes:]
-    f_above, f, f_below = work[4], work[4][lanes:], work[4][2 * lanes :]
-    t_above, t, t_below = work[5], work[5][lanes:], work[5][2 * lanes :]
-    theta_below, omega_below = theta[lanes:], omega[lanes:]
-    torque_below, damping_below = torque[lanes:], damping[lanes:]
+    v, v_below = rods.inverse_mass, rods.inverse_mass[1:]
+    s, s_below = work[0], work[0][1:]
+    c, c_below = work[1], work[1][1:]
+    f_above, f, f_below = work[2], work[2][1:], work[2][2:]
+    t_above, t, t_below = work[3], work[3][1:], work[3][2:]
+    rhs, link = work[4][:n], work[5]
+    theta_below, omega_below = theta[1:], omega[1:]
+    torque_below, damping_below = torque[1:], damping[1:]
 
-    for k in range(lanes):
-        s[k], c[k] = sincos(theta[k])
-        tau[k] = torque[k] - damping[k] * omega[k]
-    for j in range(end - lanes):
-        s_below[j], c_below[j] = sincos(theta_below[j] - theta[j])
-    for j in range(end - lanes):
-        tau_below[j] = torque_below[j] - damping_below[j] * (omega_below[j] - omega[j])
-    for j in range(end):
-        f[j] = (tau[j] - tau_below[j]) * inverse_l[j]
-    for j in range(end):
-        from_below = v_below[j] * (f_below[j] * s_below[j])
-        rhs[j] = (l[j] * (omega[j] * omega[j]) + from_below) - v[j] * (f_above[j] * s[j])
-    for k in range(lanes):
-        rhs[k] += g[k] * c[k]
-    if lanes == 1:
-        _tensions(v, c, rhs, t[:end], work[6])
-    else:
-        _tensions_in_lanes(v, c, rhs, work[5], work[6], work[7], end // lanes, lanes)
-    for j in range(end):
-        from_below = (t_below[j] * s_below[j] - f_below[j] * c_below[j]) + f[j]
-        from_above = (t_above[j] * s[j] + f_above[j] * c[j]) - f[j]
-        alpha[j] = (v_below[j] * from_below - v[j] * from_above) * inverse_l[j]
-    for k in range(lanes):
-        alpha[k] -= (g[k] * s[k]) * inverse_l[k]
+    s[0], c[0] = sincos(theta[0])
+    for i in range(n - 1):
+        s_below[i], c_below[i] = sincos(theta_below[i] - theta[i])
+    tau = torque[0] - damping[0] * omega[0]
+    for i in range(n - 1):
+        tau_below = torque_below[i] - damping_below[i] * (omega_below[i] - omega[i])
+        f[i] = (tau - tau_below) * inverse_l[i]
+        tau = tau_below
+    f[n - 1] = tau * inverse_l[n - 1]
+    for i in range(n):
+        from_below = v_below[i] * (f_below[i] * s_below[i])
+        rhs[i] = (l[i] * (omega[i] * omega[i]) + from_below) - v[i] * (f_above[i] * s[i])
+    rhs[0] = rhs[0] + g[0] * c[0]
+    _tensions(v, c, rhs, t, link)
+    for i in range(n):
+        from_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
+        from_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
+        alpha[i] = (v_below[i] * from_below - v[i] * from_above) * inverse_l[i]
+    alpha[0] = alpha[0] - (g[0] * s[0]) * inverse_l[0]
 
 
 @kernel
@@ -226,4 +157,4 @@ def derivative(
     n = y.size // 2
     for i in range(n):
         dydt[i] = y[n + i]
-    accelerations(y[:n], y[n:], torque, rods, work, dydt[n:], 1)
+    accelerations(y[:n], y[n:], torque, rods, work, dydt[n:])

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
         return function
 
     def inlined_kernel(function: _F) -> _F:
-        """Compile `function` with Numba as a part of its callers."""
+        """Compile `function` as a part of the kernels that call it; Python cannot."""
         return function
 
 else:
@@ -56,21 +56,24 @@ else:
 
     _FOLDER = cache_folder(Path(__file__).parent, config.CACHE_DIR)
 
-    def _compiled(function, **flags):
+    def kernel(function):
+        """Compile `function` with Numba."""
         before, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)  # read when decorating
         try:
             # cache: compiled once per machine, not per process.
             # nogil: other Python threads run on while a kernel does.
             # error_model: 1/0 is inf as in C, without the branch that stops vectorisation.
             # fastmath stays off: it reorders sums, and the bits would depend on the machine.
-            return njit(cache=True, nogil=True, error_model="numpy", **flags)(function)
+            return njit(cache=True, nogil=True, error_model="numpy")(function)
         finally:
             config.CACHE_DIR = before
 
-    def kernel(function):
-        """Compile `function` with Numba."""
-        return _compiled(function)
-
     def inlined_kernel(function):
         """Compile `function` as a part of its callers: passing many arrays takes tens of ns."""
-        return _compiled(function, forceinline=True)
+        return njit(
+            nogil=True,
+            error_model="numpy",
+            forceinline=True,
+            no_cpython_wrapper=True,
+            no_cfunc_wrapper=True,
+        )(function)

@@ -1,264 +1,287 @@
 """Many chains in one block of memory, and what is seen of them: energies, heights, observations.
 
-Lanes are worked through in tiles that fit the cache. A tile's arrays are flat with the lane
-innermost, as in `accelerations`; those of all lanes have a row per lane. No lane's result depends
-on the tile it falls into.
+The chains ("lanes") stand in groups: of WIDTH, worked on as packs, or of one where there is only
+one chain. The last group is filled up with chains that hang at rest. The kernels are written for
+`numbers`, which are packs or floats; no lane's result depends on the group it stands in.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods, copy
+from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
 from npend_gym.physics.kernels.jit import inlined_kernel, kernel
+from npend_gym.physics.kernels.packs import WIDTH, any_of, packs, where
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS
 from npend_gym.physics.kernels.sincos import sincos
 from npend_gym.physics.kernels.turning import Turns
 
-TILE = 64  # lanes
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
-# Rows of `Seen.scalars`: what a mode judges by, then what only the info tells
-HEIGHT, TIP, ENERGY, KINETIC, LEFT, EFFORT, TIME, JOULES, DRIFT, PERIOD = range(10)
-TIP_METRES, COMPLETED, DIVERGED = range(10, 13)
-SCALARS = 13
-_PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
-_PI_32 = np.float32(np.pi)
-# Rows of the scratch: the tile's state, then work space
-THETA, OMEGA, TORQUE, THETA_0, OMEGA_0, SIN, COS = range(7)
-VALUE_0, VALUE_1, SLOPE_0, SLOPE_1, ALPHA, DAMPING = range(7, 13)
-WRAPPED = SLOPE_0  # and the rows after it: free once the turning points are found
+
+# The block of memory has a row with an entry for every lane for each of these,
+TIME, START_ENERGY, WORK_DONE = range(3)  # s, J above rest, J by torque and damping since the start
+THRESHOLD = 3  # m/s, the speed above which a bob's direction counts
+# 1 over length [1/m] and unit of energy [1/J]; height of the centre of mass over (mass times length)
+PER_REACH, PER_UNIT, LIFT_SHARE = range(4, 7)
+COMPLETED, EFFORT = 7, 8  # bobs whose pseudo-period is known; mean square of the actions
+# 1 or 0: the state has left all bounds; the next step is to be taken; an episode starts
+DIVERGED, ACTIVE, STARTING = range(9, 12)
+LANE_ROWS = 12
+# then, group after group, a row of the group's lanes for each rod (and joint) for each of these,
+THETA, OMEGA, VELOCITY, PERIOD, ORIENTATION, ZERO, SIGN, RISEN = range(8)  # velocity: of the bob,
+LENGTH, INVERSE_LENGTH, DAMPING, MASS, CARRIED = range(8, 13)  # horizontal; mass carried times length
+GRAVITY_AND_INVERSE_MASS = 13  # gravity, then the inverse masses at joints 0..n
+# and at last the action, torque over its limit, (lanes, actuated joints).
+
+# What is seen: for every lane what a mode judges by, then what only the info tells,
+SEEN_HEIGHT, SEEN_TIP, SEEN_ENERGY, SEEN_KINETIC, SEEN_LEFT, SEEN_EFFORT = range(6)
+SEEN_TIME, SEEN_JOULES, SEEN_DRIFT, SEEN_PERIOD, SEEN_TIP_METRES, SEEN_COMPLETED = range(6, 12)
+SEEN_DIVERGED, SEEN_ROWS = 12, 13
+# then pseudo-periods, theta and omega, each (lanes, n).
+
+# Rows of the scratch of one group
+SIN, COS, TORQUE, THETA_0, OMEGA_0, THETA_1, OMEGA_1, VELOCITY_1 = range(8)  # 0: at the step's,
+SLOPE_1, SLOPE_2, ALPHA, MOVED, WRAPPED = range(8, 13)  # 1: at the substep's start, 2: at its end
 STAGES, WORK, ROWS = 13, 13 + STAGE_ROWS, 13 + STAGE_ROWS + WORK_ROWS
 
-
-class Lanes(NamedTuple):
-    """The state and the parameters of B chains of n rods, written in place."""
-
-    theta: FloatArray  # (B, n)
-    omega: FloatArray  # (B, n)
-    velocity: FloatArray  # horizontal, of every bob, m/s, (B, n)
-    turns: Turns  # (B n,)
-    rods: Rods  # tile after tile, each flat with the lane innermost
-    mass: FloatArray  # likewise
-    carried: FloatArray  # mass that hangs on a rod times its length, kg m, likewise
-    time: FloatArray  # s, (B,)
-    start_energy: FloatArray  # J above rest, (B,)
-    work_done: FloatArray  # J, by torque and damping since the start, (B,)
-    threshold: FloatArray  # speed above which a bob's direction counts, m/s, (B,)
-    per_reach: FloatArray  # 1 over the length of the chain, 1/m, (B,)
-    per_unit: FloatArray  # 1 over the unit of energy, 1/J, (B,)
-    lift_share: FloatArray  # height of the centre of mass over the lifted mass times length, (B,)
-    completed: NDArray[np.int64]  # bobs whose pseudo-period is known, (B,)
-    diverged: NDArray[np.int64]  # 1 where the state has left all bounds, (B,)
-    active: NDArray[np.int64]  # 1 where the next step is to be taken, (B,)
-    action: FloatArray  # torque at the actuated joints over its limit, (B, J)
-    joints: NDArray[np.int64]  # the actuated joints, (J,)
+_PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
+_PI_32 = np.float32(np.pi)
+_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
 
 
-class Seen(NamedTuple):
-    """What is seen of the lanes, written anew each time."""
-
-    observation: NDArray[np.float32]  # (B, 2n) or (B, 3n)
-    scalars: FloatArray  # (SCALARS, B)
-    periods: FloatArray  # s, 0 where not known, (B, n)
-    theta: FloatArray  # (B, n)
-    omega: FloatArray  # (B, n)
+NumbersOf = Callable[[FloatArray], FloatArray]  # `packs` or `as_they_are`
 
 
-def memory_sizes(count: int, n: int, actuated: int) -> tuple[int, int, int]:
-    """Return the sizes of the floats and integers of `Lanes`, and of the floats of `Seen`."""
-    return (
-        count * (12 * n + 9 + actuated),
-        count * (2 * n + 3) + actuated,
-        count * (SCALARS + 3 * n),
-    )
+class Group(NamedTuple):
+    """The state and the parameters of a group of chains of n rods, written in place."""
+
+    theta: FloatArray  # (n,)
+    omega: FloatArray  # (n,)
+    velocity: FloatArray  # (n,)
+    period: FloatArray  # (n,)
+    orientation: FloatArray  # (n,)
+    sign: FloatArray  # (n,)
+    mass: FloatArray  # (n,)
+    carried: FloatArray  # (n,)
+    rods: Rods
 
 
-def new_scratch(n: int, count: int) -> FloatArray:
-    """Return the work space of one thread, for tiles of up to TILE of `count` lanes."""
-    return np.zeros((ROWS, (n + 2) * min(count, TILE)))
+def group_width(count: int) -> int:
+    """Return how many lanes stand in a group, of `count` in all."""
+    return 1 if count == 1 else WIDTH
+
+
+def group_rows(n: int) -> int:
+    """Return how many rows a group has."""
+    return GRAVITY_AND_INVERSE_MASS * n + n + 2
+
+
+def memory_sizes(lanes: int, n: int, actuated: int) -> tuple[int, int]:
+    """Return how many floats the chains take, filled up to whole groups, and what is seen."""
+    return lanes * (LANE_ROWS + group_rows(n) + actuated), lanes * (SEEN_ROWS + 3 * n)
+
+
+def new_scratch(n: int, width: int) -> FloatArray:
+    """Return the work space of one thread."""
+    return np.zeros((ROWS, (n + 2) * width))
 
 
 @inlined_kernel
-def lanes_of(floats: FloatArray, integers: NDArray[np.int64], count: int, n: int) -> Lanes:
-    """Return the named parts of two blocks of memory.
-
-    Passing two arrays into compiled code takes microseconds less than passing all the parts.
-    """
-    m = count * n
-    actuated = integers.size - 2 * m - 3 * count
-    per_rod = floats[: 11 * m].reshape((11, m))
-    inverse_mass = floats[11 * m : 12 * m + count]
-    per_lane = floats[12 * m + count : 12 * m + 9 * count].reshape((8, count))
-    action = floats[12 * m + 9 * count :].reshape((count, actuated))
-    signs = integers[: 2 * m].reshape((2, m))
-    counts = integers[2 * m : 2 * m + 3 * count].reshape((3, count))
-    turns = Turns(per_rod[3], per_rod[4], signs[0], signs[1], per_rod[5], per_rod[5])
-    rods = Rods(inverse_mass, per_rod[6], per_rod[7], per_rod[8], per_lane[0])
-    return Lanes(
-        per_rod[0].reshape((count, n)), per_rod[1].reshape((count, n)),
-        per_rod[2].reshape((count, n)), turns, rods, per_rod[9], per_rod[10],
-        per_lane[1], per_lane[2], per_lane[3], per_lane[4], per_lane[5], per_lane[6],
-        per_lane[7], counts[0], counts[1], counts[2], action, integers[2 * m + 3 * count :],
-    )  # fmt: skip
-
-
-@inlined_kernel
-def seen_of(observation: NDArray[np.float32], floats: FloatArray, count: int, n: int) -> Seen:
-    """Return the named parts of a block of memory, see `lanes_of`."""
-    m = count * n
-    per_rod = floats[SCALARS * count :].reshape((3, m))
-    return Seen(
-        observation,
-        floats[: SCALARS * count].reshape((SCALARS, count)),
-        per_rod[0].reshape((count, n)),
-        per_rod[1].reshape((count, n)),
-        per_rod[2].reshape((count, n)),
+def group_of(numbers: FloatArray, groups: int, g: int, n: int) -> Group:
+    """Return the named parts of group `g`."""
+    rows = GRAVITY_AND_INVERSE_MASS * n + n + 2
+    first = LANE_ROWS * groups + g * rows
+    part = numbers[first : first + rows]
+    last = GRAVITY_AND_INVERSE_MASS * n
+    rods = Rods(
+        part[last + 1 :],
+        part[LENGTH * n : (LENGTH + 1) * n],
+        part[INVERSE_LENGTH * n : (INVERSE_LENGTH + 1) * n],
+        part[DAMPING * n : (DAMPING + 1) * n],
+        part[last : last + 1],
+    )
+    return Group(
+        part[THETA * n : (THETA + 1) * n],
+        part[OMEGA * n : (OMEGA + 1) * n],
+        part[VELOCITY * n : (VELOCITY + 1) * n],
+        part[PERIOD * n : (PERIOD + 1) * n],
+        part[ORIENTATION * n : (ORIENTATION + 1) * n],
+        part[SIGN * n : (SIGN + 1) * n],
+        part[MASS * n : (MASS + 1) * n],
+        part[CARRIED * n : (CARRIED + 1) * n],
+        rods,
     )
 
 
-@kernel
-def load(source: FloatArray, first: int, lanes: int, target: FloatArray) -> None:
-    """Bring the tile's lanes of `source` (B, n) into the tile's order."""
-    for k in range(lanes):
-        for i in range(source.shape[1]):
-            target[i * lanes + k] = source[first + k, i]
+@inlined_kernel
+def floats_of(floats: FloatArray, width: int, groups: int, g: int, n: int) -> FloatArray:
+    """Return the rows of group `g` as floats: lane k of row r is entry r width + k."""
+    rows = (GRAVITY_AND_INVERSE_MASS * n + n + 2) * width
+    first = LANE_ROWS * groups * width + g * rows
+    return floats[first : first + rows]
 
 
-@kernel
-def unload(source: FloatArray, first: int, lanes: int, target: FloatArray) -> None:
-    """Bring a row of the tile back into its lanes of `target` (B, n)."""
-    for k in range(lanes):
-        row = target[first + k]
-        for i in range(row.size):
-            row[i] = source[i * lanes + k]
+@inlined_kernel
+def turns_of(part: FloatArray, n: int, width: int) -> Turns:
+    """Return the turning points of the group whose floats are `part`."""
+    size = n * width
+    return Turns(
+        part[PERIOD * size : (PERIOD + 1) * size],
+        part[ORIENTATION * size : (ORIENTATION + 1) * size],
+        part[SIGN * size : (SIGN + 1) * size],
+        part[RISEN * size : (RISEN + 1) * size],
+        part[ZERO * size : (ZERO + 1) * size],
+        part[:0],
+    )
 
 
-@kernel
+@inlined_kernel
 def bob_velocities(
-    theta: FloatArray, omega: FloatArray, length: FloatArray, lanes: int, s: FloatArray,
-    c: FloatArray, value: FloatArray,
+    theta: FloatArray, omega: FloatArray, length: FloatArray, s: FloatArray, c: FloatArray,
+    velocity: FloatArray,
 ) -> None:  # fmt: skip
     """Write sines, cosines and the horizontal velocity of every bob."""
-    for j in range(theta.size):
-        s[j], c[j] = sincos(theta[j])
-    for j in range(theta.size):
-        value[j] = length[j] * (omega[j] * c[j])
-    below = value[lanes:]
-    for j in range(below.size):
-        below[j] += value[j]
-
-
-@kernel
-def observe_tile(
-    first: int, lanes: int, n: int, scratch: FloatArray, observation: NDArray[np.float32]
-) -> None:
-    """Write the observations of a tile."""
-    omega, s, c = scratch[OMEGA], scratch[SIN], scratch[COS]
-    if observation.shape[1] == 3 * n:
-        for k in range(lanes):
-            row = observation[first + k]
-            for i in range(n):
-                row[i] = s[i * lanes + k]
-                row[n + i] = c[i * lanes + k]
-                row[2 * n + i] = omega[i * lanes + k]
-        return
-    theta, wrapped = scratch[THETA], scratch[WRAPPED]
-    for j in range(n * lanes):
-        wrapped[j] = theta[j] - _TWO_PI * np.floor((theta[j] + _PI) * _INVERSE_TWO_PI)
-    for k in range(lanes):
-        row = observation[first + k]
-        for i in range(n):
-            angle = np.float32(wrapped[i * lanes + k])
-            row[i] = -_PI_32 if angle >= _PI_32 else angle  # float32 may round up to pi
-            row[n + i] = omega[i * lanes + k]
+    for i in range(theta.size):
+        s[i], c[i] = sincos(theta[i])
+    total = 0.0
+    for i in range(theta.size):
+        total = total + length[i] * (omega[i] * c[i])
+        velocity[i] = total
 
 
 @inlined_kernel
-def describe_tile(
-    all_lanes: Lanes, marked: NDArray[np.int64], starting: bool, first: int, lanes: int,
-    scratch: FloatArray, seen: Seen,
+def describe_group(
+    numbers: FloatArray, groups: int, g: int, n: int, group: Group, scratch: FloatArray,
+    scalars: FloatArray,
 ) -> None:  # fmt: skip
-    """Write what is seen of a tile, its sines and cosines being known.
+    """Write the scalars of a group whose sines, cosines and velocities are known.
 
-    If `starting`, the energy of the marked lanes becomes that of the start.
+    The energy of lanes that start becomes that of the start.
     """
-    count, n = all_lanes.theta.shape
-    end = n * lanes
-    part = slice(first * n, first * n + end)
-    omega, s, c = scratch[OMEGA], scratch[SIN], scratch[COS]
-    length, mass = all_lanes.rods.length[part], all_lanes.mass[part]
-    carried = all_lanes.carried[part]
-    scalars, periods = seen.scalars, all_lanes.turns.period[part]
-    shown = seen.periods.reshape(count * n)[part]
-    for r in range(end):
-        shown[r] = 0.0 if math.isnan(periods[r]) else periods[r]
-    copy(all_lanes.theta.reshape(count * n)[part], seen.theta.reshape(count * n)[part])
-    copy(all_lanes.omega.reshape(count * n)[part], seen.omega.reshape(count * n)[part])
-    for k in range(lanes):
-        lane = first + k
-        vx = vy = kinetic = lift = tip = 0.0
-        for j in range(k, end, lanes):
-            vx += length[j] * (omega[j] * c[j])
-            vy += length[j] * (omega[j] * s[j])
-            kinetic += (0.5 * mass[j]) * (vx * vx + vy * vy)
-            # 1 - cos, without cancellation near the bottom
-            near = (s[j] * s[j]) / (1.0 + max(c[j], 0.0))
-            lift += carried[j] * (near if c[j] > 0.0 else 1.0 - c[j])
-            tip -= length[j] * c[j]
-        energy = kinetic + all_lanes.rods.gravity[lane] * lift
-        if starting and marked[lane] == 1:
-            all_lanes.start_energy[lane] = energy
-        start, per_unit = all_lanes.start_energy[lane], all_lanes.per_unit[lane]
-        scale = max(energy, start)
-        drift = (energy - start) - all_lanes.work_done[lane]
-        scalars[HEIGHT, lane] = lift * all_lanes.lift_share[lane]
-        scalars[TIP, lane] = tip * all_lanes.per_reach[lane]
-        scalars[ENERGY, lane] = energy * per_unit
-        scalars[KINETIC, lane] = kinetic * per_unit
-        scalars[LEFT, lane] = energy / start if start > 0.0 else energy * per_unit
-        scalars[TIME, lane] = all_lanes.time[lane]
-        scalars[JOULES, lane] = energy
-        scalars[DRIFT, lane] = drift / (scale if scale > 0.0 else 1.0)
-        scalars[TIP_METRES, lane] = tip
-        scalars[PERIOD, lane] = 0.0
-        done = all_lanes.completed[lane]
-        scalars[COMPLETED, lane], scalars[DIVERGED, lane] = done, all_lanes.diverged[lane]
-        if done > 0:
-            total = 0.0
-            for i in range(n):
-                total += shown[k * n + i]
-            scalars[PERIOD, lane] = total / done
+    s, c = scratch[SIN], scratch[COS]
+    vertical = kinetic = lift = tip = total = 0.0
+    for i in range(n):
+        horizontal = group.velocity[i]
+        vertical = vertical + group.rods.length[i] * (group.omega[i] * s[i])
+        speed_squared = horizontal * horizontal + vertical * vertical
+        kinetic = kinetic + (0.5 * group.mass[i]) * speed_squared
+        # 1 - cos, without cancellation near the bottom
+        near = (s[i] * s[i]) / (1.0 + where(c[i] > 0.0, c[i], 0.0))
+        lift = lift + group.carried[i] * where(c[i] > 0.0, near, 1.0 - c[i])
+        tip = tip - group.rods.length[i] * c[i]
+        total = total + where(group.period[i] > 0.0, group.period[i], 0.0)
+    energy = kinetic + group.rods.gravity[0] * lift
+    starting = numbers[STARTING * groups + g] > 0.0
+    start = where(starting, energy, numbers[START_ENERGY * groups + g])
+    numbers[START_ENERGY * groups + g] = start
+    scale = where(energy > start, energy, start)
+    drift = (energy - start) - numbers[WORK_DONE * groups + g]
+    per_unit, done = numbers[PER_UNIT * groups + g], numbers[COMPLETED * groups + g]
+    scalars[SEEN_HEIGHT * groups + g] = lift * numbers[LIFT_SHARE * groups + g]
+    scalars[SEEN_TIP * groups + g] = tip * numbers[PER_REACH * groups + g]
+    scalars[SEEN_ENERGY * groups + g] = energy * per_unit
+    scalars[SEEN_KINETIC * groups + g] = kinetic * per_unit
+    left = energy / where(start > 0.0, start, 1.0)
+    scalars[SEEN_LEFT * groups + g] = where(start > 0.0, left, energy * per_unit)
+    scalars[SEEN_EFFORT * groups + g] = numbers[EFFORT * groups + g]
+    scalars[SEEN_TIME * groups + g] = numbers[TIME * groups + g]
+    scalars[SEEN_JOULES * groups + g] = energy
+    scalars[SEEN_DRIFT * groups + g] = drift / where(scale > 0.0, scale, 1.0)
+    scalars[SEEN_PERIOD * groups + g] = total / where(done > 0.0, done, 1.0)
+    scalars[SEEN_TIP_METRES * groups + g] = tip
+    scalars[SEEN_COMPLETED * groups + g] = done
+    scalars[SEEN_DIVERGED * groups + g] = numbers[DIVERGED * groups + g]
+
+
+@inlined_kernel
+def hand_out(
+    part: FloatArray, first: int, lanes: int, width: int, n: int, scratch: FloatArray,
+    observation: NDArray[np.float32], per_rod: FloatArray,
+) -> None:  # fmt: skip
+    """Write pseudo-periods, angles, angular velocities and observation of a group, lane by lane."""
+    s, c, wrapped = scratch[SIN], scratch[COS], scratch[WRAPPED]
+    size = lanes * n
+    for k in range(width):
+        row = observation[first + k]
+        with_sines = row.size == 3 * n
+        at = (first + k) * n
+        for i in range(n):
+            j = i * width + k
+            period = part[PERIOD * n * width + j]
+            omega = part[OMEGA * n * width + j]
+            per_rod[at + i] = period if period > 0.0 else 0.0
+            per_rod[size + at + i] = part[THETA * n * width + j]
+            per_rod[2 * size + at + i] = omega
+            if with_sines:
+                row[i] = s[j]
+                row[n + i] = c[j]
+                row[2 * n + i] = omega
+            else:
+                angle = np.float32(wrapped[j])
+                row[i] = -_PI_32 if angle >= _PI_32 else angle  # float32 may round up to pi
+                row[n + i] = omega
+
+
+@inlined_kernel
+def wrap(theta: FloatArray, wrapped: FloatArray) -> None:
+    """Write the angles, whole turns taken off, in [-pi, pi)."""
+    for i in range(theta.size):
+        turns = (theta[i] + _PI) * _INVERSE_TWO_PI
+        whole = (turns + _ROUND) - _ROUND
+        whole = where(whole > turns, whole - 1.0, whole)
+        wrapped[i] = theta[i] - _TWO_PI * whole
+
+
+@inlined_kernel
+def as_they_are(array: FloatArray) -> FloatArray:
+    """Return `array`: of one chain, the numbers are floats."""
+    return array
+
+
+@inlined_kernel
+def _describe(
+    view: NumbersOf, width: int, floats: FloatArray, everything: bool, groups: int, n: int,
+    observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    lanes = groups * width
+    numbers = view(floats)
+    scalars, per_rod = view(out[: SEEN_ROWS * lanes]), out[SEEN_ROWS * lanes :]
+    work = view(scratch)
+    for g in range(groups):
+        if everything or any_of(numbers[STARTING * groups + g] > 0.0):
+            group = group_of(numbers, groups, g, n)
+            bob_velocities(
+                group.theta, group.omega, group.rods.length, work[SIN], work[COS], group.velocity
+            )
+            describe_group(numbers, groups, g, n, group, work, scalars)
+            wrap(group.theta, work[WRAPPED])
+            part = floats_of(floats, width, groups, g, n)
+            hand_out(part, g * width, lanes, width, n, scratch, observation, per_rod)
 
 
 @kernel
-def describe(
-    floats: FloatArray, integers: NDArray[np.int64], starting: NDArray[np.int64],
-    everything: bool, n: int, observation: NDArray[np.float32], out: FloatArray,
-    scratch: FloatArray,
+def describe_one(
+    floats: FloatArray, everything: bool, groups: int, n: int, observation: NDArray[np.float32],
+    out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    """Write what is seen of lanes that start an episode, or of `everything`, into new arrays."""
-    count = starting.size
-    all_lanes, seen = lanes_of(floats, integers, count, n), seen_of(observation, out, count, n)
-    theta, omega, s, c = scratch[THETA], scratch[OMEGA], scratch[SIN], scratch[COS]
-    velocity = scratch[VALUE_1]
-    for first in range(0, count, TILE):
-        lanes = min(TILE, count - first)
-        some = everything
-        for lane in range(first, first + lanes):
-            if starting[lane] == 1 or everything:
-                some = True
-                seen.scalars[EFFORT, lane] = 0.0
-        if some:
-            end = n * lanes
-            load(all_lanes.theta, first, lanes, theta)
-            load(all_lanes.omega, first, lanes, omega)
-            length = all_lanes.rods.length[first * n :]
-            bob_velocities(theta[:end], omega[:end], length, lanes, s, c, velocity[:end])
-            unload(velocity, first, lanes, all_lanes.velocity)
-            describe_tile(all_lanes, starting, True, first, lanes, scratch, seen)
-            observe_tile(first, lanes, n, scratch, observation)
+    """Write what is seen of one chain into new arrays; see `describe_many`."""
+    _describe(as_they_are, 1, floats, everything, groups, n, observation, out, scratch)
+
+
+@kernel
+def describe_many(
+    floats: FloatArray, everything: bool, groups: int, n: int, observation: NDArray[np.float32],
+    out: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Write what is seen of `everything`, or of the groups in which a lane starts an episode.
+
+    `observation` is (lanes, 2n) or (lanes, 3n), `out` and `scratch` are as in `memory_sizes` and
+    `new_scratch`.
+    """
+    _describe(packs, WIDTH, floats, everything, groups, n, observation, out, scratch)

@@ -25,38 +25,29 @@ def _stage(
 @inlined_kernel
 def rk4_step(
     theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
-    work: FloatArray, stages: FloatArray, lanes: int,
-) -> None:  # fmt: skip
-    """Advance `lanes` chains by one step of `h` seconds, in place; arrays as in `accelerations`.
-
-    `stages` has STAGE_ROWS rows of n lanes or more. A stage's theta' is its own omega: rows 0 to 3
-    keep the angular accelerations of K_1..K_4, rows 4 to 6 the omega of K_2..K_4. Row 0 must hold
-    the first of them, the accelerations at the start, when the step is taken.
-    """
-    end = theta.size
-    a1, a2, a3, a4 = stages[0][:end], stages[1][:end], stages[2][:end], stages[3][:end]
-    w2, w3, w4, x = stages[4][:end], stages[5][:end], stages[6][:end], stages[7][:end]
-    _stage(theta, omega, omega, a1, 0.5 * h, x, w2)
-    accelerations(x, w2, torque, rods, work, a2, lanes)
-    _stage(theta, omega, w2, a2, 0.5 * h, x, w3)
-    accelerations(x, w3, torque, rods, work, a3, lanes)
-    _stage(theta, omega, w3, a3, h, x, w4)
-    accelerations(x, w4, torque, rods, work, a4, lanes)
-    sixth = h / 6.0
-    for i in range(theta.size):
-        theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
-    for i in range(theta.size):
-        omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
-
-
-@kernel
-def rk4_step_of_one(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
     work: FloatArray, stages: FloatArray,
 ) -> None:  # fmt: skip
-    """Advance one chain by one step, from `accelerations` on; LLVM knows that it is one."""
-    accelerations(theta, omega, torque, rods, work, stages[0][: theta.size], 1)
-    rk4_step(theta, omega, h, torque, rods, work, stages, 1)
+    """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
+
+    Arrays are as in `accelerations`, `stages` has STAGE_ROWS rows of n or more. A stage's theta'
+    is its own omega: rows 0 to 3 keep the angular accelerations of K_1..K_4, rows 4 to 6 the omega
+    of K_2..K_4.
+    """
+    n = theta.size
+    a1, a2, a3, a4 = stages[0][:n], stages[1][:n], stages[2][:n], stages[3][:n]
+    w2, w3, w4, x = stages[4][:n], stages[5][:n], stages[6][:n], stages[7][:n]
+    accelerations(theta, omega, torque, rods, work, a1)
+    _stage(theta, omega, omega, a1, 0.5 * h, x, w2)
+    accelerations(x, w2, torque, rods, work, a2)
+    _stage(theta, omega, w2, a2, 0.5 * h, x, w3)
+    accelerations(x, w3, torque, rods, work, a3)
+    _stage(theta, omega, w3, a3, h, x, w4)
+    accelerations(x, w4, torque, rods, work, a4)
+    sixth = h / 6.0
+    for i in range(n):
+        theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
+    for i in range(n):
+        omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
 
 
 @kernel
@@ -81,7 +72,7 @@ def rk4_frames(
         interval: float = times[k] - times[k - 1]
         steps = max(1, math.ceil(interval / dt - 1e-9))
         for _ in range(steps):
-            rk4_step_of_one(theta, omega, interval / steps, torque, rods, work, stages)
+            rk4_step(theta, omega, interval / steps, torque, rods, work, stages)
         total = 0.0
         for i in range(y.size):
             total += y[i]

@@ -6,13 +6,12 @@ Reduction and polynomials are those of FreeBSD's msun (fdlibm ``e_rem_pio2.c``, 
 
 from __future__ import annotations
 
-import numpy as np
-
 from npend_gym.physics.kernels.jit import kernel
+from npend_gym.physics.kernels.packs import where
 
 MAX_ANGLE = 1e5  # rad; up to here the error is below 1 ulp (largest seen 0.74)
 
-_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer, held in the low bits
+_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
 _TWO_OVER_PI = 6.36619772367581382433e-01
 # pi/2 in pieces of 33 bits, so that q times a piece is exact, and what each pair leaves over.
 _PIO2_1 = 1.57079632673412561417e00
@@ -22,16 +21,6 @@ _S1, _S2, _S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.9841
 _S4, _S5, _S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
 _C1, _C2, _C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
 _C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
-
-
-@kernel
-def _bits(x: float) -> int:
-    return np.float64(x).view(np.int64)  # type: ignore[return-value]
-
-
-@kernel
-def _float(bits: int) -> float:
-    return np.int64(bits).view(np.float64)
 
 
 @kernel
@@ -55,9 +44,11 @@ def sincos(x: float) -> tuple[float, float]:
     top = 1.0 - hz
     cos_y = top + (((1.0 - top) - hz) + (z * p - y * y_low))
 
-    # q mod 4 is the quadrant: bit 0 swaps the two, bit 1 (of q and of q + 1) turns their signs
-    quadrant = _bits(shifted)
-    swap = (quadrant & 1) != 0
-    sin_x = _bits(cos_y if swap else sin_y) ^ ((quadrant & 2) << 62)
-    cos_x = _bits(sin_y if swap else cos_y) ^ (((quadrant + 1) & 2) << 62)
-    return _float(sin_x), _float(cos_x)
+    # q mod 4 is the quadrant: an odd q swaps the two, an odd q // 2 turns the sign of the sine, and
+    # one of the two alone that of the cosine. A number is odd if its half is no integer.
+    half = 0.5 * q
+    swap = (half + _ROUND) - _ROUND != half
+    quarter = 0.5 * where(swap, half - 0.5, half)
+    turn = (quarter + _ROUND) - _ROUND != quarter
+    sin_x, cos_x = where(swap, cos_y, sin_y), where(swap, sin_y, cos_y)
+    return where(turn, -sin_x, sin_x), where(turn ^ swap, -cos_x, cos_x)

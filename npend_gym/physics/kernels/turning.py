@@ -21,7 +21,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels.dop853 import Solver, prepare_dense, step
@@ -40,8 +39,8 @@ class Turns(NamedTuple):
 
     period: FloatArray  # s; NaN until complete
     orientation: FloatArray  # +1 where the rod was released from positive angles, else -1
-    sign: NDArray[np.int64]  # of the signal, once it counted; 0 before
-    risen: NDArray[np.int64]  # 1 where the signal has crossed from - to +
+    sign: FloatArray  # of the signal, once it counted; 0 before
+    risen: FloatArray  # 1 where the signal has crossed from - to +
     zero: FloatArray  # s; latest zero of the signal
     start: FloatArray  # starting angle; its cosine gives the starting height
 
@@ -50,8 +49,7 @@ def new_turns(theta: FloatArray, orientation: FloatArray) -> Turns:
     """Return the record of a release from `theta`, nothing seen yet."""
     n = theta.size
     nan = np.full(n, np.nan)
-    sign, risen = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    return Turns(nan, orientation, sign, risen, nan.copy(), theta.copy())
+    return Turns(nan, orientation, np.zeros(n), np.zeros(n), nan.copy(), theta.copy())
 
 
 @kernel
@@ -135,17 +133,17 @@ def count_sign(
 ) -> None:
     """Take note that rod i's signal has come to `f` at time `t`, its latest zero being known."""
     sign = turns.sign[i]
-    if reading == HEIGHT and sign != 0 and at_extremum and abs(f) <= threshold:
+    if reading == HEIGHT and sign != 0.0 and at_extremum and abs(f) <= threshold:
         turns.period[i] = t  # touches the starting height without crossing it
         return
     if abs(f) <= threshold:
         return
-    new = 1 if f > 0.0 else -1
+    new = 1.0 if f > 0.0 else -1.0
     if sign == -new:
-        if reading == HEIGHT or (new < 0 and turns.risen[i] == 1):
+        if reading == HEIGHT or (new < 0.0 and turns.risen[i] == 1.0):
             turns.period[i] = turns.zero[i]
-        elif new > 0:
-            turns.risen[i] = 1
+        elif new > 0.0:
+            turns.risen[i] = 1.0
     turns.sign[i] = new
 
 
@@ -175,7 +173,7 @@ def _scan_piece(
                     True, reading, i, solver, a, ends[1, i], b, ends[3, i], turns, rods, scratch
                 )
             crosses = (f <= 0.0 and g > 0.0) or (f >= 0.0 and g < 0.0)
-            if crosses and turns.sign[i] != 0:
+            if crosses and turns.sign[i] != 0.0:
                 x, _ = _root(False, reading, i, solver, left, f, right, g, turns, rods, scratch)
                 turns.zero[i] = t_old + h * x
             count_sign(reading, i, t_old + h * right, g, not last, threshold, turns)
