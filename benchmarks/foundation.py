@@ -23,7 +23,7 @@ from scipy.integrate import solve_ivp
 
 from npend_gym import Chain, simulate
 from npend_gym.physics.kernels.dynamics import accelerations, new_work, pack_rods
-from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step_of_one
+from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
 
 ROUNDS = 7
 
@@ -32,14 +32,14 @@ ROUNDS = 7
 def repeat_rhs(theta, omega, torque, rods, work, alpha, times):
     """Call `accelerations` many times, as an integrator does: from compiled code."""
     for _ in range(times):
-        accelerations(theta, omega, torque, rods, work, alpha, 1)
+        accelerations(theta, omega, torque, rods, work, alpha)
 
 
 @numba.njit
 def repeat_step(theta, omega, h, torque, rods, work, stages, times):
     """Take many RK4 steps."""
     for _ in range(times):
-        rk4_step_of_one(theta, omega, h, torque, rods, work, stages)
+        rk4_step(theta, omega, h, torque, rods, work, stages)
 
 
 def mujoco_chain(n: int, dt: float = 0.01) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -91,7 +91,7 @@ def against_mujoco(n: int, step: bool) -> tuple[float, float]:
             repeat_step(y[:n], y[n:], 1e-6, torque, rods, work, stages, ours_times)
     else:
         alpha = np.zeros(n)
-        repeat_rhs(y[:n], y[n:], torque, rods, work, alpha, 1)
+        repeat_rhs(y[:n], y[n:], torque, rods, work, alpha)
 
         def ours():
             repeat_rhs(y[:n], y[n:], torque, rods, work, alpha, ours_times)

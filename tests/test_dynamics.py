@@ -5,18 +5,28 @@ import pytest
 from conftest import chains_in_motion
 from hypothesis import given
 from hypothesis import strategies as st
+from numba import njit
 
 from npend_gym import Chain
 from npend_gym.physics import energy
-from npend_gym.physics.kernels.dynamics import Rods, accelerations, new_work, pack_rods
+from npend_gym.physics.kernels.dynamics import (
+    WORK_ROWS,
+    Rods,
+    accelerations,
+    derivative,
+    new_work,
+    pack_rods,
+)
+from npend_gym.physics.kernels.packs import WIDTH, any_of, packs, where
 from npend_gym.physics.kernels.sincos import MAX_ANGLE, sincos
 
 
 def accelerate(chain, theta, omega, torque=None):
-    alpha = np.empty(chain.n)
+    change = np.empty(2 * chain.n)
     torque = np.zeros(chain.n) if torque is None else torque
-    accelerations(theta, omega, torque, pack_rods(chain), new_work(chain.n), alpha, 1)
-    return alpha
+    state = np.concatenate([theta, omega])
+    derivative(state, torque, pack_rods(chain), new_work(chain.n), change)
+    return change[chain.n :]
 
 
 @given(chains_in_motion())
@@ -62,25 +72,36 @@ def test_power_of_gravity_torque_and_damping_is_the_change_of_energy(motion):
     assert abs(kinetic_change - gravity_power - power) < 1e-6 * scale + 1e-9
 
 
-@given(chains_in_motion(max_n=9), st.integers(2, 20))
-def test_many_lanes_give_the_bits_of_one(motion, lanes):
+@njit(error_model="numpy")
+def accelerate_packs(theta, omega, torque, v, l, inverse_l, damping, gravity, work, alpha):
+    rods = Rods(packs(v), packs(l), packs(inverse_l), packs(damping), packs(gravity))
+    accelerations(packs(theta), packs(omega), packs(torque), rods, packs(work), packs(alpha))
+
+
+@given(chains_in_motion(max_n=9))
+def test_every_lane_of_a_pack_has_the_bits_of_one_chain(motion):
     chain, theta, omega, torque = motion
     n = chain.n
     rng = np.random.default_rng(n)
     thetas, omegas, torques = (
-        np.ascontiguousarray(x[:, None] * rng.uniform(0.5, 1.0, lanes))
+        np.ascontiguousarray(x[:, None] * rng.uniform(0.5, 1.0, WIDTH))
         for x in (theta, omega, torque)
     )
-    rods = Rods(*(np.repeat(array, lanes) for array in pack_rods(chain)))
-    alpha = np.empty(n * lanes)
-    accelerations(
-        thetas.ravel(), omegas.ravel(), torques.ravel(), rods, new_work(n, lanes), alpha, lanes
+    rods = [np.repeat(array, WIDTH) for array in pack_rods(chain)]
+    alpha = np.empty(n * WIDTH)
+    accelerate_packs(
+        thetas.ravel(),
+        omegas.ravel(),
+        torques.ravel(),
+        *rods,
+        np.zeros((WORK_ROWS, (n + 2) * WIDTH)),
+        alpha,
     )
-    for k in range(lanes):
+    for k in range(WIDTH):
         alone = accelerate(
             chain, *(np.ascontiguousarray(x[:, k]) for x in (thetas, omegas, torques))
         )
-        np.testing.assert_array_equal(alpha.reshape(n, lanes)[:, k], alone)
+        np.testing.assert_array_equal(alpha.reshape(n, WIDTH)[:, k], alone)
 
 
 def test_mirrored_state_has_mirrored_accelerations_to_the_last_bit(uneven):
@@ -128,3 +149,33 @@ def check_ulp(x):
         exact = mpmath.sin(mpmath.mpf(x)), mpmath.cos(mpmath.mpf(x))
         for ours, truth in zip(sincos(x), exact, strict=True):
             assert abs(ours - truth) < np.spacing(abs(float(truth)))
+
+
+@njit(error_model="numpy")
+def combine(a, b, out):
+    """Every operation of packs, lane by lane; `out` has a row for each."""
+    x, y, z = packs(a), packs(b), packs(out)
+    for i in range(x.size):
+        z[0, i] = (x[i] + 2) * (3.0 - y[i]) / (1.0 + abs(y[i]))
+        z[1, i] = where((x[i] < y[i]) | (x[i] == 1.0), -x[i], y[i])
+        z[2, i] = where((x[i] >= y[i]) & (y[i] != 0.0), 1.0, 2.0)
+        z[3, i] = where((x[i] <= 0.0) ^ (y[i] > 0.0), x[i], 0.0)
+        z[4, i] = 0.0
+        z[4, i] += 1.0 if any_of(x[i] > 2.9) else 0.0
+
+
+def test_packs_calculate_as_numpy_does():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 5 * WIDTH)).round(1)
+    a[3], b[WIDTH], b[7] = np.nan, np.inf, np.nan
+    out = np.empty((5, a.size))
+    combine(a, b, out)
+    with np.errstate(invalid="ignore"):
+        expected = [
+            (a + 2) * (3.0 - b) / (1.0 + abs(b)),
+            np.where((a < b) | (a == 1.0), -a, b),
+            np.where((a >= b) & (b != 0.0), 1.0, 2.0),
+            np.where((a <= 0.0) ^ (b > 0.0), a, 0.0),
+            np.repeat((a.reshape(-1, WIDTH) > 2.9).any(axis=1), WIDTH),
+        ]
+    np.testing.assert_array_equal(out, expected)

@@ -34,7 +34,7 @@ _BEGUN = [
 _UNKNOWN = (
     (kernels.PERIOD, np.nan), (kernels.ZERO, np.nan), (kernels.SIGN, 0.0), (kernels.RISEN, 0.0)
 )  # fmt: skip
-_VIEWS = ("_rows", "_rods", "action", "active", "_theta", "_omega")
+_VIEWS = ("_rows", "_rods", "_actions", "active", "_theta", "_omega")
 
 
 class Batch:
@@ -72,12 +72,13 @@ class Batch:
 
     def _name_parts(self) -> None:
         """Make the views of the memory: a row for every lane, and rows for the rods of groups."""
-        n, count = self.config.chain.n, self.count
-        lanes = self._groups * self._width
-        first, last = kernels.LANE_ROWS * lanes, self._floats.size - lanes * self.config.joints.size
-        self._rows = self._floats[:first].reshape(-1, lanes)[:, :count]
-        self._rods = self._floats[first:last].reshape(self._groups, -1, self._width)
-        self.action = self._floats[last:].reshape(lanes, -1)[:count]  # of the next step
+        groups, width, joints = self._groups, self._width, self.config.joints.size
+        lanes = groups * width
+        first, last = kernels.LANE_ROWS * lanes, self._floats.size - lanes * joints
+        self._rows = self._floats[:first].reshape(-1, lanes)[:, : self.count]
+        self._rods = self._floats[first:last].reshape(groups, -1, width)
+        actions = self._floats[last:].reshape(groups, joints, width)
+        self._actions = actions.swapaxes(1, 2)  # of the next step, (groups, width, joints)
         self.active = self._rows[kernels.ACTIVE]  # 1.0 where the next step is to be taken
         self._theta, self._omega = self._per_rod(kernels.THETA), self._per_rod(kernels.OMEGA)
 
@@ -113,13 +114,11 @@ class Batch:
                 target[place] = options[name][chosen]
         self._forget_turns(chosen)
         self._rows[_BEGUN, chosen] = 0.0
-        self.action[mask] = 0.0
+        self._actions[place] = 0.0
         self._rows[kernels.STARTING] = mask
         if anew:
             self._look_anew()
-        self._describe(
-            self._floats, anew, self._groups, n, self._seen, self._out, self._scratch[0]
-        )
+        self._describe(self._floats, anew, self._groups, n, self._seen, self._out, self._scratch[0])
         self._rows[kernels.STARTING] = 0.0
 
     def _change_chains(self, chosen: list[int], options: Mapping[str, FloatArray]) -> None:
@@ -209,8 +208,14 @@ class Batch:
 
     # -- stepping ---------------------------------------------------------------------------
 
-    def step(self) -> None:
-        """Advance the lanes that are `active` by one step under `action`, which is clipped."""
+    def step(self, action: float | FloatArray | None) -> None:
+        """Advance the lanes that are `active` by one step under `action`, (B, joints)."""
+        if isinstance(action, np.ndarray) and self.count % self._width != 0:
+            self._actions[divmod(np.arange(self.count), self._width)] = action
+        elif isinstance(action, np.ndarray):
+            self._actions[:] = action.reshape(self._actions.shape)
+        elif action is not None:
+            self._actions[:] = action
         self._look_anew()
         if self.threads == 1:
             self._advance(
@@ -300,6 +305,10 @@ class Batch:
     def positions(self, lane: int) -> FloatArray:
         """Return the positions of the bobs of a lane [m], shape (n, 2)."""
         return positions(self._chain_of(lane), self._theta[divmod(lane, self._width)])
+
+    def action(self, lane: int) -> FloatArray:
+        """Return the last action of a lane, torque over its limit, (joints,)."""
+        return self._actions[divmod(lane, self._width)]
 
     def reach(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""

@@ -56,24 +56,21 @@ def reset_mask(mask: Any, count: int) -> BoolArray:
     return np.array(mask, np.bool_)  # pyright: ignore[reportUnknownArgumentType]
 
 
-def clean_action(given: Any, target: FloatArray, *, single: bool) -> None:
-    """Write the action into `target` (B, joints), or say what is wrong with it.
+def clean_action(given: Any, shape: tuple[int, ...]) -> float | FloatArray | None:
+    """Return the action, or say what is wrong with it.
 
-    A single environment's has no leading axis. In passive mode there are no joints, and every
-    action must be 0.
+    Its shape is (joints,) or (B, joints). In passive mode there are no joints, every action must
+    be 0 and None is returned.
     """
-    lanes, joints = target.shape
-    if single and type(given) is np.ndarray and given.dtype == np.float32 and given.size == 1:
+    if shape == (1,) and type(given) is np.ndarray and given.shape == (1,):
         share = given.item()
-        if joints == 1 and given.ndim == 1 and math.isfinite(share):
-            target[0, 0] = share  # the common case, quickly; all others come by below
-            return
-    raw = np.asarray(given)
+        if type(share) is float and math.isfinite(share):
+            return share  # the common case, quickly; all others come by below
+    raw, joints = np.asarray(given), shape[-1]
     if raw.dtype.kind not in ("iu" if joints == 0 else "iuf"):
         kind = "integers" if joints == 0 else "real numbers"
         raise TypeError(f"action must hold {kind}, got {_checks.show(given)}")
-    leading = () if single else (lanes,)
-    wanted = leading if joints == 0 else (*leading, joints)
+    wanted = shape if joints > 0 else shape[:-1]
     if raw.shape != wanted:
         raise ValueError(f"action must have the shape {wanted}, got {raw.shape}")
     if joints == 0:
@@ -81,7 +78,7 @@ def clean_action(given: Any, target: FloatArray, *, single: bool) -> None:
             raise ValueError(
                 f"action must be 0, for waiting is all there is to do, got {_checks.show(given)}"
             )
-        return
+        return None
     if not np.isfinite(raw).all():
         raise ValueError(f"action must be finite, got {_checks.show(given)}")
-    target[:] = raw  # as float64: float32 arithmetic would reach the torque
+    return raw.astype(np.float64)  # float32 arithmetic would reach the torque

@@ -58,7 +58,7 @@ class Camera:
 
     def _scene(self, batch: Batch, info: dict[str, Any], lane: int) -> render.Scene:
         trace = self._traces.get(lane)
-        drive = batch.action[lane].clip(-1.0, 1.0)
+        drive = batch.action(lane).clip(-1.0, 1.0)
         return render.Scene(
             positions=batch.positions(lane),
             reach=batch.reach(lane),

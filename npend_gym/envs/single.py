@@ -166,6 +166,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.camera = Camera(render_mode, self.metadata["render_fps"])
         self._batch = Batch(config, 1)
         self._mode = config.mode
+        self._action_shape = (config.joints.size,)
         self._started = False
 
     def reset(
@@ -210,8 +211,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         if not self._started:
             raise RuntimeError("call reset() before step()")
         batch, mode = self._batch, self._mode
-        clean_action(action, batch.action, single=True)
-        batch.step()
+        batch.step(clean_action(action, self._action_shape))
         quantities, info = batch.only_lane()
         reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
         if self.render_mode is not None:

@@ -175,12 +175,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
                 'reset(options={"reset_mask": done})'
             )
         batch = self._batch
-        clean_action(actions, batch.action, single=False)
-        batch.active[:] = ~waiting
-        batch.step()
-        self._steps += ~waiting
+        action = clean_action(actions, (self.num_envs, self.config.joints.size))
         some_wait = bool(waiting.any())
+        if some_wait:
+            batch.active[waiting] = 0.0
+        batch.step(action)
+        self._steps += 1
         if some_wait:  # autoreset of NEXT_STEP
+            batch.active[waiting] = 1.0
             batch.start(waiting, {}, anew=False)
             self._steps[waiting] = 0
             self.camera.forget(waiting)
@@ -264,11 +266,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     def _info(self, mask: BoolArray | None = None) -> Info:
         """Return the batch's info with a mask for every key; `mask` says which lanes it is of."""
         info = self._batch.info()
-        masks = np.ones((len(info), self.num_envs), np.bool_)
-        if mask is not None:
-            masks &= mask
-        for row, key in zip(masks, tuple(info), strict=True):
-            info[f"_{key}"] = row
-        for key in ("_pseudo_period", "_pseudo_periods"):
-            info[key] &= info["bobs_completed"] > 0
+        there = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
+        info |= dict.fromkeys([f"_{key}" for key in info], there)
+        info["_pseudo_period"] = there & (info["bobs_completed"] > 0)
+        info["_pseudo_periods"] = info["_pseudo_period"].copy()
         return info

@@ -1,8 +1,8 @@
 """All compiled code. Arrays in, arrays out: no checks, no exceptions, no allocation in loops.
 
 sincos, dynamics (the equations), rk4 and dop853 (steps) build on each other; turning and listing
-measure a release; lanes and stepping serve the environments. Many chains ("lanes") are worked on
-at once with the lane innermost: entry i lanes + k of a flat array belongs to rod i of lane k.
+measure a release; lanes, reversals and stepping serve the environments. Equations and Runge-Kutta
+steps are written for numbers that are floats, one chain, or packs (see there), many side by side.
 
 Joint j lies between rod j-1 and rod j, joint 0 at the pivot.
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
 from npend_gym.physics.kernels.jit import inlined_kernel, kernel
-from npend_gym.physics.kernels.packs import WIDTH, any_of, packs, where
+from npend_gym.physics.kernels.packs import WIDTH, any_of, bare, packs, where
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS
 from npend_gym.physics.kernels.sincos import sincos
 from npend_gym.physics.kernels.turning import Turns
@@ -27,7 +27,7 @@ MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
 # The block of memory has a row with an entry for every lane for each of these,
 TIME, START_ENERGY, WORK_DONE = range(3)  # s, J above rest, J by torque and damping since the start
 THRESHOLD = 3  # m/s, the speed above which a bob's direction counts
-# 1 over length [1/m] and unit of energy [1/J]; height of the centre of mass over (mass times length)
+# 1 over length [1/m] and unit of energy [1/J]; height of the centre of mass over mass times length
 PER_REACH, PER_UNIT, LIFT_SHARE = range(4, 7)
 COMPLETED, EFFORT = 7, 8  # bobs whose pseudo-period is known; mean square of the actions
 # 1 or 0: the state has left all bounds; the next step is to be taken; an episode starts
@@ -35,9 +35,11 @@ DIVERGED, ACTIVE, STARTING = range(9, 12)
 LANE_ROWS = 12
 # then, group after group, a row of the group's lanes for each rod (and joint) for each of these,
 THETA, OMEGA, VELOCITY, PERIOD, ORIENTATION, ZERO, SIGN, RISEN = range(8)  # velocity: of the bob,
-LENGTH, INVERSE_LENGTH, DAMPING, MASS, CARRIED = range(8, 13)  # horizontal; mass carried times length
+LENGTH, INVERSE_LENGTH, DAMPING, MASS, CARRIED = range(
+    8, 13
+)  # horizontal; mass carried times length
 GRAVITY_AND_INVERSE_MASS = 13  # gravity, then the inverse masses at joints 0..n
-# and at last the action, torque over its limit, (lanes, actuated joints).
+# and at last, group after group, a row for each actuated joint: the action, torque over its limit.
 
 # What is seen: for every lane what a mode judges by, then what only the info tells,
 SEEN_HEIGHT, SEEN_TIP, SEEN_ENERGY, SEEN_KINETIC, SEEN_LEFT, SEEN_EFFORT = range(6)
@@ -55,7 +57,7 @@ _PI_32 = np.float32(np.pi)
 _ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
 
 
-NumbersOf = Callable[[FloatArray], FloatArray]  # `packs` or `as_they_are`
+NumbersOf = Callable[[FloatArray], FloatArray]  # `packs` or `bare`
 
 
 class Group(NamedTuple):
@@ -88,7 +90,7 @@ def memory_sizes(lanes: int, n: int, actuated: int) -> tuple[int, int]:
 
 
 def new_scratch(n: int, width: int) -> FloatArray:
-    """Return the work space of one thread."""
+    """Return the work space of one thread. Torques of joints that have no actuator stay zero."""
     return np.zeros((ROWS, (n + 2) * width))
 
 
@@ -215,7 +217,7 @@ def hand_out(
             j = i * width + k
             period = part[PERIOD * n * width + j]
             omega = part[OMEGA * n * width + j]
-            per_rod[at + i] = period if period > 0.0 else 0.0
+            per_rod[at + i] = 0.0 if math.isnan(period) else period
             per_rod[size + at + i] = part[THETA * n * width + j]
             per_rod[2 * size + at + i] = omega
             if with_sines:
@@ -239,20 +241,14 @@ def wrap(theta: FloatArray, wrapped: FloatArray) -> None:
 
 
 @inlined_kernel
-def as_they_are(array: FloatArray) -> FloatArray:
-    """Return `array`: of one chain, the numbers are floats."""
-    return array
-
-
-@inlined_kernel
 def _describe(
     view: NumbersOf, width: int, floats: FloatArray, everything: bool, groups: int, n: int,
     observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     lanes = groups * width
-    numbers = view(floats)
+    floats, observation, out, scratch = bare(floats), bare(observation), bare(out), bare(scratch)
+    numbers, work = view(floats), view(scratch)
     scalars, per_rod = view(out[: SEEN_ROWS * lanes]), out[SEEN_ROWS * lanes :]
-    work = view(scratch)
     for g in range(groups):
         if everything or any_of(numbers[STARTING * groups + g] > 0.0):
             group = group_of(numbers, groups, g, n)
@@ -271,7 +267,7 @@ def describe_one(
     out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Write what is seen of one chain into new arrays; see `describe_many`."""
-    _describe(as_they_are, 1, floats, everything, groups, n, observation, out, scratch)
+    _describe(bare, 1, floats, everything, groups, n, observation, out, scratch)
 
 
 @kernel

@@ -1,13 +1,14 @@
-"""Eight chains as one: a number of eight lanes, for compiled code.
+"""Sixteen chains as one: a number of many lanes, for compiled code.
 
 A *pack* holds one quantity of WIDTH chains in the vector registers of the processor. It is added,
-multiplied and compared as a float is, so that a kernel written for one chain does for eight when it
+multiplied and compared as a float is, so that a kernel written for one chain does for many when it
 is given arrays of packs: `packs` makes such a view of an array of floats whose innermost axis runs
 over the lanes. Each lane's arithmetic is that of a float, to the last bit, whatever the processor.
 
 `where` and `any_of` do for packs, and for floats too, what `if` cannot.
 """
 
+# ruff: noqa: ARG001, ARG002  Numba hands these functions more than they need
 from __future__ import annotations
 
 import operator
@@ -17,14 +18,21 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 
-WIDTH = 8  # two registers of AVX, one of AVX-512
+WIDTH = 16  # more than fit the registers, so that the processor need not wait for results
 
 _T = TypeVar("_T")
 
 if TYPE_CHECKING:
 
+    def bare(array: _T) -> _T:
+        """Return a view of `array` that does not keep it alive; its caller must.
+
+        Views of it cost nothing, where others count references, some ns each.
+        """
+        return array
+
     def packs(array: FloatArray) -> FloatArray:
-        """Return a view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
+        """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
         return array
 
     def where(condition: bool, a: _T, b: _T) -> _T:
@@ -40,7 +48,6 @@ else:
     from numba import types
     from numba.core import cgutils
     from numba.core.datamodel import PrimitiveModel, register_default
-    from numba.core.imputils import impl_ret_borrowed
     from numba.core.typeconv import Conversion
     from numba.core.typing import signature
     from numba.extending import intrinsic, lower_builtin, lower_cast, overload, type_callable
@@ -64,7 +71,8 @@ else:
     _FLOATS, _MASK = _Pack(types.float64), _Pack(types.boolean)
     _REGISTERS = {
         _FLOATS: ir.VectorType(ir.DoubleType(), WIDTH),
-        _MASK: ir.VectorType(ir.IntType(1), WIDTH),
+        # 0 or -1: masks as wide as the numbers go into the processor's selection as they are
+        _MASK: ir.VectorType(ir.IntType(64), WIDTH),
     }
 
     @register_default(_Pack)
@@ -81,6 +89,13 @@ else:
         first = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
         lanes = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
         return builder.shuffle_vector(first, nothing, lanes)
+
+    def _compare(builder, sign, a, b):
+        comparison = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
+        return builder.sext(comparison(sign, a, b), _REGISTERS[_MASK])
+
+    def _holds(builder, mask):
+        return builder.icmp_signed("<", mask, ir.Constant(mask.type, [0] * WIDTH))
 
     def _binary(operation, instruction, of=_FLOATS, to=None):
         """Let `operation` on packs be an instruction; a number beside a pack is in every lane."""
@@ -106,14 +121,15 @@ else:
         _binary(getattr(operator, _name), _instruction)
         _binary(getattr(operator, f"i{_name}"), _instruction)
 
-    for _name, _sign in {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=="}.items():
+    # as for floats, != alone is true of what is not a number
+    for _name, _sign in zip(
+        ("lt", "le", "gt", "ge", "eq", "ne"), ("<", "<=", ">", ">=", "==", "!="), strict=True
+    ):
         _binary(
             getattr(operator, _name),
-            lambda builder, a, b, sign=_sign: builder.fcmp_ordered(sign, a, b),
+            lambda builder, a, b, sign=_sign: _compare(builder, sign, a, b),
             to=_MASK,
         )
-    # as for floats, != alone is true of what is not a number
-    _binary(operator.ne, lambda builder, a, b: builder.fcmp_unordered("!=", a, b), to=_MASK)
     _binary(operator.and_, ir.IRBuilder.and_, _MASK)
     _binary(operator.or_, ir.IRBuilder.or_, _MASK)
     _binary(operator.xor, ir.IRBuilder.xor, _MASK)
@@ -137,45 +153,57 @@ else:
         size = builder.and_(builder.bitcast(args[0], bits), all_but_the_sign)
         return builder.bitcast(size, _REGISTERS[_FLOATS])
 
+    def _view(context, builder, array_type, array, view_type, lanes):
+        """Return a bare view of an array, `lanes` of its innermost entries as one."""
+        old = context.make_array(array_type)(context, builder, array)
+        view = context.make_array(view_type)(context, builder)
+        width = ir.Constant(old.itemsize.type, lanes)
+        size = builder.mul(old.itemsize, width)
+        shape = cgutils.unpack_tuple(builder, old.shape)
+        strides = cgutils.unpack_tuple(builder, old.strides)
+        if lanes > 1:
+            shape[-1], strides[-1] = builder.udiv(shape[-1], width), size
+        populate_array(
+            view,
+            data=builder.bitcast(old.data, view.data.type),
+            shape=cgutils.pack_array(builder, shape),
+            strides=cgutils.pack_array(builder, strides),
+            itemsize=size,
+            meminfo=None,
+        )
+        return view._getvalue()  # noqa: SLF001  as all of Numba's extensions do
+
+    @intrinsic
+    def bare(typingctx, array):
+        """Return a view of `array` that does not keep it alive; its caller must."""
+
+        def codegen(context, builder, sig, args):
+            return _view(context, builder, array, args[0], array, 1)
+
+        return signature(array, array), codegen
+
     @intrinsic
     def packs(typingctx, array):
-        """Return a view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
+        """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
         # not aligned: a pack may begin at any float
         view = types.Array(_FLOATS, array.ndim, "C", aligned=False)
 
         def codegen(context, builder, sig, args):
-            floats = context.make_array(array)(context, builder, args[0])
-            made = context.make_array(view)(context, builder)
-            integer = floats.itemsize.type
-            width = ir.Constant(integer, WIDTH)
-            shape = cgutils.unpack_tuple(builder, floats.shape)
-            shape[-1] = builder.udiv(shape[-1], width)
-            strides = cgutils.unpack_tuple(builder, floats.strides)
-            strides[-1] = size = builder.mul(floats.itemsize, width)
-            populate_array(
-                made,
-                data=builder.bitcast(floats.data, _REGISTERS[_FLOATS].as_pointer()),
-                shape=cgutils.pack_array(builder, shape),
-                strides=cgutils.pack_array(builder, strides),
-                itemsize=size,
-                meminfo=floats.meminfo,
-                parent=floats.parent,
-            )
-            return impl_ret_borrowed(context, builder, view, made._getvalue())
+            return _view(context, builder, array, args[0], view, WIDTH)
 
         return signature(view, array), codegen
 
     @intrinsic
     def _select(typingctx, condition, a, b):
         def codegen(context, builder, sig, args):
-            return builder.select(*args)
+            return builder.select(_holds(builder, args[0]), args[1], args[2])
 
         return signature(_FLOATS, _MASK, _FLOATS, _FLOATS), codegen
 
     @intrinsic
     def _any_lane(typingctx, condition):
         def codegen(context, builder, sig, args):
-            bits = builder.bitcast(args[0], ir.IntType(WIDTH))
+            bits = builder.bitcast(_holds(builder, args[0]), ir.IntType(WIDTH))
             return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
         return signature(types.boolean, _MASK), codegen
@@ -187,7 +215,7 @@ else:
     @overload(where)
     def _where(condition, a, b):
         if condition == _MASK:
-            return lambda condition, a, b: _select(condition, a, b)
+            return lambda condition, a, b: _select(condition, a, b)  # noqa: PLW0108
         return lambda condition, a, b: a if condition else b
 
     def any_of(condition):
@@ -197,5 +225,5 @@ else:
     @overload(any_of)
     def _any_of(condition):
         if condition == _MASK:
-            return lambda condition: _any_lane(condition)
+            return lambda condition: _any_lane(condition)  # noqa: PLW0108
         return lambda condition: condition

@@ -86,4 +86,3 @@ def follow(
         if not math.isnan(turns.period[r]):
             return
         left, value = right, end
-

@@ -14,7 +14,6 @@ from npend_gym.physics.kernels.jit import inlined_kernel, kernel
 from npend_gym.physics.kernels.lanes import (
     Group,
     NumbersOf,
-    as_they_are,
     bob_velocities,
     describe_group,
     floats_of,
@@ -23,7 +22,7 @@ from npend_gym.physics.kernels.lanes import (
     turns_of,
     wrap,
 )
-from npend_gym.physics.kernels.packs import WIDTH, any_of, packs, where
+from npend_gym.physics.kernels.packs import WIDTH, any_of, bare, packs, where
 from npend_gym.physics.kernels.reversals import bob_accelerations, follow
 from npend_gym.physics.kernels.rk4 import rk4_step
 from npend_gym.physics.kernels.sincos import MAX_ANGLE
@@ -31,19 +30,15 @@ from npend_gym.physics.kernels.sincos import MAX_ANGLE
 
 @inlined_kernel
 def _load_torque(
-    action: FloatArray, joints: NDArray[np.int64], limit: float, first: int, width: int,
-    torque: FloatArray, effort: FloatArray,
-) -> None:  # fmt: skip
-    """Write the torques of clipped actions, and the mean squares of these into `effort`."""
-    for j in range(torque.size):
-        torque[j] = 0.0
-    for k in range(width):
-        squares = 0.0
-        for m in range(joints.size):
-            share = min(max(action[(first + k) * joints.size + m], -1.0), 1.0)
-            torque[joints[m] * width + k] = limit * share
-            squares += share * share
-        effort[first + k] = squares / joints.size if joints.size > 0 else 0.0
+    action: FloatArray, joints: NDArray[np.int64], limit: float, torque: FloatArray
+) -> FloatArray:
+    """Write the torques of clipped actions (joints,); return the mean of the clipped squares."""
+    squares = 0.0 * torque[0]
+    for m in range(joints.size):
+        share = where(action[m] > 1.0, 1.0, where(action[m] < -1.0, -1.0, action[m]))
+        torque[joints[m]] = limit * share
+        squares = squares + share * share
+    return squares / max(joints.size, 1)
 
 
 @inlined_kernel
@@ -69,9 +64,7 @@ def _torque_work(torque: FloatArray, before: FloatArray, theta: FloatArray) -> F
 
 
 @inlined_kernel
-def _mark_moved(
-    group: Group, threshold: FloatArray, careful: bool, scratch: FloatArray
-) -> bool:
+def _mark_moved(group: Group, threshold: FloatArray, careful: bool, scratch: FloatArray) -> bool:
     """Mark the bobs that may have turned in the substep; return whether there are any.
 
     Those whose velocity has changed its sign, or has none that counts so far; if `careful`, those
@@ -209,18 +202,20 @@ def _advance(
     observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     lanes = groups * width
-    numbers, rest = view(floats[: floats.size - lanes * joints.size]), view(scratch)
-    action = floats[floats.size - lanes * joints.size :]
+    floats, joints, out = bare(floats), bare(joints), bare(out)
+    observation, scratch = bare(observation), bare(scratch)
+    numbers, rest, actuated = view(floats), view(scratch), joints.size
+    actions = numbers[numbers.size - groups * actuated :]
     scalars, per_rod = view(out[: row.SEEN_ROWS * lanes]), out[row.SEEN_ROWS * lanes :]
-    effort = floats[row.EFFORT * lanes : (row.EFFORT + 1) * lanes]
-    torque = scratch[row.TORQUE][: n * width]
+    careful = actuated == 0
+    h = dt / substeps
     for g in range(first_group, last_group):
         group = group_of(numbers, groups, g, n)
-        _load_torque(action, joints, limit, g * width, width, torque, effort)
+        action = actions[g * actuated : (g + 1) * actuated]
+        effort = _load_torque(action, joints, limit, rest[row.TORQUE])
+        numbers[row.EFFORT * groups + g] = effort
         copy(group.theta, rest[row.THETA_0])
         copy(group.omega, rest[row.OMEGA_0])
-        careful = joints.size == 0
-        h = dt / substeps
         lost = _substeps(view, width, floats, groups, g, group, h, substeps, careful, scratch)
         _take_over(numbers, groups, g, group, dt, lost, rest)
         describe_group(numbers, groups, g, n, group, rest, scalars)
@@ -237,7 +232,7 @@ def advance_one(
 ) -> None:  # fmt: skip
     """Advance one chain; see `advance_many`."""
     _advance(
-        as_they_are, 1, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
+        bare, 1, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
         observation, out, scratch,
     )  # fmt: skip
 
