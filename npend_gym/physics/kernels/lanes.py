@@ -49,7 +49,7 @@ SEEN_DIVERGED, SEEN_ROWS = 12, 13
 
 # Rows of the scratch of one group
 SIN, COS, TORQUE, THETA_0, OMEGA_0, THETA_1, OMEGA_1, VELOCITY_1 = range(8)  # 0: at the step's,
-SLOPE_1, SLOPE_2, ALPHA, MOVED, WRAPPED = range(8, 13)  # 1: at the substep's start, 2: at its end
+SLOPE_1, SLOPE_2, ALPHA, MARKED, WRAPPED = range(8, 13)  # 1: at the substep's start, 2: at its end
 STAGES, WORK, ROWS = 13, 13 + STAGE_ROWS, 13 + STAGE_ROWS + WORK_ROWS
 
 _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
@@ -69,6 +69,7 @@ class Group(NamedTuple):
     period: FloatArray  # (n,)
     orientation: FloatArray  # (n,)
     sign: FloatArray  # (n,)
+    risen: FloatArray  # (n,)
     mass: FloatArray  # (n,)
     carried: FloatArray  # (n,)
     rods: Rods
@@ -115,6 +116,7 @@ def group_of(numbers: FloatArray, groups: int, g: int, n: int) -> Group:
         part[PERIOD * n : (PERIOD + 1) * n],
         part[ORIENTATION * n : (ORIENTATION + 1) * n],
         part[SIGN * n : (SIGN + 1) * n],
+        part[RISEN * n : (RISEN + 1) * n],
         part[MASS * n : (MASS + 1) * n],
         part[CARRIED * n : (CARRIED + 1) * n],
         rods,

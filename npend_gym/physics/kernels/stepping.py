@@ -64,30 +64,49 @@ def _torque_work(torque: FloatArray, before: FloatArray, theta: FloatArray) -> F
 
 
 @inlined_kernel
-def _mark_moved(group: Group, threshold: FloatArray, careful: bool, scratch: FloatArray) -> bool:
+def _count_signs(group: Group, threshold: FloatArray, scratch: FloatArray) -> bool:
+    """Take note of the signs of the velocities, as `count_sign` does; return whether any is marked.
+
+    Marked, and left to be followed, are bobs that may complete: what happens within a substep
+    matters for no other.
+    """
+    marked = threshold < 0.0  # in no lane
+    for i in range(group.theta.size):
+        side, sign, risen = group.orientation[i], group.sign[i], group.risen[i]
+        before, now = side * scratch[row.VELOCITY_1][i], side * group.velocity[i]
+        new = where(now > threshold, 1.0, where(now < -threshold, -1.0, sign))
+        unknown = group.period[i] != group.period[i]  # a period that is no number
+        ready = unknown & (sign > 0.0) & (risen > 0.0)
+        mark = ready & ((new < 0.0) | ((before > 0.0) & (now <= 0.0)))
+        group.risen[i] = where(unknown & (sign < 0.0) & (new > 0.0), 1.0, risen)
+        group.sign[i] = where(unknown & (mark ^ unknown), new, sign)
+        scratch[row.MARKED][i] = where(mark, 1.0, 0.0)
+        marked = marked | mark
+    return any_of(marked)
+
+
+@inlined_kernel
+def _mark_turned(group: Group, threshold: FloatArray, scratch: FloatArray) -> bool:
     """Mark the bobs that may have turned in the substep; return whether there are any.
 
-    Those whose velocity has changed its sign, or has none that counts so far; if `careful`, those
-    too whose acceleration has changed its sign, for they may have turned twice.
+    Those whose velocity has changed its sign, or has none yet that counts, and those whose
+    acceleration has changed its sign, for they may have turned twice.
     """
-    before, moved = scratch[row.VELOCITY_1], scratch[row.MOVED]
-    slope, slope_now = scratch[row.SLOPE_1], scratch[row.SLOPE_2]
     found = False
     for i in range(group.theta.size):
-        now, sign = group.velocity[i], group.sign[i]
-        turned = (before[i] * now <= 0.0) | (sign * group.orientation[i] * now <= 0.0)
+        before, now = scratch[row.VELOCITY_1][i], group.velocity[i]
+        sign = group.sign[i]
+        turned = (before * now <= 0.0) | (sign * group.orientation[i] * now <= 0.0)
         turned = turned & ((sign != 0.0) | (abs(now) > threshold))
-        if careful:
-            turned = turned | (slope[i] * slope_now[i] < 0.0)
-        # a period that is no number is not known yet
+        turned = turned | (scratch[row.SLOPE_1][i] * scratch[row.SLOPE_2][i] < 0.0)
         turned = turned & (group.period[i] != group.period[i])
-        moved[i] = where(turned, 1.0, 0.0)
+        scratch[row.MARKED][i] = where(turned, 1.0, 0.0)
         found = found | any_of(turned)
     return found
 
 
 @kernel
-def _follow_moved(
+def _follow_marked(
     floats: FloatArray, part: FloatArray, lanes: int, first: int, width: int, n: int, since: float,
     h: float, scratch: FloatArray,
 ) -> bool:  # fmt: skip
@@ -97,7 +116,7 @@ def _follow_moved(
     """
     turns = turns_of(part, n, width)
     velocity, velocity_1 = part[row.VELOCITY * n * width :], scratch[row.VELOCITY_1]
-    slope_1, slope_2, moved = scratch[row.SLOPE_1], scratch[row.SLOPE_2], scratch[row.MOVED]
+    slope_1, slope_2, marked = scratch[row.SLOPE_1], scratch[row.SLOPE_2], scratch[row.MARKED]
     pending = False
     for k in range(width):
         lane = first + k
@@ -108,7 +127,7 @@ def _follow_moved(
         for i in range(n):
             r = i * width + k
             side, g = turns.orientation[r], velocity[r]
-            if moved[r] == 1.0 and math.isfinite(g):
+            if marked[r] == 1.0 and math.isfinite(g):
                 follow(
                     turns, r, t, h, side * velocity_1[r], side * slope_1[r], side * g,
                     side * slope_2[r], threshold,
@@ -153,16 +172,20 @@ def _substeps(
             bob_velocities(theta, omega, length, rest[row.SIN], rest[row.COS], group.velocity)
         if pending:
             threshold = numbers[row.THRESHOLD * groups + g]
-            if careful or _mark_moved(group, threshold, False, rest):
+            # slopes take an evaluation of the dynamics
+            found = careful or _count_signs(group, threshold, rest)
+            if found:
                 alpha = rest[row.ALPHA][:n]
                 accelerations(theta, omega, torque, group.rods, work, alpha)
                 bob_accelerations(theta_1, omega_1, stages[0], length, rest[row.SLOPE_1])
                 bob_accelerations(theta, omega, alpha, length, rest[row.SLOPE_2])
-                if not careful or _mark_moved(group, threshold, True, rest):
-                    part = floats_of(floats, width, groups, g, n)
-                    pending = _follow_moved(
-                        floats, part, lanes, g * width, width, n, substep * h, h, scratch
-                    )
+            if careful:
+                found = _mark_turned(group, threshold, rest)
+            if found:
+                part, first = floats_of(floats, width, groups, g, n), g * width
+                pending = _follow_marked(
+                    floats, part, lanes, first, width, n, substep * h, h, scratch
+                )
     return lost
 
 
