@@ -43,7 +43,7 @@ def derive(n: int) -> KaneEquations:
         If `n` is no positive integer.
     """
     n = _checks.count("n", n)
-    sympy, mechanics = _sympy()
+    sympy, mechanics = sympy_and_mechanics()
     q = mechanics.dynamicsymbols(f"q:{n}")
     u = mechanics.dynamicsymbols(f"u:{n}")
     masses, lengths = sympy.symbols(f"m:{n}"), sympy.symbols(f"l:{n}")
@@ -91,7 +91,7 @@ def kane_accelerations(n: int) -> Accelerations:
         If `n` is no positive integer.
     """
     equations = derive(n)
-    sympy, _ = _sympy()
+    sympy, _ = sympy_and_mechanics()
     symbols = (equations.q, equations.u, equations.masses, equations.lengths)
     plain = [[sympy.Dummy() for _ in range(n)] for _ in symbols]
     names = {
@@ -112,12 +112,13 @@ def kane_accelerations(n: int) -> Accelerations:
             )
         ]  # fmt: skip
         system: Matrices = evaluate(*vectors, _checks.number("gravity", gravity))
-        return np.linalg.solve(*system)[:, 0]
+        return np.linalg.solve(*system)[:, 0].astype(np.float64, copy=False)
 
     return accelerations
 
 
-def _sympy() -> tuple[Any, Any]:
+def sympy_and_mechanics() -> tuple[Any, Any]:
+    """Return the modules `sympy` and `sympy.physics.mechanics`, or say how to get them."""
     try:
         import sympy
         from sympy.physics import mechanics
