@@ -125,6 +125,11 @@ def samples(n: int, count: int = SAMPLES) -> tuple[Motion, ...]:
     return tuple(motions)
 
 
+def uneven_chains(count: int = SAMPLES) -> list[Chain]:
+    """Return random chains of four unequal rods."""
+    return [Chain(motion.m, motion.l) for motion in samples(4, count)]
+
+
 @dataclass(frozen=True, eq=False)
 class Formula:
     """A formula of the paper: what it stands for, as it is printed, and as it must read."""
