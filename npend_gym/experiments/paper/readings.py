@@ -7,11 +7,12 @@ are. A `Reading` fixes it; `errors` evaluates many of them on measured pseudo-pe
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import theory
 from npend_gym._checks import FloatArray
@@ -24,21 +25,21 @@ from npend_gym.experiments.paper.measured import (
 from npend_gym.period import LISTING_DURATION, READINGS
 
 WINDOWS = ("10 s", "sufficient")
-STATISTICS = {  # of the bobs of a chain
+STATISTICS: dict[str, Callable[[FloatArray], FloatArray]] = {  # of the bobs of a chain, a row each
     "mean": lambda p: np.nanmean(p, axis=1),
     "median": lambda p: np.nanmedian(p, axis=1),
     "harmonic mean": lambda p: 1.0 / np.nanmean(1.0 / p, axis=1),
     "mean of 1/T": lambda p: np.nanmean(1.0 / p, axis=1),  # what the listing returns
-    "last bob": lambda p: np.diagonal(p),
+    "last": lambda p: np.diagonal(p),  # noqa: PLW0108 - np.diagonal has no one type
 }
 MODELS = ("T0", "T0 x 1.049", "T0 x 1.311", "T0 corrected", "T1")
 CHAIN_SUMS = ("chains 1..N", "chain N", "as drawn")  # as drawn: chain i + 1 against T(i), i = 0..N
 BOB_SUMS = ("bobs of chain N", "bob i against T(i)")
 DIVISORS = ("S", "T")
-AVERAGES = {
-    "mean": lambda e: np.mean(np.abs(e)),
-    "root mean square": lambda e: np.sqrt(np.mean(e**2)),
-    "signed mean": lambda e: np.abs(np.mean(e)),
+AVERAGES: dict[str, Callable[[FloatArray], float]] = {
+    "mean": lambda e: float(np.mean(np.abs(e))),
+    "root mean square": lambda e: float(np.sqrt(np.mean(e**2))),
+    "signed mean": lambda e: abs(float(np.mean(e))),
 }
 
 
@@ -71,9 +72,10 @@ class Reading:
     average: str = "mean"
 
     def __str__(self) -> str:
+        statistic = self.statistic + " of the bobs" * (self.statistic in STATISTICS)
         return (
-            f'"{self.estimator}", rods {self.rods}, window {self.window}, {self.statistic} of the '
-            f"bobs, {self.model} for rods of {self.model_rods}, {self.terms}, "
+            f'"{self.estimator}", rods {self.rods}, window {self.window}, {statistic}, '
+            f"{self.model} for rods of {self.model_rods}, {self.terms}, "
             f"|S - T|/{self.divisor}, {self.average}"
         )
 
@@ -108,7 +110,7 @@ def error(reading: Reading, n: int, theta0: float) -> float:
     done = np.isfinite(simulated) & (divisor > 0.0)  # T(0) = 0 divides nothing
     if not done.any():
         return np.nan
-    return float(AVERAGES[reading.average](((simulated - predicted)[done] / divisor[done])))
+    return AVERAGES[reading.average]((simulated - predicted)[done] / divisor[done])
 
 
 def errors(
@@ -126,7 +128,7 @@ def errors(
     )
 
 
-def _simulated(reading: Reading, n: int, theta0: float) -> tuple[FloatArray, FloatArray]:
+def _simulated(reading: Reading, n: int, theta0: float) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the S_i, and for each the number of pendulums of the model it is compared with."""
     source = (reading.estimator, reading.rods, reading.window)
     if reading.terms in BOB_SUMS:
@@ -181,8 +183,3 @@ def _model_periods(model: str, model_rods: str, terms: str, n: int, theta0: floa
 
 def _model(reading: Reading, n: int, theta0: float) -> FloatArray:
     return _model_periods(reading.model, reading.model_rods, reading.terms, n, theta0)
-
-
-def fields(reading: Reading) -> tuple[str, ...]:
-    """Return the parts of a reading, for a table."""
-    return tuple(astuple(reading))

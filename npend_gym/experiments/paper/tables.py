@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -14,117 +11,19 @@ from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.experiments.paper.finding import Finding, Verdict
-from npend_gym.experiments.paper.measured import bob_periods
-from npend_gym.experiments.paper.readings import (
-    AS_PRINTED,
-    AS_WRITTEN,
-    Reading,
-    all_readings,
-    errors,
-    fields,
+from npend_gym.experiments.paper.grid import (
+    AMPLITUDES,
+    ERRORS,
+    HALF_DIGIT,
+    Grid,
+    grid,
+    sensitivity,
 )
+from npend_gym.experiments.paper.readings import AS_PRINTED, AS_WRITTEN
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
-from npend_gym.period import READINGS, pseudo_periods
+from npend_gym.period import pseudo_periods
 
-AMPLITUDES = np.array(
-    [
-        [0.77578, 0.797476, 0.78477, 0.777],
-        [0.77253, 0.77720, 0.79765, 0.77676],
-        [0.77419, 0.77749, 0.78107, 0.78599],
-    ]
-)  # rad; a row for each table, a column for each N of PAPER_N
-ERRORS = np.array(
-    [[0.142, 0.108, 0.147, 0.376], [0.194, 0.137, 0.158, 0.207], [0.222, 0.149, 0.161, 0.382]]
-)
 THRESHOLD = 0.309  # the paper's circular error e-hat
-_HALF_DIGIT = 0.5e-3  # of a printed e
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Many readings of e(N) beside the printed one.
-
-    Attributes
-    ----------
-    n_values : tuple of int
-        The columns.
-    readings : tuple of Reading
-    errors : ndarray, shape (R, 3, C)
-        e of each reading, trial and column.
-    printed, amplitudes : ndarray, shape (3, C)
-        The paper's e and starting angles [rad].
-    """
-
-    n_values: tuple[int, ...]
-    readings: tuple[Reading, ...]
-    errors: FloatArray
-    printed: FloatArray
-    amplitudes: FloatArray
-
-    @cached_property
-    def distances(self) -> FloatArray:
-        """How far each reading is off where it is off most, shape (R,); infinite without an e."""
-        off = np.abs(self.errors - self.printed).max(axis=(1, 2))
-        return np.where(np.isnan(off), np.inf, off)
-
-    @cached_property
-    def nearest(self) -> int:
-        """Number of the reading whose worst cell is off least."""
-        return int(np.argmin(self.distances))
-
-    @cached_property
-    def cells_met(self) -> FloatArray:
-        """In how many cells each reading gives the printed digits, shape (R,)."""
-        return (np.abs(self.errors - self.printed) <= _HALF_DIGIT).sum(axis=(1, 2))
-
-    @cached_property
-    def scatter(self) -> FloatArray:
-        """Range of e over the trials, shape (R, C)."""
-        return np.ptp(self.errors, axis=1)
-
-    @cached_property
-    def printed_scatter(self) -> FloatArray:
-        """Range of the printed e over the trials, shape (C,)."""
-        return np.ptp(self.printed, axis=0)
-
-    def of(self, reading: Reading) -> FloatArray:
-        """Return e of one reading, shape (3, C)."""
-        return self.errors[self.readings.index(reading)]
-
-
-@cache
-def grid(n_values: tuple[int, ...] = PAPER_N, estimators: tuple[str, ...] = READINGS) -> Grid:
-    """Return the grid of readings for the columns `n_values`, at the printed starting angles.
-
-    The whole grid takes more than a minute, nearly all of it for N = 100.
-    """
-    columns = [PAPER_N.index(n) for n in n_values]
-    readings = tuple(all_readings(estimators))
-    amplitudes = AMPLITUDES[:, columns]
-    measured = errors(readings, n_values, amplitudes)
-    return Grid(n_values, readings, measured, ERRORS[:, columns], amplitudes)
-
-
-def grid_rows(result: Grid) -> list[dict[str, Any]]:
-    """Return the tidy table: a row for every reading, the nearest first."""
-    names = list(Reading.__dataclass_fields__)
-    rows: list[dict[str, Any]] = []
-    for k in np.argsort(result.distances, kind="stable").tolist():
-        row: dict[str, Any] = dict(zip(names, fields(result.readings[k]), strict=True))
-        row["worst_distance"] = float(result.distances[k])
-        for trial, values in enumerate(result.errors[k], start=1):
-            row |= {
-                f"e_{trial}_{n}": float(e) for n, e in zip(result.n_values, values, strict=True)
-            }
-        rows.append(row)
-    return rows
-
-
-def sensitivity(result: Grid, reading: Reading) -> FloatArray:
-    """Return |de/dtheta0| [1/rad] of a reading in each column, between its extreme angles."""
-    e, columns = result.of(reading), range(len(result.n_values))
-    low, high = result.amplitudes.argmin(axis=0), result.amplitudes.argmax(axis=0)
-    return np.abs(e[high, columns] - e[low, columns]) / np.ptp(result.amplitudes, axis=0)
 
 
 def truncation_share(n: int, theta0: float = PAPER_AMPLITUDE) -> float:
@@ -139,7 +38,7 @@ def truncation_share(n: int, theta0: float = PAPER_AMPLITUDE) -> float:
 
 
 def growth(counts: Sequence[int], e: FloatArray) -> tuple[float, float]:
-    """Return d ln e / dN between the first two and the last two of `counts`: equal if exponential."""
+    """Return d ln e/dN between the first and between the last two: equal for an exponential."""
     slopes = np.diff(np.log(e)) / np.diff(np.asarray(counts, float))
     return float(slopes[0]), float(slopes[-1])
 
@@ -156,7 +55,7 @@ def findings(n_values: tuple[int, ...] = PAPER_N) -> Iterator[Finding]:
     yield _below()
     yield _exponential(result)
     yield _truncation(n_values[-1])
-    yield _threshold(result)
+    yield _threshold()
 
 
 def _list(values: Any, digits: int = 3) -> str:
@@ -186,7 +85,7 @@ def _trials() -> Finding:
     draws = np.stack(np.meshgrid(*[range(outcomes)] * 3), axis=-1).reshape(-1, 3)
     alike = np.mean([len(set(draw)) < 3 for draw in draws.tolist()])
     return Finding(
-        "trials", "Sec. 5 after (vi); listing 3", "Two trials never start alike",
+        "trials", "text before Figure 4; listing 3", "Two trials never start alike",
         "probability effectively zero",
         f"probability {alike:.0f} that two of three trials start alike, as listed",
         Verdict.of(float(alike) == 0.0, Verdict.CORRECTED),
@@ -202,8 +101,8 @@ def _table(result: Grid, trial: int) -> Finding:
         _list(result.printed[trial]),
         f"{_list(result.of(AS_WRITTEN)[trial])} as the text has it; nearest of "
         f"{len(result.readings)} readings {_list(result.errors[best, trial])}",
-        Verdict.of(bool(off[best] <= _HALF_DIGIT)),
-        f"The nearest reading, off by {off[best]:.3f} in its worst column: {result.readings[best]}.",
+        Verdict.of(bool(off[best] <= HALF_DIGIT)),
+        f"The nearest, off by {off[best]:.3f} in its worst column: {result.readings[best]}.",
     )  # fmt: skip
 
 
@@ -214,9 +113,9 @@ def _nearest(result: Grid) -> Finding:
     return Finding(
         "tables-together", "Tables 1-3", "Some reading of e gives all printed errors",
         f"{result.printed.size} errors",
-        f"none of {len(result.readings)}: the nearest is off by {result.distances[k]:.3f}, and none "
+        f"none of {len(result.readings)}: the nearest is off by {result.distances[k]:.3f}, none "
         f"meets more than {int(result.cells_met.max())} cell(s)",
-        Verdict.of(bool(result.distances[k] <= _HALF_DIGIT)),
+        Verdict.of(bool(result.distances[k] <= HALF_DIGIT)),
         f"Nearest: {result.readings[k]}. The printed trials differ by up to {2.0 * bound:.3f}, so "
         f"that nothing that is the same for all trials can come nearer than {bound:.4f}. The "
         f"listings as printed give {_list(listing, 1)}.",
@@ -243,7 +142,7 @@ def _scatter(result: Grid) -> Finding:
 def _below() -> Finding:
     worst = ERRORS[:, 0].max()
     return Finding(
-        "e-at-5", "After Table 3", "e is under 0.23 for N = 5 in every trial", "< 0.23",
+        "e-at-5", "text after Table 3", "e is under 0.23 for N = 5 in every trial", "< 0.23",
         f"largest printed {worst}", Verdict.of(bool(worst < 0.23)),
         "True of the printed numbers; it says nothing of truncation, see e-truncation.",
     )  # fmt: skip
@@ -255,7 +154,7 @@ def _exponential(result: Grid) -> Finding:
     first, last = growth(counts, result.of(AS_WRITTEN).mean(axis=0))
     falls = sum(a < 0.0 for a, _ in printed)
     return Finding(
-        "e-exponential", "After Table 3", "e grows exponentially with N",
+        "e-exponential", "text after Table 3", "e grows exponentially with N",
         f"e(5) = {ERRORS[0, 0]}, e(100) = {ERRORS[0, 3]} (trial 1)",
         f"d ln e/dN falls from {first:.4f} to {last:.4f} between N = {counts[0]} and {counts[-1]}",
         Verdict.of(last >= first and falls == 0),
@@ -267,7 +166,7 @@ def _exponential(result: Grid) -> Finding:
 def _truncation(n: int) -> Finding:
     share = truncation_share(n)
     return Finding(
-        "e-truncation", "Sec. 5, before and after Tables 1-3",
+        "e-truncation", "text before and after Tables 1-3",
         "e is a truncation error of the integration and grows with N through chaos",
         "the global truncation error increases as N grows",
         f"tightening the tolerance 100-fold changes e at N = {n} by {share:.0e} of itself",
@@ -277,14 +176,14 @@ def _truncation(n: int) -> Finding:
     )  # fmt: skip
 
 
-def _threshold(result: Grid) -> Finding:
+def _threshold() -> Finding:
     within = int((ERRORS < THRESHOLD).sum())
     correction = float(theory.amplitude_correction(PAPER_AMPLITUDE))
     circular = correction / (1.0 + correction)
-    met = int((ERRORS < circular).sum())
+    met = int((circular > ERRORS).sum())
     return Finding(
-        "e-threshold", "After the circular error", "Most e lie within e-hat = 0.309: the model is "
-        "accurate",
+        "e-threshold", "text after the circular error",
+        "Most e lie within e-hat = 0.309: the model is accurate",
         f"{within} of 12 below 0.309",
         f"{met} of 12 below the circular error {circular:.4f}",
         Verdict.of(2 * met > ERRORS.size),
