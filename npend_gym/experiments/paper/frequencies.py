@@ -38,10 +38,30 @@ def generalised_roots(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
     return np.sqrt(np.sort(squares))
 
 
+def closest_ratio(chain: Chain) -> float:
+    """Return the least ratio of neighbouring normal frequencies: beats need it close to one."""
+    omega, _ = theory.normal_modes(chain)
+    return float(np.min(omega[1:] / omega[:-1]))
+
+
 def findings() -> Iterator[Finding]:
     """Yield the findings about the frequencies and T(N)."""
+    yield _beats()
     yield from _about_frequencies()
     yield from _about_the_period()
+
+
+def _beats() -> Finding:
+    equal = [closest_ratio(Chain.uniform(n)) for n in (2, 5, 20)]
+    light = closest_ratio(Chain([1.0, 0.01], 1.0))
+    return Finding(
+        "beats", "text", "small oscillations of N bodies exhibit beats", "-",
+        f"closest frequencies: ratio {show(equal)} for N = 2, 5, 20 equal rods; {light:.3f} for a "
+        "pendulum with a hundredth of its mass below",
+        Verdict.of(max(equal) < 1.2, Verdict.CORRECTED),
+        "They are sums of N modes; beats, a slow swelling, need two close frequencies, which "
+        "equal bobs have only among the fast modes of long chains.",
+    )  # fmt: skip
 
 
 def _about_frequencies() -> Iterator[Finding]:
