@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -11,10 +12,13 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.experiments.paper.chaos import FROM_QUARTER, FROM_TWO, Growth, growth
 from npend_gym.experiments.paper.grid import AMPLITUDES, grid
+from npend_gym.experiments.paper.integrators import STEPS, runge_kutta_errors
+from npend_gym.experiments.paper.kane import OUR_COUNTS, kane_costs, our_seconds
 from npend_gym.experiments.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.experiments.paper.periods import listing_bars
-from npend_gym.experiments.paper.scan import fit_law, scan
+from npend_gym.experiments.paper.scan import Law, Scan, fit_law, scan
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N
 from npend_gym.period import LISTING_DURATION
 from npend_gym.physics.simulate import Trajectory, simulate
@@ -108,16 +112,34 @@ def figure2(length: float = SHORT_ROD, duration: float = 200.0, nudge: float = 1
     return Figure2(shown, times[1:], np.maximum.accumulate(growth)[1:])
 
 
-def results() -> dict[str, Any]:
-    """Return the data of every figure of the tables and of the law, by the figure's name.
+def law() -> tuple[Scan, Law]:
+    """Return the pseudo-periods over N and angle, and the law fitted to them."""
+    return scan(), fit_law(scan())
 
-    They are measured unless the findings have measured them before; about two minutes.
-    """
-    data = scan()
+
+def kane_cost() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return numbers of rods and seconds: of Kane's derivation, and of our dynamics."""
+    costs = kane_costs()
+    ours = np.array(OUR_COUNTS, float), our_seconds()
+    return np.array([c.n for c in costs], float), np.array([c.seconds for c in costs]), *ours
+
+
+def lyapunov() -> dict[str, dict[int, Growth]]:
+    """Return the growth of a small change along releases from the paper's angle and a larger."""
     return {
-        "trajectory": figure2(),
-        "pseudo_periods": [series(n) for n in PAPER_N],
-        "readings": grid(),
-        "law_against_n": (data, fit_law(data)),
-        "law_against_angle": (data, fit_law(data)),
+        "45°": {n: growth(n, PAPER_AMPLITUDE, periods) for n, periods in FROM_QUARTER.items()},
+        "2 rad": {n: growth(n, 2.0, periods) for n, periods in FROM_TWO.items()},
     }
+
+
+# The data of every figure by its name. What the findings have measured is not measured again.
+SOURCES: dict[str, Callable[[], Any]] = {
+    "trajectory": figure2,
+    "pseudo_periods": lambda: [series(n) for n in PAPER_N],
+    "readings": grid,
+    "law_against_n": law,
+    "law_against_angle": law,
+    "runge_kutta": lambda: (STEPS, *runge_kutta_errors()),
+    "kane_cost": kane_cost,
+    "lyapunov": lyapunov,
+}

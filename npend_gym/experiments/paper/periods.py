@@ -19,6 +19,7 @@ from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.experiments.paper.finding import Finding, Verdict
 from npend_gym.experiments.paper.grid import AMPLITUDES
 from npend_gym.experiments.paper.measured import PAPER_GRAVITY, ideal_periods
+from npend_gym.experiments.paper.series import MAX_TERMS, printed_sums
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
 
 IDEAL = ("4.487", "6.347", "8.976", "20.071")  # s; the same in all three tables
@@ -116,8 +117,7 @@ def candidates(table: int) -> dict[str, float]:
     angles |= {f"{a:.5f} rad": float(a) for a in AMPLITUDES[table - 1]}
     found = {"the limit of the correct series": float(theory.amplitude_correction(PAPER_AMPLITUDE))}
     for name, angle in angles.items():
-        for terms in range(1, 21):
-            printed = printed_series(angle, terms)
+        for terms, printed in enumerate(printed_sums(angle).tolist(), start=1):
             found[f"the printed series at {name}, {terms} terms"] = printed
             found[f"its e-hat at {name}, {terms} terms"] = 1.0 / (1.0 + printed)
         found[f"theta^2/16 + 11 theta^4/3072 at {name}"] = angle**2 / 16 + 11 * angle**4 / 3072
@@ -125,12 +125,6 @@ def candidates(table: int) -> dict[str, float]:
         found[f"sum of 2k/135, k = 1..{terms}"] = bar_series(terms)
         found[f"0.0025 + sum of 2k/135, k = 1..{terms}"] = listing_bars(terms)
     return found
-
-
-def printed_series(theta0: float, terms: int) -> float:
-    """Return Eq. (27) as printed, with 2^(2 pi) for 2^(2n), cut after `terms` terms."""
-    s = math.sin(0.5 * theta0) ** 2
-    return sum((math.comb(2 * n, n) / 2 ** (2 * math.pi)) ** 2 * s**n for n in range(1, terms + 1))
 
 
 def origins(table: int) -> list[str]:
@@ -224,10 +218,10 @@ def _fraction(table: int) -> Finding:
     return Finding(
         f"dt-fraction-{table}", f"Table of trial {table}, head of column 2",
         "Delta T/T0 is the amplitude series near pi/4 to sixth order", FRACTIONS[table - 1],
-        f"{correct:.4f}; as printed {printed_series(PAPER_AMPLITUDE, 6):.4f}",
+        f"{correct:.4f}; as printed {printed_sums(PAPER_AMPLITUDE)[5]:.4f}",
         Verdict.of(digits(FRACTIONS[table - 1], correct) != "neither"),
         f"The printed value is {'; '.join(found)}." if found else "No form of the paper's series, "
-        "at no number of terms to 20 and no printed angle, gives the printed value.",
+        f"at up to {MAX_TERMS} terms and no printed angle, gives the printed value.",
     )  # fmt: skip
 
 

@@ -54,10 +54,11 @@ def _trajectory() -> Finding:
     return Finding(
         "figure-2", "Figure 2", "The trajectory of N = 3 is chaotic", "chaotic",
         f"a neighbour's distance grows {at[10.0]:.1f}-fold in 10 s, {at[100.0]:.0f}-fold in 100 s, "
-        f"as t^{data.exponent:.2f}",
+        f"as t^{data.exponent:.2f} up to {data.times[-1]:.0f} s",
         Verdict.of(data.exponent > 2.0),
         "Released from pi/4, as in the paper. Neighbours of a chaotic motion part exponentially, "
-        "of a regular one linearly. And (x, y) is the plane of motion, not phase space.",
+        "of a regular one linearly: the figure shows no chaos. Over longer times see chaos-n. And "
+        "(x, y) is the plane of motion, not phase space.",
     )  # fmt: skip
 
 
