@@ -14,21 +14,62 @@ from npend_gym.experiments.paper.finding import Finding, Verdict
 
 __all__ = ["CONTENTS", "MODULES", "Finding", "Verdict", "audit", "in_order", "selected"]
 
-MODULES = ("equations", "linear", "periods", "tables", "integrators", "chaos", "law")
+KANE_N = 6  # the largest chain that Kane's method is tried on by default: some seconds
+MODULES = (
+    "pendulum", "equations", "derivation", "linear", "frequencies", "series", "integrators",
+    "listings", "kane", "periods", "procedure", "tables", "law", "chaos",
+)  # fmt: skip
 
-# The paper's sections in order; in each, key of a finding -> module that computes it
+# The paper's sections in order; in each, module that computes a finding and the finding's key
+_CONTENTS = {
+    "1 Introduction and preliminaries": """
+        pendulum history, pendulum torque, pendulum pendulum, pendulum one-radian,
+        pendulum small-swing, pendulum single-period, pendulum isochrony, pendulum cubic-error,
+        pendulum nonlinear""",
+    "2 The Euler-Lagrange equations": """
+        frequencies beats, chaos chaos-energy, chaos attracting-point, procedure figure-2,
+        listings rods, equations coordinates, equations kinetic-energy, equations two-bodies,
+        equations two-bodies-small, equations velocities, equations lagrange-left,
+        equations lagrange-right, equations expanded, equations eom, equations ours""",
+    "3 Linearization and pseudo-periodicity": """
+        chaos no-solution, linear matrices, linear quadratic-term, linear modes, linear jacobian,
+        frequencies determinant, frequencies frequencies, frequencies carried-mass,
+        frequencies period, frequencies period-equal, law factor, law sqrt-scaling""",
+    "4 Higher-order corrections": """
+        linear initial-conditions, pendulum elliptic, series series, series series-taylor,
+        series series-value, law law, law coincidence""",
+    "5 Procedure and simulation": """
+        kane kane-order, procedure pseudo-complete, law readings, law which-average,
+        procedure sigma, tables trials, law trial-equation, procedure window, listings frames,
+        procedure figure-4, procedure figure-5, procedure figure-6, procedure figure-7,
+        procedure stochastic, procedure central-mean, integrators truncation, procedure one-point,
+        law small-angles, tables amplitudes, tables table-1, tables table-2, tables table-3,
+        tables tables-together, tables tables-scatter, tables e-at-5, tables e-exponential,
+        tables e-truncation, chaos chaos-errors, integrators first-order-system,
+        integrators rk4-orders, integrators taylor, integrators local-error,
+        integrators curvature, series e-hat, series e-hat-value, series series-diverges,
+        tables e-threshold, periods t0-formula, periods dt-fraction-1, periods dt-fraction-2,
+        periods dt-fraction-3, periods dt-random, periods t0-digits, periods dt-table-1,
+        periods dt-table-2, periods dt-table-3, periods t-digits, frequencies better-with-n""",
+    "6 Conclusion": """
+        pendulum third-order, law verified, pendulum one-pendulum, pendulum right-angle,
+        chaos chaos-n, kane run-time, kane log-time""",
+    "A The Euler-Lagrange equations derived": """
+        derivation rate-x-by-angle, derivation rate-y-by-angle, derivation height-by-angle,
+        derivation force, derivation pi-max, derivation rates-by-velocity,
+        derivation height-by-velocity, derivation momentum, derivation momentum-by-speeds,
+        derivation momentum-rate""",
+    "B The equations linearized": "linear expansions, linear linearised, linear by-row",
+    "C Fourth-order Runge-Kutta": "integrators rk4-formula",
+    "D Kane's method and the listings": """
+        kane kane-listing, listings get-xy, listings simulation, listings estimator,
+        procedure listing-4, periods error-bars""",
+}
+
+# section -> key of a finding -> module
 CONTENTS: dict[str, dict[str, str]] = {
-    "Abstract": {},
-    "1 Introduction and preliminaries": {},
-    "2 The Euler-Lagrange equations": {},
-    "3 Linearization and pseudo-periodicity": {},
-    "4 Higher-order corrections": {},
-    "5 Procedure and simulation": {},
-    "6 Conclusion": {},
-    "A The Euler-Lagrange equations derived": {},
-    "B The equations linearized": {},
-    "C Runge-Kutta": {},
-    "D Kane's method and listings": {},
+    section: {key: module for module, key in (entry.split() for entry in entries.split(","))}
+    for section, entries in _CONTENTS.items()
 }
 
 
@@ -56,7 +97,7 @@ def selected(only: Sequence[str] | None = None) -> list[str]:
     return [key for key, module in modules.items() if key in only or module in only]
 
 
-def audit(only: Sequence[str] | None = None, *, kane_n: int = 5) -> Iterator[Finding]:
+def audit(only: Sequence[str] | None = None, *, kane_n: int = KANE_N) -> Iterator[Finding]:
     """Yield the findings that `only` names (see `selected`), each as soon as it is computed.
 
     Parameters
@@ -67,7 +108,7 @@ def audit(only: Sequence[str] | None = None, *, kane_n: int = 5) -> Iterator[Fin
     """
     keys = selected(only)
     modules = _modules_by_key()
-    options = {"integrators": {"kane_n": kane_n}}
+    options = {"kane": {"kane_n": kane_n}}
     for name in MODULES:
         if any(modules[key] == name for key in keys):
             module = import_module(f"{__name__}.{name}")

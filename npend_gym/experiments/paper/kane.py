@@ -12,6 +12,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.experiments.paper import KANE_N
 from npend_gym.experiments.paper.finding import Finding, Verdict
 from npend_gym.experiments.paper.fits import exponent, show
 from npend_gym.experiments.paper.formula import samples
@@ -20,7 +21,6 @@ from npend_gym.physics.kernels.dynamics import derivative, new_work, pack_rods
 
 CHECKED_N = 6  # accelerations are compared for up to so many rods
 OUR_COUNTS = (10, 30, 100, 300, 1000, 3000, 10000)
-KANE_N = 6  # cost is measured up to here by default: two seconds
 
 
 @dataclass(frozen=True)
