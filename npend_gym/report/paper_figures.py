@@ -167,7 +167,7 @@ def law_against_n(data: tuple[Scan, Law]) -> Figure:
         expected = law.ratio(angle)
         bottom.plot(scan.counts, scan.median[row] / expected - 1.0, marker + "-", color=color,
                     linewidth=0.9, markersize=5)  # fmt: skip
-    top.plot([], [], color=_BLACK, linewidth=0.9, label="the law fitted here")
+    top.plot([], [], color=_BLACK, linewidth=0.9, label=f"the law, from N = {law.counts[0]}")
     exact = theory.single_period() * np.sqrt(scan.counts) / scan.fundamental
     bottom.plot(scan.counts, exact / law.ratio(scan.angles[shown[1]]) - 1.0, "x-", color=_ORANGE,
                 label="the paper's, at 45°")  # fmt: skip

@@ -205,7 +205,7 @@ def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
 
 
 def fit_exponent(x: ArrayLike, y: FloatArray) -> Estimate:
-    """Return the exponent p of y ~ x^p with its 95 % confidence interval."""
+    """Return the exponent p of y ~ x^p with its 95 % confidence interval, NaN from two points."""
     fit = linregress(np.log(x), np.log(y))
     return Estimate(float(fit.slope), float(_student(len(y) - 2) * fit.stderr))
 

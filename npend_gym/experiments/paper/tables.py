@@ -125,6 +125,7 @@ def _nearest(result: Grid) -> Finding:
 def _scatter(result: Grid) -> Finding:
     ours = result.scatter[result.readings.index(AS_WRITTEN)]
     median = np.nanmedian(result.scatter, axis=0)
+    widest = float(np.nanmax(result.scatter[:, 0]))
     able = int(np.all(result.scatter >= result.printed_scatter, axis=1).sum())
     needed = result.printed_scatter / sensitivity(result, AS_WRITTEN)
     available = np.ptp(result.amplitudes, axis=0)
@@ -135,7 +136,7 @@ def _scatter(result: Grid) -> Finding:
         Verdict.of(able > 0),
         f"The angles would have to differ by {_list(needed, 2)} rad and differ by "
         f"{_list(available, 3)}; {able} of {len(result.readings)} readings reach the printed range "
-        f"in every column.",
+        f"in every column; at N = {result.n_values[0]} none comes beyond {widest:.3f}.",
     )  # fmt: skip
 
 
