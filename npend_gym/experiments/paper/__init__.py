@@ -8,11 +8,13 @@ findings are cached by the functions that compute them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from difflib import get_close_matches
 from importlib import import_module
 
+from npend_gym import _checks
 from npend_gym.experiments.paper.finding import Finding, Verdict
 
-__all__ = ["CONTENTS", "MODULES", "Finding", "Verdict", "audit", "in_order", "selected"]
+__all__ = ["CONTENTS", "KANE_N", "MODULES", "Finding", "Verdict", "audit", "in_order", "selected"]
 
 KANE_N = 6  # the largest chain that Kane's method is tried on by default: some seconds
 MODULES = (
@@ -23,7 +25,7 @@ MODULES = (
 # The paper's sections in order; in each, module that computes a finding and the finding's key
 _CONTENTS = {
     "1 Introduction and preliminaries": """
-        pendulum history, pendulum torque, pendulum pendulum, pendulum one-radian,
+        pendulum history, pendulum torque, pendulum pendulum-equation, pendulum one-radian,
         pendulum small-swing, pendulum single-period, pendulum isochrony, pendulum cubic-error,
         pendulum nonlinear""",
     "2 The Euler-Lagrange equations": """
@@ -33,11 +35,11 @@ _CONTENTS = {
         equations lagrange-right, equations expanded, equations eom, equations ours""",
     "3 Linearization and pseudo-periodicity": """
         chaos no-solution, linear matrices, linear quadratic-term, linear modes, linear jacobian,
-        frequencies determinant, frequencies frequencies, frequencies carried-mass,
+        frequencies determinant, frequencies normal-frequencies, frequencies carried-mass,
         frequencies period, frequencies period-equal, law factor, law sqrt-scaling""",
     "4 Higher-order corrections": """
-        linear initial-conditions, pendulum elliptic, series series, series series-taylor,
-        series series-value, law law, law coincidence""",
+        linear initial-conditions, pendulum elliptic, series amplitude-series, series series-taylor,
+        series series-value, law period-law, law coincidence""",
     "5 Procedure and simulation": """
         kane kane-order, procedure pseudo-complete, law readings, law which-average,
         procedure sigma, tables trials, law trial-equation, procedure window, listings frames,
@@ -88,33 +90,51 @@ def selected(only: Sequence[str] | None = None) -> list[str]:
     modules = _modules_by_key()
     if only is None:
         return list(modules)
-    unknown = [name for name in only if name not in modules and name not in MODULES]
-    if unknown:
-        raise ValueError(
-            f"only must name findings or modules ({', '.join((*MODULES, *modules))}); "
-            f"got {', '.join(unknown)}"
-        )
+    for name in only:
+        if name not in modules and name not in MODULES:
+            near = get_close_matches(name, [*MODULES, *modules], cutoff=0.0)
+            raise ValueError(
+                f"only must name findings or modules of the audit, such as {', '.join(near)}; "
+                f"got {_checks.show(name)}"
+            )
     return [key for key, module in modules.items() if key in only or module in only]
 
 
 def audit(only: Sequence[str] | None = None, *, kane_n: int = KANE_N) -> Iterator[Finding]:
-    """Yield the findings that `only` names (see `selected`), each as soon as it is computed.
+    """Return an iterator over the findings that `only` names, each computed when asked for.
+
+    They come as they are computed; `in_order` sorts them.
 
     Parameters
     ----------
     only : sequence of str, optional
+        Keys of findings or names of modules, see `selected`.
     kane_n : int
         Largest chain whose equations are derived by Kane's method; the time grows fast.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    ImportError
+        If SymPy is not installed and a finding needs it.
     """
-    keys = selected(only)
+    kane_n = _checks.count("kane_n", kane_n, low=4, high=30)
+    return _computed(selected(only), {"kane": {"kane_n": kane_n}})
+
+
+def _computed(keys: list[str], options: dict[str, dict[str, int]]) -> Iterator[Finding]:
     modules = _modules_by_key()
-    options = {"kane": {"kane_n": kane_n}}
     for name in MODULES:
-        if any(modules[key] == name for key in keys):
+        wanted = {key for key in keys if modules[key] == name}
+        if wanted:
             module = import_module(f"{__name__}.{name}")
             for finding in module.findings(**options.get(name, {})):
-                if finding.key in keys:
+                if finding.key in wanted:
+                    wanted.remove(finding.key)
                     yield finding
+                    if not wanted:
+                        break
 
 
 def in_order(findings: Iterable[Finding]) -> list[Finding]:

@@ -111,6 +111,24 @@ def growth(n: int, theta0: float, periods: float, length: float = 1.0) -> Growth
     return Growth(step * np.arange(1.0, count + 1.0), logarithm)
 
 
+@cache
+def runs_from(theta0: float) -> dict[int, Growth]:
+    """Return the runs that the audit judges: from pi/4 or from 2 rad, by number of rods."""
+    plan = FROM_QUARTER if theta0 == math.pi / 4 else FROM_TWO
+    return {n: growth(n, theta0, periods) for n, periods in plan.items()}
+
+
+def growth_rows(points: int = 200) -> list[dict[str, float]]:
+    """Return the tidy table of the estimates, at about so many `points` of every run."""
+    return [
+        {"angle_rad": angle, "n": n, "time_s": float(run.times[k]),
+         "exponent_so_far_per_s": float(run.logarithm[k] / run.times[k])}
+        for angle in (math.pi / 4, 2.0)
+        for n, run in runs_from(angle).items()
+        for k in np.unique(np.geomspace(1, run.times.size, points).astype(np.int64)) - 1
+    ]  # fmt: skip
+
+
 def volume_change(chain: Chain, theta0: float = 1.0, duration: float = 2.0) -> float:
     """Return by how much volume in phase space changes along a release, relatively.
 
@@ -152,10 +170,9 @@ def findings() -> Iterator[Finding]:
     yield _attraction()
     by_angle = [growth(2, angle, 200) for angle in ANGLES]
     yield _with_energy(by_angle)
-    quarter = {n: growth(n, math.pi / 4, periods) for n, periods in FROM_QUARTER.items()}
-    two = {n: growth(n, 2.0, periods) for n, periods in FROM_TWO.items()}
+    two = runs_from(2.0)
     yield _no_solution(two[2])
-    yield _with_n(quarter, two)
+    yield _with_n(runs_from(math.pi / 4), two)
     yield _within_the_window()
 
 

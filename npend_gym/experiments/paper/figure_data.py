@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.experiments.paper.chaos import FROM_QUARTER, FROM_TWO, Growth, growth
+from npend_gym.experiments.paper import KANE_N
+from npend_gym.experiments.paper.chaos import Growth, runs_from
 from npend_gym.experiments.paper.grid import AMPLITUDES, grid
 from npend_gym.experiments.paper.integrators import STEPS, runge_kutta_errors
 from npend_gym.experiments.paper.kane import OUR_COUNTS, kane_costs, our_seconds
@@ -117,19 +118,18 @@ def law() -> tuple[Scan, Law]:
     return scan(), fit_law(scan())
 
 
-def kane_cost() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def kane_cost(
+    largest: int = KANE_N,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return numbers of rods and seconds: of Kane's derivation, and of our dynamics."""
-    costs = kane_costs()
+    costs = kane_costs(largest)
     ours = np.array(OUR_COUNTS, float), our_seconds()
     return np.array([c.n for c in costs], float), np.array([c.seconds for c in costs]), *ours
 
 
 def lyapunov() -> dict[str, dict[int, Growth]]:
     """Return the growth of a small change along releases from the paper's angle and a larger."""
-    return {
-        "45°": {n: growth(n, PAPER_AMPLITUDE, periods) for n, periods in FROM_QUARTER.items()},
-        "2 rad": {n: growth(n, 2.0, periods) for n, periods in FROM_TWO.items()},
-    }
+    return {"45°": runs_from(PAPER_AMPLITUDE), "2 rad": runs_from(2.0)}
 
 
 # The data of every figure by its name. What the findings have measured is not measured again.

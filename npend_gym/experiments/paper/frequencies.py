@@ -86,7 +86,7 @@ def _about_frequencies() -> Iterator[Finding]:
         worst = max(worst, float(np.max(np.abs(np.sort(paper) / exact - 1.0))))
         rows.append(f"N={n}: {exact[0]:.3f} to {exact[-1]:.3f}, the paper's {paper[0]:.3f}")
     yield Finding(
-        "frequencies", "text after Eq. (24)", "the characteristic frequencies",
+        "normal-frequencies", "text after Eq. (24)", "the characteristic frequencies",
         "omega_j = sqrt(g m_j/(l_j M))", f"equal rods [rad/s]: {'; '.join(rows)}",
         Verdict.of(worst < 1e-3),
         "The true ones spread as the zeros of the Laguerre polynomial L_N (their squares times "

@@ -7,7 +7,7 @@ from functools import cache
 from typing import cast
 
 import numpy as np
-from scipy.integrate import odeint  # pyright: ignore[reportUnknownVariableType]
+from scipy.integrate import odeint
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain

@@ -71,6 +71,19 @@ def _seconds_of(chain: Chain, repeats: int = 20, calls: int = 50) -> float:
     return float(best)
 
 
+def cost_rows(largest: int = KANE_N) -> list[dict[str, Any]]:
+    """Return the tidy table of costs: Kane's derivations, then evaluations of our dynamics."""
+    kane = [
+        {"what": "Kane's derivation", "n": c.n, "seconds": c.seconds, "operations": c.operations}
+        for c in kane_costs(largest)
+    ]
+    ours = zip(OUR_COUNTS, our_seconds().tolist(), strict=True)
+    return kane + [
+        {"what": "our evaluation", "n": n, "seconds": seconds, "operations": ""}
+        for n, seconds in ours
+    ]
+
+
 @cache
 def kane_error(n: int) -> float:
     """Return how far Kane's accelerations of `n` unequal rods are off ours, relatively."""
@@ -105,7 +118,7 @@ def findings(kane_n: int = KANE_N) -> Iterator[Finding]:
         "It derives equations, as Lagrange's does, and has no step and no truncation error; "
         "those of the simulation come from odeint, of variable order and error-controlled.",
     )  # fmt: skip
-    yield _run_time(kane_costs(max(kane_n, 3)))
+    yield _run_time(kane_costs(kane_n))
     seconds = our_seconds()
     power = exponent(np.array(OUR_COUNTS[-3:], float), seconds[-3:])
     yield Finding(

@@ -70,7 +70,7 @@ def _factor(data: Scan, fitted: Law) -> Finding:
 def _law(fitted: Law) -> Finding:
     worst = float(np.abs(fitted.residuals).max())
     return Finding(
-        "law", "Eq. (29)", "T(N, a) = T0(N) [1 + a^2/16 + ...], the single pendulum's "
+        "period-law", "Eq. (29)", "T(N, a) = T0(N) [1 + a^2/16 + ...], the single pendulum's "
         "series",
         f"a^2/{16} and limit 2 pi sqrt(N l/g)",
         f"T = {fitted.limit:.4f} T1(N) [1 + b a^2/(1 + d a^2)], b = {fitted.b}, d = {fitted.d}, "

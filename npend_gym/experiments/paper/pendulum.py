@@ -112,7 +112,7 @@ def _about_the_equation() -> Iterator[Finding]:
     )  # fmt: skip
     off = equation_error()
     yield Finding(
-        "pendulum", "Eq. (1)", "equation of motion of one pendulum",
+        "pendulum-equation", "Eq. (1)", "equation of motion of one pendulum",
         "theta'' + (g/l) sin theta = 0", f"off by {off:.0e} of g/l at 25 angles",
         Verdict.of(off < 1e-12),
     )  # fmt: skip

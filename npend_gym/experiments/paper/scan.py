@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,6 +91,23 @@ def scan(
     return Scan(
         np.array(counts), np.array(angles), mean, median, tip, completed, np.array(fundamental)
     )
+
+
+def scan_rows(data: Scan) -> list[dict[str, Any]]:
+    """Return the tidy table: a row for every starting angle and number of pendulums."""
+    return [
+        {
+            "n": int(n),
+            "angle_rad": float(angle),
+            "fundamental_s": float(data.fundamental[column]),
+            **{
+                name: float(getattr(data, name)[row, column])
+                for name in ("mean", "median", "tip", "completed")
+            },
+        }
+        for row, angle in enumerate(data.angles)
+        for column, n in enumerate(data.counts)
+    ]
 
 
 def linear_ratios(n: int) -> FloatArray:

@@ -61,7 +61,7 @@ def _about_the_series() -> Iterator[Finding]:
         abs(measured_period(a) / float(theory.pendulum_period(a, length)) - 1) for a in angles
     )
     yield Finding(
-        "series", "Eq. (27), first line", "amplitude correction of the period",
+        "amplitude-series", "Eq. (27), first line", "amplitude correction of the period",
         "sum ((2n)!/(2^(2 pi) (n!)^2))^2 sin^(2n)(theta0/2)",
         f"with 2^(2n): measured periods at {show(angles)} rad to {off:.0e}; first term as printed "
         f"{printed_sums(QUARTER)[0] / corrected_sums(QUARTER)[0]:.1e} of the right one",
