@@ -8,8 +8,10 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from npend_gym._checks import FloatArray
+from npend_gym.experiments.paper.measured import RODS, bob_periods
 from npend_gym.experiments.paper.readings import Reading, all_readings, errors
 from npend_gym.experiments.release import PAPER_N
 from npend_gym.period import READINGS
@@ -88,8 +90,25 @@ def grid(n_values: tuple[int, ...] = PAPER_N, estimators: tuple[str, ...] = READ
     columns = [PAPER_N.index(n) for n in n_values]
     readings = tuple(all_readings(estimators))
     amplitudes = AMPLITUDES[:, columns]
+    _measure(n_values, amplitudes, estimators)
     measured = errors(readings, n_values, amplitudes)
     return Grid(n_values, readings, measured, ERRORS[:, columns], amplitudes)
+
+
+def _measure(
+    n_values: tuple[int, ...], amplitudes: FloatArray, estimators: tuple[str, ...]
+) -> None:
+    """Measure what the readings need; `bob_periods` keeps it."""
+    jobs = [
+        (n, float(theta0), estimator, rods)
+        for estimator in estimators
+        for rods in RODS
+        for n, column in zip(n_values, amplitudes.T, strict=True)
+        for theta0 in column
+    ]
+    for n, *release in tqdm(jobs, unit="column", disable=None, leave=False):
+        for count in range(1, n + 2):
+            bob_periods(count, *release)
 
 
 def grid_rows(result: Grid) -> list[dict[str, Any]]:

@@ -35,7 +35,7 @@ def bob_periods(n: int, theta0: float, reading: str = "bob", rods: str = "1 m") 
     -------
     ndarray, shape (n,)
         Read-only; NaN where a bob does not complete within 10 s on rods of 1/n m, which is
-        10 sqrt(n) s (five to six periods of the slowest mode) on rods of 1 m.
+        10 sqrt(n) s (six periods of the slowest mode) on rods of 1 m.
 
     Notes
     -----

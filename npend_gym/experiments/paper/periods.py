@@ -162,7 +162,7 @@ def _t0_formula() -> Finding:
     bare = math.sqrt(PAPER_N[0] / PAPER_GRAVITY)
     ideal = ideal_digits()[0].value
     return Finding(
-        "t0-formula", "text before the tables of T0", "T0 = sqrt(l N/g)", f"{IDEAL[0]} s at N = 5",
+        "t0-formula", "text before Table 4", "T0 = sqrt(l N/g)", f"{IDEAL[0]} s at N = 5",
         f"sqrt(5/g) = {bare:.3f} s, 2 pi sqrt(5/g) = {ideal:.3f} s",
         Verdict.of(abs(bare - float(IDEAL[0])) < 1e-3, Verdict.CORRECTED),
         "The factor 2 pi is missing in the text and present in the tables' heads and numbers.",
@@ -175,7 +175,7 @@ def _t0_digits() -> Finding:
     rounded = all(row.how in ("rounded", "either") for row in rows)
     traced = all(row.how != "neither" for row in rows)
     return Finding(
-        "t0-digits", "Tables of T0, column 1", "T0 at N = 5, 10, 20, 100", ", ".join(IDEAL),
+        "t0-digits", "Tables 4-6, column 1", "T0 at N = 5, 10, 20, 100", ", ".join(IDEAL),
         _hows(rows), Verdict.of(rounded, Verdict.CORRECTED if traced else None),
         f"With g = 9.8; the simulation has 9.81, which gives {other} of the four. N = 5 is cut "
         "where the others are rounded.",
@@ -193,7 +193,7 @@ def _uncertainty(table: int) -> Finding:
     for row in wrong:
         note += f" N = {row.n}: no rounding of {row.value:.4f} gives {row.printed}."
     return Finding(
-        f"dt-table-{table}", f"Table of trial {table}, column 2",
+        f"dt-table-{table}", f"Table {table + 3}, column 2",
         f"Delta T = {FRACTIONS[table - 1]} T0", ", ".join(UNCERTAINTY[table - 1]), _hows(rows),
         Verdict.of(not wrong and not cut, Verdict.CORRECTED), note,
     )  # fmt: skip
@@ -205,7 +205,7 @@ def _real() -> Finding:
     )
     same = sum(a == b for x, y in zip(joined, REAL, strict=True) for a, b in zip(x, y, strict=True))
     return Finding(
-        "t-digits", "Tables of T0, column 3", "T = T0 +- Delta T repeats columns 1 and 2",
+        "t-digits", "Tables 4-6, column 3", "T = T0 +- Delta T repeats columns 1 and 2",
         "12 entries", f"{same} of 12 agree", Verdict.of(same == 12),
         "As a formula it does not hold: the amplitude only lengthens a pendulum's period, by "
         "T0 times 0.0400, and is no scatter to either side.",
@@ -216,7 +216,7 @@ def _fraction(table: int) -> Finding:
     found = origins(table)
     correct = float(theory.amplitude_correction(PAPER_AMPLITUDE, 6))
     return Finding(
-        f"dt-fraction-{table}", f"Table of trial {table}, head of column 2",
+        f"dt-fraction-{table}", f"Table {table + 3}, head of column 2",
         "Delta T/T0 is the amplitude series near pi/4 to sixth order", FRACTIONS[table - 1],
         f"{correct:.4f}; as printed {printed_sums(PAPER_AMPLITUDE)[5]:.4f}",
         Verdict.of(digits(FRACTIONS[table - 1], correct) != "neither"),
@@ -228,7 +228,7 @@ def _fraction(table: int) -> Finding:
 def _propagation() -> Finding:
     spread = amplitude_uncertainty()
     return Finding(
-        "dt-random", "tables of T0", "Delta T/T0 is the random uncertainty of T",
+        "dt-random", "Tables 4-6", "Delta T/T0 is the random uncertainty of T",
         f"{min(FRACTIONS)} to {max(FRACTIONS)}", f"{spread:.4f}",
         Verdict.of(digits(FRACTIONS[0], spread) != "neither"),
         "The uncertainty of 0.017 rad, propagated through T(theta0). Delta T/T0 of Eq. (27) "
