@@ -94,7 +94,7 @@ def test_the_measured_law_is_neither_the_papers_nor_the_pendulums():
     assert found["sqrt-scaling"].verdict is Verdict.HOLDS
     assert found["factor"].verdict is Verdict.CORRECTED
     assert "2 pi x 0.8317" in found["factor"].ours
-    for key in ("law", "coincidence", "which-average", "readings", "small-angles"):
+    for key in ("period-law", "coincidence", "which-average", "readings", "small-angles"):
         assert found[key].verdict is Verdict.FAILS, key
 
 

@@ -19,7 +19,7 @@ from npend_gym.experiments.paper.integrators import STEPS, runge_kutta_errors
 from npend_gym.experiments.paper.kane import OUR_COUNTS, kane_costs, our_seconds
 from npend_gym.experiments.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.experiments.paper.periods import listing_bars
-from npend_gym.experiments.paper.scan import ANGLES, COUNTS, Law, Scan, fit_law, scan
+from npend_gym.experiments.paper.scan import Law, Scan, fit_law, scan
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N
 from npend_gym.period import LISTING_DURATION
 from npend_gym.physics.simulate import Trajectory, simulate
@@ -115,7 +115,7 @@ def figure2(length: float = SHORT_ROD, duration: float = 200.0, nudge: float = 1
 
 def law() -> tuple[Scan, Law]:
     """Return the pseudo-periods over N and angle, and the law fitted to them."""
-    data = scan(COUNTS, ANGLES)
+    data = scan()
     return data, fit_law(data)
 
 
@@ -133,11 +133,11 @@ def lyapunov() -> dict[str, dict[int, Growth]]:
     return {"45°": runs_from(PAPER_AMPLITUDE), "2 rad": runs_from(2.0)}
 
 
-# The data of every figure by its name. The calls are those of the findings, whose results are kept
+# The data of every figure by its name. What the findings have measured is not measured again.
 SOURCES: dict[str, Callable[[], Any]] = {
     "trajectory": figure2,
     "pseudo_periods": lambda: [series(n) for n in PAPER_N],
-    "readings": lambda: grid(PAPER_N),
+    "readings": grid,
     "law_against_n": law,
     "law_against_angle": law,
     "runge_kutta": lambda: (STEPS, *runge_kutta_errors()),

@@ -81,12 +81,16 @@ class Grid:
         return self.errors[self.readings.index(reading)]
 
 
-@cache
 def grid(n_values: tuple[int, ...] = PAPER_N, estimators: tuple[str, ...] = READINGS) -> Grid:
     """Return the grid of readings for the columns `n_values`, at the printed starting angles.
 
-    The whole grid takes more than a minute, nearly all of it for N = 100.
+    The whole grid takes more than a minute, nearly all of it for N = 100; it is kept.
     """
+    return _grid(n_values, estimators)
+
+
+@cache
+def _grid(n_values: tuple[int, ...], estimators: tuple[str, ...]) -> Grid:
     columns = [PAPER_N.index(n) for n in n_values]
     readings = tuple(all_readings(estimators))
     amplitudes = AMPLITUDES[:, columns]

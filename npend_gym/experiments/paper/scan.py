@@ -65,7 +65,6 @@ class Scan:
     fundamental: FloatArray
 
 
-@cache
 def scan(
     counts: tuple[int, ...] = COUNTS,
     angles: tuple[float, ...] = ANGLES,
@@ -74,23 +73,25 @@ def scan(
 ) -> Scan:
     """Release every chain of `counts` rods at every angle [rad]; about 15 s by default.
 
-    A bob is given up after so many `periods` of the slowest mode.
+    A bob is given up after so many `periods` of the slowest mode. What was measured once is kept.
     """
     fundamental = [theory.fundamental_period(Chain.uniform(n)) for n in counts]
     cells = np.empty((4, len(angles), len(counts)))
     for column, (n, t1) in enumerate(zip(counts, fundamental, strict=True)):
         for row, angle in enumerate(angles):
-            found = pseudo_periods(
-                Chain.uniform(n), angle, reading=reading, duration=periods * t1, rtol=_RTOL
-            )
-            done = found[np.isfinite(found)] / t1
+            ratio = _periods(n, angle, reading, periods * t1) / t1
+            done = ratio[np.isfinite(ratio)]
             some = done if done.size else np.array([np.nan])
-            share = done.size / n
-            cells[:, row, column] = some.mean(), np.median(some), found[-1] / t1, share
+            cells[:, row, column] = some.mean(), np.median(some), ratio[-1], done.size / n
     mean, median, tip, completed = cells
     return Scan(
         np.array(counts), np.array(angles), mean, median, tip, completed, np.array(fundamental)
     )
+
+
+@cache
+def _periods(n: int, angle: float, reading: str, duration: float) -> FloatArray:
+    return pseudo_periods(Chain.uniform(n), angle, reading=reading, duration=duration, rtol=_RTOL)
 
 
 def scan_rows(data: Scan) -> list[dict[str, Any]]:
