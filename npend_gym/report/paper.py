@@ -42,8 +42,10 @@ def audit_text(findings: Sequence[Finding]) -> str:
     for section, some in _by_section(findings):
         lines += [section, ""]
         for finding in some:
-            lines.append(f"  {finding.verdict.value.upper()}: {finding.place} [{finding.key}]")
-            lines += _paragraph("", finding.claim)
+            lines.append(
+                f"  {finding.verdict.value.upper()}: {_capital(finding.place)} [{finding.key}]"
+            )
+            lines += _paragraph("", _capital(finding.claim))
             lines += _paragraph("printed: ", finding.printed)
             lines += _paragraph("ours:    ", finding.ours)
         lines.append("")
@@ -121,16 +123,27 @@ def audit_markdown(findings: Sequence[Finding]) -> str:
 
 def _item(finding: Finding) -> list[str]:
     printed = "" if finding.printed == "-" else f"- Printed: `{finding.printed}`"
+    ours = "" if finding.ours == "-" else f"- Computed: {_escaped(finding.ours)}"
     note = f"- {_escaped(finding.note)}" if finding.note else ""
     lines = [
-        f"**{_escaped(finding.place)}: {_escaped(finding.claim)}.** *{finding.verdict.value}*",
+        f"**{_title(finding)}.** *{finding.verdict.value}*",
         "",
         printed,
-        f"- Computed: {_escaped(finding.ours)}",
+        ours,
         note,
         f"- `{_COMMAND.format(finding.key)}`",
     ]
     return [line for k, line in enumerate(lines) if line or k == 1]
+
+
+def _title(finding: Finding) -> str:
+    return _escaped(f"{_capital(finding.place)}: {_capital(finding.claim)}")
+
+
+def _capital(text: str) -> str:
+    """Return `text` with a capital, unless it starts with a symbol such as e or dL/dt."""
+    first = text.split(" ", 1)[0].rstrip(",:")
+    return text[0].upper() + text[1:] if first.isalpha() and len(first) > 1 else text
 
 
 def _escaped(text: str) -> str:

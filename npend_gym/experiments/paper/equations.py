@@ -234,7 +234,8 @@ FORMULAS = (
         "pi_ij = i if i <= j, else j",
         "That is min(i, j); max(i, j), as in Eq. (44), is right. Accelerations are compared with "
         "those of L = T - V differentiated by SymPy. With the min, A is no mass matrix: "
-        f"for two unit bodies at rest its determinant is {printed_determinant():+.0f}.",
+        f"for two unit bodies at rest its determinant is {printed_determinant():+.0f}. LU "
+        "decomposition is one way to solve it.",
         truth=lambda at: lagrange_accelerations(at.n)(at),
         as_printed=lambda at: accelerations(at, "min"),
         corrected=lambda at: accelerations(at, "max"),

@@ -153,10 +153,10 @@ class Formula:
 def judge(formula: Formula) -> Finding:
     """Return what random chains in motion say about `formula`."""
     off = formula.off(formula.as_printed)
-    verdict, ours = Verdict.of(off < formula.tolerance), f"as printed: off by {off:.1e}"
+    verdict, ours = Verdict.of(off < formula.tolerance), f"off by {off:.0e}"
     if formula.corrected is not None:
         mended = formula.off(formula.corrected)
-        ours += f"; corrected: {mended:.1e}"
+        ours = f"as printed: {ours}; corrected: {mended:.0e}"
         if verdict is Verdict.FAILS and mended < formula.tolerance:
             verdict = Verdict.CORRECTED
     return Finding(

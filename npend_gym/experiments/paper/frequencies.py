@@ -131,7 +131,7 @@ def _about_the_period() -> Iterator[Finding]:
     counts = (1, 2, 5, 20, 100, 500)
     errors = [abs(period_ratio(Chain.uniform(n)) - 1.0) for n in counts]
     yield Finding(
-        "better-with-n", "section 5, after the tables", "the model approaches the truth as N grows",
+        "better-with-n", "text after Table 6", "the model approaches the truth as N grows",
         "more closely as N -> infinity",
         f"|T0/T1 - 1| = {show(errors)} for N = {', '.join(map(str, counts))}",
         Verdict.of(errors[-1] < errors[1]),

@@ -133,7 +133,7 @@ def _about_the_system() -> Iterator[Finding]:
         Verdict.of(odd > 1e-9),
         "So no term of even order exists; the quadratic terms of Eq. (17) come with "
         "sin(theta_i - theta_j) and are of third order. As printed the term is a matrix added to "
-        "a vector. The paper drops it in the next step, rightly.",
+        "a vector, and not even one pendulum has it. The next step drops it, rightly.",
     )  # fmt: skip
     least = smallest_mass_eigenvalue()
     yield Finding(

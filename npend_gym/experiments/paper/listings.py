@@ -110,8 +110,8 @@ def _rods() -> Finding:
         "rods", "Listings 1 and 3; section 2", "rods are 1 m long", "lengths = np.ones(n) / n",
         f"mean period at N = {n}: {long:.3f} s on rods of 1 m, {short:.3f} s on the listing's",
         Verdict.of(abs(short / long - 1.0) < 0.01),
-        "The listing divides 1 m among the rods, and so the periods by sqrt(N): the square root "
-        "that the figures show against the model cannot come from it as printed.",
+        "The listing divides 1 m among the rods, and so the periods by sqrt(N): as printed its "
+        "periods do not grow with N at all, while its model has rods of 1 m.",
     )  # fmt: skip
 
 
@@ -156,8 +156,8 @@ def _estimator() -> Finding:
         f"it returns {show(returned)} 1/s for N = {', '.join(map(str, COUNTS))}; inverted, that is "
         f"{show(ratios)} of the measured periods",
         Verdict.of(bool(np.all(np.abs(returned / means - 1.0) < 0.05))),
-        "A mean of frequencies, not of times. Heights turn twice in a swing, so that two turns on "
-        "is half a period; the mean gap of frames of like height is none.",
+        "A mean of frequencies, not of times. A height turns four times in a full swing, so that "
+        "times[i+2] - times[i] is half a period; the mean gap of frames of like height is none.",
     )  # fmt: skip
 
 

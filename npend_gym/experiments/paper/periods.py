@@ -189,7 +189,7 @@ def _uncertainty(table: int) -> Finding:
     bounds = fraction_bounds(table)
     good = [i for i, row in enumerate(rows) if row.how != "neither"]
     low, high = bounds[good, 0].max(), bounds[good, 1].min()
-    note = f"The digits fix Delta T/T0 between {low:.5f} and {high:.5f}: f was used as printed."
+    note = f"The digits fix Delta T/T0 between {low:.5f} and {high:.5f}: used as printed."
     for row in wrong:
         note += f" N = {row.n}: no rounding of {row.value:.4f} gives {row.printed}."
     return Finding(
