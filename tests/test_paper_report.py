@@ -46,7 +46,7 @@ def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
     named = {int(n) for n in re.findall(r"\((\d+)\)", places)}
     for first, last in re.findall(r"\((\d+)\)-\((\d+)\)", places):
         named |= set(range(int(first), int(last) + 1))
-    definitions = {10, 18, 30}  # Euler-Lagrange equations, the vector Theta, Eq. (29) at a trial
+    definitions = {10, 18}  # Lagrange's equations, the vector Theta
     assert set(range(1, 58)) - named <= definitions
 
 
@@ -152,3 +152,13 @@ def test_what_was_found_is_kept_when_the_rest_fails(
     assert message in captured.err
     assert "1 findings: 1 not decidable" in captured.out
     assert json.loads((tmp_path / "manifest.json").read_text())["complete"] is False
+
+
+def test_the_readme_counts_what_the_document_counts():
+    counts = re.findall(r"\d+", re.search(r"\*\*(\d+ findings: .*)\*\*", DOCUMENT.read_text())[1])
+    readme = (DOCUMENT.parent.parent / "README.md").read_text(encoding="utf-8")
+    shown = re.search(
+        r"of (\d+) findings (\d+) hold, (\d+) hold with a correction, (\d+) do not hold and (\d+)",
+        readme,
+    )
+    assert list(shown.groups()) == counts

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 SUMMARY = "reproduce the source paper and judge every equation, number and claim"
 _ABOUT = """\
 Every equation, number and claim of the source paper, computed anew and judged. All of it takes
-some three minutes; items can be had one by one, see `npend paper --list`.
+some four minutes; items can be had one by one, see `npend paper --list`.
 """
 _EXAMPLES = """\
 examples:
   npend paper --out results                findings.csv, audit.md, tables and figures
   npend paper --only eom,series-value      two findings
   npend paper --only chaos                 those of one module, `npend_gym.experiments.paper.chaos`
-  npend paper --only run-time --kane-n 12  Kane's method on more rods; 12 take a minute
+  npend paper --only run-time --kane-n 12  Kane's method on more rods; 12 take minutes
 """
 
 

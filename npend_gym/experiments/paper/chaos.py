@@ -20,8 +20,8 @@ from npend_gym.physics.simulate import simulate
 
 ANGLES = (0.1, math.pi / 4, 1.2, 1.5, 2.0)  # rad, from which two rods are released
 # Number of rods -> periods of the slowest mode for which their motion is followed
-FROM_QUARTER = {1: 500, 2: 500, 3: 2000, 5: 500, 10: 200, 20: 60}
-FROM_TWO = {2: 400, 3: 200, 5: 60, 10: 15, 20: 6}
+FROM_QUARTER = {1: 150, 2: 400, 3: 2000, 5: 600, 10: 200, 20: 60}
+FROM_TWO = {2: 400, 3: 200, 5: 60, 10: 15, 20: 12}
 STEP = 0.1  # of the tangent equation, in radians of the fastest normal mode
 _ENTRIES = 200_000  # of the matrices held at once: they stay in the processor's cache
 

@@ -127,9 +127,9 @@ def odeint_errors(n: int, length: float) -> tuple[float, float]:
 
 def findings() -> Iterator[Finding]:
     """Yield the findings about integrators."""
-    yield from _about_truncation()
     yield from _about_runge_kutta()
     yield from _about_euler()
+    yield from _about_truncation()
 
 
 def _about_truncation() -> Iterator[Finding]:

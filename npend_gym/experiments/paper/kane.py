@@ -54,7 +54,10 @@ def _cost(sympy: Any, n: int) -> KaneCost:
 
 @cache
 def our_seconds(counts: tuple[int, ...] = OUR_COUNTS) -> FloatArray:
-    """Return the time [s] of one evaluation of our dynamics of `counts` rods, fastest of many."""
+    """Return the time [s] of one evaluation of our dynamics of `counts` rods, fastest of many.
+
+    With the call from Python, which takes some microseconds and hides what few rods cost.
+    """
     return np.array([_seconds_of(Chain.uniform(n)) for n in counts])
 
 

@@ -147,7 +147,7 @@ def _trial_equation() -> Finding:
     median = [float(np.median(pseudo_periods(chain, a))) for a in angles]
     model, measured = factor[1] / factor[0] - 1.0, median[1] / median[0] - 1.0
     return Finding(
-        "trial-equation", "text before Figure 4", "How a trial's angle changes T",
+        "trial-equation", "Eq. (30)", "How a trial's angle changes T",
         "0.017 rad",
         f"model {model:+.4f}, measured {measured:+.4f} (median, N = 20)",
         Verdict.CORRECTED if abs(measured / model - 1.0) < 0.2 else Verdict.FAILS,
