@@ -24,7 +24,9 @@ from npend_gym.physics.kernels.turning import Turns
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
 
 # The block of memory has a row with an entry for every lane for each of these,
-TIME, START_ENERGY, WORK_DONE = range(3)  # s, J above rest, J by torque and damping since the start
+TIME, START_ENERGY, WORK_DONE = range(
+    3
+)  # s, J above rest, J by torque, damping and drag since then
 THRESHOLD = 3  # m/s, the speed above which a bob's direction counts
 # 1 over length [1/m] and unit of energy [1/J]; height of the centre of mass over mass times length
 PER_REACH, PER_UNIT, LIFT_SHARE = range(4, 7)
@@ -37,7 +39,8 @@ THETA, OMEGA, VELOCITY, PERIOD, ORIENTATION, ZERO, SIGN, RISEN = range(8)  # vel
 LENGTH, INVERSE_LENGTH, DAMPING, MASS, CARRIED = range(
     8, 13
 )  # horizontal; mass carried times length
-GRAVITY_AND_INVERSE_MASS = 13  # gravity, then the inverse masses at joints 0..n
+DRAG, QUADRATIC_DRAG = 13, 14
+GRAVITY_AND_INVERSE_MASS = 15  # gravity, then the inverse masses at joints 0..n
 # and at last, group after group, a row for each actuated joint: the action, torque over its limit.
 
 # What is seen: for every lane what a mode judges by, then what only the info tells,
@@ -92,18 +95,30 @@ def new_scratch(n: int, width: int) -> FloatArray:
 
 
 @inlined_kernel
+def any_positive(row: FloatArray) -> bool:
+    """Return whether any lane of any entry is greater than zero."""
+    found = False
+    for i in range(row.size):
+        found = found | any_of(row[i] > 0.0)
+    return found
+
+
+@inlined_kernel
 def group_of(numbers: FloatArray, groups: int, g: int, n: int) -> Group:
     """Return the named parts of group `g`."""
     rows = GRAVITY_AND_INVERSE_MASS * n + n + 2
     first = LANE_ROWS * groups + g * rows
     part = numbers[first : first + rows]
     last = GRAVITY_AND_INVERSE_MASS * n
+    drag = part[DRAG * n : (QUADRATIC_DRAG + 1) * n]
     rods = Rods(
         part[last + 1 :],
         part[LENGTH * n : (LENGTH + 1) * n],
         part[INVERSE_LENGTH * n : (INVERSE_LENGTH + 1) * n],
         part[DAMPING * n : (DAMPING + 1) * n],
         part[last : last + 1],
+        drag if any_positive(drag) else part[:0],
+        part[:0],
     )
     return Group(
         part[THETA * n : (THETA + 1) * n],
