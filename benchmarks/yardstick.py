@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numba
 import numpy as np
-from foundation import cpu
 
-from npend_gym import __version__
+from npend_gym.bench.timing import machine
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
 from npend_gym.physics.kernels.packs import WIDTH, bare, packs
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
@@ -114,7 +113,7 @@ def measure(n: int, folder: Path) -> tuple[float, dict[int, float]]:
 
 def main() -> None:
     """Measure, print and write."""
-    about = f"npend_gym {__version__}, numba {numba.__version__}, {cpu()}"
+    about = machine()
     print(about)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
