@@ -30,7 +30,8 @@ def test_of_two_jobs_the_one_that_does_twice_the_work_in_the_time_has_twice_the_
     assert best["two"] == pytest.approx(2.0 * best["one"], rel=0.3)
 
 
-def test_calls_come_in_whole_multiples(hurried):
+@pytest.mark.usefixtures("hurried")
+def test_calls_come_in_whole_multiples():
     taken = []
     timing.rates({"": Job(taken.append, multiple=7)}, rounds=3)
     assert [calls % 7 for calls in taken[-3:]] == [0, 0, 0]
@@ -53,8 +54,9 @@ def test_every_method_solves_the_papers_job_as_well_as_it_is_told():
         assert error < (1e-5 if "MuJoCo" in method else 1e-8), method
 
 
+@pytest.mark.usefixtures("hurried")
 @pytest.mark.parametrize("suite", ["dynamics", "environments"])
-def test_suites_compare_positive_rates(hurried, suite, monkeypatch):
+def test_suites_compare_positive_rates(suite):
     rows = {"dynamics": dynamics, "environments": environments}[suite].rows()
     first = [next(rows) for _ in range(3)]
     assert all(row.ours_per_s > 0.0 and row.ratio > 0.0 for row in first if row.peer)
