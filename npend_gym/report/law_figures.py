@@ -10,7 +10,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, Scala
 
 from npend_gym import theory
 from npend_gym.experiments.paper.scan import Law, Scan
-from npend_gym.report.figures import _styled as styled
+from npend_gym.report.figures import styled
 from npend_gym.report.palette import BLACK, FAINT, GREEN, ORANGE, PINK, TRIALS, panels, shade
 
 

@@ -21,7 +21,7 @@ from npend_gym.experiments.paper.chaos import Growth
 from npend_gym.experiments.paper.figure_data import Figure2, Series
 from npend_gym.experiments.paper.grid import Grid
 from npend_gym.experiments.paper.readings import AS_WRITTEN
-from npend_gym.report.figures import _styled as styled
+from npend_gym.report.figures import styled
 from npend_gym.report.law_figures import law_against_angle, law_against_n
 from npend_gym.report.palette import (
     AMBER,
