@@ -1,6 +1,7 @@
 """Drag and moving pivots against the dense Lagrangian, derived here by SymPy."""
 
 from functools import cache
+from itertools import pairwise
 
 import gymnasium as gym
 import numpy as np
@@ -197,7 +198,7 @@ def test_a_shaken_pivot_in_segments_follows_the_equations_with_time_in_them(unev
         theta, omega = np.full(4, 0.5), np.zeros(4)
         edges = np.linspace(0.0, end, count + 1)
         rises = np.diff(a / w * np.sin(w * edges)) * count / end
-        for span, rise in zip(zip(edges, edges[1:], strict=False), rises, strict=True):
+        for span, rise in zip(pairwise(edges), rises, strict=True):
             path = simulate(uneven, theta, omega, span, pivot_acceleration=(0.0, rise))
             theta, omega = path.theta[-1], path.omega[-1]
         return theta

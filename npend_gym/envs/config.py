@@ -20,8 +20,8 @@ OBSERVATIONS = ("angles", "sincos")
 MAX_SUBSTEPS = 100_000
 
 # Substeps are so short that in each the fastest normal mode turns by no more than this [rad], and
-# what damping and drag brake decays by no more than this. Turning points of a release then come out within 1e-6 s of
-# the adaptive method's for the paper's chains up to N = 20.
+# what damping and drag brake decays by no more than this. Turning points of a release then come out
+# within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
 _PHASE = 1.0 / 16.0
 
 

@@ -27,8 +27,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     Description
     -----------
     A planar chain moves under gravity, joint damping, drag of the air and torques at the actuated
-    joints (by default the base). The state is exact up to the integrator: the equations of motion are
-    solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
+    joints (by default the base). The state is exact up to the integrator: the equations of motion
+    are solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
     paper's system A(theta) theta'' = b, by Runge-Kutta steps of order 4, `substeps` a step. All
     results are the same bits on every machine.
 

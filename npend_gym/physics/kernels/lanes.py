@@ -24,9 +24,8 @@ from npend_gym.physics.kernels.turning import Turns
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
 
 # The block of memory has a row with an entry for every lane for each of these,
-TIME, START_ENERGY, WORK_DONE = range(
-    3
-)  # s, J above rest, J by torque, damping and drag since then
+# s; J above rest; J by torque, damping and drag since then
+TIME, START_ENERGY, WORK_DONE = range(3)
 THRESHOLD = 3  # m/s, the speed above which a bob's direction counts
 # 1 over length [1/m] and unit of energy [1/J]; height of the centre of mass over mass times length
 PER_REACH, PER_UNIT, LIFT_SHARE = range(4, 7)
@@ -35,11 +34,9 @@ COMPLETED, EFFORT = 7, 8  # bobs whose pseudo-period is known; mean square of th
 DIVERGED, ACTIVE, STARTING = range(9, 12)
 LANE_ROWS = 12
 # then, group after group, a row of the group's lanes for each rod (and joint) for each of these,
-THETA, OMEGA, VELOCITY, PERIOD, ORIENTATION, ZERO, SIGN, RISEN = range(8)  # velocity: of the bob,
-LENGTH, INVERSE_LENGTH, DAMPING, MASS, CARRIED = range(
-    8, 13
-)  # horizontal; mass carried times length
-DRAG, QUADRATIC_DRAG = 13, 14
+# the velocity being the bob's, horizontal, and CARRIED the mass carried times length,
+THETA, OMEGA, VELOCITY, PERIOD, ORIENTATION, ZERO, SIGN, RISEN = range(8)
+LENGTH, INVERSE_LENGTH, DAMPING, DRAG, QUADRATIC_DRAG, MASS, CARRIED = range(8, 15)
 GRAVITY_AND_INVERSE_MASS = 15  # gravity, then the inverse masses at joints 0..n
 # and at last, group after group, a row for each actuated joint: the action, torque over its limit.
 
@@ -96,11 +93,11 @@ def new_scratch(n: int, width: int) -> FloatArray:
 
 @inlined_kernel
 def any_positive(row: FloatArray) -> bool:
-    """Return whether any lane of any entry is greater than zero."""
-    found = False
-    for i in range(row.size):
-        found = found | any_of(row[i] > 0.0)
-    return found
+    """Return whether any lane of any entry is greater than zero; none may be less."""
+    total = row[0]
+    for i in range(1, row.size):
+        total = total + row[i]
+    return any_of(total > 0.0)
 
 
 @inlined_kernel
