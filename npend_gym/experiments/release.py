@@ -158,9 +158,9 @@ def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
 
 
 def summary_rows(release: Release, runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return a row for every n: what was measured, the models, and how far off they are.
+    r"""Return a row for every n: what was measured, the models, and how far off they are.
 
-    The relative error is the paper's, |S - T| / S with S measured and T the model.
+    The relative error is the paper's, \|S - T\| / S with S measured and T the model.
     """
     return [
         _summary(release, n, [run for run in runs if run.n == n])

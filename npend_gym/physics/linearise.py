@@ -56,12 +56,12 @@ def linearise(
     Notes
     -----
     The paper's system (its Eq. (eom)), row i times l_i, with damping, drag and torques, is
-    M alpha = f,
+    M alpha = f, ::
 
-        M = W \* cos(D),  D_ij = theta_i - theta_j,  W_ij = l_i l_j sum_{k >= max(i, j)} m_k,
-        f = Q - F omega - S omega^2 - g l mu sin(theta) + R,  S = W \* sin(D),
+        M = W * cos(D),  D_ij = theta_i - theta_j,  W_ij = l_i l_j sum_{k >= max(i, j)} m_k,
+        f = Q - F omega - S omega^2 - g l mu sin(theta) + R,  S = W * sin(D),
 
-    the products being entry by entry. Differentiated along its solution alpha(theta, omega):
+    the products being entry by entry. Differentiated along its solution alpha(theta, omega)::
 
         M dalpha/dtheta = diag(S alpha - M omega^2 - g l mu cos(theta))
                           - S diag(alpha) + M diag(omega^2) + dR/dtheta,

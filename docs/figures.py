@@ -1,0 +1,163 @@
+"""The figures of the documentation's own pages: `python docs/figures.py` draws them all.
+
+They go to `docs/images`, or to the folder that is given. The others there are copies of what
+`npend` draws; the page that shows one names the command.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from npend_gym import Chain, __version__, pseudo_periods, simulate
+from npend_gym._checks import FloatArray
+from npend_gym.physics.energy import positions
+from npend_gym.report.figures import styled
+from npend_gym.report.palette import BLACK, BLUE, FAINT, GREEN, ORANGE, panels
+
+HERE = Path(__file__).parent / "images"
+
+
+def tension_system(
+    chain: Chain, theta: FloatArray, omega: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return matrix (n, n) and right side (n,) of the tensions without torques, Eq. (1)."""
+    v = np.concatenate([[0.0], 1.0 / chain.masses])
+    beside = -np.cos(np.diff(theta)) * v[1:-1]
+    matrix = np.diag(v[:-1] + v[1:]) + np.diag(beside, 1) + np.diag(beside, -1)
+    right = chain.lengths * omega**2
+    right[0] += chain.gravity * np.cos(theta[0])
+    return matrix, right
+
+
+def mass_matrix(chain: Chain, theta: FloatArray) -> FloatArray:
+    """Return the paper's dense matrix, row i multiplied by l_i."""
+    l, mu = chain.lengths, chain.carried_masses
+    return (
+        np.outer(l, l) * np.minimum.outer(mu, mu) * np.cos(theta[:, None] - theta)
+    )  # mu falls along the chain, so the least is that of max(i, j)
+
+
+@styled
+def tensions() -> Figure:
+    """Draw the forces on a bob in motion, and the matrices of both ways to the accelerations."""
+    chain = Chain.uniform(6)
+    theta = np.array([0.9, 0.3, 1.1, -0.2, -0.9, 0.4])  # chosen to be seen
+    omega = np.array([2.0, 3.0, 2.0, 3.0, 4.0, 3.0])
+    place = positions(chain, theta)
+    matrix, right = tension_system(chain, theta, omega)
+    tension = np.linalg.solve(matrix, right)
+    figure = Figure(figsize=(8.6, 3.6))
+    left, middle, last = figure.subplots(1, 3, width_ratios=(0.7, 1, 1))
+    _draw_forces(left, chain, theta, np.vstack([np.zeros(2), place]), tension)
+    for axes, system, title in (
+        (middle, mass_matrix(chain, theta), "for the angular accelerations"),
+        (last, matrix, "for the tensions"),
+    ):
+        largest = np.abs(system).max()
+        shown = np.where(system == 0.0, np.nan, system)
+        axes.imshow(shown, cmap="RdBu", vmin=-largest, vmax=largest)
+        for (i, j), value in np.ndenumerate(shown):
+            if np.isfinite(value):
+                dark = abs(value) > 0.6 * largest
+                axes.text(
+                    j, i, f"{value:.1f}", ha="center", va="center", fontsize=6,
+                    color="white" if dark else BLACK,
+                )  # fmt: skip
+        axes.set(title=title, xticks=[], yticks=[])
+        axes.grid(visible=False)
+    return figure
+
+
+def _draw_forces(
+    axes: Any, chain: Chain, theta: FloatArray, joints: FloatArray, tension: FloatArray
+) -> None:
+    rods = np.column_stack([np.sin(theta), -np.cos(theta)])  # e_i, outwards
+    across = np.column_stack([np.cos(theta), np.sin(theta)])  # n_i
+    for k in range(chain.n):
+        axes.plot(*joints[k : k + 2].T, color=FAINT, linewidth=4.0 * tension[k] / tension.max())
+        where = joints[k : k + 2].mean(axis=0) + 0.4 * across[k]
+        axes.text(*where, f"{tension[k]:.0f} N", fontsize=7, ha="center", va="center")
+    axes.plot(*joints[1:].T, "o", color=BLUE, markersize=5)
+    axes.plot(*joints[0], "s", color=BLACK, markersize=4)
+    bob = 2
+    pulls = (
+        (r"$T_i$", -tension[bob] * rods[bob], ORANGE, (-4, 8)),
+        (r"$T_{i+1}$", tension[bob + 1] * rods[bob + 1], ORANGE, (-30, 6)),
+        (r"$m_i g$", np.array([0.0, -chain.masses[bob] * chain.gravity]), GREEN, (5, -4)),
+    )
+    for name, force, color, beside in pulls:
+        tip = joints[bob + 1] + 0.8 / tension[bob] * force
+        arrow = {"arrowstyle": "-|>", "color": color, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", tip, joints[bob + 1], arrowprops=arrow)
+        axes.annotate(name, tip, xytext=beside, textcoords="offset points", color=color)
+    axes.set(
+        aspect="equal", xlabel="x [m]", ylabel="y [m]", title="forces on a bob", xlim=(-0.2, 2.6)
+    )
+
+
+@styled
+def readings() -> Figure:
+    """Draw what the readings look at, for one bob of a release, and where each completes."""
+    chain, start, bob = Chain.uniform(5), np.pi / 4, 2
+    times = np.linspace(0.0, 15.0, 1501)
+    motion = simulate(chain, start, 0.0, times)
+    height = motion.positions()[:, bob, 1]
+    signals = (
+        ("bob", "horizontal velocity\nof the bob [m/s]", motion.velocities()[:, bob, 0]),
+        ("link", "angular velocity\nof its rod [rad/s]", motion.omega[:, bob]),
+        ("height", "height over\nthe start [m]", height - height[0]),
+    )
+    figure = Figure(figsize=(7.0, 5.4))
+    rows = panels(figure, 3, 1, sharex=True)
+    for axes, (reading, label, signal) in zip(rows, signals, strict=True):
+        period = pseudo_periods(chain, start, reading=reading)[bob]
+        axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        axes.plot(times, signal, color=BLUE)
+        axes.set(ylabel=label)
+        if np.isnan(period):
+            axes.set_title(f'"{reading}": not completed')
+            continue
+        axes.axvline(period, color=ORANGE)
+        axes.plot(period, 0.0, "o", color=ORANGE)
+        axes.set_title(f'"{reading}": {period:.4f} s')
+    rows[-1].set(xlabel="time since the release [s]", xlim=(0.0, times[-1]))
+    figure.align_ylabels(rows)
+    return figure
+
+
+@styled
+def accuracy() -> Figure:
+    """Draw how the errors follow the tolerance, where the motion is regular and where it is not."""
+    times = np.linspace(0.0, 10.0, 101)
+    tolerances = 10.0 ** -np.arange(3.0, 14.0)
+    figure = Figure(figsize=(7.2, 3.2))
+    axes = panels(figure, 1, 2)
+    for ax, start, name in zip(axes, (np.pi / 4, 2.0), ("pi/4", "2 rad"), strict=True):
+        chain = Chain.uniform(10)
+        best = simulate(chain, start, 0.0, times, rtol=1e-14, atol=1e-16)
+        runs = [simulate(chain, start, 0.0, times, rtol=r, atol=0.01 * r) for r in tolerances]
+        angles = [np.abs(run.theta - best.theta).max() for run in runs]
+        energies = [np.abs(run.energy() / best.energy()[0] - 1.0).max() for run in runs]
+        ax.plot(tolerances, angles, "o-", color=BLUE, markersize=4, label="angles [rad]")
+        ax.plot(tolerances, energies, "s-", color=GREEN, markersize=4, label="energy, relative")
+        ax.plot(tolerances, tolerances, "--", color=FAINT, label="rtol")
+        ax.set(xscale="log", yscale="log", xlabel="rtol", title=f"ten rods from {name}, 10 s")
+        ax.set_ylim(1e-16, 1e3)
+    axes[0].set_ylabel("largest error")
+    axes[0].legend()
+    return figure
+
+
+FIGURES = {"tensions": tensions, "readings": readings, "accuracy": accuracy}
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE
+    for name, draw in FIGURES.items():
+        path = folder / f"{name}.png"
+        draw().savefig(path, metadata={"Software": f"npend_gym {__version__}"})
+        print("drawn:", path)
