@@ -1,0 +1,124 @@
+"""The equations of motion linearised, exactly, about any state: NumPy, any leading axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.physics.simulate import joint_torques
+
+
+class Linearisation(NamedTuple):
+    """d/dt (delta theta, delta omega) = A (delta theta, delta omega) + B delta torque."""
+
+    A: FloatArray  # (..., 2n, 2n)
+    B: FloatArray  # (..., 2n, number of joints)
+
+
+def linearise(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike = 0.0,
+    torque: ArrayLike | None = None,
+    joints: Sequence[int] = (0,),
+) -> Linearisation:
+    r"""Return the first derivatives of d/dt (theta, omega) by state and torques.
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, omega : array_like, shape (..., n)
+        Angles [rad] and angular velocities [rad/s], at rest or in motion; one number stands for
+        all rods, and leading axes (instants of a trajectory, say) for as many states.
+    torque : float or array_like, shape (n,), optional
+        Constant torque [N m]: a number acts on joint 0, an array on every joint.
+    joints : sequence of int
+        Joints whose torques are the inputs, one column of B each.
+
+    Returns
+    -------
+    A : ndarray, shape (..., 2n, 2n)
+        Derivative by (theta, omega).
+    B : ndarray, shape (..., 2n, len(joints))
+        Derivative by the torques [N m] on `joints`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+
+    Notes
+    -----
+    The paper's system (its Eq. (eom)), row i times l_i, with damping and torques, is M alpha = f,
+
+        M = W \* cos(D),  D_ij = theta_i - theta_j,  W_ij = l_i l_j sum_{k >= max(i, j)} m_k,
+        f = Q - F omega - S omega^2 - g l mu sin(theta),  S = W \* sin(D),
+
+    the products being entry by entry. Differentiated along its solution alpha(theta, omega):
+
+        M dalpha/dtheta = diag(S alpha - M omega^2 - g l mu cos(theta))
+                          - S diag(alpha) + M diag(omega^2),
+        M dalpha/domega = -2 S diag(omega) - F.
+
+    One factorisation of M gives all columns: O(n^3), as A has 2n^2 entries to fill.
+    """
+    if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
+    n = chain.n
+    theta, omega = _states(theta, omega, n)
+    couple = joint_torques(torque, n)
+    at_joint = np.eye(n) - np.eye(n, k=1)  # column j: torque on joint j turns rod j, and j-1 back
+    damping = at_joint * chain.damping @ at_joint.T
+    l, mu = chain.lengths, chain.carried_masses
+    weight = np.outer(l, l) * np.minimum.outer(mu, mu)  # mu falls along the chain: mu_max(i, j)
+    between = theta[..., :, None] - theta[..., None, :]
+    mass, gyro = weight * np.cos(between), weight * np.sin(between)
+    lift = chain.gravity * l * mu
+
+    square = omega**2
+    drive = at_joint @ couple - omega @ damping - _apply(gyro, square) - lift * np.sin(theta)
+    alpha = _solve(mass, drive[..., None])[..., 0]
+    diagonal = _apply(gyro, alpha) - _apply(mass, square) - lift * np.cos(theta)
+    by_theta = diagonal[..., None] * np.eye(n) - gyro * alpha[..., None, :]
+    by_theta += mass * square[..., None, :]
+    by_omega = -2.0 * gyro * omega[..., None, :] - damping
+    columns = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
+    by_torque = np.broadcast_to(at_joint[:, columns], (*theta.shape, len(columns)))
+    solved = _solve(mass, np.concatenate([by_theta, by_omega, by_torque], axis=-1))
+
+    top = np.broadcast_to(np.eye(n, solved.shape[-1], k=n), solved.shape)
+    whole = np.concatenate([top, solved], axis=-2)
+    return Linearisation(whole[..., : 2 * n], whole[..., 2 * n :])
+
+
+def _solve(matrices: FloatArray, columns: FloatArray) -> FloatArray:
+    return np.linalg.solve(matrices, columns).astype(np.float64, copy=False)
+
+
+def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.einsum("...ij,...j->...i", matrices, vectors)
+
+
+def _states(theta: ArrayLike, omega: ArrayLike, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return angles and velocities of one common shape (..., n)."""
+    arrays = _checks.array("theta", theta), _checks.array("omega", omega)
+    for name, value in zip(("theta", "omega"), arrays, strict=True):
+        if value.ndim and value.shape[-1] != n:
+            raise ValueError(
+                f"{name} must be one number or an array of shape (..., {n}), "
+                f"got shape {value.shape}"
+            )
+    try:
+        shape = np.broadcast_shapes((n,), *(value.shape for value in arrays))
+    except ValueError as error:
+        raise ValueError(
+            f"theta and omega must have the same leading axes, "
+            f"got shapes {arrays[0].shape} and {arrays[1].shape}"
+        ) from error
+    return np.broadcast_to(arrays[0], shape), np.broadcast_to(arrays[1], shape)
