@@ -157,7 +157,7 @@ def simulate(
     if times.ndim != 1 or times.size == 0 or np.any(np.diff(times) <= 0.0):
         raise ValueError(f"times must be a list of increasing instants, got {_checks.show(times)}")
     method = _checks.choice("method", method, METHODS)
-    couple = _torque(torque, n)
+    couple = joint_torques(torque, n)
     provenance: dict[str, Any] = {
         "npend_gym": __version__,
         "method": method,
@@ -192,7 +192,8 @@ def check_rtol(rtol: float) -> float:
     return rtol
 
 
-def _torque(torque: ArrayLike | None, n: int) -> FloatArray:
+def joint_torques(torque: ArrayLike | None, n: int) -> FloatArray:
+    """Return the torque on every joint [N m]: a number acts on joint 0, None nowhere."""
     if torque is None:
         return np.zeros(n)
     given = _checks.array("torque", torque)
