@@ -262,8 +262,10 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             if seeds[lane] is not None:
                 self._batch.rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
 
-    def _begin(self, lanes: BoolArray, options: dict[str, FloatArray], *, anew: bool = True) -> None:
-        """Begin a new episode in some lanes; with `anew` earlier views of the others stay."""
+    def _begin(
+        self, lanes: BoolArray, options: dict[str, FloatArray], *, anew: bool = True
+    ) -> None:
+        """Begin a new episode in some lanes; what is seen goes to new arrays where `anew`."""
         self._batch.start(lanes, options, anew=anew)
         self._steps[lanes] = 0
         achieved = self.config.mode.achieved(self._batch.quantities())
