@@ -81,10 +81,11 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
                 {"task": task, "agent": name} | blank | evaluate(agent, keywords_of(task)).as_row()
             )
         for path in sorted(out.glob(f"{task}-seed*.npz")):
-            made = Policy.load(path).provenance
-            seed = made["settings"]["seed"]
-            end = {key: made["training"][key] for key in ("steps", "seconds")}
-            rows.append({"task": task, "agent": "PPO", "seed": seed} | end | made["evaluation"])
+            policy = Policy.load(path)
+            seed = policy.provenance["settings"]["seed"]
+            end = {key: policy.provenance["training"][key] for key in ("steps", "seconds")}
+            score = evaluate(policy, keywords_of(task)).as_row()
+            rows.append({"task": task, "agent": "PPO", "seed": seed} | end | score)
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
                 curves += [{"task": task, "seed": seed} | row for row in csv.DictReader(file)]
     return rows, curves
@@ -105,7 +106,7 @@ def table(rows: list[dict[str, Any]]) -> str:
             f"{np.mean([row['seconds'] for row in group]):.0f} s" if trained else "",
             " ".join(f"{100 * row['success']:.0f}" for row in group) + " %",
             " ".join(f"{row['return']:.0f}" for row in group),
-            " ".join("-" if np.isnan(row["since"]) else f"{row['since']:.1f}" for row in group)
+            " ".join("-" if row["since"] is None else f"{row['since']:.1f}" for row in group)
             + " s",
             " ".join(f"{row['joules']:.0f}" for row in group) + " J",
         ]

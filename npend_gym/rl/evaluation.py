@@ -40,8 +40,11 @@ class Evaluation:
         """Share of successful episodes."""
         return float(self.success.mean())
 
-    def as_row(self) -> dict[str, float]:
-        """Return the means, with the success rate's confidence interval of 95 %."""
+    def as_row(self) -> dict[str, float | None]:
+        """Return the means, with the success rate's confidence interval of 95 %.
+
+        "since" is a mean over the successful episodes, None where there are none.
+        """
         low, high = wilson_interval(int(self.success.sum()), self.success.size)
         since = self.since[self.success]
         return {
@@ -50,7 +53,7 @@ class Evaluation:
             "success_low": round(low, 4),
             "success_high": round(high, 4),
             "return": round(float(self.returns.mean()), 2),
-            "since": round(float(since.mean()), 2) if since.size else math.nan,
+            "since": round(float(since.mean()), 2) if since.size else None,
             "joules": round(float(self.spent.mean()), 2),
         }
 
