@@ -48,8 +48,8 @@ def chosen(arguments: argparse.Namespace) -> tuple[Agent, dict[str, Any]]:
     return policy, policy.provenance["env"]
 
 
-def film(agent: Agent, keywords: dict[str, Any], seed: int, path: Path) -> None:
-    """Write one episode as a video (.mp4) or picture (.gif), at 25 frames a second or fewer."""
+def film(agent: Agent, keywords: dict[str, Any], seed: int, seconds: float, path: Path) -> None:
+    """Write the start of an episode as .mp4 or .gif, at 25 frames a second or fewer."""
     import imageio.v3 as imageio
 
     env: Any = gym.make("NPendulum-v0", render_mode="rgb_array", **keywords)
@@ -60,7 +60,7 @@ def film(agent: Agent, keywords: dict[str, Any], seed: int, path: Path) -> None:
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
         action = agent(observation[None], batch)[0].astype(np.float32)
         observation, _, terminated, truncated, info = env.step(action)
-        done = terminated or truncated
+        done = terminated or truncated or info["time"] >= seconds
         if round(info["time"] / env.unwrapped.config.dt) % skip == 0:
             frames.append(env.render())
     rate = env.metadata["render_fps"] / skip
@@ -96,12 +96,13 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=HELD_OUT, help="of the first episode")
     parser.add_argument("--video", type=Path, help="film the first episode: .mp4 or .gif")
+    parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
     arguments = parser.parse_args()
     agent, keywords = chosen(arguments)
     print(f"NPendulum-v0 {keywords}")
     print(report(evaluate(agent, keywords, episodes=arguments.episodes, seed=arguments.seed)))
     if arguments.video:
-        film(agent, keywords, arguments.seed, arguments.video)
+        film(agent, keywords, arguments.seed, arguments.seconds, arguments.video)
         print(f"written: {arguments.video}")
 
 

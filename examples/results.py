@@ -54,7 +54,6 @@ def train_and_keep(task: str, seed: int, out: Path) -> None:
     settings = settings_of(task, seed=seed)
     policy, curve = train(settings, f"{task}, seed {seed}")
     score = evaluate(policy, keywords_of(task)).as_row()
-    policy.provenance["env"] = keywords_of(task)
     policy.provenance["evaluation"] = score
     write_csv(path.with_suffix(".csv"), curve)
     policy.save(path)
@@ -124,7 +123,9 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
         tasks = [t for t in dict.fromkeys(row["task"] for row in curves) if t.startswith(mode)]
         for color, task in enumerate(tasks):
             for seed in dict.fromkeys(row["seed"] for row in curves if row["task"] == task):
-                here = [row for row in curves if (row["task"], row["seed"]) == (task, seed)]
+                here = [
+                    r for r in curves if (r["task"], r["seed"]) == (task, seed) and r["success"]
+                ]
                 label = f"N = {task.rsplit('-', 1)[1]}" if seed == 0 else None
                 steps = [float(row["steps"]) / 1e6 for row in here]
                 axes.plot(

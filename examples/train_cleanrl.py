@@ -123,12 +123,12 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
         learn(actor, optimizer, settings, shuffler, scale,
               (seen, actions, odds, rewards, ends, observation))  # fmt: skip
         if (update + 1) % 16 == 0 or update + 1 == updates:
-            mean_return, success = np.mean(finished or [(np.nan, np.nan)], axis=0)
+            means = np.mean(finished, axis=0).round(4).tolist() if finished else (None, None)
             curve.append({
                 "steps": (update + 1) * lanes * length,
                 "seconds": round(time.perf_counter() - begun, 2),
-                "return": round(float(mean_return), 3),
-                "success": round(float(success), 4),
+                "return": means[0],
+                "success": means[1],
                 "spread": round(float(actor.log_spread.detach().exp().mean()), 4),
             })  # fmt: skip
             finished = []
@@ -196,6 +196,7 @@ def as_policy(actor: Actor, scale: np.ndarray, settings: Settings, last: dict[st
             "trained_by": "examples/train_cleanrl.py",
             "npend_gym": npend_gym.__version__,
             "torch": torch.__version__,
+            "env": {k: v for k, v in settings.env.items() if k != "max_episode_steps"},
             "settings": asdict(settings),
             "training": last,
         },
