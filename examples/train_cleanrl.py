@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -48,29 +49,85 @@ class Settings:
 class Actor(nn.Module):
     """Two hidden layers of tanh for the mean action and as many for the value."""
 
-    def __init__(self, inputs: int, actions: int, hidden: int, first_spread: float) -> None:
+    def __init__(self, inputs: int, actions: int, settings: Settings) -> None:
         super().__init__()
-        self.mean = network(inputs, actions, hidden, last_gain=0.01)
-        self.value = network(inputs, 1, hidden, last_gain=1.0)
-        self.log_spread = nn.Parameter(torch.full((actions,), float(np.log(first_spread))))
+        self.scale = torch.tensor(settings.scale).repeat_interleave(inputs // 3)
+        self.mean = network(inputs, actions, settings.hidden, last_gain=0.01)
+        self.value = network(inputs, 1, settings.hidden, last_gain=1.0)
+        self.log_spread = nn.Parameter(torch.full((actions,), math.log(settings.first_spread)))
 
-    def distribution(self, seen: torch.Tensor) -> torch.distributions.Normal:
+    def act(self, seen: torch.Tensor) -> torch.distributions.Normal:
         """Return the distribution of the actions, each joint on its own."""
-        return torch.distributions.Normal(
-            self.mean(seen), self.log_spread.exp(), validate_args=False
-        )
+        mean = self.mean(seen / self.scale)
+        return torch.distributions.Normal(mean, self.log_spread.exp(), validate_args=False)
+
+    def judge(self, seen: torch.Tensor) -> torch.Tensor:
+        """Return the value, (...), of observations, (..., k)."""
+        return self.value(seen / self.scale).squeeze(-1)
 
 
 def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> nn.Sequential:
     """Return a network with orthogonal weights."""
-    sizes = [(inputs, hidden, 2**0.5), (hidden, hidden, 2**0.5), (hidden, outputs, last_gain)]
     layers: list[nn.Module] = []
-    for wide, high, gain in sizes:
+    for wide, high, gain in (
+        (inputs, hidden, 2**0.5), (hidden, hidden, 2**0.5), (hidden, outputs, last_gain)
+    ):  # fmt: skip
         layer = nn.Linear(wide, high)
         nn.init.orthogonal_(layer.weight, gain)
         nn.init.zeros_(layer.bias)
         layers += [layer, nn.Tanh()]
     return nn.Sequential(*layers[:-1])
+
+
+class Rollout(NamedTuple):
+    """What some steps of all environments have shown; leading axes are step and environment."""
+
+    seen: torch.Tensor
+    actions: torch.Tensor
+    odds: torch.Tensor  # logarithm of the density with which the actions were drawn
+    rewards: torch.Tensor  # times (1 - discount), so that values are of order one
+    ends: torch.Tensor
+    after: torch.Tensor  # the observation that follows
+
+
+class Collector:
+    """Steps the environments, and keeps count of the episodes that end."""
+
+    def __init__(self, envs: gym.vector.VectorEnv, settings: Settings) -> None:
+        self.envs, self.settings = envs, settings
+        self.returns = np.zeros(envs.num_envs)
+        self.finished: list[tuple[float, float]] = []  # return and success of each episode
+        # these seeds are for training, those from 10^6 on for evaluation
+        self.observation, _ = envs.reset(seed=1000 * settings.seed)
+
+    @torch.no_grad()
+    def collect(self, actor: Actor) -> Rollout:
+        """Return the next rollout."""
+        steps = []
+        for _ in range(self.settings.rollout):
+            seen = torch.from_numpy(self.observation)
+            choice = actor.act(seen)
+            action = choice.sample()
+            self.observation, reward, terminated, truncated, info = self.envs.step(
+                action.clamp(-1.0, 1.0).numpy()
+            )
+            worth, ended = (1.0 - self.settings.discount) * reward, terminated | truncated
+            self.returns += reward
+            if ended.any():
+                self.count(ended, info["final_info"]["success"])
+            if truncated.any():  # out of time: what would have followed counts
+                last = torch.from_numpy(np.stack(info["final_obs"][truncated]))
+                worth[truncated] += self.settings.discount * actor.judge(last).numpy()
+            odds = choice.log_prob(action).sum(-1)
+            steps.append((seen, action, odds, torch.from_numpy(worth), torch.from_numpy(ended)))
+        return Rollout(
+            *map(torch.stack, zip(*steps, strict=True)), torch.from_numpy(self.observation)
+        )
+
+    def count(self, ended: np.ndarray, success: np.ndarray) -> None:
+        """Note return and success of the episodes that have ended."""
+        self.finished += zip(self.returns[ended], success[ended].astype(float), strict=True)
+        self.returns[ended] = 0.0
 
 
 def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list[dict[str, Any]]]:
@@ -79,117 +136,78 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
     torch.manual_seed(settings.seed)
     shuffler = torch.Generator().manual_seed(settings.seed)
     envs = gym.make_vec(
-        "NPendulum-v0",
-        num_envs=settings.num_envs,
-        autoreset_mode="SAME_STEP",
-        **settings.env,
+        "NPendulum-v0", num_envs=settings.num_envs, autoreset_mode="SAME_STEP", **settings.env
     )
-    size = envs.single_observation_space.shape[0]
-    joints = envs.single_action_space.shape[0]
-    actor = Actor(size, joints, settings.hidden, settings.first_spread)
-    optimizer = torch.optim.Adam(actor.parameters(), settings.learning_rate, eps=1e-5, fused=True)
-    scale = np.repeat(np.float32(settings.scale), size // 3)
-
-    lanes, length = settings.num_envs, settings.rollout
-    seen = np.empty((length, lanes, size), np.float32)
-    actions, odds = torch.empty(length, lanes, joints), torch.empty(length, lanes)
-    rewards, ends = np.empty((length, lanes)), np.empty((length, lanes), bool)
-    updates = max(1, settings.total_steps // (lanes * length))
+    actor = Actor(
+        envs.single_observation_space.shape[0], envs.single_action_space.shape[0], settings
+    )
+    optimizer = torch.optim.Adam(actor.parameters(), eps=1e-5, fused=True)
+    collector = Collector(envs, settings)
+    updates = max(1, settings.total_steps // (settings.num_envs * settings.rollout))
     curve: list[dict[str, Any]] = []
-    finished: list[tuple[float, float]] = []
-    returns = np.zeros(lanes)
     begun = time.perf_counter()
-    # the first seeds are for training, those from 10^6 on for evaluation
-    observation, _ = envs.reset(seed=1000 * settings.seed)
-    for update in tqdm(range(updates), desc=progress, disable=None, unit="update"):
-        optimizer.param_groups[0]["lr"] = settings.learning_rate * (1.0 - update / updates)
-        for t in range(length):
-            seen[t] = observation
-            with torch.no_grad():
-                choice = actor.distribution(torch.from_numpy(observation / scale))
-                actions[t] = choice.sample()
-                odds[t] = choice.log_prob(actions[t]).sum(-1)
-            observation, reward, terminated, truncated, info = envs.step(
-                actions[t].clamp(-1.0, 1.0).numpy()
-            )
-            returns += reward
-            rewards[t] = (1.0 - settings.discount) * reward  # so that values are of order one
-            ends[t] = terminated | truncated
-            if ends[t].any():
-                rewards[t] += settings.discount * unfinished(info, truncated, actor, scale)
-                success = info["final_info"].get("success", np.zeros(lanes))
-                finished += zip(returns[ends[t]], success[ends[t]].astype(float), strict=True)
-                returns[ends[t]] = 0.0
-        learn(actor, optimizer, settings, shuffler, scale,
-              (seen, actions, odds, rewards, ends, observation))  # fmt: skip
-        if (update + 1) % 16 == 0 or update + 1 == updates:
-            means = np.mean(finished, axis=0).round(4).tolist() if finished else (None, None)
+    for update in tqdm(range(1, updates + 1), desc=progress, disable=None, unit="update"):
+        rate = settings.learning_rate * (1.0 - (update - 1) / updates)
+        optimizer.param_groups[0]["lr"] = rate
+        learn(actor, optimizer, settings, shuffler, collector.collect(actor))
+        if update % 16 == 0 or update == updates:
+            ended, collector.finished = collector.finished, []
+            means = np.mean(ended, axis=0).round(4).tolist() if ended else (None, None)
             curve.append({
-                "steps": (update + 1) * lanes * length,
+                "steps": update * settings.num_envs * settings.rollout,
                 "seconds": round(time.perf_counter() - begun, 2),
                 "return": means[0],
                 "success": means[1],
                 "spread": round(float(actor.log_spread.detach().exp().mean()), 4),
             })  # fmt: skip
-            finished = []
     envs.close()
-    return as_policy(actor, scale, settings, curve[-1]), curve
+    return as_policy(actor, settings, curve[-1]), curve
 
 
-def unfinished(
-    info: dict[str, Any], cut: np.ndarray, actor: Actor, scale: np.ndarray
-) -> np.ndarray:
-    """Return the value of what would have followed in lanes that ran out of time, else 0."""
-    value = np.zeros(len(cut))
-    if cut.any():
-        with torch.no_grad():
-            value[cut] = (
-                actor.value(torch.from_numpy(np.stack(info["final_obs"][cut]) / scale))
-                .squeeze(-1)
-                .numpy()
-            )
-    return value
-
-
-def learn(actor, optimizer, settings, shuffler, scale, rollout) -> None:
+def learn(
+    actor: Actor,
+    optimizer: torch.optim.Optimizer,
+    settings: Settings,
+    shuffler: torch.Generator,
+    rollout: Rollout,
+) -> None:
     """Improve actor and values by what was seen in a rollout."""
-    seen, actions, odds, rewards, ends, observation = rollout
-    length, lanes = rewards.shape
-    states = torch.from_numpy(seen / scale).reshape(length * lanes, -1)
-    with torch.no_grad():
-        values = actor.value(states).reshape(length, lanes).numpy()
-        following = actor.value(torch.from_numpy(observation / scale)).squeeze(-1).numpy()
-    advantages, later = np.empty((length, lanes), np.float32), np.zeros(lanes)
-    for t in reversed(range(length)):
-        goes_on = settings.discount * ~ends[t]
-        surprise = rewards[t] + goes_on * following - values[t]
-        advantages[t] = later = surprise + goes_on * settings.trace * later
-        following = values[t]
-    targets = torch.from_numpy(advantages + values).reshape(-1)
-    gains = torch.from_numpy(advantages).reshape(-1)
-    tried, before = actions.reshape(length * lanes, -1), odds.reshape(-1)
+    gains, targets = advantages(actor, settings, rollout)
+    flat = [part.flatten(0, 1) for part in (rollout.seen, rollout.actions, rollout.odds)]
+    flat += [gains.flatten(), targets.flatten()]
     for _ in range(settings.epochs):
-        for rows in torch.randperm(len(states), generator=shuffler).split(settings.minibatch):
-            gain = gains[rows]
+        for rows in torch.randperm(len(flat[0]), generator=shuffler).split(settings.minibatch):
+            seen, actions, odds, gain, target = (part[rows] for part in flat)
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
-            choice = actor.distribution(states[rows])
-            ratio = (choice.log_prob(tried[rows]).sum(-1) - before[rows]).exp()
+            ratio = (actor.act(seen).log_prob(actions).sum(-1) - odds).exp()
             kept = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
             loss = -torch.min(ratio * gain, kept * gain).mean()
-            loss = (
-                loss + 0.5 * (actor.value(states[rows]).squeeze(-1) - targets[rows]).square().mean()
-            )
+            loss = loss + 0.5 * (actor.judge(seen) - target).square().mean()
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(actor.parameters(), 0.5)
             optimizer.step()
 
 
-def as_policy(actor: Actor, scale: np.ndarray, settings: Settings, last: dict[str, Any]) -> Policy:
+@torch.no_grad()
+def advantages(
+    actor: Actor, settings: Settings, rollout: Rollout
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return generalised advantages and the targets of the values, (steps, environments)."""
+    values, following = actor.judge(rollout.seen), actor.judge(rollout.after)
+    gains, later = torch.empty_like(values), torch.zeros(values.shape[1], dtype=torch.float64)
+    for t in reversed(range(len(values))):
+        goes_on = settings.discount * ~rollout.ends[t]
+        later = rollout.rewards[t] + goes_on * (following + settings.trace * later) - values[t]
+        gains[t], following = later, values[t]
+    return gains, gains + values
+
+
+def as_policy(actor: Actor, settings: Settings, last: dict[str, Any]) -> Policy:
     """Return the mean action as plain arrays, with where it comes from."""
     linear = [layer for layer in actor.mean if isinstance(layer, nn.Linear)]
     return Policy(
-        scale=scale,
+        scale=actor.scale.numpy(),
         weights=[layer.weight.detach().numpy() for layer in linear],
         biases=[layer.bias.detach().numpy() for layer in linear],
         provenance={

@@ -100,3 +100,16 @@ def test_train_rllib_takes_an_iteration(tmp_path):
     arguments = ["--iterations", 1, "--runners", 1, "--batch", 512]
     out = run("-W", "ignore", EXAMPLES / "train_rllib.py", *arguments, cwd=tmp_path)
     assert "iteration 1: 512 steps" in out
+
+
+def test_the_table_in_the_docs_is_that_of_the_recorded_results(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    from results import table
+
+    def number(text):
+        return float(text) if re.fullmatch(r"-?[\d.]+", text) else text or None
+
+    with (ROOT / "docs" / "results" / "learning.csv").open(encoding="utf-8") as file:
+        rows = [{key: number(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    assert table(rows) in (ROOT / "docs" / "results.md").read_text(encoding="utf-8")

@@ -5,7 +5,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from npend_gym.rl.policies import MAX_BYTES, Policy, pretrained_names
+from npend_gym.rl.evaluation import evaluate
+from npend_gym.rl.policies import MAX_BYTES, PRETRAINED, Policy, pretrained_names
 
 
 def small_policy():
@@ -100,3 +101,17 @@ def test_an_unknown_pretrained_policy_is_refused_with_the_names_there_are():
     with pytest.raises(ValueError, match="pretrained must be one of"):
         Policy.pretrained("../policies")
     assert "swingup-99" not in pretrained_names()
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+def test_a_pretrained_policy_is_small_and_does_what_it_says(name):
+    policy = Policy.pretrained(name)
+    said = policy.provenance["evaluation"]
+    assert (PRETRAINED / f"{name}.npz").stat().st_size < 200_000
+    seen = evaluate(policy, policy.provenance["env"], episodes=said["episodes"])
+    assert seen.rate == pytest.approx(said["success"], abs=0.03)  # tanh is the system's own
+    assert seen.rate > 0.9
+
+
+def test_the_pretrained_double_pendulum_is_there():
+    assert "swingup-2" in pretrained_names()
