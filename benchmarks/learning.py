@@ -3,11 +3,10 @@
     pip install -c constraints.txt -e ".[rl]"
     python benchmarks/learning.py        prints a table, writes results/learning.csv
 
-The same PPO, policy and number of environments, once on
-the adapter over the native vector environment, once on DummyVecEnv and once on SubprocVecEnv over
-the single one; runs alternate and the best of each kind is kept. "collecting" is the part of a run
-that steps environments and asks the policy, "learning" all of it, "share" what the environment's
-`step` takes of all.
+The same PPO, policy and number of environments, once on the adapter over the native vector
+environment, once on DummyVecEnv and once on SubprocVecEnv over the single one; runs alternate and
+the best of each kind is kept. "collecting" is the part of a run that steps environments and asks
+the policy, "learning" all of it, "share" what the environment's `step` takes of all.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from typing import Any
 
 import gymnasium as gym
 import torch
-from foundation import cpu
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 
 import npend_gym  # noqa: F401  registers the environments
+from npend_gym.bench.timing import machine
 from npend_gym.rl.adapter import SB3VecEnv
 
 COUNT = 64
@@ -105,7 +104,7 @@ def main() -> None:
     """Measure all, print the table and write it down."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rollouts", type=int, default=4)
-    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=4)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     kinds = {"adapter": adapter, "DummyVecEnv": dummy, "SubprocVecEnv": subproc}
@@ -124,8 +123,8 @@ def main() -> None:
                 f"{part}_ratio": round(best["adapter"][part] / run[part], 2)
                 for part in ("learning", "collecting")
             }
-            rows.append(row | {"cpu": cpu()})
-            print(*row.values(), sep="\t", flush=True)
+            rows.append(row | {"machine": machine()})
+            print("|", *(f"{cell} |" for cell in row.values()), flush=True)
     target = Path(__file__).parent / "results" / "learning.csv"
     with target.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")

@@ -2,13 +2,16 @@
 
 Run it with `python examples/results.py --out results/learning`; what has been trained there
 already is not trained again, so it can be interrupted. `--tasks` and `--seeds` choose parts.
-It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`.
+It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
+them into `docs/` and the best policies into the package.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import re
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -19,7 +22,10 @@ from train_cleanrl import TASKS, settings_of, train
 
 from npend_gym.rl import controllers
 from npend_gym.rl.evaluation import Agent, evaluate
-from npend_gym.rl.policies import Policy
+from npend_gym.rl.policies import PRETRAINED, Policy
+
+DOCS = Path(__file__).parents[1] / "docs"
+TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
 
 
 def keywords_of(task: str) -> dict[str, Any]:
@@ -120,25 +126,42 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
     modes = list(dict.fromkeys(row["task"].rsplit("-", 1)[0] for row in curves))
     figure = Figure(figsize=(4.2 * len(modes), 3.6), layout="constrained")
     for axes, mode in zip(figure.subplots(1, len(modes), squeeze=False)[0], modes, strict=True):
-        tasks = [t for t in dict.fromkeys(row["task"] for row in curves) if t.startswith(mode)]
-        for color, task in enumerate(tasks):
-            for seed in dict.fromkeys(row["seed"] for row in curves if row["task"] == task):
-                here = [
-                    r for r in curves if (r["task"], r["seed"]) == (task, seed) and r["success"]
-                ]
-                label = f"N = {task.rsplit('-', 1)[1]}" if seed == 0 else None
-                steps = [float(row["steps"]) / 1e6 for row in here]
+        here = [row for row in curves if row["task"].startswith(mode)]
+        for color, task in enumerate(dict.fromkeys(row["task"] for row in here)):
+            for seed in dict.fromkeys(row["seed"] for row in here if row["task"] == task):
+                # no success is known where no episode has ended
+                line = [r for r in here if (r["task"], r["seed"]) == (task, seed) and r["success"]]
                 axes.plot(
-                    steps,
-                    [float(row["success"]) for row in here],
+                    [float(row["steps"]) / 1e6 for row in line],
+                    [float(row["success"]) for row in line],
                     color=f"C{color}",
-                    label=label,
+                    label=f"N = {task.rsplit('-', 1)[1]}" if seed == 0 else None,
                     lw=1,
                 )
-        axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02), xscale="log")
-        axes.set(ylabel="success of training episodes, with noise")
+        axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02))
         axes.legend()
+    figure.axes[0].set_ylabel("success of training episodes, with noise")
     figure.savefig(path, dpi=150)
+
+
+def publish(rows: list[dict[str, Any]], out: Path) -> None:
+    """Put tables and figure into the docs, the best policy of every task into the package."""
+    for name, target in {
+        "results.csv": "results/learning.csv",
+        "curves.csv": "results/learning_curves.csv",
+        "curves.png": "images/learning_curves.png",
+    }.items():
+        (DOCS / target).parent.mkdir(exist_ok=True)
+        shutil.copyfile(out / name, DOCS / target)
+    page = DOCS / "results.md"
+    text = TABLE.sub(lambda _: table(rows) + "\n", page.read_text(encoding="utf-8"), count=1)
+    page.write_text(text, encoding="utf-8")
+    PRETRAINED.mkdir(exist_ok=True)
+    for task in dict.fromkeys(row["task"] for row in rows):
+        trained = [row for row in rows if row["task"] == task and row["agent"] == "PPO"]
+        best = max(trained, key=lambda row: (row["success"], row["return"]))
+        if best["success"] > 0.9:
+            Policy.load(out / f"{task}-seed{best['seed']}.npz").save(PRETRAINED / f"{task}.npz")
 
 
 def main() -> None:
@@ -147,6 +170,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/learning"))
     parser.add_argument("--tasks", nargs="+", default=list(TASKS))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--publish", action="store_true", help="in docs/ and in the package")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     for seed in arguments.seeds:
@@ -158,6 +182,8 @@ def main() -> None:
     (arguments.out / "results.md").write_text(table(rows), encoding="utf-8")
     draw(curves, arguments.out / "curves.png")
     print(table(rows))
+    if arguments.publish:
+        publish(rows, arguments.out)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,10 +11,22 @@ from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics.energy import positions
-from npend_gym.physics.kernels.dop853 import new_solver, start
-from npend_gym.physics.kernels.dynamics import pack_rods
+from npend_gym.physics.kernels.dop853 import new_solver
+from npend_gym.physics.kernels.dynamics import innermost, pack_rods
 from npend_gym.physics.kernels.listing import listing_gaps
-from npend_gym.physics.kernels.turning import BOB, HEIGHT, LINK, measure, new_turns
+from npend_gym.physics.kernels.packs import WIDTH
+from npend_gym.physics.kernels.turning import (
+    BOB,
+    HEIGHT,
+    LINK,
+    RUNNING,
+    SCRATCH_ROWS,
+    STATUS,
+    STUCK,
+    measure_many,
+    measure_one,
+    new_turns,
+)
 from npend_gym.physics.simulate import IntegrationError, check_rtol, simulate
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
@@ -22,6 +36,8 @@ _COUNTED_SHARE = 1e-6  # of sqrt(g/l): below it a sign is rounding noise
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 _RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
+_WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
+MAX_THREADS = 1024
 LISTING_DURATION = 10.0  # s
 LISTING_FRAMES_PER_SECOND = 100
 _LISTING_CLOSE = 0.01  # m: heights nearer than this count as the same
@@ -35,14 +51,17 @@ def pseudo_periods(
     reading: str = "bob",
     duration: float | None = None,
     rtol: float = 1e-10,
+    threads: int = 1,
 ) -> FloatArray:
-    """Return the pseudo-period [s] of every bob after a release, shape (n,).
+    """Return the pseudo-period [s] of every bob after a release, or after each of many.
 
     Parameters
     ----------
     chain : Chain
-    theta, omega : array_like, shape (n,)
-        Angles [rad] and angular velocities [rad/s] at the release; one number stands for all.
+    theta, omega : array_like, shape (n,) or (R, n)
+        Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases, which
+        are followed side by side, a few times faster than one by one and with the same results to
+        the last bit. One number stands for all.
     reading : {"bob", "link", "height", "listing"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
@@ -55,10 +74,12 @@ def pseudo_periods(
         fundamental periods ("listing": the paper's 10 s).
     rtol : float
         Relative tolerance of the integration; the absolute one is a hundredth of it.
+    threads : int
+        Threads that share the releases. No result depends on it.
 
     Returns
     -------
-    ndarray, shape (n,)
+    ndarray, shape (n,) or (R, n)
         NaN where the bob does not complete within the window.
 
     Raises
@@ -82,60 +103,107 @@ def pseudo_periods(
     """
     if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
-    theta = _checks.vector("theta", theta, chain.n)
-    omega = _checks.vector("omega", omega, chain.n)
+    theta, omega = _starts(chain, theta, omega)
+    releases = theta.reshape(-1, chain.n), omega.reshape(-1, chain.n)
     reading = _checks.choice("reading", reading, READINGS)
     rtol = check_rtol(rtol)
+    threads = _checks.count("threads", threads, high=MAX_THREADS)
     if duration is not None:
         duration = _checks.positive_number("duration", duration)
     if reading == "listing":
-        return _listing(chain, theta, omega, duration or LISTING_DURATION, rtol)
+        window = duration or LISTING_DURATION
+        listed = [_listing(chain, *start, window, rtol) for start in zip(*releases, strict=True)]
+        return np.reshape(listed, theta.shape)
     if chain.gravity == 0.0 and not np.any(omega):
-        return np.full(chain.n, np.nan)
+        return np.full(theta.shape, np.nan)
     if duration is None:
         if chain.gravity == 0.0:
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
         duration = _WINDOW * theory.fundamental_period(chain)
-    return _measured(chain, theta, omega, _CODES[reading], duration, rtol)
+
+    def measured(some: slice) -> FloatArray:
+        return _measured(chain, releases[0][some], releases[1][some], reading, duration, rtol)
+
+    shares = _shares(len(releases[0]))
+    if threads == 1 or len(shares) == 1:
+        parts = [measured(share) for share in shares]
+    else:
+        with ThreadPoolExecutor(threads, "npend_gym") as pool:
+            parts = list(pool.map(measured, shares))
+    return np.concatenate(parts).reshape(theta.shape)
+
+
+def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return angles and angular velocities of one release (n,) or of many (R, n)."""
+    given = {"theta": _checks.array("theta", theta), "omega": _checks.array("omega", omega)}
+    counts = [array.shape[0] for array in given.values() if array.ndim == 2]
+    if not counts:
+        return _checks.vector("theta", theta, chain.n), _checks.vector("omega", omega, chain.n)
+    shape = (max(counts), chain.n)
+    for name, array in given.items():
+        if array.shape not in ((), (chain.n,), shape) or shape[0] == 0:
+            raise ValueError(
+                f"{name} must be one number or have the shape ({chain.n},) or (R, {chain.n}) with "
+                f"the same R > 0 for theta and omega, got shape {array.shape}"
+            )
+    first, second = (np.broadcast_to(array, shape).copy() for array in given.values())
+    return first, second
+
+
+def _shares(count: int) -> list[slice]:
+    """Return how `count` releases are shared out: packs, and the last few one by one."""
+    last = count - count % WIDTH
+    whole = [slice(k, k + WIDTH) for k in range(0, last, WIDTH)]
+    if count - last >= _WORTH_A_PACK:
+        return [*whole, slice(last, count)]
+    return whole + [slice(k, k + 1) for k in range(last, count)]
 
 
 def _measured(
-    chain: Chain, theta: FloatArray, omega: FloatArray, reading: int, duration: float, rtol: float
+    chain: Chain, theta: FloatArray, omega: FloatArray, reading: str, duration: float, rtol: float
 ) -> FloatArray:
-    n, atol = chain.n, 1e-2 * rtol
-    rods, torque = pack_rods(chain), np.zeros(n)
-    solver = new_solver(0.0, np.concatenate([theta, omega]))
-    turns = new_turns(theta, _orientation(chain, theta, reading))
-    threshold = _threshold(chain, omega, reading, rtol)
-    scratch = np.zeros((6, n))
-    start(solver, rods, torque, rtol, atol)
-    steps = max(1, _RODS_PER_CALL // n)
-    state = 0
-    while state == 0:
-        state = measure(
-            reading, solver, duration, steps, rods, torque, rtol, atol, threshold, turns, scratch
-        )
-    if state < 0:
+    """Return the pseudo-periods of one release, or of up to WIDTH side by side, (lanes, n)."""
+    count, code, n = len(theta), _CODES[reading], chain.n
+    lanes = 1 if count == 1 else WIDTH
+    # lanes to spare repeat the last release
+    theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
+    atol, torque = 1e-2 * rtol, np.zeros(n * lanes)
+    solver = new_solver(0.0, innermost(np.hstack([theta, omega])), lanes)
+    turns = new_turns(innermost(theta), innermost(_orientation(chain, theta, code)))
+    threshold = _threshold(chain, omega, code, rtol)
+    release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
+    status, scratch = release[STATUS * lanes :], np.zeros((SCRATCH_ROWS, n * lanes))
+    rods = pack_rods(*[chain] * lanes)
+    follow = measure_one if lanes == 1 else measure_many
+    attempts = max(1, _RODS_PER_CALL // (n * lanes))
+    starting = True
+    while np.any(status == RUNNING):
+        follow(
+            code, starting, attempts, solver, rods, turns, torque, rtol, atol, release, scratch
+        )  # fmt: skip
+        starting = False
+    if np.any(status == STUCK):
+        time = solver.clock.reshape(-1, lanes)[1, np.argmin(status)]
         raise IntegrationError(
-            f"no step is small enough at t = {solver.clock[1]:g} s for rtol = {rtol:g}: "
+            f"no step is small enough at t = {time:g} s for rtol = {rtol:g}: "
             f"loosen it, or check the state and parameters"
         )
-    return turns.period
+    return turns.period.reshape(n, lanes).T[:count]
 
 
 def _orientation(chain: Chain, theta: FloatArray, reading: int) -> FloatArray:
     """Return +1 for rods released from positive angles (or from zero), -1 from negative ones."""
     if reading == HEIGHT:
-        return np.ones(chain.n)
-    side = theta if reading == LINK else positions(chain, theta)[:, 0]
+        return np.ones_like(theta)
+    side = theta if reading == LINK else positions(chain, theta)[..., 0]
     return np.where(side < 0.0, -1.0, 1.0)
 
 
-def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> float:
-    """Return the size [rad/s, m/s or m] above which the sign of a signal counts."""
+def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> FloatArray:
+    """Return the size [rad/s, m/s or m] above which the sign of a signal counts, (lanes,)."""
     if reading == HEIGHT:
-        return _HEIGHT_TOLERANCE * rtol * chain.total_length
-    rate = float(counted_speed(chain, np.max(np.abs(omega))))
+        return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
+    rate = counted_speed(chain, np.max(np.abs(omega), axis=1))
     return rate * float(chain.lengths.mean()) if reading == BOB else rate
 
 

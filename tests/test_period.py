@@ -215,3 +215,37 @@ def test_bad_arguments_are_refused_by_name(change, error, message):
     arguments = {"chain": Chain.uniform(2), "theta": 0.1} | change
     with pytest.raises(error, match=message):
         pseudo_periods(**arguments)
+
+
+@pytest.mark.parametrize("reading", ["bob", "link", "height", "listing"])
+@pytest.mark.parametrize("count", [1, 5, 27])
+def test_many_releases_have_the_bits_of_each_alone(uneven, reading, count):
+    rng = np.random.default_rng(count)
+    theta, omega = rng.uniform(-1.2, 1.2, (2, count, uneven.n))
+    options = {"reading": reading, "duration": 4.0}
+    together = pseudo_periods(uneven, theta, omega, **options, threads=2)
+    assert together.shape == (count, uneven.n)
+    for k in range(count):
+        alone = pseudo_periods(uneven, theta[k], omega[k], **options)
+        np.testing.assert_array_equal(together[k], alone)
+
+
+def test_one_release_more_or_less_changes_no_other(uneven):
+    theta = np.linspace(0.1, 1.4, 24)[:, None] * np.ones(uneven.n)
+    np.testing.assert_array_equal(
+        pseudo_periods(uneven, theta)[:18], pseudo_periods(uneven, theta[:18])
+    )
+
+
+@pytest.mark.parametrize(
+    ("theta", "omega", "name"),
+    [
+        (np.ones((3, 4)), np.ones((2, 4)), "omega"),
+        (np.ones((3, 5)), 0.0, "theta"),
+        (np.ones((0, 4)), 0.0, "theta"),
+        (np.ones((2, 2, 4)), 0.0, "theta"),
+    ],
+)
+def test_releases_of_other_shapes_are_refused_by_name(uneven, theta, omega, name):
+    with pytest.raises(ValueError, match=f"^{name} must"):
+        pseudo_periods(uneven, theta, omega)

@@ -17,7 +17,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._version import __version__
 from npend_gym.chain import Chain
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver, start
+from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import new_work, pack_rods
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
 
@@ -229,12 +229,12 @@ def _run_dop853(
     frames: FloatArray,
 ) -> None:
     rods, solver = pack_rods(chain), new_solver(float(times[0]), y)
-    start(solver, rods, torque, rtol, atol)
     frames[0] = y
-    done = 1
+    done, starting = 1, True
     steps = max(1, _RODS_PER_CALL // chain.n)
     while done < times.size:
-        done = dop853_frames(solver, times, done, steps, rods, torque, rtol, atol, frames)
+        done = dop853_frames(solver, starting, times, done, steps, rods, torque, rtol, atol, frames)
+        starting = False
         if done < 0:
             raise IntegrationError(
                 f"no step is small enough at t = {solver.clock[1]:g} s for rtol = {rtol:g} and "

@@ -28,7 +28,7 @@ _MEASURED, _BOB = "#0072B2", "#7FB8D8"
 _TRIALS = ("#A6CDE8", "#0072B2", "#000000")
 
 
-def _styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
+def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
     """Draw in the package's style, whatever the user's own."""
 
     @wraps(draw)
@@ -42,7 +42,7 @@ def _styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
     return styled
 
 
-@_styled
+@styled
 def period_against_n(release: Release, runs: Sequence[Run]) -> Figure:
     """Draw the pseudo-period against the number of pendulums, with the models."""
     figure = Figure(figsize=(6.4, 4.4))
@@ -89,7 +89,7 @@ def _plain_log_ticks(axes: Any) -> None:
     axes.yaxis.set_major_formatter(ScalarFormatter())
 
 
-@_styled
+@styled
 def period_of_each_bob(release: Release, runs: Sequence[Run]) -> Figure:
     """Draw the pseudo-period of every bob along the chain, a panel for each N."""
     counts = sorted({run.n for run in runs})

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import json
 import math
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +13,7 @@ import numpy as np
 from npend_gym import _files
 from npend_gym._version import __version__
 from npend_gym.experiments.release import Release, Run, bob_rows, summary_rows
+from npend_gym.report.outputs import prepare_folder, write_csv, write_manifest
 
 _COLUMNS = (
     ("N", 4), ("measured", 9), ("over bobs", 10), ("over trials", 12), ("completed", 11),
@@ -63,26 +59,6 @@ def _percent(value: float) -> str:
     return "-" if math.isnan(value) else f"{100 * value:.1f}%"
 
 
-def prepare_folder(out: Path) -> None:
-    """Make the folder `out` if need be, and see that it can be written to.
-
-    Raises
-    ------
-    ValueError
-        If `out` is no folder, or cannot be made or written to.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with _files.replacing(out / ".writable"):
-            pass
-        (out / ".writable").unlink()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise ValueError(
-            f"out must be a folder that can be written to, got {out}: {reason}"
-        ) from error
-
-
 def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) -> list[Path]:
     """Write tables, manifest and (with `figures`) pictures into `out`; return what was written.
 
@@ -90,8 +66,8 @@ def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) ->
     """
     prepare_folder(out)
     written = [
-        _write_csv(out / "periods.csv", bob_rows(runs)),
-        _write_csv(out / "summary.csv", summary_rows(release, runs)),
+        write_csv(out / "periods.csv", bob_rows(runs)),
+        write_csv(out / "summary.csv", summary_rows(release, runs)),
     ]
     if figures:
         from npend_gym.report import figures as draw  # matplotlib, an extra
@@ -105,33 +81,13 @@ def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) ->
                     file, format="png", metadata={"Software": f"npend_gym {__version__}"}
                 )
             written.append(out / name)
-    with _files.replacing(out / "manifest.json") as file:
-        json.dump(_manifest(release, runs, written), file, indent=2)
-        file.write("\n")
-    return [*written, out / "manifest.json"]
+    complete = len(runs) == len(release.runs())
+    manifest = write_manifest(out, "release", _arguments(release), written, complete=complete)
+    return [*written, manifest]
 
 
-def _write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> Path:
-    with _files.replacing(path) as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)  # floats as repr: read back to the same bits
-    return path
-
-
-def _manifest(release: Release, runs: Sequence[Run], written: Sequence[Path]) -> dict[str, Any]:
-    arguments = {
+def _arguments(release: Release) -> dict[str, Any]:
+    return {
         name: np.asarray(value).tolist() if name in ("n_values", "masses", "lengths") else value
         for name, value in asdict(release).items()
-    }
-    return {
-        "package": "npend_gym",
-        "version": __version__,
-        "experiment": "release",
-        "arguments": arguments,
-        "complete": len(runs) == len(release.runs()),
-        "libraries": {name: version(name) for name in ("numpy", "scipy", "numba")},
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "sha256": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written},
     }

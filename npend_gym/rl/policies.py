@@ -56,7 +56,7 @@ class Policy:
         with replacing(path, binary=True) as file:
             np.savez_compressed(file, **arrays)
         with replacing(path.with_suffix(".json")) as file:
-            file.write(json.dumps(self.provenance, indent=2) + "\n")
+            file.write(json.dumps(self.provenance, indent=2, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: Path) -> Policy:

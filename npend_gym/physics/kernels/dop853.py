@@ -14,7 +14,8 @@ from scipy.integrate import DOP853
 
 from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels.dynamics import Rods, copy, derivative, new_work
-from npend_gym.physics.kernels.jit import kernel
+from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel
+from npend_gym.physics.kernels.packs import any_of, where
 
 STAGES = 12
 _ROWS = 16  # 12 stages, the derivative at the new point, 3 more for dense output
@@ -29,57 +30,68 @@ _RESOLUTION = 10.0 * float(np.finfo(float).eps)  # a step below this part of t i
 
 
 class Solver(NamedTuple):
-    """An integration in progress: state, step and scratch, all arrays, written in place."""
+    """An integration in progress, or a pack of them: all arrays, written in place."""
 
-    clock: FloatArray  # t_old, t, size of the next step
+    clock: FloatArray  # t_old, t, size of the next step, the most it may grow after, (4,)
     y_old: FloatArray  # state before the last step (2n,)
     y: FloatArray  # state (2n,)
-    k: FloatArray  # derivatives at the stages (16, 2n)
+    k: FloatArray  # derivatives at the stages; row 12: that at y (16, 2n)
     poly: FloatArray  # dense output of the last step (7, 2n)
     work: FloatArray  # for `accelerations`
 
 
-def new_solver(t: float, y: FloatArray) -> Solver:
-    """Return a solver that stands at time `t` in state `y` = (theta, omega)."""
+def new_solver(t: float, y: FloatArray, width: int = 1) -> Solver:
+    """Return a solver that stands at time `t` in state `y` = (theta, omega), lanes innermost."""
     k, poly = np.zeros((_ROWS, y.size)), np.zeros((_POWERS, y.size))
-    return Solver(np.array([t, t, 0.0]), y.copy(), y.copy(), k, poly, new_work(y.size // 2))
+    clock = np.repeat([t, t, 0.0, _MAX_FACTOR], width)
+    work = new_work(y.size // width // 2, width)
+    return Solver(clock, y.copy(), y.copy(), k, poly, work)
 
 
-@kernel
+@inlined_kernel
+def _larger(a: float, b: float) -> float:
+    return where(a > b, a, b)
+
+
+@inlined_kernel
+def _eighth_root(x: float) -> float:
+    """Return the eighth root by square roots, the same on every machine; pow is not."""
+    return math.sqrt(math.sqrt(math.sqrt(x)))
+
+
+@inlined_kernel
 def _scaled_norm(x: FloatArray, y: FloatArray, rtol: float, atol: float) -> float:
     total = 0.0
     for i in range(x.size):
         r = x[i] / (atol + rtol * abs(y[i]))
-        total += r * r
+        total = total + r * r
     return math.sqrt(total / x.size)
 
 
-@kernel
+@inner_kernel
 def start(solver: Solver, rods: Rods, torque: FloatArray, rtol: float, atol: float) -> None:
     """Take the first derivative and choose the first step (Hairer et al., section II.4)."""
     y, k, poly = solver.y, solver.k, solver.poly
     derivative(y, torque, rods, solver.work, k[STAGES])
     d0 = _scaled_norm(y, y, rtol, atol)
     d1 = _scaled_norm(k[STAGES], y, rtol, atol)
-    h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+    small = (d0 < 1e-5) | (d1 < 1e-5)
+    h0 = where(small, 1e-6, 0.01 * d0 / where(small, 1.0, d1))
     for i in range(y.size):
         poly[0, i] = y[i] + h0 * k[STAGES, i]
     derivative(poly[0], torque, rods, solver.work, k[0])
     for i in range(y.size):
         poly[0, i] = k[0, i] - k[STAGES, i]
-    d2 = _scaled_norm(poly[0], y, rtol, atol) / h0
-    steepest = max(d1, d2)
-    # the eighth root by square roots, which are the same on every machine; pow is not
-    h1 = max(1e-6, h0 * 1e-3)
-    if steepest > 1e-15:
-        h1 = math.sqrt(math.sqrt(math.sqrt(0.01 / steepest)))
-    solver.clock[2] = min(100.0 * h0, h1)
+    steepest = _larger(d1, _scaled_norm(poly[0], y, rtol, atol) / h0)
+    flat = steepest <= 1e-15
+    steady = _larger(h0 * 1e-3, 1e-6)
+    h1 = where(flat, steady, _eighth_root(0.01 / where(flat, 1.0, steepest)))
+    solver.clock[2] = where(h1 < 100.0 * h0, h1, 100.0 * h0)
 
 
-@kernel
-def _stage(s: int, h: float, solver: Solver, x: FloatArray) -> None:
-    """Write the state at which stage `s` is taken into `x`: y_old + h sum_j a_sj k_j."""
-    k, y_old = solver.k, solver.y_old
+@inlined_kernel
+def _stage(s: int, h: float, k: FloatArray, y: FloatArray, x: FloatArray) -> None:
+    """Write the state at which stage `s` is taken into `x`: y + h sum_j a_sj k_j."""
     for i in range(x.size):
         x[i] = _A[s, 0] * k[0, i]
     for j in range(1, s):
@@ -88,83 +100,94 @@ def _stage(s: int, h: float, solver: Solver, x: FloatArray) -> None:
             for i in range(x.size):
                 x[i] += a * k[j, i]
     for i in range(x.size):
-        x[i] = y_old[i] + h * x[i]
+        x[i] = y[i] + h * x[i]
 
 
-@kernel
-def _error(h: float, solver: Solver, rtol: float, atol: float) -> float:
+@inlined_kernel
+def _error(
+    h: float, k: FloatArray, y: FloatArray, y_new: FloatArray, rtol: float, atol: float
+) -> float:
     """Return the error of the step over its tolerance, from the estimates of order 5 and 3."""
-    y_old, y, k = solver.y_old, solver.y, solver.k
-    sum5 = 0.0
-    sum3 = 0.0
+    sum5 = sum3 = 0.0
     for i in range(y.size):
-        e5 = 0.0
-        e3 = 0.0
+        e5 = e3 = 0.0
         for s in range(STAGES):
-            e5 += _E5[s] * k[s, i]
-            e3 += _E3[s] * k[s, i]
-        scale = atol + rtol * max(abs(y_old[i]), abs(y[i]))
-        sum5 += (e5 / scale) * (e5 / scale)
-        sum3 += (e3 / scale) * (e3 / scale)
-    if sum5 == 0.0:
-        return 0.0
-    return h * sum5 / math.sqrt((sum5 + 0.01 * sum3) * y.size)
+            e5 = e5 + _E5[s] * k[s, i]
+            e3 = e3 + _E3[s] * k[s, i]
+        scale = atol + rtol * _larger(abs(y_new[i]), abs(y[i]))
+        sum5 = sum5 + (e5 / scale) * (e5 / scale)
+        sum3 = sum3 + (e3 / scale) * (e3 / scale)
+    none = sum5 == 0.0
+    both = where(none, 1.0, (sum5 + 0.01 * sum3) * y.size)
+    return where(none, 0.0, h * sum5 / math.sqrt(both))
 
 
-@kernel
+@inner_kernel
+def attempt(
+    solver: Solver, t_end: float, rods: Rods, torque: FloatArray, rtol: float, atol: float
+) -> float:
+    """Try one step, not beyond `t_end`. Where the error is small enough, take it.
+
+    Return 1.0 where it was taken, 0.0 where a smaller one is to be tried, -1.0 where no step is
+    small enough.
+    """
+    clock, y_old, y, k = solver.clock, solver.y_old, solver.y, solver.k
+    x, y_new = solver.poly[0], solver.poly[1]
+    t, wanted, largest = clock[1], clock[2], clock[3]
+    rest = t_end - t
+    h = where(wanted < 0.99 * rest, wanted, rest)  # no sliver is left for a last step of its own
+    copy(k[STAGES], k[0])
+    for s in range(1, STAGES):
+        _stage(s, h, k, y, x)
+        derivative(x, torque, rods, solver.work, k[s])
+    _stage(STAGES, h, k, y, y_new)
+    error = _error(h, k, y, y_new, rtol, atol)
+    root = _eighth_root(error)
+    factor = where(root * largest <= _SAFETY, largest, _larger(_SAFETY / root, _MIN_FACTOR))
+    factor = where(error >= 0.0, factor, _MIN_FACTOR)  # the error may be no number
+    enough = h > _RESOLUTION * abs(t)
+    taken = enough & (error < 1.0)
+    if any_of(taken):
+        derivative(y_new, torque, rods, solver.work, k[STAGES])
+        for i in range(y.size):
+            y_old[i] = where(taken, y[i], y_old[i])
+            y[i] = where(taken, y_new[i], y[i])
+            k[STAGES, i] = where(taken, k[STAGES, i], k[0, i])
+    grown = where(h < wanted, _larger(h * factor, wanted), h * factor)
+    clock[0] = where(taken, t, clock[0])
+    clock[1] = where(taken, where(h == rest, t_end, t + h), t)
+    clock[2] = where(taken, grown, h * factor)
+    clock[3] = where(taken, _MAX_FACTOR, 1.0)
+    return where(taken, 1.0, where(enough, 0.0, -1.0))
+
+
+@inner_kernel
 def step(
     solver: Solver, t_end: float, rods: Rods, torque: FloatArray, rtol: float, atol: float
 ) -> bool:
-    """Take one step, not beyond `t_end`; return False where no step is small enough."""
-    clock, y_old, y, k, x = solver.clock, solver.y_old, solver.y, solver.k, solver.poly[0]
-    t = clock[1]
-    wanted = clock[2]
-    copy(y, y_old)
-    copy(k[STAGES], k[0])
-    largest = _MAX_FACTOR
-    while True:
-        h = t_end - t
-        if wanted < 0.99 * h:  # no sliver is left for a last step of its own
-            h = wanted
-        if not h > _RESOLUTION * abs(t):  # also where h is not a number
-            copy(y_old, y)
-            return False
-        for s in range(1, STAGES):
-            _stage(s, h, solver, x)
-            derivative(x, torque, rods, solver.work, k[s])
-        _stage(STAGES, h, solver, y)
-        error = _error(h, solver, rtol, atol)
-        factor = _MIN_FACTOR  # also where the error is not a number
-        if error >= 0.0:
-            root = math.sqrt(math.sqrt(math.sqrt(error)))
-            factor = largest if root * largest <= _SAFETY else max(_MIN_FACTOR, _SAFETY / root)
-        if error < 1.0:
-            break
-        wanted = h * factor
-        largest = 1.0
-    derivative(y, torque, rods, solver.work, k[STAGES])
-    clock[0] = t
-    clock[1] = t_end if h == t_end - t else t + h
-    clock[2] = max(wanted, h * factor) if h < wanted else h * factor
-    return True
+    """Take one step of one chain; return False where no step is small enough."""
+    outcome = 0.0
+    while outcome == 0.0:
+        outcome = attempt(solver, t_end, rods, torque, rtol, atol)
+    return outcome > 0.0
 
 
-@kernel
+@inner_kernel
 def prepare_dense(solver: Solver, rods: Rods, torque: FloatArray) -> None:
     """Fit the interpolation polynomial to the last step: three more stages."""
     y_old, y, k, poly = solver.y_old, solver.y, solver.k, solver.poly
     h = solver.clock[1] - solver.clock[0]
     for s in range(STAGES + 1, _ROWS):
-        _stage(s, h, solver, poly[0])
+        _stage(s, h, k, y_old, poly[0])
         derivative(poly[0], torque, rods, solver.work, k[s])
     for p in range(3, _POWERS):
         for i in range(y.size):
             poly[p, i] = (h * _D[p - 3, 0]) * k[0, i]
         for s in range(1, _ROWS):
-            d = h * _D[p - 3, s]
+            d = _D[p - 3, s]
             if d != 0.0:
                 for i in range(y.size):
-                    poly[p, i] += d * k[s, i]
+                    poly[p, i] += (h * d) * k[s, i]
     for i in range(y.size):
         delta = y[i] - y_old[i]
         poly[0, i] = delta
@@ -172,7 +195,7 @@ def prepare_dense(solver: Solver, rods: Rods, torque: FloatArray) -> None:
         poly[2, i] = 2.0 * delta - h * (k[STAGES, i] + k[0, i])
 
 
-@kernel
+@inner_kernel
 def interpolate(solver: Solver, x: float, out: FloatArray) -> None:
     """Write the state at the fraction `x` of the last step into `out` (2n,)."""
     y_old, poly = solver.y_old, solver.poly
@@ -190,6 +213,7 @@ def interpolate(solver: Solver, x: float, out: FloatArray) -> None:
 @kernel
 def dop853_frames(
     solver: Solver,
+    starting: bool,
     times: FloatArray,
     done: int,
     max_steps: int,
@@ -205,6 +229,8 @@ def dop853_frames(
     the integration cannot go on.
     """
     clock = solver.clock
+    if starting:
+        start(solver, rods, torque, rtol, atol)
     for _ in range(max_steps):
         if done == times.size:
             break

@@ -22,13 +22,14 @@ equal the system with max, and with the masses that its kinetic energy leaves ou
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.physics.kernels.jit import inlined_kernel, kernel
+from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.physics.kernels.sincos import sincos
 
 WORK_ROWS = 6
@@ -44,23 +45,28 @@ class Rods(NamedTuple):
     gravity: FloatArray  # g, (1,)
 
 
-def pack_rods(chain: Chain) -> Rods:
-    """Return the parameters of `chain` in the form the kernels take."""
+def pack_rods(*chains: Chain) -> Rods:
+    """Return the parameters of chains in the form the kernels take, the lane innermost."""
     return Rods(
-        np.concatenate([[0.0], 1.0 / chain.masses]),
-        chain.lengths.copy(),
-        1.0 / chain.lengths,
-        chain.damping.copy(),
-        np.array([chain.gravity]),
+        innermost([np.concatenate([[0.0], 1.0 / chain.masses]) for chain in chains]),
+        innermost([chain.lengths for chain in chains]),
+        innermost([1.0 / chain.lengths for chain in chains]),
+        innermost([chain.damping for chain in chains]),
+        innermost([np.array([chain.gravity]) for chain in chains]),
     )
 
 
-def new_work(n: int) -> FloatArray:
+def innermost(lanes: Sequence[FloatArray] | FloatArray) -> FloatArray:
+    """Return the rows of `lanes` (lanes, n) as one flat array with the lane innermost."""
+    return np.array(lanes).T.ravel()
+
+
+def new_work(n: int, width: int = 1) -> FloatArray:
     """Return scratch rows for `accelerations`; the guard entries at their ends stay zero."""
-    return np.zeros((WORK_ROWS, n + 2))
+    return np.zeros((WORK_ROWS, (n + 2) * width))
 
 
-@kernel
+@inner_kernel
 def copy(source: FloatArray, target: FloatArray) -> None:
     """Copy a row; slice assignment would do, at a second of compile time a kernel."""
     for i in range(source.size):

@@ -47,8 +47,19 @@ if TYPE_CHECKING:
         """Compile `function` with Numba."""
         return function
 
+    def inner_kernel(function: _F) -> _F:
+        """Compile `function` for other kernels; Python cannot call it."""
+        return function
+
     def inlined_kernel(function: _F) -> _F:
         """Compile `function` as a part of the kernels that call it; Python cannot."""
+        return function
+
+    def spliced_kernel(function: _F) -> _F:
+        """Compile `function` as if its text stood in its caller's: for long ones, called once.
+
+        What is inlined otherwise is optimised on its own first, and again with every caller.
+        """
         return function
 
 else:
@@ -68,12 +79,19 @@ else:
         finally:
             config.CACHE_DIR = before
 
+    # for Python would cost more to compile than the function itself
+    _INNER = {
+        "nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True
+    }  # fmt: skip
+
+    def inner_kernel(function):
+        """Compile `function` for other kernels."""
+        return njit(**_INNER)(function)
+
     def inlined_kernel(function):
         """Compile `function` as a part of its callers: passing many arrays takes tens of ns."""
-        return njit(
-            nogil=True,
-            error_model="numpy",
-            forceinline=True,
-            no_cpython_wrapper=True,
-            no_cfunc_wrapper=True,
-        )(function)
+        return njit(forceinline=True, **_INNER)(function)
+
+    def spliced_kernel(function):
+        """Compile `function` as if its text stood in its caller's."""
+        return njit(inline="always", **_INNER)(function)

@@ -8,7 +8,6 @@ one chain. The last group is filled up with chains that hang at rest. The kernel
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +15,8 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
-from npend_gym.physics.kernels.jit import inlined_kernel, kernel
-from npend_gym.physics.kernels.packs import WIDTH, any_of, bare, packs, where
+from npend_gym.physics.kernels.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS
 from npend_gym.physics.kernels.sincos import sincos
 from npend_gym.physics.kernels.turning import Turns
@@ -55,9 +54,6 @@ STAGES, WORK, ROWS = 13, 13 + STAGE_ROWS, 13 + STAGE_ROWS + WORK_ROWS
 _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
 _PI_32 = np.float32(np.pi)
 _ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
-
-
-NumbersOf = Callable[[FloatArray], FloatArray]  # `packs` or `bare`
 
 
 class Group(NamedTuple):
@@ -242,7 +238,7 @@ def wrap(theta: FloatArray, wrapped: FloatArray) -> None:
         wrapped[i] = theta[i] - _TWO_PI * whole
 
 
-@inlined_kernel
+@spliced_kernel
 def _describe(
     view: NumbersOf, width: int, floats: FloatArray, everything: bool, groups: int, n: int,
     observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,

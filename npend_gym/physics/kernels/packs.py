@@ -5,14 +5,16 @@ multiplied and compared as a float is, so that a kernel written for one chain do
 is given arrays of packs: `packs` makes such a view of an array of floats whose innermost axis runs
 over the lanes. Each lane's arithmetic is that of a float, to the last bit, whatever the processor.
 
-`where` and `any_of` do for packs, and for floats too, what `if` cannot.
+`where`, `larger` and `any_of` do for packs, and for floats too, what `if` cannot.
 """
 
 # ruff: noqa: ARG001, ARG002  Numba hands these functions more than they need
 from __future__ import annotations
 
+import math
 import operator
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from npend_gym._checks import FloatArray
 WIDTH = 16  # more than fit the registers, so that the processor need not wait for results
 
 _T = TypeVar("_T")
+
+NumbersOf = Callable[[FloatArray], FloatArray]  # `packs` or `bare`
 
 if TYPE_CHECKING:
 
@@ -39,7 +43,7 @@ if TYPE_CHECKING:
         """Return `a` in the lanes where `condition` holds, `b` in the others."""
         return a if condition else b
 
-    def any_of(condition: bool) -> bool:
+    def any_of(condition: Any) -> bool:
         """Return whether `condition` holds in any lane."""
         return condition
 
@@ -63,7 +67,8 @@ else:
             super().__init__(f"Pack({element})")
 
         def can_convert_from(self, typingctx, other):
-            return Conversion.promote if self == _FLOATS and isinstance(other, _NUMBERS) else None
+            fits = isinstance(other, _NUMBERS if self == _FLOATS else types.Boolean)
+            return Conversion.promote if fits else None
 
         def unify(self, typingctx, other):
             return self if self.can_convert_from(typingctx, other) else None
@@ -80,15 +85,21 @@ else:
         def __init__(self, dmm, fe_type):
             super().__init__(dmm, fe_type, _REGISTERS[fe_type])
 
-    @lower_cast(types.Float, _FLOATS)
-    @lower_cast(types.Integer, _FLOATS)
-    def _spread(context, builder, fromty, toty, number):
+    def _spread(builder, number, to):
         """Put the number into every lane."""
-        number = context.cast(builder, number, fromty, types.float64)
-        nothing = ir.Constant(_REGISTERS[_FLOATS], ir.Undefined)
+        nothing = ir.Constant(_REGISTERS[to], ir.Undefined)
         first = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
         lanes = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
         return builder.shuffle_vector(first, nothing, lanes)
+
+    @lower_cast(types.Float, _FLOATS)
+    @lower_cast(types.Integer, _FLOATS)
+    def _from_number(context, builder, fromty, toty, number):
+        return _spread(builder, context.cast(builder, number, fromty, types.float64), _FLOATS)
+
+    @lower_cast(types.Boolean, _MASK)
+    def _from_bool(context, builder, fromty, toty, truth):
+        return _spread(builder, builder.sext(truth, ir.IntType(64)), _MASK)
 
     def _compare(builder, sign, a, b):
         comparison = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
@@ -141,6 +152,18 @@ else:
     @lower_builtin(operator.neg, _FLOATS)
     def _negate(context, builder, sig, args):
         return builder.fneg(args[0])
+
+    @type_callable(math.sqrt)
+    def _roots(context):
+        return lambda a: a if a == _FLOATS else None
+
+    @lower_builtin(math.sqrt, _FLOATS)
+    def _root(context, builder, sig, args):
+        register = _REGISTERS[_FLOATS]
+        name, function_type = f"llvm.sqrt.v{WIDTH}f64", ir.FunctionType(register, [register])
+        return builder.call(
+            cgutils.get_or_insert_function(builder.module, function_type, name), args
+        )
 
     @type_callable(abs)
     def _sizes(context):

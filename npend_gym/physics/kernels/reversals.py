@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from npend_gym._checks import FloatArray
-from npend_gym.physics.kernels.jit import inlined_kernel, kernel
+from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel
 from npend_gym.physics.kernels.sincos import sincos
 from npend_gym.physics.kernels.turning import BOB, Turns, count_sign
 
@@ -29,7 +29,7 @@ def bob_accelerations(
         slope[i] = total
 
 
-@kernel
+@inner_kernel
 def _hermite(f: float, df: float, g: float, dg: float, x: float) -> tuple[float, float]:
     """Return the cubic through (0, f) and (1, g) with slopes df and dg at `x`, and its slope."""
     a = df - (g - f)
@@ -40,7 +40,7 @@ def _hermite(f: float, df: float, g: float, dg: float, x: float) -> tuple[float,
     return value, (g - f) + (u - x) * bend + (x * u) * (b - a)
 
 
-@kernel
+@inner_kernel
 def _hermite_root(
     of_slope: bool, f: float, df: float, g: float, dg: float, a: float, b: float
 ) -> float:
@@ -64,7 +64,7 @@ def _hermite_root(
     return x
 
 
-@kernel
+@inner_kernel
 def follow(
     turns: Turns, r: int, t: float, h: float, f: float, df: float, g: float, dg: float,
     threshold: float,

@@ -6,12 +6,12 @@ import math
 
 from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels.dynamics import Rods, accelerations, copy
-from npend_gym.physics.kernels.jit import inlined_kernel, kernel
+from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel
 
 STAGE_ROWS = 8
 
 
-@kernel
+@inner_kernel
 def _stage(
     theta: FloatArray, omega: FloatArray, rate: FloatArray, alpha: FloatArray, h: float,
     x: FloatArray, w: FloatArray,

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels import lanes as row
 from npend_gym.physics.kernels.dynamics import accelerations, copy
-from npend_gym.physics.kernels.jit import inlined_kernel, kernel
+from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.lanes import (
     Group,
-    NumbersOf,
     bob_velocities,
     describe_group,
     floats_of,
@@ -22,7 +21,7 @@ from npend_gym.physics.kernels.lanes import (
     turns_of,
     wrap,
 )
-from npend_gym.physics.kernels.packs import WIDTH, any_of, bare, packs, where
+from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.physics.kernels.reversals import bob_accelerations, follow
 from npend_gym.physics.kernels.rk4 import rk4_step
 from npend_gym.physics.kernels.sincos import MAX_ANGLE
@@ -105,7 +104,7 @@ def _mark_turned(group: Group, threshold: FloatArray, scratch: FloatArray) -> bo
     return found
 
 
-@kernel
+@inner_kernel
 def _follow_marked(
     floats: FloatArray, part: FloatArray, lanes: int, first: int, width: int, n: int, since: float,
     h: float, scratch: FloatArray,
@@ -139,7 +138,7 @@ def _follow_marked(
     return pending
 
 
-@inlined_kernel
+@spliced_kernel
 def _substeps(
     view: NumbersOf, width: int, floats: FloatArray, groups: int, g: int, group: Group, h: float,
     substeps: int, careful: bool, scratch: FloatArray,
@@ -218,7 +217,7 @@ def _take_over(
     numbers[row.TIME * groups + g] = where(stays, time, time + dt)
 
 
-@inlined_kernel
+@spliced_kernel
 def _advance(
     view: NumbersOf, width: int, floats: FloatArray, joints: NDArray[np.int64], limit: float,
     dt: float, substeps: int, groups: int, n: int, first_group: int, last_group: int,

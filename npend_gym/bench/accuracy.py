@@ -1,0 +1,163 @@
+"""Work and precision of the paper's job: N = 100 released from pi/4, 10 s in 1000 frames.
+
+Precision is the largest change of the energy over that at the start, which needs no other
+integrator's word; work is CPU time. Rods of 1 m, for with the listing's of 1/100 m the motion is
+chaotic and no state beyond 7 s is determined.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from npend_gym._checks import FloatArray
+from npend_gym.bench.dynamics import mujoco_chain
+from npend_gym.chain import Chain
+from npend_gym.physics.energy import energy
+from npend_gym.physics.kernels.dynamics import derivative, new_work, pack_rods
+from npend_gym.physics.simulate import simulate
+
+N, DURATION, FRAMES = 100, 10.0, 1000
+ROUNDS = 3
+
+
+class Point(NamedTuple):
+    """One run: who made it, with which setting, what it cost and how good it was."""
+
+    method: str
+    setting: str
+    seconds: float  # CPU time
+    energy_error: float  # largest relative change
+
+
+def points(n: int = N, duration: float = DURATION) -> Iterator[Point]:
+    """Yield the points of every method that is installed."""
+    chain, times = Chain.uniform(n), np.linspace(0.0, duration, FRAMES)
+    methods: list[tuple[str, str, Callable[[], FloatArray]]] = []
+    for digits in (5, 7, 9, 11, 13):
+        rtol = 10.0**-digits
+        methods.append(("npend_gym, dop853", f"rtol {rtol:g}", _ours(chain, times, rtol=rtol)))
+    for dt in (0.01, 0.005, 0.0025, 0.00125):
+        setting = f"dt {dt:g}"
+        methods.append(("npend_gym, rk4", setting, _ours(chain, times, method="rk4", dt=dt)))
+    peers: tuple[Literal["DOP853"], Literal["LSODA"]] = ("DOP853", "LSODA")
+    for name in peers:
+        for digits in (5, 8, 11):
+            rtol = 10.0**-digits
+            run = _scipy(chain, times, name, rtol)
+            methods.append((f"SciPy {name}, our dynamics", f"rtol {rtol:g}", run))
+    if find_spec("heyoka"):
+        methods += [
+            ("heyoka", f"tol 1e-{digits}", _heyoka(chain, times, 10.0**-digits))
+            for digits in (6, 10, 14)
+        ]
+    if find_spec("mujoco"):
+        methods.append(("MuJoCo RK4", "dt 0.01", _mujoco(n, times)))
+    for method, setting, run in methods:
+        yield _point(method, setting, run, chain)
+
+
+def _point(method: str, setting: str, run: Callable[[], FloatArray], chain: Chain) -> Point:
+    best, frames = np.inf, np.empty(0)
+    for _ in range(ROUNDS):
+        begin = time.process_time()
+        frames = run()
+        best = min(best, time.process_time() - begin)
+        if best > 2.0:  # long enough to be told after one run
+            break
+    energies = energy(chain, frames[:, : chain.n], frames[:, chain.n :])
+    return Point(method, setting, best, float(np.abs(energies / energies[0] - 1.0).max()))
+
+
+def _ours(chain: Chain, times: FloatArray, **options: Any) -> Callable[[], FloatArray]:
+    if "rtol" in options:
+        options["atol"] = 1e-2 * options["rtol"]
+    simulate(chain, np.pi / 4, 0.0, times[:2], **options)  # compiled
+
+    def run() -> FloatArray:
+        path = simulate(chain, np.pi / 4, 0.0, times, **options)
+        return np.hstack([path.theta, path.omega])
+
+    return run
+
+
+def _scipy(
+    chain: Chain, times: FloatArray, method: Literal["DOP853", "LSODA"], rtol: float
+) -> Callable[[], FloatArray]:
+    n = chain.n
+    rods, torque, work = pack_rods(chain), np.zeros(n), new_work(n)
+    start = np.concatenate([np.full(n, np.pi / 4), np.zeros(n)])
+
+    def right_side(_t: float, y: FloatArray) -> FloatArray:
+        dydt = np.empty(2 * n)
+        derivative(y, torque, rods, work, dydt)
+        return dydt
+
+    def run() -> FloatArray:
+        span, atol = (times[0], times[-1]), 1e-2 * rtol
+        return solve_ivp(right_side, span, start, method, times, rtol=rtol, atol=atol).y.T
+
+    return run
+
+
+def _heyoka(chain: Chain, times: FloatArray, tolerance: float) -> Callable[[], FloatArray]:
+    """Return Taylor's method on the tensions written out, the unknowns eliminated as here."""
+    hy: Any = import_module("heyoka")
+    n = chain.n
+    theta, omega = (
+        hy.make_vars(*[f"x{i}" for i in range(n)]),
+        hy.make_vars(*[f"w{i}" for i in range(n)]),
+    )
+    sines = [hy.sin(theta[0])] + [hy.sin(theta[i] - theta[i - 1]) for i in range(1, n)]
+    cosines = [hy.cos(theta[0])] + [hy.cos(theta[i] - theta[i - 1]) for i in range(1, n)]
+    g = chain.gravity
+    # rods of 1 m and bobs of 1 kg: diagonal 1 at the pivot, 2 below
+    pivots: list[Any] = []
+    reduced: list[Any] = []
+    for i in range(n):
+        right = omega[i] * omega[i] + (g * cosines[0] if i == 0 else 0.0)
+        if i == 0:
+            pivots.append(hy.expression(1.0))
+            reduced.append(right)
+        else:
+            factor = cosines[i] / pivots[-1]
+            pivots.append(2.0 - cosines[i] * factor)
+            reduced.append(right + factor * reduced[-1])
+    tensions: list[Any] = [None] * n
+    tensions[-1] = reduced[-1] / pivots[-1]
+    for i in range(n - 2, -1, -1):
+        tensions[i] = (reduced[i] + cosines[i + 1] * tensions[i + 1]) / pivots[i]
+    system = [(theta[i], omega[i]) for i in range(n)]
+    for i in range(n):
+        below = tensions[i + 1] * sines[i + 1] if i + 1 < n else 0.0
+        above = tensions[i - 1] * sines[i] if i > 0 else g * sines[0]
+        system.append((omega[i], below - above))
+    start = np.concatenate([np.full(n, np.pi / 4), np.zeros(n)])
+    integrator = hy.taylor_adaptive(system, start, tol=tolerance, compact_mode=True)
+
+    def run() -> FloatArray:
+        integrator.time, integrator.state[:] = 0.0, start
+        return integrator.propagate_grid(times)[-1]
+
+    return run
+
+
+def _mujoco(n: int, times: FloatArray) -> Callable[[], FloatArray]:
+    mujoco: Any = import_module("mujoco")
+
+    def run() -> FloatArray:
+        model, data = mujoco_chain(n, float(times[1] - times[0]))
+        frames = np.empty((times.size, 2 * n))
+        for frame in frames:
+            # joint angles are relative
+            frame[:n], frame[n:] = np.cumsum(data.qpos), np.cumsum(data.qvel)
+            mujoco.mj_step(model, data)
+        return frames
+
+    return run

@@ -1,0 +1,180 @@
+"""The dynamics beside MuJoCo: right sides and Runge-Kutta steps, of one chain and of many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.bench.timing import Job, Row, rates
+from npend_gym.chain import Chain
+from npend_gym.physics.kernels.dynamics import (
+    WORK_ROWS,
+    Rods,
+    accelerations,
+    innermost,
+    new_work,
+    pack_rods,
+)
+from npend_gym.physics.kernels.jit import kernel
+from npend_gym.physics.kernels.packs import WIDTH, packs
+from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
+
+_H = 1e-6  # s; so short that the motion stays what it is
+
+
+def rows() -> Iterator[Row]:
+    """Yield the comparisons; without MuJoCo our own speeds alone."""
+    with_mujoco = find_spec("mujoco") is not None
+    for n in (2, 5, 20, 100, 1000):
+        ours = {"one evaluation": right_sides(n), "one RK4 step": steps(n)}
+        theirs = mujoco_jobs(n) if with_mujoco else {}
+        for what, job in ours.items():
+            yield _row(f"{what}, N = {n}", job, "MuJoCo" if with_mujoco else "", theirs.get(what))
+    theirs = mujoco_rollouts(10, 256) if with_mujoco else None
+    name = "RK4 steps of 256 chains, N = 10"
+    yield _row(name, many_steps(10, 256), "mujoco.rollout" if with_mujoco else "", theirs)
+    yield growth()
+
+
+def _row(name: str, ours: Job, peer: str, theirs: Job | None) -> Row:
+    jobs = {"": ours} if theirs is None else {"": ours, peer: theirs}
+    best = rates(jobs)
+    return Row(name, peer, best[""], best.get(peer, math.nan) if peer else math.nan)
+
+
+def growth() -> Row:
+    """Return how the time of an evaluation grows from 100 to 100 000 rods."""
+    counts = (100, 1_000, 10_000, 100_000)
+    best = [rates({"": right_sides(n)}, rounds=3)[""] for n in counts]
+    slope = -float(np.polyfit(np.log(counts), np.log(best), 1)[0])
+    return Row("one evaluation, N = 100000", "", best[-1], math.nan, f"time grows as N^{slope:.2f}")
+
+
+@kernel
+def _repeat_right_side(
+    theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray,
+    alpha: FloatArray, times: int,
+) -> None:  # fmt: skip
+    """Evaluate the dynamics many times, as an integrator does: from compiled code."""
+    for _ in range(times):
+        accelerations(theta, omega, torque, rods, work, alpha)
+
+
+@kernel
+def _repeat_step(
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
+    work: FloatArray, stages: FloatArray, times: int,
+) -> None:  # fmt: skip
+    for _ in range(times):
+        rk4_step(theta, omega, h, torque, rods, work, stages)
+
+
+@kernel
+def _repeat_steps(
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
+    work: FloatArray, stages: FloatArray, times: int,
+) -> None:  # fmt: skip
+    """Take steps with groups of WIDTH equal chains, (groups, n WIDTH)."""
+    wide = Rods(
+        packs(rods.inverse_mass), packs(rods.length), packs(rods.inverse_length),
+        packs(rods.damping), packs(rods.gravity),
+    )  # fmt: skip
+    for group in range(theta.shape[0]):
+        x, w = packs(theta[group]), packs(omega[group])
+        for _ in range(times):
+            rk4_step(x, w, h, packs(torque), wide, packs(work), packs(stages))
+
+
+def right_sides(n: int) -> Job:
+    """Return the job of evaluating the dynamics of one chain released from pi/4."""
+    theta, rest = np.full(n, np.pi / 4), np.zeros(n)
+    rods, work, alpha = pack_rods(Chain.uniform(n)), new_work(n), np.zeros(n)
+
+    def take(calls: int) -> None:
+        _repeat_right_side(theta, rest, rest, rods, work, alpha, calls)
+
+    return Job(take)
+
+
+def steps(n: int) -> Job:
+    """Return the job of taking Runge-Kutta steps with one chain released from pi/4."""
+    theta, omega, torque = np.full(n, np.pi / 4), np.zeros(n), np.zeros(n)
+    rods, work, stages = pack_rods(Chain.uniform(n)), new_work(n), np.zeros((STAGE_ROWS, n))
+
+    def take(calls: int) -> None:
+        _repeat_step(theta, omega, _H, torque, rods, work, stages, calls)
+
+    return Job(take)
+
+
+def many_steps(n: int, lanes: int) -> Job:
+    """Return the job of taking Runge-Kutta steps with many chains, a multiple of WIDTH."""
+    groups, size = lanes // WIDTH, n * WIDTH
+    theta, omega = np.full((groups, size), np.pi / 4), np.zeros((groups, size))
+    rods = Rods(*(innermost([row] * WIDTH) for row in pack_rods(Chain.uniform(n))))
+    work, stages = np.zeros((WORK_ROWS, (n + 2) * WIDTH)), np.zeros((STAGE_ROWS, size))
+    torque = np.zeros(size)
+
+    def take(calls: int) -> None:
+        _repeat_steps(theta, omega, _H, torque, rods, work, stages, calls)
+
+    return Job(take, lanes)
+
+
+def mujoco_chain(n: int, dt: float = 0.01) -> tuple[Any, Any]:
+    """Return MuJoCo's model and data of n bobs of 1 kg on rods of 1 m, released from pi/4."""
+    mujoco: Any = import_module("mujoco")
+    spec: Any = mujoco.MjSpec()
+    spec.option.timestep, spec.option.integrator = dt, mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    body = spec.worldbody
+    for i in range(n):
+        body = body.add_body(pos=[0, 0, -1 if i else 0])
+        body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0])
+        # MuJoCo wants some inertia; 1e-9 kg m^2 changes nothing that is seen here
+        body.mass, body.ipos, body.inertia = 1.0, [0, 0, -1], [1e-9] * 3
+        body.explicitinertial = True
+    model = spec.compile()
+    data: Any = mujoco.MjData(model)
+    data.qpos[0] = np.pi / 4
+    return model, data
+
+
+def mujoco_jobs(n: int) -> dict[str, Job]:
+    """Return MuJoCo's jobs of the same names as ours."""
+    mujoco: Any = import_module("mujoco")
+    model, data = mujoco_chain(n)
+
+    def repeat(call: Callable[[Any, Any], None]) -> Callable[[int], None]:
+        def take(times: int) -> None:
+            for _ in range(times):
+                call(model, data)
+
+        return take
+
+    forward, step = repeat(mujoco.mj_forward), repeat(mujoco.mj_step)
+    return {"one evaluation": Job(forward), "one RK4 step": Job(step)}
+
+
+def mujoco_rollouts(n: int, lanes: int) -> Job:
+    """Return the job of stepping many chains by mujoco.rollout, one thread, two steps a call."""
+    mujoco: Any = import_module("mujoco")
+    rollout: Any = import_module("mujoco.rollout")
+    model, data = mujoco_chain(n)
+    whole = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    size: int = mujoco.mj_stateSize(model, whole)
+    state = np.zeros(size)
+    mujoco.mj_getState(model, data, state, whole)
+    states = np.tile(state, (lanes, 1))
+
+    def take(times: int) -> None:
+        for _ in range(times):
+            rollout.rollout([model] * lanes, [data], states, nstep=2)
+
+    return Job(take, 2.0 * lanes)

@@ -1,0 +1,127 @@
+"""The environments beside their peers: steps a second, one thread.
+
+The peers do less: one Euler step (CartPole, Pendulum) or one Runge-Kutta step (Acrobot) in each
+step, and none tells energies or turning points. Each job of ours with a vector environment holds
+whole episodes of 1000 steps with their resets.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym.bench.timing import Job, Row, rates
+
+EPISODE = 1001  # calls of a vector environment of ours from reset to reset
+OURS = "npend_gym:NPendulum-v0"
+
+
+def rows() -> Iterator[Row]:
+    """Yield the comparisons; without envpool those with Gymnasium alone."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="gymnasium")  # of the peers' spaces
+        for lanes in (None, 64, 1024, 4096):
+            yield from beside_peers(lanes)
+        yield from two_threads()
+        yield from along_n()
+
+
+def single(name: str, **options: Any) -> Job:
+    """Return the job of stepping one environment as a training loop does."""
+    env = gym.make(name, **options)
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    actions = [env.action_space.sample() for _ in range(64)]
+
+    def take(calls: int) -> None:
+        for k in range(calls):
+            _, _, terminated, truncated, _ = env.step(actions[k % 64])
+            if terminated or truncated:
+                env.reset()
+
+    return Job(take)
+
+
+def vector(envs: Any, lanes: int, actions: NDArray[Any], multiple: int = 1) -> Job:
+    """Return the job of stepping environments side by side, which reset themselves."""
+    envs.reset()
+
+    def take(calls: int) -> None:
+        for k in range(calls):
+            envs.step(actions[k % len(actions)])
+
+    return Job(take, lanes, multiple)
+
+
+def ours(lanes: int, threads: int = 1, **options: Any) -> Job:
+    """Return the job of stepping our vector environment."""
+    envs = gym.make_vec(OURS, num_envs=lanes, threads=threads, **options)
+    actions = np.random.default_rng(0).uniform(-1, 1, (8, lanes, 1))
+    whole = "max_episode_steps" not in options
+    return vector(envs, lanes, actions.astype(np.float32), EPISODE if whole else 1)
+
+
+def peers(lanes: int) -> dict[str, Job]:
+    """Return the jobs of the peers that there are."""
+    choices = np.random.default_rng(0).integers(0, 6, (8, lanes))
+    cartpole = gym.make_vec("CartPole-v1", num_envs=lanes)  # Gymnasium's own, in NumPy
+    jobs = {"Gymnasium CartPole-v1": vector(cartpole, lanes, choices % 2)}
+    try:
+        import envpool
+
+        acrobot = envpool.make_gymnasium("Acrobot-v1", num_envs=lanes, num_threads=1)
+        jobs["envpool Acrobot-v1"] = vector(acrobot, lanes, choices % 3)
+    except Exception as error:  # noqa: BLE001  not there, or not for this Gymnasium
+        print(f"envpool skipped: {error!r}")
+    return jobs
+
+
+def beside_peers(lanes: int | None) -> Iterator[Row]:
+    """Yield the rows of the double pendulum beside each peer; `lanes` None: a single env."""
+    substeps = gym.make(OURS).unwrapped.config.substeps  # type: ignore[attr-defined]
+    kind = "gym.make" if lanes is None else f"gym.make_vec, {lanes} lanes"
+    mine: dict[str, dict[str, Any]] = {f"{kind}, N = 2, {substeps} substeps (default)": {}}
+    mine[f"{kind}, N = 2, 1 substep"] = {"substeps": 1}
+    if lanes is None:
+        jobs = {name: single(OURS, **options) for name, options in mine.items()}
+        others = {f"Gymnasium {name}": single(name) for name in ("Acrobot-v1", "Pendulum-v1")}
+    else:
+        jobs = {name: ours(lanes, **options) for name, options in mine.items()}
+        others = peers(lanes)
+    best = rates(jobs | others)
+    for name in jobs:
+        for peer in others:
+            yield Row(name, peer, best[name], best[peer])
+
+
+def two_threads() -> Iterator[Row]:
+    """Yield the row of two threads beside one, by time on the wall."""
+    lanes = 4096
+    options: dict[str, Any] = {"max_episode_steps": None, "mode": "calm", "dt": 0.002}
+    jobs = {f"{k} threads": ours(lanes, k, **options) for k in (1, 2)}
+    best = rates({name: job._replace(wall=True) for name, job in jobs.items()})
+    name = f"gym.make_vec, {lanes} lanes, N = 2, two threads"
+    yield Row(name, "itself on one thread", best["2 threads"], best["1 threads"])
+
+
+def along_n() -> Iterator[Row]:
+    """Yield the rows of long chains: ns per rod and step, one substep each."""
+    lanes = 1024
+    for n in (2, 5, 20, 100):
+        # small steps and torques, for a chain that diverges is not stepped
+        options: dict[str, Any] = {
+            "n": n,
+            "mode": "calm",
+            "dt": 0.002,
+            "substeps": 1,
+            "max_torque": 1.0,
+        }
+        best = rates({"": ours(lanes, max_episode_steps=None, **options)})[""]
+        note = f"{1e9 / (best * n):.1f} ns per rod"
+        yield Row(f"gym.make_vec, {lanes} lanes, N = {n}, 1 substep", "", best, math.nan, note)

@@ -1,0 +1,89 @@
+"""`npend paper`: reproduce and audit the source paper."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
+
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written
+
+if TYPE_CHECKING:
+    from npend_gym.experiments.paper import Finding
+
+SUMMARY = "reproduce the source paper and judge every equation, number and claim"
+_ABOUT = """\
+Every equation, number and claim of the source paper, computed anew and judged. All of it takes
+some four minutes; items can be had one by one, see `npend paper --list`.
+"""
+_EXAMPLES = """\
+examples:
+  npend paper --out results                findings.csv, audit.md, tables and figures
+  npend paper --only eom,series-value      two findings
+  npend paper --only chaos                 those of one module, `npend_gym.experiments.paper.chaos`
+  npend paper --only run-time --kane-n 12  Kane's method on more rods; 12 take minutes
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `npend paper`."""
+    from npend_gym.experiments.paper import KANE_N
+
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description, parser.epilog = _ABOUT, _EXAMPLES
+    text = "findings, by their keys, or modules (all)"
+    parser.add_argument("--only", type=_names, metavar="KEY,KEY,...", help=text)
+    parser.add_argument("--list", action="store_true", help="list the keys and leave")
+    text = "write findings.csv, audit.md, tables, figures and manifest.json there"
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+    text = f"largest chain whose equations Kane's method derives ({KANE_N})"
+    parser.add_argument("--kane-n", type=int, default=KANE_N, metavar="N", help=text)
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
+
+
+def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+    """Audit the paper; return the exit code."""
+    from npend_gym.experiments.paper import CONTENTS, audit, selected
+    from npend_gym.physics.simulate import IntegrationError
+    from npend_gym.report import outputs
+    from npend_gym.report import paper as report
+
+    out: Path | None = given["out"]
+    only, kane_n = given["only"], given["kane_n"]
+    if given["list"]:
+        for section, keys in CONTENTS.items():
+            print(section, *(f"  {key:20} {module}" for key, module in keys.items()), sep="\n")
+        return OK
+    try:
+        keys = selected(only)
+        coming = audit(only, kane_n=kane_n)
+        if out is not None:
+            outputs.prepare_folder(out)
+    except (ValueError, TypeError) as error:
+        parser.error(str(error))
+    findings: list[Finding] = []
+    code, trouble = OK, ""
+    try:
+        # disable=None: no bar where the output is not a terminal
+        bar = tqdm(coming, total=len(keys), unit="finding", disable=None, leave=False)
+        findings.extend(bar)
+    except KeyboardInterrupt:
+        code, trouble = (
+            INTERRUPTED,
+            "interrupted: the findings above are complete, the rest is missing",
+        )
+    except (ImportError, IntegrationError) as error:
+        code, trouble = FAILED, f"npend paper: {error}"
+    if findings:
+        print(report.audit_text(findings))
+    if findings and out is not None:
+        show_written(report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw()))
+    if trouble:
+        print(trouble, file=sys.stderr)
+    return code

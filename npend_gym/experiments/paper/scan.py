@@ -1,0 +1,240 @@
+"""The law that the pseudo-period of a released chain follows, measured and fitted.
+
+Of N equal rods released straight at an angle a, the median over the bobs of the pseudo-period
+(reading "bob") follows, from ten bobs and up to 1.2 rad,
+
+    T(N, a) = c T1(N) [1 + b a^2 / (1 + d a^2)],    T1(N) -> (2/j01) 2 pi sqrt((N + 1/2) l/g),
+
+with T1 the exact period of the slowest mode and c the exact limit of small angles, both from the
+linearised equations; b and d are fitted. The mean over the bobs follows no such law: it jumps where
+a bob near the pivot gains or loses a reversal.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import curve_fit
+from scipy.special import j0, j1, jn_zeros
+from scipy.stats import linregress
+from scipy.stats import t as student
+
+from npend_gym import theory
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.period import pseudo_periods
+
+COUNTS = (1, 2, 3, 5, 10, 20, 50, 100, 200)
+ANGLES = (0.01, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, math.pi / 4, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6,
+          1.8, 2.0)  # fmt: skip
+LAW_FROM, LAW_UP_TO = 10, 1.2  # bobs, rad: where the law is fitted and holds
+STATISTICS = ("mean", "median", "tip")
+_RTOL = 1e-8
+_SAMPLES = 16  # of the fastest mode's period, between which a velocity is taken as straight
+_WINDOW = 1.5  # periods of the slowest mode, in which every bob of a small release completes
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Pseudo-periods over number of pendulums and starting angle, over T1.
+
+    Attributes
+    ----------
+    counts : ndarray, shape (C,)
+    angles : ndarray, shape (A,)
+        Starting angles [rad].
+    mean, median, tip : ndarray, shape (A, C)
+        Of the bobs that complete, over the period of the slowest mode; the tip is the last bob.
+    completed : ndarray, shape (A, C)
+        Share of the bobs that complete.
+    fundamental : ndarray, shape (C,)
+        T1 of rods of 1 m [s].
+    """
+
+    counts: NDArray[np.int64]
+    angles: FloatArray
+    mean: FloatArray
+    median: FloatArray
+    tip: FloatArray
+    completed: FloatArray
+    fundamental: FloatArray
+
+
+def scan(
+    counts: tuple[int, ...] = COUNTS,
+    angles: tuple[float, ...] = ANGLES,
+    reading: str = "bob",
+    periods: float = 10.0,
+) -> Scan:
+    """Release every chain of `counts` rods at every angle [rad]; about 15 s by default.
+
+    A bob is given up after so many `periods` of the slowest mode. What was measured once is kept.
+    """
+    fundamental = [theory.fundamental_period(Chain.uniform(n)) for n in counts]
+    cells = np.empty((4, len(angles), len(counts)))
+    for column, (n, t1) in enumerate(zip(counts, fundamental, strict=True)):
+        for row, angle in enumerate(angles):
+            ratio = _periods(n, angle, reading, periods * t1) / t1
+            done = ratio[np.isfinite(ratio)]
+            some = done if done.size else np.array([np.nan])
+            cells[:, row, column] = some.mean(), np.median(some), ratio[-1], done.size / n
+    mean, median, tip, completed = cells
+    return Scan(
+        np.array(counts), np.array(angles), mean, median, tip, completed, np.array(fundamental)
+    )
+
+
+@cache
+def _periods(n: int, angle: float, reading: str, duration: float) -> FloatArray:
+    return pseudo_periods(Chain.uniform(n), angle, reading=reading, duration=duration, rtol=_RTOL)
+
+
+def scan_rows(data: Scan) -> list[dict[str, Any]]:
+    """Return the tidy table: a row for every starting angle and number of pendulums."""
+    return [
+        {
+            "n": int(n),
+            "angle_rad": float(angle),
+            "fundamental_s": float(data.fundamental[column]),
+            **{
+                name: float(getattr(data, name)[row, column])
+                for name in ("mean", "median", "tip", "completed")
+            },
+        }
+        for row, angle in enumerate(data.angles)
+        for column, n in enumerate(data.counts)
+    ]
+
+
+def linear_ratios(n: int) -> FloatArray:
+    """Return every bob's pseudo-period over T1 in the limit of small angles, shape (n,): exact.
+
+    The release is a sum of the normal modes, each at rest; the velocities are sums of sines, whose
+    reversals are found here without integrating anything.
+    """
+    omega, modes = theory.normal_modes(Chain.uniform(n))
+    share = np.linalg.solve(modes, np.ones(n))  # of each mode in a straight, tilted chain
+    speeds = -np.cumsum(modes, axis=0) * share * omega
+    t1 = 2.0 * math.pi / float(omega[0])
+    frames = max(400, int(_WINDOW * _SAMPLES * omega[-1] / omega[0]))
+    times = np.linspace(0.0, _WINDOW * t1, frames)
+    return _second_reversal(speeds @ np.sin(np.outer(omega, times)), times) / t1
+
+
+def rope_ratios(points: int = 400, terms: int = 800) -> tuple[FloatArray, FloatArray]:
+    r"""Return the limit of `linear_ratios` for many bobs, the hanging rope.
+
+    Returns
+    -------
+    height : ndarray, shape (points,)
+        Distance from the free end over the length.
+    ratio : ndarray, shape (points,)
+        Pseudo-period over T1.
+
+    Notes
+    -----
+    A straight, tilted rope is 1 - s = sum_k 8 J0(j_k sqrt(s)) / (j_k^3 J1(j_k)), s being the height
+    and j_k the zeros of J0. The mode of j_k turns at j_k/2 in units of sqrt(g/L), so that the
+    velocity is -sum_k 4 J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)).
+    """
+    height = (np.arange(points) + 0.5) / points
+    zeros = jn_zeros(0, terms)
+    t1 = 4.0 * math.pi / float(zeros[0])
+    times = np.linspace(0.0, 1.3 * t1, 3000)
+    speeds = -j0(np.outer(np.sqrt(height), zeros)) * 4.0 / (zeros**2 * j1(zeros))
+    return height, _second_reversal(speeds @ np.sin(np.outer(zeros / 2.0, times)), times) / t1
+
+
+def _second_reversal(speed: FloatArray, times: FloatArray) -> FloatArray:
+    """Return when each row of `speed`, negative at first, turns from + to - after turning to +."""
+    ends = np.full(len(speed), np.nan)
+    for i, v in enumerate(speed):
+        risen = np.flatnonzero((v[:-1] < 0.0) & (v[1:] >= 0.0))
+        falls = np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))
+        falls = falls[falls > risen[0]] if risen.size else falls[:0]
+        if falls.size:
+            k = falls[0]
+            ends[i] = times[k] + v[k] / (v[k] - v[k + 1]) * (times[k + 1] - times[k])
+    return ends
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with the half-width of its 95 % confidence interval."""
+
+    value: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.4f} +- {self.error:.4f}"
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """The fitted law of the module's head.
+
+    Attributes
+    ----------
+    limit : float
+        c, from the rope; not fitted.
+    b, d : Estimate
+        [1/rad^2]
+    residuals : ndarray, shape (A, C)
+        Measured over law, minus one, where it was fitted.
+    counts, angles : ndarray
+        The rows and columns of `residuals`.
+    """
+
+    limit: float
+    b: Estimate
+    d: Estimate
+    residuals: FloatArray
+    counts: NDArray[np.int64]
+    angles: FloatArray
+
+    def ratio(self, angle: FloatArray) -> FloatArray:
+        """Return T/T1 for starting angles [rad]."""
+        return self.limit * _amplitude(angle, self.b.value, self.d.value)
+
+
+def _amplitude(angle: FloatArray, b: float, d: float) -> FloatArray:
+    return 1.0 + b * angle**2 / (1.0 + d * angle**2)
+
+
+def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
+    """Fit b and d of the law to the medians of chains of `first` bobs and more, to `up_to` [rad].
+
+    The intervals are those of least squares: the data have no noise, so they measure how well the
+    form fits.
+    """
+    rows, columns = data.angles <= up_to + 1e-9, data.counts >= first
+    limit = float(np.median(rope_ratios()[1]))
+    measured = data.median[np.ix_(rows, columns)] / limit
+    angle = np.broadcast_to(data.angles[rows][:, None], measured.shape)
+    values, covariance = curve_fit(_amplitude, angle.ravel(), measured.ravel(), p0=(0.2, 0.9))
+    wide = _student(measured.size - 2) * np.sqrt(np.diag(covariance))
+    b, d = (Estimate(float(v), float(w)) for v, w in zip(values, wide, strict=True))
+    residuals = measured / _amplitude(angle, *values) - 1.0
+    return Law(limit, b, d, residuals, data.counts[columns], data.angles[rows])
+
+
+def fit_exponent(x: ArrayLike, y: FloatArray) -> Estimate:
+    """Return the exponent p of y ~ x^p with its 95 % confidence interval, NaN from two points."""
+    fit = linregress(np.log(x), np.log(y))
+    return Estimate(float(fit.slope), float(_student(len(y) - 2) * fit.stderr))
+
+
+def count_exponent(data: Scan, statistic: str, row: int, first: int = LAW_FROM) -> Estimate:
+    """Return the exponent of T against N + 1/2 at one angle, from chains of `first` bobs up."""
+    columns = data.counts >= first
+    periods = getattr(data, statistic)[row] * data.fundamental
+    return fit_exponent(data.counts[columns] + 0.5, periods[columns])
+
+
+def _student(freedom: int) -> float:
+    return float(student.ppf(0.975, freedom))

@@ -1,0 +1,70 @@
+"""What every report writes the same way: a folder, tidy tables as CSV, a manifest."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from npend_gym import _files
+from npend_gym._version import __version__
+
+
+def prepare_folder(out: Path) -> None:
+    """Make the folder `out` if need be, and see that it can be written to.
+
+    Raises
+    ------
+    ValueError
+        If `out` is no folder, or cannot be made or written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with _files.replacing(out / ".writable"):
+            pass
+        (out / ".writable").unlink()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ValueError(
+            f"out must be a folder that can be written to, got {out}: {reason}"
+        ) from error
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
+    """Write `rows`, whose keys are the columns, to `path`, whole or not at all."""
+    with _files.replacing(path) as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)  # floats as repr: read back to the same bits
+    return path
+
+
+def write_manifest(
+    out: Path,
+    experiment: str,
+    arguments: Mapping[str, Any],
+    written: Sequence[Path],
+    *,
+    complete: bool,
+) -> Path:
+    """Write `manifest.json`: what made the files `written`, and their digests."""
+    manifest = {
+        "package": "npend_gym",
+        "version": __version__,
+        "experiment": experiment,
+        "arguments": arguments,
+        "complete": complete,
+        "libraries": {name: version(name) for name in ("numpy", "scipy", "numba")},
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "sha256": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written},
+    }
+    with _files.replacing(out / "manifest.json") as file:
+        json.dump(manifest, file, indent=2)
+        file.write("\n")
+    return out / "manifest.json"

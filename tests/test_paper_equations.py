@@ -1,0 +1,190 @@
+"""The paper's equations, integrators and chaos: each computation against an independent truth."""
+
+import dataclasses
+import math
+
+import numpy as np
+import oracle
+import paper_listing
+import pytest
+from scipy.linalg import eigh
+from scipy.special import ellipk
+
+from npend_gym import Chain, simulate, theory
+from npend_gym.experiments.paper import chaos, frequencies, integrators, kane, linear, listings
+from npend_gym.experiments.paper import pendulum as one
+from npend_gym.experiments.paper import series as amplitude
+from npend_gym.experiments.paper.derivation import FORMULAS as DERIVATION
+from npend_gym.experiments.paper.equations import FORMULAS, accelerations, lagrange_accelerations
+from npend_gym.experiments.paper.finding import Verdict
+from npend_gym.experiments.paper.formula import EXACT, judge, lagrangian, samples, slope
+
+
+def by_oracle(motion):
+    zero = np.zeros(motion.n)
+    return oracle.accelerations(
+        motion.m, motion.l, motion.g, zero, motion.theta, motion.omega, zero
+    )
+
+
+@pytest.mark.parametrize("motion", samples(3)[:5])
+def test_lagrange_by_sympy_and_the_papers_system_with_max_give_the_dense_oracle(motion):
+    expected = by_oracle(motion)
+    scale = np.abs(expected).max()
+    for ours in (lagrange_accelerations(3)(motion), accelerations(motion, "max"), motion.alpha):
+        np.testing.assert_allclose(ours, expected, rtol=0.0, atol=1e-12 * scale)
+    assert np.abs(accelerations(motion, "min") - expected).max() > 1e-2 * scale
+
+
+def test_derivatives_by_a_complex_step_are_central_differences():
+    motion = samples(3)[0]
+    step = 1e-6
+    for name in ("theta", "omega"):
+        x = getattr(motion, name)
+        expected = [
+            (lagrangian(motion.moved(**{name: x + step * e}))
+             - lagrangian(motion.moved(**{name: x - step * e}))) / (2 * step)
+            for e in np.eye(3)
+        ]  # fmt: skip
+        np.testing.assert_allclose(slope(lagrangian, motion, name), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("formula", [*FORMULAS, *DERIVATION], ids=lambda f: f.key)
+def test_every_formula_holds_as_printed_or_with_its_correction(formula):
+    right = formula.as_printed if formula.corrected is None else formula.corrected
+    assert formula.off(right) < formula.tolerance
+    assert formula.tolerance in (EXACT, 1e-6)
+    if formula.corrected is not None:
+        assert formula.off(formula.as_printed) > 0.1
+
+
+def test_a_verdict_follows_the_computation():
+    formula = FORMULAS[0]
+    assert judge(formula).verdict is Verdict.HOLDS
+    wrong = dataclasses.replace(formula, as_printed=lambda at: 1.01 * formula.as_printed(at))
+    assert judge(wrong).verdict is Verdict.FAILS
+    mended = dataclasses.replace(wrong, corrected=formula.as_printed)
+    assert judge(mended).verdict is Verdict.CORRECTED
+
+
+def test_the_printed_series_cut_off_gives_the_printed_numbers_and_diverges():
+    sums = amplitude.printed_sums(math.pi / 4)
+    assert sums[9] == pytest.approx(0.049, abs=5e-4)
+    assert 1.0 / (1.0 + sums[14]) == pytest.approx(0.309, abs=5e-4)
+    terms = np.diff(sums)
+    assert np.all(terms[1:] > terms[:-1])
+    assert amplitude.terms_for(0.049, 3, sums) == 10
+    assert amplitude.terms_for(0.5, 3, sums) is None
+
+
+def test_the_corrected_series_is_the_elliptic_integral():
+    limit = 2.0 * ellipk(math.sin(math.pi / 8) ** 2) / math.pi - 1.0
+    assert amplitude.corrected_sums(math.pi / 4)[-1] == pytest.approx(limit, rel=1e-13)
+    assert one.measured_period(math.pi / 4, Chain.uniform(1)) == pytest.approx(
+        theory.single_period() * (1.0 + limit), rel=1e-10
+    )
+
+
+def test_small_angle_errors_grow_as_their_taylor_series_say():
+    orders = one.error_orders()
+    assert orders["torque"] == pytest.approx(3.0, abs=0.01)
+    assert orders["relative torque"] == pytest.approx(2.0, abs=0.01)
+    assert orders["period"] == pytest.approx(2.0, abs=0.01)
+
+
+def test_full_matrices_have_the_normal_frequencies_and_the_papers_have_its_own(uneven):
+    mass, stiffness = linear.full_matrices(uneven)
+    rows = uneven.lengths[:, None]
+    squares = eigh(stiffness * rows, mass * rows, eigvals_only=True)
+    np.testing.assert_allclose(np.sqrt(squares), theory.normal_modes(uneven)[0], rtol=1e-12)
+    assert linear.acceleration_error((mass, stiffness), uneven) < 1e-8
+    mass, stiffness = linear.paper_matrices(uneven)
+    roots = frequencies.generalised_roots(stiffness, mass)
+    np.testing.assert_allclose(roots, np.sort(frequencies.diagonal_frequencies(uneven)))
+    mean = 2 * np.pi / frequencies.paper_frequencies(uneven).mean()
+    assert theory.ideal_period(uneven) == pytest.approx(mean, rel=1e-14)
+
+
+def test_the_error_of_the_papers_period_tends_to_that_of_a_hanging_rope():
+    from scipy.special import jn_zeros
+
+    assert frequencies.period_ratio(Chain.uniform(1)) == pytest.approx(1.0, rel=1e-14)
+    limit = jn_zeros(0, 1)[0] / 2.0
+    assert frequencies.period_ratio(Chain.uniform(2000)) == pytest.approx(limit, rel=5e-4)
+
+
+def test_runge_kutta_has_its_orders():
+    local, after = integrators.runge_kutta_errors()
+    np.testing.assert_allclose(local[:-1] / local[1:], 32.0, rtol=0.1)
+    np.testing.assert_allclose(after[:-1] / after[1:], 16.0, rtol=0.15)
+    np.testing.assert_allclose(integrators.euler_ratios(), 1.0, atol=0.02)
+    remainders = integrators.taylor_remainders()
+    np.testing.assert_allclose(remainders[:-1] / remainders[1:], 8.0, rtol=0.05)
+
+
+def test_kanes_equations_grow_as_a_cube():
+    costs = kane.kane_costs(5)
+    operations = np.array([cost.operations for cost in costs[1:]], float)
+    cubes = np.polyfit(np.arange(2.0, 6.0), operations, 3)
+    assert cubes[0] > 0.0
+    assert kane.exponential_misfit(np.log(np.arange(2.0, 6.0)), operations) < 0.05
+    assert all(cost.seconds > 0.0 for cost in costs)
+
+
+def test_the_printed_integrator_runs_and_gives_our_motion():
+    times = np.linspace(0.0, 2.0, 21)
+    theirs = paper_listing.integrate_pendulum(2, times, 45.0)
+    ours = simulate(Chain.uniform(2, length=0.5), np.deg2rad(45.0), 0.0, times)
+    np.testing.assert_allclose(theirs[:, :2], ours.theta, atol=1e-6)
+    np.testing.assert_allclose(theirs[:, 2:], ours.omega, atol=1e-5)
+    x, y = listings.get_xy_coords(theirs)
+    np.testing.assert_allclose(np.stack([x, y], -1)[:, 1:], ours.positions(), atol=1e-6)
+
+
+def test_tangent_vectors_are_differences_of_neighbours():
+    chain, start = Chain([1.0, 2.0], [1.0, 0.5]), np.array([1.5, -1.0, 0.5, 0.3])
+    times = np.linspace(0.0, 1.0, 3201)
+
+    def end(state):
+        path = simulate(chain, state[:2], state[2:], times, rtol=1e-13, atol=1e-14)
+        return path, np.concatenate([path.theta[-1], path.omega[-1]])
+
+    path, _ = end(start)
+    derivative = np.eye(4)
+    for matrix in chaos.propagators(chain, path.theta, path.omega, 1.0 / 1600):
+        derivative = matrix @ derivative
+    step = 1e-6
+    columns = [
+        (end(start + step * e)[1] - end(start - step * e)[1]) / (2 * step) for e in np.eye(4)
+    ]
+    expected = np.column_stack(columns)
+    np.testing.assert_allclose(derivative, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_order_grows_linearly_and_chaos_exponentially():
+    regular = chaos.growth(1, 1.0, 200)
+    assert not regular.chaotic
+    assert regular.logarithm[-1] < np.log(10.0 * regular.times[-1])
+    wild = chaos.growth(2, 2.0, 100)
+    assert wild.chaotic
+    assert wild.exponent(0.5) == pytest.approx(wild.exponent(), rel=0.15)
+
+
+def test_lyapunov_exponents_scale_with_the_square_root_of_the_length():
+    long, short = (chaos.growth(2, 2.0, 30, length) for length in (1.0, 0.25))
+    assert short.times[-1] == pytest.approx(long.times[-1] / 2.0)
+    # chaotic runs of different steps differ, their rates little
+    assert short.rate == pytest.approx(2.0 * long.rate, rel=0.3)
+
+
+def test_the_flow_keeps_volume_and_friction_does_not(uneven):
+    assert abs(chaos.volume_change(uneven)) < 1e-7
+    damped = Chain(uneven.masses, uneven.lengths, damping=0.5)
+    assert chaos.volume_change(damped) < -0.5
+
+
+def test_the_listings_estimate_is_its_printed_loop():
+    height = -np.cos(0.7 * np.cos(np.linspace(0.0, 20.0, 90)))
+    assert listings.printed_estimate(height) == pytest.approx(
+        listings.listing_estimate(height), rel=1e-13
+    )

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from npend_gym import Chain, pseudo_periods, theory
+from npend_gym.experiments.paper import law
+from npend_gym.experiments.paper.finding import Verdict
+from npend_gym.experiments.paper.scan import (
+    Scan,
+    count_exponent,
+    fit_exponent,
+    fit_law,
+    linear_ratios,
+    rope_ratios,
+    scan,
+)
+
+COUNTS, ANGLES = (2, 10, 20, 50), (0.01, 0.3, np.pi / 4, 1.0, 1.2)
+
+
+def test_small_releases_of_one_pendulum_have_its_period():
+    assert linear_ratios(1) == pytest.approx([1.0], abs=1e-4)
+
+
+def test_small_releases_of_two_turn_where_two_sines_cancel():
+    # theta = sum c_k v_k cos(w_k t), w^2 = (2 -+ sqrt 2) g/l, v = (1, +-sqrt 2); from (1, 1)
+    w = np.sqrt((2 + np.array([-1, 1]) * np.sqrt(2)) * 9.81)
+    c = np.array([1 + 1 / np.sqrt(2), 1 - 1 / np.sqrt(2)]) / 2
+    shape = np.array([[1.0, 1.0], [1 + np.sqrt(2), 1 - np.sqrt(2)]])  # of the bobs' x
+    t1 = 2 * np.pi / w[0]
+    turns = [
+        brentq(lambda t, row=row: row @ (c * w * np.sin(w * t)), 0.8 * t1, 1.2 * t1)
+        for row in shape
+    ]
+    assert linear_ratios(2) == pytest.approx(np.array(turns) / t1, abs=1e-4)
+
+
+def test_the_limit_of_small_angles_is_that_of_the_whole_dynamics():
+    chain = Chain.uniform(5)
+    measured = pseudo_periods(chain, 1e-4) / theory.fundamental_period(chain)
+    assert linear_ratios(5) == pytest.approx(measured, abs=1e-4)
+
+
+def test_a_long_chain_turns_like_a_hanging_rope():
+    height, ratio = rope_ratios()
+    assert np.all(np.diff(height) > 0.0)
+    chain = linear_ratios(200)
+    assert np.median(ratio) == pytest.approx(np.median(chain), abs=5e-4)
+    assert ratio[0] == pytest.approx(chain[-1], abs=2e-3)
+
+
+def test_a_scan_holds_the_statistics_of_the_bobs():
+    data = scan((3,), (0.2, 0.9))
+    found = pseudo_periods(Chain.uniform(3), 0.9) / theory.fundamental_period(Chain.uniform(3))
+    assert data.mean[1, 0] == pytest.approx(found.mean(), abs=1e-6)
+    assert data.median[1, 0] == pytest.approx(np.median(found), abs=1e-6)
+    assert data.tip[1, 0] == pytest.approx(found[-1], abs=1e-6)
+    assert data.completed.tolist() == [[1.0], [1.0]]
+
+
+def synthetic(median):
+    counts = np.array([10, 20, 50, 100])
+    fundamental = np.array([theory.fundamental_period(Chain.uniform(int(n))) for n in counts])
+    angles = np.linspace(0.1, 1.2, len(median))
+    cells = [np.asarray(median, float)] * 4
+    return Scan(counts, angles, *cells, fundamental)
+
+
+def test_the_fit_finds_a_planted_law():
+    angle = np.linspace(0.1, 1.2, 8)[:, None]
+    limit = np.median(rope_ratios()[1])
+    planted = limit * (1 + 0.3 * angle**2 / (1 + 0.5 * angle**2)) * np.ones(4)
+    found = fit_law(synthetic(planted))
+    assert found.b.value == pytest.approx(0.3, abs=1e-6)
+    assert found.d.value == pytest.approx(0.5, abs=1e-6)
+    assert np.abs(found.residuals).max() < 1e-7
+
+
+def test_confidence_intervals_hold_the_truth_as_often_as_they_say():
+    rng = np.random.default_rng(1)
+    x = np.geomspace(1.0, 100.0, 8)
+    fits = [fit_exponent(x, x**0.5 * np.exp(0.1 * rng.normal(size=8))) for _ in range(400)]
+    held = np.mean([abs(fit.value - 0.5) <= fit.error for fit in fits])
+    assert held == pytest.approx(0.95, abs=0.03)
+
+
+def test_the_slowest_mode_has_the_square_root_of_n_and_a_half():
+    found = count_exponent(synthetic(np.ones((3, 4))), "median", 0)
+    assert found.value == pytest.approx(0.5, abs=2e-4)
+
+
+def test_the_measured_law_is_neither_the_papers_nor_the_pendulums():
+    found = {finding.key: finding for finding in law.findings(COUNTS, ANGLES)}
+    assert found["sqrt-scaling"].verdict is Verdict.HOLDS
+    assert found["factor"].verdict is Verdict.CORRECTED
+    assert "2 pi x 0.8317" in found["factor"].ours
+    for key in ("period-law", "coincidence", "which-average", "readings", "small-angles"):
+        assert found[key].verdict is Verdict.FAILS, key
+
+
+def test_the_law_meets_what_was_measured_from_ten_bobs_up():
+    found = fit_law(scan(COUNTS, ANGLES))
+    assert np.abs(found.residuals).max() < 0.005
+    assert abs(found.b.value - 1 / 16) > 5 * found.b.error
+    # at an angle and a chain that the fit has not seen
+    chain = Chain.uniform(30)
+    measured = np.median(pseudo_periods(chain, 0.5)) / theory.fundamental_period(chain)
+    assert float(found.ratio(np.array(0.5))) == pytest.approx(measured, rel=0.005)

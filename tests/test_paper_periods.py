@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+
+from npend_gym import theory
+from npend_gym.experiments.paper import periods, procedure
+from npend_gym.experiments.paper.figure_data import figure2, series
+from npend_gym.experiments.paper.finding import Verdict
+
+
+@pytest.mark.parametrize(
+    ("printed", "value", "how"),
+    [
+        ("4.487", 4.48799, "cut"),
+        ("6.347", 6.34698, "rounded"),
+        ("8.570", 8.57027, "either"),
+        ("1.385", 1.39576, "neither"),
+        ("20", 19.6, "rounded"),
+        ("0.3", 0.25, "rounded"),
+    ],
+)
+def test_digits_are_told_from_rounding_and_cutting(printed, value, how):
+    assert periods.digits(printed, value) == how
+
+
+def test_ideal_periods_are_the_formula_with_the_papers_gravity():
+    rows = periods.ideal_digits()
+    for row in rows:
+        assert row.value == pytest.approx(2 * np.pi * np.sqrt(row.n / 9.8), rel=1e-14)
+    assert [row.how for row in rows] == ["cut", "rounded", "rounded", "rounded"]
+    assert {row.how for row in periods.ideal_digits(9.81)} == {"neither"}
+
+
+def test_one_uncertainty_is_no_rounding_of_its_formula():
+    rows = periods.uncertainty_digits()
+    assert len(rows) == 12
+    assert [(row.table, row.n) for row in rows if row.how == "neither"] == [(1, 5)]
+    assert rows[0].value == pytest.approx(0.311 * 4.48799, rel=1e-6)
+
+
+def test_the_printed_digits_fix_the_fraction_that_made_them():
+    for table, fraction in ((1, 0.311), (2, 0.427), (3, 0.293)):
+        low, high = periods.fraction_bounds(table).T
+        inside = (low <= fraction) & (fraction <= high)
+        assert inside.tolist() == [table != 1, True, True, True]
+
+
+def test_error_bars_are_the_sum_that_the_listing_spells_out():
+    spelled = 0.0025 + 2 / 135 + 4 / 135 + 6 / 135 + 8 / 135 + 10 / 135 + 12 / 135 + 14 / 135
+    assert periods.listing_bars() == pytest.approx(spelled, rel=1e-15)
+
+
+def test_only_the_first_fraction_has_an_origin_in_the_paper():
+    assert periods.origins(1) == ["sum of 2k/135, k = 1..6"]
+    assert periods.origins(2) == periods.origins(3) == []
+
+
+def test_uncertainty_of_the_angle_propagates_by_the_derivative_of_the_period():
+    angle, spread = 0.3, 1e-4
+    slope = angle / 8 + 11 * angle**3 / 768  # of theta^2/16 + 11 theta^4/3072
+    expected = slope * spread / (1 + theory.amplitude_correction(angle))
+    assert periods.amplitude_uncertainty(angle, spread) == pytest.approx(expected, rel=2e-3)
+
+
+def test_the_audit_of_the_tables_of_periods():
+    found = {finding.key: finding for finding in periods.findings()}
+    assert found["t-digits"].verdict is Verdict.HOLDS
+    assert found["t0-digits"].verdict is Verdict.CORRECTED
+    assert "1.3958 (neither)" in found["dt-table-1"].ours
+    assert "neither" not in found["dt-table-2"].ours
+    assert found["dt-fraction-1"].verdict is Verdict.FAILS
+    assert len(periods.digit_rows()) == 16
+
+
+def test_figures_show_the_mean_over_the_bobs_with_the_papers_bars():
+    data = series(5)
+    assert data.measured.shape == (3, 5)
+    assert data.measured[:, 0] == pytest.approx(theory.pendulum_period(data.starts), abs=1e-4)
+    assert data.bars == pytest.approx(0.41731 * 2 * np.pi * np.sqrt(data.counts / 9.8), rel=1e-4)
+    assert data.outside(0.0) == 15
+    assert data.outside(1.0) == 0
+
+
+def test_neighbours_of_three_pendulums_from_45_degrees_part_no_faster_than_time():
+    data = figure2(duration=60.0)
+    assert np.all(np.diff(data.growth) >= 0.0)
+    assert data.exponent == pytest.approx(1.0, abs=0.3)
+    assert data.motion.positions()[0, -1] == pytest.approx([np.sqrt(0.5), -np.sqrt(0.5)])
+
+
+def test_one_pendulum_has_the_same_period_by_link_and_bob_and_half_of_it_by_height():
+    found = procedure.definitions(1, 0.5)
+    period = float(theory.pendulum_period(0.5))
+    assert found == pytest.approx({"link": period, "bob": period, "height": period / 2})
+
+
+def test_ten_seconds_are_too_short_for_a_hundred_bobs():
+    assert procedure.completed_within(5) == 5
+    assert procedure.completed_within(100) == 21
+
+
+def test_the_audit_of_the_procedure():
+    found = {finding.key: finding for finding in procedure.findings((5, 10))}
+    assert found["figure-2"].verdict is Verdict.FAILS
+    assert found["sigma"].verdict is Verdict.CORRECTED
+    assert found["one-point"].verdict is Verdict.CORRECTED
+    assert found["central-mean"].ours.startswith("below T0 in every trial for 9 of 10")
+    assert found["listing-4"].ours.startswith("1 of its lines")

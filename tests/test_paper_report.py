@@ -1,0 +1,164 @@
+"""The audit as a whole: its contents, its files, its command, and the committed document."""
+
+import csv
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from npend_gym.cli import main
+from npend_gym.experiments import paper
+from npend_gym.experiments.paper import CONTENTS, MODULES, Finding, Verdict, audit, selected
+from npend_gym.report import paper as report
+
+QUICK = ("pendulum", "equations", "derivation", "linear", "frequencies", "series", "listings")
+DOCUMENT = Path(__file__).parent.parent / "docs" / "paper_audit.md"
+
+
+@pytest.fixture(scope="module")
+def findings():
+    return list(audit(QUICK))
+
+
+def item(text, key):
+    """Return the verdict of an item of the document."""
+    head, _ = text.split(f"- `npend paper --only {key}`\n")
+    return re.findall(r"\*\* \*(.+)\*\n", head)[-1]
+
+
+def test_the_audit_yields_every_finding_of_its_modules_once(findings):
+    assert sorted(f.key for f in findings) == sorted(selected(QUICK))
+    assert all(f.place and f.claim and f.printed and f.ours for f in findings)
+
+
+def test_no_key_is_a_modules_name_and_none_comes_twice():
+    keys = [key for section in CONTENTS.values() for key in section]
+    assert len(set(keys)) == len(keys)
+    assert not set(keys) & set(MODULES)
+    assert {module for section in CONTENTS.values() for module in section.values()} == set(MODULES)
+
+
+def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
+    text = DOCUMENT.read_text(encoding="utf-8")
+    places = " ".join(re.findall(r"^\*\*(.*?): ", text, re.MULTILINE)).replace("also (", "Eq. (")
+    named = {int(n) for n in re.findall(r"\((\d+)\)", places)}
+    for first, last in re.findall(r"\((\d+)\)-\((\d+)\)", places):
+        named |= set(range(int(first), int(last) + 1))
+    definitions = {10, 18}  # Lagrange's equations, the vector Theta
+    assert set(range(1, 58)) - named <= definitions
+
+
+def test_the_committed_document_says_what_is_computed_now(findings):
+    text = DOCUMENT.read_text(encoding="utf-8")
+    for finding in findings:
+        assert item(text, finding.key) == finding.verdict.value, finding.key
+    assert text.count("`npend paper --only ") == len(selected())
+    for key in selected():
+        assert f"`npend paper --only {key}`" in text
+
+
+def test_findings_come_in_the_papers_order(findings):
+    keys = [finding.key for finding in paper.in_order(reversed(findings))]
+    assert keys == selected(QUICK)
+    assert keys.index("torque") < keys.index("eom") < keys.index("matrices") < keys.index("e-hat")
+
+
+def test_the_text_shows_verdict_place_and_both_values(findings):
+    text = report.audit_text(findings)
+    assert max(map(len, text.splitlines())) <= 100
+    assert "DOES NOT HOLD: Eq. (28) [series-value]" in text
+    assert "printed: 0.049" in text
+    assert "ours:    0.03997" in text
+    assert text.endswith("not decidable")
+
+
+def test_markdown_keeps_its_own_characters_out_of_the_text():
+    odd = Finding("eom", "Eq. (1)", "a * b < |c|", "x | y", "2 * 3", Verdict.HOLDS, "so_so")
+    text = report.audit_markdown([odd])
+    assert r"A \* b \< \|c\|" not in text  # a symbol is no word to begin with a capital
+    assert r"**Eq. (1): a \* b \< \|c\|.** *holds*" in text
+    assert "- Printed: `x | y`" in text
+
+
+def test_the_command_writes_findings_tables_figures_and_what_made_them(tmp_path, capsys):
+    out = tmp_path / "results"
+    arguments = ["paper", "--only", "rk4-orders,series-value,t0-digits", "--out", str(out)]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "3 findings" in printed
+    assert "Eq. (28)" in printed
+    names = {path.name for path in out.iterdir()}
+    assert names == {
+        "findings.csv", "audit.md", "digits.csv", "runge_kutta.pdf", "runge_kutta.png",
+        "manifest.json",
+    }  # fmt: skip
+    with (out / "findings.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["key"] for row in rows] == ["series-value", "rk4-orders", "t0-digits"]
+    assert rows[0]["verdict"] == "does not hold"
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["arguments"] == {
+        "only": ["rk4-orders", "series-value", "t0-digits"], "kane_n": 6,
+    }  # fmt: skip
+    assert manifest["complete"] is True
+    for name, digest in manifest["sha256"].items():
+        assert hashlib.sha256((out / name).read_bytes()).hexdigest() == digest
+
+
+def test_the_command_lists_its_keys(capsys):
+    assert main(["paper", "--list"]) == 0
+    text = capsys.readouterr().out
+    assert all(re.search(rf"^  {key} ", text, re.MULTILINE) for key in selected())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--only eon", "only must name findings or modules of the audit, such as eom"),
+        ("--only eom,", "only must name"),
+        ("--kane-n 1", "kane_n must be between 4 and 30"),
+        ("--kane-n six", "--kane-n"),
+        ("--only eom --out /dev/null/x", "out must be a folder"),
+    ],
+)
+def test_bad_arguments_exit_with_2_and_one_line(arguments, message, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["paper", *arguments.split()])
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("trouble", "code", "message"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (ImportError("Kane's method needs SymPy"), 1, "npend paper: Kane's method needs SymPy"),
+    ],
+)
+def test_what_was_found_is_kept_when_the_rest_fails(
+    trouble, code, message, tmp_path, capsys, monkeypatch
+):
+    def some(*_args, **_options):
+        yield next(audit(["history"]))
+        raise trouble
+
+    monkeypatch.setattr(paper, "audit", some)
+    assert main(["paper", "--out", str(tmp_path)]) == code
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert "1 findings: 1 not decidable" in captured.out
+    assert json.loads((tmp_path / "manifest.json").read_text())["complete"] is False
+
+
+def test_the_readme_counts_what_the_document_counts():
+    counts = re.findall(r"\d+", re.search(r"\*\*(\d+ findings: .*)\*\*", DOCUMENT.read_text())[1])
+    readme = (DOCUMENT.parent.parent / "README.md").read_text(encoding="utf-8")
+    shown = re.search(
+        r"of (\d+) findings (\d+) hold, (\d+) hold with a correction, (\d+) do not hold and (\d+)",
+        readme,
+    )
+    assert list(shown.groups()) == counts
