@@ -6,6 +6,7 @@ They go to `docs/images`, or to the folder that is given. The others there are c
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -153,7 +154,16 @@ def accuracy() -> Figure:
     return figure
 
 
-FIGURES = {"tensions": tensions, "readings": readings, "accuracy": accuracy}
+def tutorial() -> Figure:
+    """Return the figure that the reader of the tutorial draws, by the code that is shown there."""
+    page = (HERE.parent / "tutorial.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL)[:2]:
+        exec(code.replace('figure.savefig("first.png", dpi=150)', ""), names)  # noqa: S102
+    return names["figure"]
+
+
+FIGURES = {"tensions": tensions, "readings": readings, "accuracy": accuracy, "tutorial": tutorial}
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE

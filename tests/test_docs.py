@@ -1,0 +1,51 @@
+"""What the pages show is what the code does: blocks run, pictures are drawn, links have targets."""
+
+import contextlib
+import importlib.util
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted(
+    page
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    if "```python\n" in page.read_text(encoding="utf-8")
+)
+BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_code_of_the_page_prints_what_the_page_shows(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "page"}
+    for code, shown in BLOCK.findall(page.read_text(encoding="utf-8")):
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            exec(compile(code, page.name, "exec"), names)
+        assert printed.getvalue() == shown
+
+
+def test_every_picture_is_drawn_by_a_command_that_some_page_names():
+    drawn = set(figures().FIGURES)
+    shown = {path.stem for path in (ROOT / "docs" / "images").iterdir()}
+    pages = "".join(p.read_text(encoding="utf-8") for p in [*(ROOT / "docs").rglob("*.md")])
+    pages += (ROOT / "README.md").read_text(encoding="utf-8")
+    assert drawn <= shown
+    for name in shown:
+        assert re.search(rf"images/{name}\.", pages), f"no page shows {name}"
+
+
+@pytest.mark.parametrize("name", ["tensions", "readings", "tutorial"])
+def test_figures_of_the_pages_are_drawn(name):
+    figure = figures().FIGURES[name]()
+    assert len(figure.axes) >= 2
+    assert all(ax.lines or ax.images for ax in figure.axes)
+
+
+def figures():
+    spec = importlib.util.spec_from_file_location("figures", ROOT / "docs" / "figures.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
