@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from npend_gym import __version__
+
 ROOT = Path(__file__).parent.parent
 PAGES = sorted(
     page
@@ -35,6 +37,11 @@ def test_every_picture_is_drawn_by_a_command_that_some_page_names():
     assert drawn <= shown
     for name in shown:
         assert re.search(rf"images/{name}\.", pages), f"no page shows {name}"
+
+
+def test_the_citation_names_this_version():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == __version__
 
 
 @pytest.mark.parametrize("name", ["tensions", "readings", "tutorial"])

@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parent.parent
 
 
@@ -60,16 +58,6 @@ def test_environments_reproduce_the_papers_periods_and_draw(tmp_path):
         assert abs(error - 100.0 * (ideal / mean - 1.0)) < 0.1
         assert completed == bobs == 3 * n
     assert (tmp_path / "a.png").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("block", [0, 1])
-def test_code_of_the_readme_prints_what_the_readme_shows(block, tmp_path):
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(.*?)```\n\n```text\n(.*?)```", readme, re.DOTALL)
-    assert len(blocks) == 2
-    code, output = blocks[block]
-    (tmp_path / "code.py").write_text(code, encoding="utf-8")
-    assert run("code.py", cwd=tmp_path) == output
 
 
 def test_table_of_the_readme_is_what_the_command_prints(tmp_path):

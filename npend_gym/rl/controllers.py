@@ -58,8 +58,8 @@ class StateFeedback:
 def lqr(config: Config, angle: float = np.pi, effort: float = 1.0) -> StateFeedback:
     """Return the linear-quadratic regulator of a chain at rest with all rods at `angle`.
 
-    It minimises the sum over steps of |theta - angle|^2 + (l/g) |omega|^2 + `effort` |action|^2
-    with l the mean rod.
+    It minimises the sum over steps of the squares of theta - angle, of omega (times l/g, l being
+    the mean rod) and of the actions (times `effort`).
 
     Raises
     ------
