@@ -132,7 +132,7 @@ def readings() -> Figure:
 
 
 @styled
-def accuracy() -> Figure:
+def tolerance() -> Figure:
     """Draw how the errors follow the tolerance, where the motion is regular and where it is not."""
     times = np.linspace(0.0, 10.0, 101)
     tolerances = 10.0 ** -np.arange(3.0, 14.0)
@@ -163,7 +163,7 @@ def tutorial() -> Figure:
     return names["figure"]
 
 
-FIGURES = {"tensions": tensions, "readings": readings, "accuracy": accuracy, "tutorial": tutorial}
+FIGURES = {"tensions": tensions, "readings": readings, "tolerance": tolerance, "tutorial": tutorial}
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE
