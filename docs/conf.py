@@ -1,5 +1,8 @@
 """Sphinx: `sphinx-build -W -n docs build/docs` makes the pages, warnings being errors."""
 
+import csv
+from pathlib import Path
+
 from npend_gym import __version__
 
 project = "npend_gym"
@@ -19,8 +22,30 @@ html_theme = "furo"
 html_title = f"npend_gym {version}"
 exclude_patterns = ["results"]
 
-myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "substitution"]
 myst_heading_anchors = 3
+
+
+def benchmark(suite: str) -> str:
+    """Return what `npend bench` has written about a suite as a table in Markdown."""
+    lines = ["| | here [1/s] | peer | peer [1/s] | times as fast |", "|---|---:|---|---:|---:|"]
+    path = Path(__file__).parent.parent / "benchmarks" / "results" / f"{suite}.csv"
+    with path.open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            ours, peer = float(row["ours_per_s"]), float(row["peer_per_s"] or "nan")
+            beside = f"{short(peer)} | {short(ours / peer)}" if row["peer"] else " | "
+            lines.append(f"| {row['job']} | {short(ours)} | {row['peer']} | {beside} |")
+    return "\n".join(lines)
+
+
+def short(number: float) -> str:
+    """Return a number in three digits, with M for millions and k for thousands."""
+    if number >= 1e4:
+        return f"{number / 1e6:.3g} M" if number >= 1e6 else f"{number / 1e3:.3g} k"
+    return f"{number:.2g}" if number < 10 else f"{number:.0f}"
+
+
+myst_substitutions = {suite: benchmark(suite) for suite in ("dynamics", "environments")}
 
 default_role = "autolink"
 autosummary_generate = False

@@ -1,6 +1,7 @@
 """`npend bench`: that it measures what it says, never how fast."""
 
 import csv
+import json
 import math
 import time
 
@@ -76,6 +77,18 @@ def test_the_command_prints_every_row_and_writes_it_with_what_made_it(
     assert [row["job"] for row in written] == ["a job", "another"]
     assert float(written[0]["ratio"]) == 3.0
     assert all("npend_gym" in row["made_by"] for row in written)
+
+
+def test_json_is_all_that_is_printed_to_the_output_and_has_null_where_there_is_no_peer(
+    monkeypatch, capsys
+):
+    rows = [Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan)]
+    monkeypatch.setattr(dynamics, "rows", lambda: iter(rows))
+    assert main(["bench", "--only", "dynamics", "--json"]) == 0
+    captured = capsys.readouterr()
+    table = json.loads(captured.out)["dynamics"]
+    assert [(row["job"], row["ratio"]) for row in table] == [("a job", 3.0), ("another", None)]
+    assert "a peer" in captured.err
 
 
 def test_what_was_measured_before_ctrl_c_is_kept(monkeypatch, tmp_path, capsys):

@@ -107,6 +107,15 @@ def test_the_command_writes_findings_tables_figures_and_what_made_them(tmp_path,
         assert hashlib.sha256((out / name).read_bytes()).hexdigest() == digest
 
 
+def test_the_command_prints_findings_as_json(capsys):
+    assert main(["paper", "--only", "series-value", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["arguments"] == {"only": ["series-value"], "kane_n": 6}
+    (finding,) = told["findings"]
+    assert finding["key"] == "series-value"
+    assert finding["verdict"] == "does not hold"
+
+
 def test_the_command_lists_its_keys(capsys):
     assert main(["paper", "--list"]) == 0
     text = capsys.readouterr().out

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from npend_gym.bench import SUITES
 from npend_gym.cli.common import INTERRUPTED, OK, can_draw, show_written
@@ -21,6 +21,7 @@ _EXAMPLES = """\
 examples:
   npend bench                              everything, some minutes
   npend bench --only environments --out results
+  npend bench --only dynamics --json       for a script
   pip install "npend-gym[bench]" envpool heyoka    more peers
 """
 
@@ -31,6 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description, parser.epilog = _ABOUT, _EXAMPLES
     text = "one suite (all)"
     parser.add_argument("--only", choices=SUITES, metavar="|".join(SUITES), help=text)
+    text = "print the rows as JSON in the end; those that come go to the error stream"
+    parser.add_argument("--json", action="store_true", help=text)
     text = "write a CSV file for each suite, and the work-precision diagram, there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
@@ -46,23 +49,28 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
             outputs.prepare_folder(out)
     except ValueError as error:
         parser.error(str(error))
-    print(machine())
+    lines = sys.stderr if given["json"] else sys.stdout
+    print(machine(), file=lines)
     written: list[Path] = []
+    tables: dict[str, list[dict[str, Any]]] = {}
     code = OK
     for suite in SUITES if given["only"] is None else [given["only"]]:
-        done, interrupted = _measure(suite)
+        done, interrupted = _measure(suite, lines)
+        tables[suite] = _report().table(done)
         if out is not None and done:
             written += _write(suite, done, out)
         if interrupted:
             print("interrupted: the rows above are complete, the rest is missing", file=sys.stderr)
             code = INTERRUPTED
             break
-    if written:
+    if given["json"]:
+        print(outputs.json_text({"only": given["only"]}, **tables))
+    elif written:
         show_written(written)
     return code
 
 
-def _measure(suite: str) -> tuple[list[Any], bool]:
+def _measure(suite: str, lines: TextIO) -> tuple[list[Any], bool]:
     """Print the results of a suite as they come; return them, and whether it was interrupted."""
     module, report = import_module(f"npend_gym.bench.{suite}"), _report()
     results: Iterator[Any] = module.points() if suite == "accuracy" else module.rows()
@@ -71,7 +79,7 @@ def _measure(suite: str) -> tuple[list[Any], bool]:
     try:
         for result in results:
             done.append(result)
-            print(text(result), flush=True)
+            print(text(result), file=lines, flush=True)
     except KeyboardInterrupt:
         return done, True
     return done, False

@@ -23,6 +23,7 @@ _EXAMPLES = """\
 examples:
   npend paper --out results                findings.csv, audit.md, tables and figures
   npend paper --only eom,series-value      two findings
+  npend paper --only series-value --json   for a script
   npend paper --only chaos                 those of one module, `npend_gym.experiments.paper.chaos`
   npend paper --only run-time --kane-n 12  Kane's method on more rods; 12 take minutes
 """
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "findings, by their keys, or modules (all)"
     parser.add_argument("--only", type=_names, metavar="KEY,KEY,...", help=text)
     parser.add_argument("--list", action="store_true", help="list the keys and leave")
+    parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     text = "write findings.csv, audit.md, tables, figures and manifest.json there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
     text = f"largest chain whose equations Kane's method derives ({KANE_N})"
@@ -80,10 +82,15 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         )
     except (ImportError, IntegrationError) as error:
         code, trouble = FAILED, f"npend paper: {error}"
-    if findings:
+    if findings and given["json"]:
+        rows = report.audit_rows(findings)
+        print(outputs.json_text({"only": only, "kane_n": kane_n}, findings=rows))
+    elif findings:
         print(report.audit_text(findings))
     if findings and out is not None:
-        show_written(report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw()))
+        written = report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw())
+        if not given["json"]:
+            show_written(written)
     if trouble:
         print(trouble, file=sys.stderr)
     return code

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from npend_gym import _files
 from npend_gym.bench.accuracy import Point
@@ -28,18 +29,25 @@ def point_text(point: Point) -> str:
     )
 
 
-def write_rows(suite: str, rows: Sequence[Row], out: Path) -> list[Path]:
-    """Write the comparisons of a suite as CSV, each with what made it."""
+def table(results: Sequence[Row | Point]) -> list[dict[str, Any]]:
+    """Return the tidy table: a row for every result of a suite, each with what made it."""
     made_by = machine()
-    columns = [{**row._asdict(), "ratio": row.ratio, "made_by": made_by} for row in rows]
-    return [outputs.write_csv(out / f"{suite}.csv", columns)]
+    return [
+        result._asdict()
+        | ({"ratio": result.ratio} if isinstance(result, Row) else {})
+        | {"made_by": made_by}
+        for result in results
+    ]
+
+
+def write_rows(suite: str, rows: Sequence[Row], out: Path) -> list[Path]:
+    """Write the comparisons of a suite as CSV."""
+    return [outputs.write_csv(out / f"{suite}.csv", table(rows))]
 
 
 def write_points(points: Sequence[Point], out: Path, *, figures: bool) -> list[Path]:
     """Write the runs of the paper's job as CSV and, if `figures`, as a diagram."""
-    made_by = machine()
-    columns = [{**point._asdict(), "made_by": made_by} for point in points]
-    written = [outputs.write_csv(out / "accuracy.csv", columns)]
+    written = [outputs.write_csv(out / "accuracy.csv", table(points))]
     if figures:
         from npend_gym.report.bench_figure import work_precision
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -42,6 +43,20 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
         writer.writeheader()
         writer.writerows(rows)  # floats as repr: read back to the same bits
     return path
+
+
+def json_text(arguments: Mapping[str, Any], **tables: Sequence[Mapping[str, Any]]) -> str:
+    """Return `tables` and what made them as JSON, null where there is no number."""
+    about = {"package": "npend_gym", "version": __version__, "arguments": arguments}
+    plain = {name: [_nulled(row) for row in rows] for name, rows in tables.items()}
+    return json.dumps(about | plain, indent=2, allow_nan=False)
+
+
+def _nulled(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: None if isinstance(value, float) and math.isnan(value) else value
+        for name, value in row.items()
+    }
 
 
 def write_manifest(
