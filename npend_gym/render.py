@@ -61,9 +61,11 @@ class Scene:
     caption: str = ""  #: one line of text
     trace: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     """Earlier positions of the tip, oldest first, of shape (k, 2) [m]."""
+    marks: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    """Places to be dotted, such as turning points, of shape (k, 2) [m]."""
 
     def __post_init__(self) -> None:
-        for name, least in (("positions", 1), ("trace", 0)):
+        for name, least in (("positions", 1), ("trace", 0), ("marks", 0)):
             object.__setattr__(self, name, _points(name, getattr(self, name), least))
         _checks.positive_number("reach", self.reach)
         _checks.number("time", self.time)
@@ -146,6 +148,8 @@ def _draw(draw: Any, canvas: Any, scene: Scene) -> None:
     disc(_DISC, middle, 4.0)
     disc(_DISC, bobs[-1], tip + edge)
     disc(_TIP, bobs[-1], tip)
+    for place in places(scene.marks[_thinned(len(scene.marks), _BOBS)]):
+        disc(_INK, place, min(0.45 * bob, 7.0 * fine))
 
 
 def _arc_arrow(torque: float) -> tuple[FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, add_release_options, can_draw, show_written
 
 if TYPE_CHECKING:
     from npend_gym.experiments.release import Run
@@ -28,47 +28,11 @@ examples:
 """
 
 
-def _numbers(text: str) -> float | list[float]:
-    values = [float(part) for part in text.split(",")]
-    return values if len(values) > 1 else values[0]
-
-
-def _counts(text: str) -> list[int]:
-    return [int(part) for part in text.split(",")]
-
-
-_numbers.__name__, _counts.__name__ = "number or list", "list of integers"  # for error messages
-
-# Option, field of Release that it sets, type, placeholder, help
-_OPTIONS = (
-    ("--n", "n_values", _counts, "N,N,...", "numbers of pendulums (5,10,20,100)"),
-    ("--trials", "trials", int, "COUNT", "trials for each N (3)"),
-    ("--amplitude", "amplitude", float, "RAD", "starting angle of all rods (pi/4)"),
-    ("--spread", "spread", float, "RAD", "a trial adds one draw from [0, RAD) to all rods (0.017)"),
-    ("--seed", "seed", int, "SEED", "seed of the draws (0)"),
-    ("--duration", "duration", float, "S", "window, the paper's is 10 (until all have completed)"),
-    ("--masses", "masses", _numbers, "KG[,KG...]", "mass of the bobs, one or per rod (1)"),
-    ("--lengths", "lengths", _numbers, "M[,M...]", "length of the rods, one or per rod (1)"),
-    ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (9.81)"),
-    ("--damping", "damping", float, "NMS", "viscous damping of every joint (0)"),
-)
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend release`."""
-    from npend_gym.experiments.release import Release
-    from npend_gym.period import READINGS
-
-    default = Release()
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = _ABOUT, _EXAMPLES
-    for option, field, kind, placeholder, text in _OPTIONS:
-        parser.add_argument(
-            option, dest=field, type=kind, default=getattr(default, field),
-            metavar=placeholder, help=text,
-        )  # fmt: skip
-    text = "what completes a pseudo-period (bob)"
-    parser.add_argument("--reading", choices=READINGS, default=default.reading, help=text)
+    add_release_options(parser)
     text = "write periods.csv, summary.csv, manifest.json and figures there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 

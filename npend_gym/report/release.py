@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from npend_gym import _files
 from npend_gym._version import __version__
@@ -82,12 +78,5 @@ def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) ->
                 )
             written.append(out / name)
     complete = len(runs) == len(release.runs())
-    manifest = write_manifest(out, "release", _arguments(release), written, complete=complete)
+    manifest = write_manifest(out, "release", release.as_dict(), written, complete=complete)
     return [*written, manifest]
-
-
-def _arguments(release: Release) -> dict[str, Any]:
-    return {
-        name: np.asarray(value).tolist() if name in ("n_values", "masses", "lengths") else value
-        for name, value in asdict(release).items()
-    }
