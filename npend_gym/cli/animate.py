@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, add_release_options, prepare_file
+from npend_gym.cli.common import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    add_release_options,
+    prepare_file,
+    progress,
+)
 
 if TYPE_CHECKING:
     from npend_gym.experiments.recording import Recording
-    from npend_gym.render import Frame
 
 SUMMARY = "film a release, or an episode that a policy controls"
 _ABOUT = """\
@@ -63,7 +66,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         prepare_file(out, animation.SUFFIXES)
         recording, film["fps"] = _recording(given, film["fps"], film["speed"], parser)
         whole = animation.Film(recording, **film)
-        animation.write(whole, out, _bar)
+        animation.write(whole, out, progress("picture"))
     except (ValueError, TypeError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
@@ -72,17 +75,9 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except (ImportError, IntegrationError, OSError) as error:
         print(f"npend animate: {error}", file=sys.stderr)
         return FAILED
-    print(f"{out}: {len(whole)} pictures, {len(whole) / whole.fps:.1f} s, {_size(out)}")
+    seconds, size = len(whole) / whole.fps, out.stat().st_size
+    print(f"{out}: {len(whole)} pictures, {seconds:.1f} s, {size / 1e6:.2f} MB")
     return OK
-
-
-def _bar(pictures: Iterable[Frame]) -> Iterable[Frame]:
-    # disable=None: no bar where the output is not a terminal
-    return tqdm(pictures, unit="picture", disable=None, leave=False)
-
-
-def _size(path: Path) -> str:
-    return f"{path.stat().st_size / 1e6:.2f} MB"
 
 
 def _recording(

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, TypeVar
+
+from tqdm import tqdm
+
+_T = TypeVar("_T")
 
 OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, 130
 
@@ -75,6 +79,12 @@ def prepare_file(out: Path, suffixes: Sequence[str]) -> None:
     if out.suffix not in suffixes or out.is_dir():
         raise ValueError(f"out must be a file that ends in {' or '.join(suffixes)}, got {out}")
     outputs.prepare_folder(out.parent)
+
+
+def progress(unit: str) -> Callable[[Iterable[_T]], Iterable[_T]]:
+    """Return what wraps an iteration over `unit`s in a bar, where the output is a terminal."""
+    # disable=None: no bar where it is not
+    return lambda items: tqdm(items, unit=unit, disable=None, leave=False)
 
 
 def can_draw() -> bool:

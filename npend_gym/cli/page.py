@@ -7,9 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, add_release_options, prepare_file
+from npend_gym.cli.common import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    add_release_options,
+    prepare_file,
+    progress,
+)
 
 if TYPE_CHECKING:
     from npend_gym.experiments.release import Release, Run
@@ -47,7 +52,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     try:
         prepare_file(out, page.SUFFIXES)
         plan, runs = _measured(given, parser)
-        page.write(plan, runs, out, _bar("recording"))
+        page.write(plan, runs, out, progress("recording"))
     except (ValueError, TypeError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
@@ -60,21 +65,14 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     return OK
 
 
-def _bar(unit: str) -> Any:
-    # disable=None: no bar where the output is not a terminal
-    return lambda items: tqdm(items, unit=unit, disable=None, leave=False)
-
-
-def _measured(
-    given: dict[str, Any], parser: argparse.ArgumentParser
-) -> tuple[Release, list[Run]]:
+def _measured(given: dict[str, Any], parser: argparse.ArgumentParser) -> tuple[Release, list[Run]]:
     from npend_gym.experiments.release import Release, run_release
     from npend_gym.report import release as report
 
     folder = given.pop("folder")
     if folder is None:
         plan = Release(**given)
-        return plan, run_release(plan, _bar("release"))
+        return plan, run_release(plan, progress("release"))
     foreign = [name for name, value in given.items() if value != parser.get_default(name)]
     if foreign:
         raise ValueError(f"{foreign[0]} cannot be given with --from, whose results have their own")

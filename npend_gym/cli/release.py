@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, add_release_options, can_draw, show_written
+from npend_gym.cli.common import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    add_release_options,
+    can_draw,
+    show_written,
+)
 
 if TYPE_CHECKING:
     from npend_gym.experiments.release import Run

@@ -76,9 +76,11 @@ class Recording:
 
         Interpolated between the recorded instants: for pictures.
         """
-        places, times = self.motion.positions(), self.motion.times
-        columns = zip(self.periods, np.moveaxis(places, 0, -1), strict=True)
-        return np.array([[np.interp(t, times, axis) for axis in bob] for t, bob in columns])
+        places, turned = self.motion.positions(), np.empty((self.motion.chain.n, 2))
+        for bob, period in enumerate(self.periods.tolist()):
+            for axis in (0, 1):
+                turned[bob, axis] = np.interp(period, self.motion.times, places[:, bob, axis])
+        return turned
 
 
 def record_release(release: Release, run: Run, interval: float) -> Recording:
@@ -96,9 +98,8 @@ def record_release(release: Release, run: Run, interval: float) -> Recording:
     interval = _checks.positive_number("interval", interval)
     chain, seconds = release.chain(run.n), release.duration
     if seconds is None:
-        done = run.periods[np.isfinite(run.periods)]
-        least = 0.0 if done.size == run.n else _INCOMPLETE_SECONDS
-        seconds = _AFTERWARDS * float(np.max(done, initial=least))
+        last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
+        seconds = max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
     if seconds / interval * run.n > _MOST_NUMBERS:
         raise ValueError(
             f"a recording must hold at most {_MOST_NUMBERS} angles, got {seconds / interval:.0f} "
@@ -133,11 +134,11 @@ def record_episode(
     seen, actions, done = [info], [], False
     while not done:
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
-        action = np.asarray(agent(observation[None], batch))[0].astype(np.float32)
+        action = np.asarray(agent(observation[None], batch))[0].astype(env.action_space.dtype)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds
         seen.append(info)
-        actions.append(float(np.clip(action[0], -1.0, 1.0)))
+        actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
     env.close()
     times, theta, omega = (np.array([i[key] for i in seen]) for key in ("time", "theta", "omega"))
     periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)

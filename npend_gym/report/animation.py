@@ -114,7 +114,8 @@ class Film:
 def _draw(recording: Recording) -> Figure:
     motion = recording.motion
     figure = Figure(figsize=(_INCHES, _INCHES), facecolor=_PAPER)
-    figure.get_layout_engine().set(rect=(0.0, 0.01, 0.97, 0.98))
+    layout: Any = figure.get_layout_engine()
+    layout.set(rect=(0.0, 0.01, 0.97, 0.98))  # left, bottom, width, height
     axes: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     signals = recording.signals().T
     signals = signals / np.maximum(np.abs(signals).max(axis=1, keepdims=True), 1e-300)
@@ -175,11 +176,11 @@ def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
     ValueError
         If `path` ends in neither.
     """
-    writers = dict(zip(SUFFIXES, (_write_gif, _write_mp4), strict=True))
-    kind = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
+    suffix = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
+    write_as = _write_gif if suffix == ".gif" else _write_mp4
     about = film.recording.provenance | {"fps": film.fps, "speed": film.speed}
     with _files.replacing(path, binary=True) as file:
-        writers[kind](film, file, json.dumps(about), progress)
+        write_as(film, file, json.dumps(about), progress)
     return path
 
 
@@ -200,11 +201,12 @@ def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
 
 
 def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
-    from imageio_ffmpeg import write_frames
+    import imageio_ffmpeg
 
+    ffmpeg: Any = imageio_ffmpeg
     height, width, _ = film.picture(0).shape
     options = ["-f", "mp4", "-crf", "20", "-threads", "1", "-fflags", "+bitexact"]
-    writer = write_frames(
+    writer = ffmpeg.write_frames(
         file.name, (width, height), fps=film.fps, macro_block_size=2, quality=None,
         output_params=[*options, "-metadata", f"comment={comment}"],
     )  # fmt: skip
@@ -214,5 +216,3 @@ def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
             writer.send(np.ascontiguousarray(frame))
     finally:
         writer.close()
-
-

@@ -36,9 +36,7 @@ _COLUMNS = {
 Progress = Callable[[Iterable[Run]], Iterable[Run]]
 
 
-def write(
-    release: Release, runs: Sequence[Run], path: Path, progress: Progress = iter
-) -> Path:
+def write(release: Release, runs: Sequence[Run], path: Path, progress: Progress = iter) -> Path:
     """Write the page of `release` to `path`, whole or not at all.
 
     The first run of every n is recorded for the animation; `progress` may wrap these, as tqdm does.
@@ -63,7 +61,11 @@ def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording])
     """Return the page as text: the animation of `recordings`, and what all `runs` measured."""
     rows = summary_rows(release, runs)
     data = {
-        "provenance": {"package": "npend_gym", "version": __version__, "arguments": release.as_dict()},
+        "provenance": {
+            "package": "npend_gym",
+            "version": __version__,
+            "arguments": release.as_dict(),
+        },
         "releases": [_recorded(release, recording) for recording in recordings],
         "law": _law(release, runs, rows),
     }
@@ -90,17 +92,12 @@ def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording])
 
 def command(release: Release) -> str:
     """Return the `npend release` command that measures `release`."""
-    changed = {
-        name: value
-        for name, value in release.as_dict().items()
-        if value is not None and value != Release().as_dict()[name]
-    }
-    options = (
-        f"--{'n' if name == 'n_values' else name} "
-        + (",".join(map(str, value)) if isinstance(value, list) else str(value))
-        for name, value in changed.items()
-    )
-    return " ".join(["npend release", *options])
+    default, words = Release().as_dict(), ["npend release"]
+    for name, value in release.as_dict().items():
+        if value is not None and value != default[name]:
+            option = "--n" if name == "n_values" else f"--{name}"
+            words += [option, ",".join(str(one) for one in np.atleast_1d(value).tolist())]
+    return " ".join(words)
 
 
 def _models(release: Release, n: int, start: float) -> dict[str, float]:
@@ -136,7 +133,7 @@ def _law(
     release: Release, runs: Sequence[Run], rows: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return the diagram of the pseudo-period against N: its series and the ranges of its axes."""
-    counts = [row["n"] for row in rows]
+    counts: list[int] = [row["n"] for row in rows]
     grid = counts
     if not (np.ndim(release.masses) or np.ndim(release.lengths)):
         low, high = max(1.0, min(counts) / 2), 1.5 * max(counts)
