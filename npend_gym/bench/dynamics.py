@@ -83,7 +83,7 @@ def _repeat_steps(
     """Take steps with groups of WIDTH equal chains, (groups, n WIDTH)."""
     wide = Rods(
         packs(rods.inverse_mass), packs(rods.length), packs(rods.inverse_length),
-        packs(rods.damping), packs(rods.gravity),
+        packs(rods.damping), packs(rods.gravity), packs(rods.drag), packs(rods.pivot),
     )  # fmt: skip
     for group in range(theta.shape[0]):
         x, w = packs(theta[group]), packs(omega[group])
