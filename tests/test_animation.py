@@ -67,6 +67,7 @@ def test_the_speed_sets_how_many_pictures_a_motion_has():
     assert len(film(2, duration=4.0, fps=10.0, speed=0.5)) == 81
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio's reader
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])
 def test_a_file_has_every_picture_and_is_the_same_bytes_when_written_again(suffix, tmp_path):
     shown = film(2, duration=1.0)
@@ -108,6 +109,16 @@ def test_animate_films_a_release(tmp_path, capsys):
     assert imageio.improps(out).shape[:3] == (11, 120, 240)
 
 
+def test_animate_films_a_policy_that_comes_with_the_package(tmp_path, capsys):
+    out = tmp_path / "a.gif"
+    assert main(f"animate --policy swingup-1 --duration 2 --size 120 --out {out}".split()) == 0
+    assert "41 pictures, 2.0 s" in capsys.readouterr().out
+    with Image.open(out) as image:
+        about = json.loads(image.info["comment"])
+    assert about["arguments"]["agent"] == "swingup-1"
+    assert about["arguments"]["env"]["mode"] == "swingup"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -120,7 +131,7 @@ def test_animate_films_a_release(tmp_path, capsys):
         ("--size 8 --out a.gif", "size must be between"),
         ("--reading listing --out a.gif", "reading must be one of bob, link, height"),
         ("--policy swingup-2 --n 3 --out a.gif", "--n is for releases"),
-        ("--policy nowhere --out a.gif", "nowhere"),
+        ("--policy nowhere --out a.gif", "policy must be a file or one of balance-1,"),
         ("", "--out"),
     ],
 )

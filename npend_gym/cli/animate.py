@@ -110,7 +110,12 @@ def _episode(
             f"--{foreign[0]} is for releases: with --policy the chain is the one it was trained on"
         )
     name: str = given["policy"]
-    policy = Policy.pretrained(name) if name in pretrained_names() else Policy.load(Path(name))
+    names = pretrained_names()
+    if name not in names and not Path(name).is_file():
+        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}")
+    policy = Policy.pretrained(name) if name in names else Policy.load(Path(name))
+    if "env" not in policy.provenance:
+        raise ValueError(f'{name} must have a .json beside it whose "env" says what it acts on')
     recording = record_episode(
         policy,
         policy.provenance["env"],
