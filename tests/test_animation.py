@@ -77,7 +77,7 @@ def test_a_file_has_every_picture_and_is_the_same_bytes_when_written_again(suffi
     read = imageio.imread(first)
     assert read.shape[:3] == (26, 240, 480)
     for k in (0, 13, 25):  # colours are fewer in the file
-        assert np.abs(read[k, ..., :3].astype(int) - shown.picture(k)).mean() < 4.0
+        assert np.abs(read[k, ..., :3].astype(int) - shown.picture(k)).mean() < 2.0
 
 
 def test_the_comment_of_a_file_says_what_made_it(tmp_path):

@@ -187,8 +187,11 @@ def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
 def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
     from PIL import Image
 
-    # the last picture has every colour: one palette, so that what stands still costs nothing
-    palette = Image.fromarray(film.picture(len(film) - 1)).quantize(_COLORS)
+    # one palette for all pictures, so that what stands still costs nothing
+    some = [film.picture(k) for k in np.linspace(0, len(film) - 1, 4).astype(int).tolist()]
+    palette = Image.fromarray(np.vstack(some)).quantize(
+        _COLORS, method=Image.Quantize.MAXCOVERAGE, kmeans=3
+    )
 
     def reduced(frame: Frame) -> Any:
         return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
