@@ -37,7 +37,7 @@ class Recording:
         Pseudo-period of every bob [s], which is also the instant that completes it; NaN where
         that lies beyond the recording.
     torque : ndarray, shape (T,)
-        Torque at the base over its limit, from that instant on.
+        Torque at the base over its limit, from that instant on; the last entry repeats.
     reading : {"bob", "link", "height"}
         What completes a pseudo-period, see `npend_gym.pseudo_periods`.
     caption : str
@@ -145,7 +145,7 @@ def record_episode(
     return Recording(
         Trajectory(config.chain, times, theta, omega),
         periods,
-        np.array([*actions, 0.0]),
+        np.array([*actions, actions[-1]]),
         "bob",
         f"{config.mode.name} by {name}, n = {config.chain.n}",
         {"agent": name, "seed": seed, "seconds": seconds, "env": dict(keywords)},
