@@ -31,6 +31,7 @@ examples:
   npend release --out results              the paper's N = 5, 10, 20, 100, three trials
   npend release --n 1,2,3 --trials 1 --spread 0
   npend release --n 100 --duration 10      the paper's window
+  npend release --n 5 --json               for a script
   npend release --n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
 """
 
@@ -40,6 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = _ABOUT, _EXAMPLES
     add_release_options(parser)
+    text = "print the summary, and the release, as JSON"
+    parser.add_argument("--json", action="store_true", help=text)
     text = "write periods.csv, summary.csv, manifest.json and figures there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
@@ -51,6 +54,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     from npend_gym.report import release as report
 
     out: Path | None = given.pop("out")
+    as_json: bool = given.pop("json")
     runs: list[Run] = []
     interrupted = False
     try:
@@ -69,9 +73,11 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         print(f"npend release: {error}", file=sys.stderr)
         return FAILED
     if runs:
-        print(report.summary_text(plan, runs))
+        print(report.summary_json(plan, runs) if as_json else report.summary_text(plan, runs))
     if runs and out is not None:
-        show_written(report.write(plan, runs, out, figures=can_draw()))
+        written = report.write(plan, runs, out, figures=can_draw())
+        if not as_json:
+            show_written(written)
     if interrupted:
         print("interrupted: the runs above are complete, the rest is missing", file=sys.stderr)
         return INTERRUPTED

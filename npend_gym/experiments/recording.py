@@ -131,7 +131,8 @@ def record_episode(
     env: Any = gym.make(ENV_ID, **keywords)
     config = env.unwrapped.config
     observation, info = env.reset(seed=seed)
-    seen, actions, done = [info], [], False
+    seen, done = [info], False
+    actions: list[float] = []
     while not done:
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
         action = np.asarray(agent(observation[None], batch))[0].astype(env.action_space.dtype)

@@ -48,6 +48,16 @@ def summary_text(release: Release, runs: Sequence[Run]) -> str:
     return "\n".join(lines)
 
 
+def summary_json(release: Release, runs: Sequence[Run]) -> str:
+    """Return `summary_rows` and what made them as JSON, null where there is no number."""
+    rows = [
+        {key: None if math.isnan(value) else value for key, value in row.items()}
+        for row in summary_rows(release, runs)
+    ]
+    about = {"package": "npend_gym", "version": __version__, "arguments": release.as_dict()}
+    return json.dumps(about | {"summary": rows}, indent=2, allow_nan=False)
+
+
 def _seconds(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.4f}"
 
