@@ -1,6 +1,7 @@
 """Films: what their pictures show, and the files."""
 
 import json
+from pathlib import Path
 
 import imageio.v3 as imageio
 import numpy as np
@@ -144,3 +145,18 @@ def test_bad_arguments_of_animate_exit_with_2(arguments, message, capsys, tmp_pa
     assert message in error
     assert len(error.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_the_hero_film_is_what_its_comment_says():
+    path = Path(__file__).parent.parent / "docs" / "images" / "hero.gif"
+    assert path.stat().st_size < 2_000_000
+    with Image.open(path) as image:
+        about = json.loads(image.info["comment"])
+        image.seek(120)
+        shown = np.asarray(image.convert("RGB")).astype(int)
+    arguments = about["arguments"]
+    trial, start = arguments.pop("trial"), arguments.pop("start")
+    plan = Release(**arguments)
+    recording = record_release(plan, measure(plan, 20, trial, start), 1.0 / about["fps"])
+    again = Film(recording, fps=about["fps"], size=shown.shape[0]).picture(120)
+    assert np.abs(shown - again).mean() < 2.0
