@@ -30,16 +30,15 @@ _LAZY = {
     "Trajectory": "npend_gym.physics.simulate",
     "pseudo_periods": "npend_gym.period",
     "simulate": "npend_gym.physics.simulate",
-    "theory": "npend_gym",
+    "theory": "npend_gym.theory",
 }
 
 
 def __getattr__(name: str) -> object:
     if name not in _LAZY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if name == "theory":
-        return import_module("npend_gym.theory")
-    return getattr(import_module(_LAZY[name]), name)
+    module = import_module(_LAZY[name])
+    return module if name == "theory" else getattr(module, name)
 
 
 def __dir__() -> list[str]:

@@ -48,7 +48,7 @@ def test_mujocos_chain_moves_as_ours_does():
 
 
 def test_every_method_solves_the_papers_job_as_well_as_it_is_told():
-    points = list(accuracy.points(n=3, duration=1.0))
+    points = list(accuracy.rows(n=3, duration=1.0))
     assert {"npend_gym, dop853", "npend_gym, rk4"} <= {point.method for point in points}
     tightest = {point.method: point.energy_error for point in points}  # the last one
     for method, error in tightest.items():
@@ -108,7 +108,7 @@ def test_the_work_precision_diagram_has_a_line_for_each_method(tmp_path):
         for k in range(3)
         for j in range(3)
     ]
-    written = report.write_points(points, tmp_path, figures=True)
+    written = report.write("accuracy", points, tmp_path, figures=True)
     assert [path.name for path in written] == ["accuracy.csv", "accuracy.png", "accuracy.pdf"]
     from npend_gym.report.bench_figure import work_precision
 

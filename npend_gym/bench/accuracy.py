@@ -36,8 +36,8 @@ class Point(NamedTuple):
     energy_error: float  # largest relative change
 
 
-def points(n: int = N, duration: float = DURATION) -> Iterator[Point]:
-    """Yield the points of every method that is installed."""
+def rows(n: int = N, duration: float = DURATION) -> Iterator[Point]:
+    """Yield the runs of every method that is installed."""
     chain, times = Chain.uniform(n), np.linspace(0.0, duration, FRAMES)
     methods: list[tuple[str, str, Callable[[], FloatArray]]] = []
     for digits in (5, 7, 9, 11, 13):

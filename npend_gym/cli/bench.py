@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 from npend_gym.bench import SUITES
 from npend_gym.cli.common import INTERRUPTED, OK, can_draw, show_written
+
+if TYPE_CHECKING:
+    from npend_gym.bench.accuracy import Point
+    from npend_gym.bench.timing import Row
 
 SUMMARY = "measure speed and accuracy beside the peers that are installed"
 _ABOUT = """\
@@ -41,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Measure and print, row by row; return the exit code."""
     from npend_gym.bench.timing import machine
+    from npend_gym.report import bench as report
     from npend_gym.report import outputs
 
     out: Path | None = given["out"]
@@ -55,44 +59,21 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     tables: dict[str, list[dict[str, Any]]] = {}
     code = OK
     for suite in SUITES if given["only"] is None else [given["only"]]:
-        done, interrupted = _measure(suite, lines)
-        tables[suite] = _report().table(done)
-        if out is not None and done:
-            written += _write(suite, done, out)
-        if interrupted:
-            print("interrupted: the rows above are complete, the rest is missing", file=sys.stderr)
+        done: list[Row | Point] = []
+        try:
+            for result in import_module(f"npend_gym.bench.{suite}").rows():
+                done.append(result)
+                print(report.line(result), file=lines, flush=True)
+        except KeyboardInterrupt:
             code = INTERRUPTED
+        tables[suite] = report.table(done)
+        if out is not None and done:
+            written += report.write(suite, done, out, figures=can_draw())
+        if code == INTERRUPTED:
+            print("interrupted: the rows above are complete, the rest is missing", file=sys.stderr)
             break
     if given["json"]:
         print(outputs.json_text({"only": given["only"]}, **tables))
     elif written:
         show_written(written)
     return code
-
-
-def _measure(suite: str, lines: TextIO) -> tuple[list[Any], bool]:
-    """Print the results of a suite as they come; return them, and whether it was interrupted."""
-    module, report = import_module(f"npend_gym.bench.{suite}"), _report()
-    results: Iterator[Any] = module.points() if suite == "accuracy" else module.rows()
-    text: Callable[[Any], str] = report.point_text if suite == "accuracy" else report.row_text
-    done: list[Any] = []
-    try:
-        for result in results:
-            done.append(result)
-            print(text(result), file=lines, flush=True)
-    except KeyboardInterrupt:
-        return done, True
-    return done, False
-
-
-def _write(suite: str, done: list[Any], out: Path) -> list[Path]:
-    report = _report()
-    if suite == "accuracy":
-        return report.write_points(done, out, figures=can_draw())
-    return report.write_rows(suite, done, out)
-
-
-def _report() -> Any:
-    from npend_gym.report import bench
-
-    return bench

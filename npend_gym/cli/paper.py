@@ -76,10 +76,8 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         bar = tqdm(coming, total=len(keys), unit="finding", disable=None, leave=False)
         findings.extend(bar)
     except KeyboardInterrupt:
-        code, trouble = (
-            INTERRUPTED,
-            "interrupted: the findings above are complete, the rest is missing",
-        )
+        code = INTERRUPTED
+        trouble = "interrupted: the findings above are complete, the rest is missing"
     except (ImportError, IntegrationError) as error:
         code, trouble = FAILED, f"npend paper: {error}"
     if findings and given["json"]:

@@ -51,6 +51,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Carry out the experiment; return the exit code."""
     from npend_gym.experiments.release import Release, measure
     from npend_gym.physics.simulate import IntegrationError
+    from npend_gym.report import outputs
     from npend_gym.report import release as report
 
     out: Path | None = given.pop("out")
@@ -60,7 +61,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     try:
         plan = Release(**given)
         if out is not None:
-            report.prepare_folder(out)
+            outputs.prepare_folder(out)
     except (ValueError, TypeError) as error:
         parser.error(str(error))
     try:

@@ -7,26 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from npend_gym import _files
 from npend_gym.bench.accuracy import Point
 from npend_gym.bench.timing import Row, machine
-from npend_gym.report import outputs
+from npend_gym.report.outputs import write_csv, write_figure
 
 
-def row_text(row: Row) -> str:
-    """Return a comparison as a line."""
-    text = f"{row.job:54s} {row.ours_per_s:10.3g}/s"
-    if not math.isnan(row.peer_per_s):
-        text += f" {row.peer_per_s:10.3g}/s {row.ratio:8.2f} x  {row.peer}"
-    return f"{text}  {row.note}" if row.note else text
-
-
-def point_text(point: Point) -> str:
-    """Return a run of the paper's job as a line."""
-    return (
-        f"{point.method:30s} {point.setting:12s} {point.seconds:10.3g} s   "
-        f"energy error {point.energy_error:.0e}"
-    )
+def line(result: Row | Point) -> str:
+    """Return a result as a line."""
+    if isinstance(result, Point):
+        return (
+            f"{result.method:30s} {result.setting:12s} {result.seconds:10.3g} s   "
+            f"energy error {result.energy_error:.0e}"
+        )
+    text = f"{result.job:54s} {result.ours_per_s:10.3g}/s"
+    if not math.isnan(result.peer_per_s):
+        text += f" {result.peer_per_s:10.3g}/s {result.ratio:8.2f} x  {result.peer}"
+    return f"{text}  {result.note}" if result.note else text
 
 
 def table(results: Sequence[Row | Point]) -> list[dict[str, Any]]:
@@ -40,20 +36,13 @@ def table(results: Sequence[Row | Point]) -> list[dict[str, Any]]:
     ]
 
 
-def write_rows(suite: str, rows: Sequence[Row], out: Path) -> list[Path]:
-    """Write the comparisons of a suite as CSV."""
-    return [outputs.write_csv(out / f"{suite}.csv", table(rows))]
-
-
-def write_points(points: Sequence[Point], out: Path, *, figures: bool) -> list[Path]:
-    """Write the runs of the paper's job as CSV and, if `figures`, as a diagram."""
-    written = [outputs.write_csv(out / "accuracy.csv", table(points))]
-    if figures:
-        from npend_gym.report.bench_figure import work_precision
+def write(suite: str, results: Sequence[Row | Point], out: Path, *, figures: bool) -> list[Path]:
+    """Write the results of a suite as CSV; points, if `figures`, as a diagram too."""
+    written = [write_csv(out / f"{suite}.csv", table(results))]
+    points = [result for result in results if isinstance(result, Point)]
+    if figures and points:
+        from npend_gym.report.bench_figure import work_precision  # matplotlib, an extra
 
         drawn = work_precision(points)
-        for kind in ("png", "pdf"):
-            with _files.replacing(out / f"accuracy.{kind}", binary=True) as file:
-                drawn.savefig(file, format=kind)
-            written.append(out / f"accuracy.{kind}")
+        written += [write_figure(out / f"{suite}.{kind}", drawn) for kind in ("png", "pdf")]
     return written

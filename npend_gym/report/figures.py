@@ -21,11 +21,12 @@ except ImportError as error:
     raise ImportError(
         'figures need matplotlib: install it with pip install "npend-gym[plot]"'
     ) from error
+from npend_gym.report.palette import AMBER, BLACK, BLUE, GREEN, ORANGE, shade
 
 _P = ParamSpec("_P")
-_IDEAL, _CORRECTED, _FUNDAMENTAL = "#D55E00", "#E69F00", "#009E73"
-_MEASURED, _BOB = "#0072B2", "#7FB8D8"
-_TRIALS = ("#A6CDE8", "#0072B2", "#000000")
+_IDEAL, _CORRECTED, _FUNDAMENTAL = ORANGE, AMBER, GREEN
+_MEASURED, _BOB = BLUE, shade(0.3)
+_TRIALS = (shade(0.15), BLUE, BLACK)
 
 
 def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:

@@ -10,10 +10,13 @@ import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from npend_gym import _files
 from npend_gym._version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # an extra
 
 
 def prepare_folder(out: Path) -> None:
@@ -57,6 +60,18 @@ def _nulled(row: Mapping[str, Any]) -> dict[str, Any]:
         name: None if isinstance(value, float) and math.isnan(value) else value
         for name, value in row.items()
     }
+
+
+def write_figure(path: Path, figure: Figure) -> Path:
+    """Write `figure` to `path`, .png or .pdf, whole or not at all; equal figures as equal bytes."""
+    made_by = f"npend_gym {__version__}"
+    metadata: dict[str, dict[str, Any]] = {
+        ".pdf": {"Creator": made_by, "CreationDate": None},
+        ".png": {"Software": made_by},
+    }
+    with _files.replacing(path, binary=True) as file:
+        figure.savefig(file, format=path.suffix[1:], metadata=metadata[path.suffix])
+    return path
 
 
 def write_manifest(

@@ -14,15 +14,14 @@ from matplotlib.ticker import (
     StrMethodFormatter,
 )
 
-from npend_gym import _files
 from npend_gym._checks import FloatArray
-from npend_gym._version import __version__
 from npend_gym.experiments.paper.chaos import Growth
 from npend_gym.experiments.paper.figure_data import Figure2, Series
 from npend_gym.experiments.paper.grid import Grid
 from npend_gym.experiments.paper.readings import AS_WRITTEN
 from npend_gym.report.figures import styled
 from npend_gym.report.law_figures import law_against_angle, law_against_n
+from npend_gym.report.outputs import write_figure
 from npend_gym.report.palette import (
     AMBER,
     BLACK,
@@ -57,14 +56,7 @@ def write_figures(results: Mapping[str, Any], folder: Path) -> list[Path]:
         if name not in FIGURES:
             continue
         figure = FIGURES[name](data)
-        for suffix, metadata in (
-            ("pdf", {"Creator": f"npend_gym {__version__}", "CreationDate": None}),
-            ("png", {"Software": f"npend_gym {__version__}"}),
-        ):
-            path = folder / f"{name}.{suffix}"
-            with _files.replacing(path, binary=True) as file:
-                figure.savefig(file, format=suffix, metadata=metadata)
-            written.append(path)
+        written += [write_figure(folder / f"{name}.{kind}", figure) for kind in ("pdf", "png")]
     return written
 
 

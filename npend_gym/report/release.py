@@ -11,10 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from npend_gym import _files
-from npend_gym._version import __version__
 from npend_gym.experiments.release import Release, Run, bob_rows, summary_rows
-from npend_gym.report.outputs import json_text, prepare_folder, write_csv, write_manifest
+from npend_gym.report.outputs import (
+    json_text,
+    prepare_folder,
+    write_csv,
+    write_figure,
+    write_manifest,
+)
 
 _COLUMNS = (
     ("N", 4), ("measured", 9), ("over bobs", 10), ("over trials", 12), ("completed", 11),
@@ -78,15 +82,10 @@ def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) ->
     if figures:
         from npend_gym.report import figures as draw  # matplotlib, an extra
 
-        for name, figure in (
-            ("period_against_n.png", draw.period_against_n(release, runs)),
-            ("period_of_each_bob.png", draw.period_of_each_bob(release, runs)),
-        ):
-            with _files.replacing(out / name, binary=True) as file:
-                figure.savefig(
-                    file, format="png", metadata={"Software": f"npend_gym {__version__}"}
-                )
-            written.append(out / name)
+        written += [
+            write_figure(out / "period_against_n.png", draw.period_against_n(release, runs)),
+            write_figure(out / "period_of_each_bob.png", draw.period_of_each_bob(release, runs)),
+        ]
     complete = len(runs) == len(release.runs())
     manifest = write_manifest(out, "release", release.as_dict(), written, complete=complete)
     return [*written, manifest]
