@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ PAPER_AMPLITUDE = math.pi / 4  # rad
 PAPER_SPREAD = 0.017  # rad: one degree, the uncertainty of a reading
 PAPER_TRIALS = 3
 
-_T = TypeVar("_T")
+_Planned: TypeAlias = tuple[int, int, float]  # n, trial, starting angle [rad]
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Release:
         ones = uniform.masses
         return Chain(ones * masses, ones * lengths, self.gravity, self.damping)
 
-    def runs(self) -> list[tuple[int, int, float]]:
+    def runs(self) -> list[_Planned]:
         """Return (n, trial, starting angle [rad]) of every run, trials counted from 1."""
         return [
             (n, trial, self.amplitude + self.spread * self._draw(n, trial))
@@ -133,15 +133,9 @@ def measure(release: Release, n: int, trial: int, start: float) -> Run:
     return Run(n, trial, start, periods)
 
 
-def _no_progress(items: Iterable[_T]) -> Iterable[_T]:
-    return items
-
-
 def run_release(
     release: Release,
-    progress: Callable[
-        [Iterable[tuple[int, int, float]]], Iterable[tuple[int, int, float]]
-    ] = _no_progress,
+    progress: Callable[[Iterable[_Planned]], Iterable[_Planned]] = iter,
 ) -> list[Run]:
     """Carry out every run of `release`; `progress` may wrap the iteration, as tqdm does."""
     return [measure(release, *run) for run in progress(release.runs())]

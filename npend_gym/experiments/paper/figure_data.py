@@ -14,6 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.experiments.paper import KANE_N
 from npend_gym.experiments.paper.chaos import Growth, runs_from
+from npend_gym.experiments.paper.fits import exponent
 from npend_gym.experiments.paper.grid import AMPLITUDES, grid
 from npend_gym.experiments.paper.integrators import STEPS, runge_kutta_errors
 from npend_gym.experiments.paper.kane import OUR_COUNTS, kane_costs, our_seconds
@@ -92,7 +93,7 @@ class Figure2:
     def exponent(self) -> float:
         """Slope of ln growth against ln time, without the start: 1 for a regular motion."""
         late = self.times > 0.05 * self.times[-1]
-        return float(np.polyfit(np.log(self.times[late]), np.log(self.growth[late]), 1)[0])
+        return exponent(self.times[late], self.growth[late])
 
 
 @cache

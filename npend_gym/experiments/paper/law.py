@@ -72,7 +72,7 @@ def _law(fitted: Law) -> Finding:
     return Finding(
         "period-law", "Eq. (29)", "T(N, a) = T0(N) [1 + a^2/16 + ...], the single pendulum's "
         "series",
-        f"a^2/{16} and limit 2 pi sqrt(N l/g)",
+        "a^2/16 and limit 2 pi sqrt(N l/g)",
         f"T = {fitted.limit:.4f} T1(N) [1 + b a^2/(1 + d a^2)], b = {fitted.b}, d = {fitted.d}, "
         f"residuals at most {worst:.2%}",
         Verdict.of(abs(fitted.b.value - 1.0 / 16.0) <= fitted.b.error),

@@ -102,8 +102,7 @@ def scan_rows(data: Scan) -> list[dict[str, Any]]:
             "angle_rad": float(angle),
             "fundamental_s": float(data.fundamental[column]),
             **{
-                name: float(getattr(data, name)[row, column])
-                for name in ("mean", "median", "tip", "completed")
+                name: float(getattr(data, name)[row, column]) for name in (*STATISTICS, "completed")
             },
         }
         for row, angle in enumerate(data.angles)
