@@ -25,18 +25,18 @@ from pathlib import Path
 
 N, ROUNDS = 5, 3
 HERE = Path(__file__).parent
-_LOOP = """
+_LOOP = f"""
 import sys, time
 import numpy as np
 from npend_gym import Chain, pseudo_periods
-chain, releases = Chain.uniform({n}), int(sys.argv[1])
+chain, releases = Chain.uniform({N}), int(sys.argv[1])
 angles = np.pi / 4 + 0.017 * np.random.default_rng(0).random(releases)
-pseudo_periods(chain, np.repeat(angles[:16, None], {n}, axis=1))
+pseudo_periods(chain, np.repeat(angles[:16, None], {N}, axis=1))
 wall, cpu = time.perf_counter(), time.process_time()
 for first in range(0, releases, 2048):
-    pseudo_periods(chain, np.repeat(angles[first : first + 2048, None], {n}, axis=1))
+    pseudo_periods(chain, np.repeat(angles[first : first + 2048, None], {N}, axis=1))
 print(time.perf_counter() - wall, time.process_time() - cpu)
-""".format(n=N)
+"""
 
 
 @dataclass

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from filelock import FileLock, Timeout
 
@@ -25,6 +26,9 @@ from npend_gym.experiments.campaign.journal import Journal, Record
 from npend_gym.experiments.campaign.measuring import Unwritten, carry_out, cell_key
 from npend_gym.experiments.campaign.parts import write_cells
 from npend_gym.experiments.campaign.plan import Plan, Task
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 class BusyError(RuntimeError):
@@ -79,7 +83,7 @@ class Campaign:
         self.found: Found
         self._lock = FileLock(self.out / LOCK, blocking=False)
 
-    def __enter__(self) -> Campaign:
+    def __enter__(self) -> Self:
         try:
             self.out.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()

@@ -35,7 +35,7 @@ class Lost:
 @contextmanager
 def workers(
     backend: str = "loky", count: int | None = None, address: str | None = None
-) -> Iterator[None]:
+) -> Generator[None, None, None]:
     """Have `run` use a backend of joblib.
 
     Parameters

@@ -92,4 +92,4 @@ def uniform(seed: int, cell: Mapping[str, Any], first: int, count: int) -> Float
     words = np.frombuffer(cell_key(cell), dtype="<u4").tolist()
     key = SeedSequence(seed, spawn_key=words).generate_state(2, np.uint64)
     raw = Philox(key=key, counter=first).random_raw(_WORDS * count)[::_WORDS]
-    return (raw >> np.uint64(11)) * 2.0**-53
+    return (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,8 @@ from npend_gym.experiments.campaign.plan import Plan, Task
 from npend_gym.experiments.release import Release
 
 try:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    pa: Any = import_module("pyarrow")  # it has no types
+    pq: Any = import_module("pyarrow.parquet")
 except ImportError as error:
     raise ImportError(
         'campaigns need pyarrow: install it with pip install "npend-gym[campaign]"'

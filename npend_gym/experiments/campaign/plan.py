@@ -125,9 +125,7 @@ class Plan:
     def cell(self, index: int) -> dict[str, Any]:
         """Return the values of the cell `index`, counted from 0."""
         places = np.unravel_index(index, self.shape)
-        return {
-            name: self._sweep(name)[int(k)] for name, k in zip(SWEPT, places, strict=True)
-        }
+        return {name: self._sweep(name)[int(k)] for name, k in zip(SWEPT, places, strict=True)}
 
     def batch_of(self, n: int) -> int:
         """Return the number of releases in a task of chains of `n` rods."""
@@ -152,9 +150,7 @@ class Plan:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the plan as plain numbers and lists: `Plan(**plan.as_dict())` is the plan."""
-        return {
-            name: json.loads(json.dumps(value)) for name, value in asdict(self).items()
-        }
+        return {name: json.loads(json.dumps(value)) for name, value in asdict(self).items()}
 
     @cached_property
     def digest(self) -> str:
