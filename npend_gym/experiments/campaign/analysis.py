@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from scipy.optimize import OptimizeWarning, curve_fit
@@ -42,6 +42,7 @@ from npend_gym.experiments.release import Release
 
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
 _EXACT_UP_TO = 300  # bobs; beyond them the rope's limit stands for the chain's
+_Fit: TypeAlias = tuple[FloatArray, FloatArray]
 _GROUPED = ("masses", "lengths", "gravity", "damping", "reading")
 
 
@@ -210,7 +211,7 @@ def _law(counts: tuple[int, ...], points: tuple[Point, ...], *, known: bool) -> 
     with warnings.catch_warnings():
         warnings.simplefilter("error", OptimizeWarning)
         try:
-            found: Any = curve_fit(ratio, x, y, p0=(1.0, 0.2, 0.5))
+            found = cast("_Fit", curve_fit(ratio, x, y, p0=(1.0, 0.2, 0.5)))
         except (RuntimeError, OptimizeWarning):  # these points determine no such law
             return None
     if not np.all(np.isfinite(found[1])):
