@@ -29,12 +29,13 @@ from campaign import descendants
 PLAN = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "3000", "--batch", "150"]
 
 
-def start(out: Path) -> subprocess.Popen[bytes]:
-    """Start the driver, or start it again."""
+def start(out: Path, workers: int = 2) -> subprocess.Popen[bytes]:
+    """Start the driver, or start it again; with one worker it does the work itself."""
     command = [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *PLAN]
-    return subprocess.Popen(
-        [*command, "--workers", "2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    with out.with_suffix(".log").open("wb") as log:
+        return subprocess.Popen(
+            [*command, "--workers", str(workers)], stdout=subprocess.DEVNULL, stderr=log
+        )
 
 
 def digest(out: Path) -> str:
@@ -45,7 +46,7 @@ def digest(out: Path) -> str:
     return found.hexdigest()
 
 
-def workers(driver: int) -> list[int]:
+def worker_processes(driver: int) -> list[int]:
     """Return the worker processes of a driver."""
     return [pid for pid in descendants(driver) if b"popen_loky" in command_line(pid)]
 
@@ -63,7 +64,7 @@ def disturb(process: subprocess.Popen[bytes], chance: random.Random, longest: fl
     try:
         process.wait(chance.uniform(0.0, longest))
     except subprocess.TimeoutExpired:
-        some = workers(process.pid)
+        some = worker_processes(process.pid)
         if some and chance.random() < 0.5:
             os.kill(chance.choice(some), signal.SIGKILL)
             return "worker killed"
@@ -104,27 +105,32 @@ def main() -> int:
     """Kill until there have been enough kills; return 1 if bytes ever differed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--longest", type=float, help="between two [s] (1.2 times a whole run)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments (0)")
     given = parser.parse_args()
     chance, counts = random.Random(given.seed), Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
-        began = time.perf_counter()
-        if start(Path(folder) / "undisturbed").wait():
-            raise RuntimeError("the undisturbed run failed")
-        longest = 1.2 * (time.perf_counter() - began)
+        began = 0.0
+        for name in ("warm-up", "undisturbed"):  # the first may compile
+            began = time.perf_counter()
+            if start(Path(folder) / name).wait():
+                raise RuntimeError("the undisturbed run failed")
+        longest = given.longest or 1.2 * (time.perf_counter() - began)
         expected = digest(Path(folder) / "undisturbed")
         kills = campaigns = 0
         while kills < given.kills:
             out = Path(folder) / f"campaign {campaigns}"
-            process = start(out)
+            process = start(out, chance.choice((1, 2)))
             while (what := disturb(process, chance, longest)) != "ended":
                 counts[what] += 1
                 kills += what.endswith("killed")
+                if what == "gave up":
+                    print(out.with_suffix(".log").read_text()[-1000:], flush=True)
                 if what == "worker killed":
                     continue
                 harm = damage(out, chance)
                 counts[harm] += bool(harm)
-                process = start(out)
+                process = start(out, chance.choice((1, 2)))
             campaigns += 1
             same = digest(out) == expected
             counts["campaign the same" if same else "campaign DIFFERENT"] += 1

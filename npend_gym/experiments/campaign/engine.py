@@ -134,7 +134,7 @@ def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R 
             raise WorkersLostError(
                 f"workers were lost {fruitless} times in a row: {before.reason}"
             ) from before.trouble
-        strikes.update(before.under_way)
+        strikes.update(list(before.under_way))
         again = [task for task in before.under_way if strikes[task] < _STRIKES]
         alone += [task for task in before.under_way if strikes[task] >= _STRIKES]
     for task in alone:

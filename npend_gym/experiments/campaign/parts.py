@@ -162,9 +162,9 @@ def table_digest(out: Path, table: str, tasks: Iterator[Task]) -> str:
     for task in tasks:
         part = read_part(out / table / task.part)
         for name, column in zip(part.column_names, part.columns, strict=True):
-            digest = digests.setdefault(name, hashlib.sha256(name.encode()))
-            digest.update(np.asarray(column.is_null()).tobytes())
-            digest.update(np.asarray(column.fill_null(0)).tobytes())
+            for what, values in (("null", column.is_null()), ("value", column.fill_null(0))):
+                digest = digests.setdefault(f"{name} {what}", hashlib.sha256(name.encode()))
+                digest.update(np.asarray(values).tobytes())
     joined = hashlib.sha256()
     for digest in digests.values():
         joined.update(digest.digest())
