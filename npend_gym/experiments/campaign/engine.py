@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import chain
 from typing import Any, TypeVar
 
 from npend_gym import _checks
@@ -120,13 +119,20 @@ def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R 
         If workers are lost five times in a row without any result.
     """
     coming = iter(tasks)
-    again: list[_T] = []
+    again: deque[_T] = deque()
     alone: list[_T] = []
     strikes: Counter[_T] = Counter()
     fruitless = 0
+
+    def waiting() -> Iterator[_T]:
+        while again:
+            yield again.popleft()
+        for task in coming:  # not `yield from`: that would end `coming` when a round is cut off
+            yield task  # noqa: UP028
+
     while True:
         before = _Round()
-        yield from before.results(work, chain(again, coming))
+        yield from before.results(work, waiting())
         if not before.under_way and before.trouble is None:
             break
         fruitless = 0 if before.returned else fruitless + 1
@@ -135,12 +141,16 @@ def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R 
                 f"workers were lost {fruitless} times in a row: {before.reason}"
             ) from before.trouble
         strikes.update(list(before.under_way))
-        again = [task for task in before.under_way if strikes[task] < _STRIKES]
+        again.extend(task for task in before.under_way if strikes[task] < _STRIKES)
         alone += [task for task in before.under_way if strikes[task] >= _STRIKES]
     for task in alone:
         last = _Round()
-        yield from last.results(work, [task])
-        if last.under_way:
+        for _ in range(_STRIKES):
+            last = _Round()
+            yield from last.results(work, [task])
+            if last.returned or last.under_way:
+                break  # else the workers were not up yet again, and it has not been tried
+        if not last.returned:
             yield task, Lost(last.reason)
 
 

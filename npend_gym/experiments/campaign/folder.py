@@ -92,8 +92,8 @@ def read_plan(out: Path) -> Plan | None:
     path = out / PLAN
     try:
         text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return None
+    except (FileNotFoundError, NotADirectoryError):
+        return None  # the driver says what is wrong with the folder
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
     try:
