@@ -23,6 +23,12 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from npend_gym import Chain, pseudo_periods
+from npend_gym.experiments.campaign import Plan
+from npend_gym.experiments.campaign.measuring import carry_out, measured
+
 N, ROUNDS = 5, 3
 HERE = Path(__file__).parent
 _LOOP = f"""
@@ -114,6 +120,22 @@ def resident(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
+def task_ratio() -> float:
+    """Return the CPU time of a task over that of its `pseudo_periods` alone, taken in turns."""
+    plan, chain = Plan(n=N, trials=2048), Chain.uniform(N)
+    (task,) = plan.tasks()
+    theta = np.repeat(measured(plan, task)[0][:, None], N, axis=1)
+    best = [np.inf, np.inf]
+    with tempfile.TemporaryDirectory() as out:
+        jobs = (lambda: carry_out(plan, Path(out), task), lambda: pseudo_periods(chain, theta))
+        for _ in range(5):
+            for k, job in enumerate(jobs):
+                began = time.process_time()
+                job()
+                best[k] = min(best[k], time.process_time() - began)
+    return best[0] / best[1]
+
+
 def ratios(releases: int) -> list[dict[str, object]]:
     """Measure in turns and return the rows; the best round of each counts."""
     rounds = []
@@ -135,6 +157,7 @@ def ratios(releases: int) -> list[dict[str, object]]:
     gained = 2.0 * best("loop", "wall") / best("two loops", "wall")
     return [
         row("plain loop, CPU", 1e6 * loop_cpu / releases, "us a release"),
+        row("a task of 2048 over its loop, CPU", task_ratio(), "ratio"),
         row("campaign over loop, 1 worker, CPU", best("one", "cpu") / loop_cpu, "ratio"),
         row("campaign over loop, 2 workers, CPU", best("two", "cpu") / loop_cpu, "ratio"),
         row("two loops against one, wall", gained, "ratio"),
