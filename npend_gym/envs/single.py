@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym.envs.batch import Batch
 from npend_gym.envs.config import make_config
 from npend_gym.envs.inputs import clean_action
-from npend_gym.envs.modes import Mode
+from npend_gym.envs.modes import Mode, Quantities
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.vector import Info, ObsArray
 
@@ -26,9 +26,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     Description
     -----------
-    A planar chain moves under gravity, joint damping and torques at the actuated joints (by
-    default the base). The state is exact up to the integrator: the equations of motion are
-    solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
+    A planar chain moves under gravity, joint damping, drag of the air and torques at the actuated
+    joints (by default the base). The state is exact up to the integrator: the equations of motion
+    are solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
     paper's system A(theta) theta'' = b, by Runge-Kutta steps of order 4, `substeps` a step. All
     results are the same bits on every machine.
 
@@ -78,7 +78,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     passive, calm: at rest, all rods at `amplitude` plus one draw from [0, spread) common to all.
     swingup, balance: each angle and angular velocity drawn within 0.05 (0.02) of hanging
     (standing) at rest. ``reset(options={...})`` takes, for this episode: "theta", "omega" (n,),
-    "amplitude", "masses", "lengths", "damping" (n,), "gravity"; one number stands for all rods.
+    "amplitude", "masses", "lengths", "damping", "drag", "quadratic_drag" (n,), "gravity"; one
+    number stands for all rods.
 
     Episode end
     -----------
@@ -90,11 +91,17 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     Info
     ----
     The same keys from the reset on. ``time`` [s]; ``energy`` above hanging at rest [J];
-    ``energy_error``: energy less that at the start less the work of torque and damping, over the
-    larger of the two energies; ``bobs_completed``, ``pseudo_periods`` (n,) [s] (0.0 where not
+    ``energy_error``: energy less that at the start less the work of torque, damping and drag, over
+    the larger of the two energies; ``bobs_completed``, ``pseudo_periods`` (n,) [s] (0.0 where not
     yet) and their mean ``pseudo_period``, in the reading "bob" of `npend_gym.pseudo_periods`;
     ``ideal_period``, the paper's T0 [s]; ``tip_height`` over the pivot [m]; ``theta`` (n,),
-    unwrapped, and ``omega`` (n,); ``diverged``.
+    unwrapped, and ``omega`` (n,); ``diverged``; ``success``, whether the task is done as of now,
+    on the last step that of the episode:
+
+    - swingup: for the last 5 s, `height` > 0.95 and `kinetic` < 0.01
+    - balance: the tip has not fallen below half the chain's length
+    - calm: `left` < 0.01
+    - passive: never; there is no task
 
     Parameters
     ----------
@@ -102,8 +109,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Number of rods.
     mode : {"swingup", "passive", "balance", "calm"} or npend_gym.envs.modes.Mode
         The task; an instance of a class of your own derived from Mode will do.
-    masses, lengths, damping : float or array_like, shape (n,)
-        As in `npend_gym.Chain` [kg, m, N m s/rad].
+    masses, lengths, damping, drag, quadratic_drag : float or array_like, shape (n,)
+        As in `npend_gym.Chain` [kg, m, N m s/rad, N s/m, N s^2/m^2].
     gravity : float
         [m/s^2].
     actuated : sequence of int
@@ -146,6 +153,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         lengths: ArrayLike = 1.0,
         gravity: float = 9.81,
         damping: ArrayLike = 0.0,
+        drag: ArrayLike = 0.0,
+        quadratic_drag: ArrayLike = 0.0,
         actuated: Sequence[int] = (0,),
         max_torque: float | None = None,
         dt: float | None = None,
@@ -156,8 +165,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         render_mode: str | None = None,
     ) -> None:
         self.config = config = make_config(
-            n, mode, masses, lengths, gravity, damping, actuated, max_torque, dt, substeps,
-            observation, amplitude, spread,
+            n, mode, masses, lengths, gravity, damping, drag, quadratic_drag, actuated,
+            max_torque, dt, substeps, observation, amplitude, spread,
         )  # fmt: skip
         self.action_space = config.action_space
         self.observation_space = config.observation_space
@@ -167,6 +176,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._batch = Batch(config, 1)
         self._mode = config.mode
         self._action_shape = (config.joints.size,)
+        self._hold_steps = config.hold_steps
+        self._met = 0  # instants in a row at which the goal was met
         self._started = False
 
     def reset(
@@ -180,7 +191,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             Seed of the generator; without, it goes on.
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), "masses", "lengths", "damping",
-            each (n,) or one number; "amplitude", "gravity", numbers.
+            "drag", "quadratic_drag", each (n,) or one number; "amplitude", "gravity", numbers.
 
         Raises
         ------
@@ -195,7 +206,10 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
             self.camera.follow(self._batch)
-        return self._batch.observation[0], self._batch.only_lane()[1]
+        quantities, info = self._batch.only_lane()
+        self._met = 0
+        info["success"] = self._success(quantities)
+        return self._batch.observation[0], info
 
     def step(self, action: Any) -> tuple[ObsArray, float, bool, bool, Info]:
         """Advance by `dt`; an action beyond the box is clipped.
@@ -214,9 +228,15 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         batch.step(clean_action(action, self._action_shape))
         quantities, info = batch.only_lane()
         reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
+        info["success"] = self._success(quantities)
         if self.render_mode is not None:
             self.camera.follow(batch)
         return batch.observation[0], reward, failed, info["diverged"], info
+
+    def _success(self, quantities: Quantities[float]) -> bool:
+        """Return whether the goal is met now and was over all of the mode's `hold`."""
+        self._met = self._met + 1 if self._mode.achieved(quantities) else 0
+        return self._met > self._hold_steps
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it."""
