@@ -2,6 +2,9 @@
 
 import csv
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from npend_gym.experiments.campaign import Campaign, Plan
 from npend_gym.experiments.campaign.analysis import analyse
 from npend_gym.report import campaign as report
 
+EXAMPLE = Path(__file__).parent.parent / "examples" / "passive_campaign.py"
 AMPLITUDES = [0.05, 0.3, 0.6, 0.9, 1.1]
 
 
@@ -133,3 +137,16 @@ def test_a_single_cell_has_no_law_and_says_so(tmp_path, monkeypatch):
 def test_nothing_done_is_nothing_to_analyse(tmp_path):
     with Campaign(Plan(n=[2]), tmp_path), pytest.raises(ValueError, match="nothing is done yet"):
         analyse(tmp_path)
+
+
+def test_the_example_carries_out_and_analyses_a_campaign(tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLE), str(tmp_path / "out"), "2"],
+        capture_output=True, text=True, check=False, timeout=300, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "48 of 48 releases" in done.stdout
+    found = re.search(r"N = 10 20: c = (\S+) \+- (\S+) \(exact (\S+)\)", done.stdout)
+    value, error, exact = map(float, found.groups())
+    assert abs(value - exact) < 3.0 * error
+    assert (tmp_path / "out" / "analysis" / "report.html").stat().st_size > 10_000

@@ -127,8 +127,9 @@ def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R 
     def waiting() -> Iterator[_T]:
         while again:
             yield again.popleft()
-        for task in coming:  # not `yield from`: that would end `coming` when a round is cut off
-            yield task  # noqa: UP028
+        # not `yield from`: that would end `coming` when a round is cut off
+        for task in coming:  # noqa: UP028
+            yield task
 
     while True:
         before = _Round()
