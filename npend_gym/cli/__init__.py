@@ -9,7 +9,7 @@ import argparse
 from collections.abc import Sequence
 
 from npend_gym._version import __version__
-from npend_gym.cli import animate, bench, page, paper, play, release
+from npend_gym.cli import analyse, animate, bench, campaign, page, paper, play, release
 from npend_gym.cli.common import Parser
 
 _EXAMPLES = """\
@@ -40,6 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "page": page,
         "play": play,
         "paper": paper,
+        "campaign": campaign,
+        "analyse": analyse,
         "bench": bench,
     }
     for name, module in modules.items():
