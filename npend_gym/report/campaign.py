@@ -17,7 +17,7 @@ from npend_gym.experiments.campaign.analysis import Analysis, Group
 from npend_gym.experiments.campaign.folder import CELLS, JOURNAL, PLAN
 from npend_gym.experiments.campaign.journal import read_journal
 from npend_gym.experiments.campaign.statistics import FAR
-from npend_gym.report.outputs import prepare_folder, write_csv, write_manifest
+from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
 
 _DRAWN = 12  # groups that get figures
 
@@ -170,7 +170,7 @@ def _figures(analysis: Analysis, out: Path) -> list[Path]:
             drawn[f"law_against_amplitude_{k}"] = draw.law_against_amplitude(group)
     if analysis.statistics.histogram.any():
         drawn["residuals"] = draw.residuals(analysis.statistics)
-    return [draw.save(figure, out / f"{name}.png") for name, figure in drawn.items()]
+    return [write_figure(out / f"{name}.png", figure) for name, figure in drawn.items()]
 
 
 def page(analysis: Analysis, pictures: list[Path]) -> str:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
-from npend_gym import _files
-from npend_gym._version import __version__
 from npend_gym.experiments.campaign.analysis import AmplitudeLaw, Group
 from npend_gym.experiments.campaign.statistics import EDGES, FAR, Statistics
 from npend_gym.report.figures import styled
@@ -18,13 +15,6 @@ from npend_gym.report.palette import BLACK, BLUE, ORANGE, panels, shade
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 _CURVES = 9  # drawn in one figure; the rest is in the tables
-
-
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, whole or not at all."""
-    with _files.replacing(path, binary=True) as file:
-        figure.savefig(file, format="png", metadata={"Software": f"npend_gym {__version__}"})
-    return path
 
 
 @styled
