@@ -14,9 +14,10 @@ import numpy as np
 
 from npend_gym.rl import controllers
 from npend_gym.rl.evaluation import HELD_OUT, Agent, Evaluation, evaluate, wilson_interval
+from npend_gym.rl.planning import planned_swing_up
 from npend_gym.rl.policies import Policy, pretrained_names
 
-CONTROLLERS = ("LQR", "damping", "energy")
+CONTROLLERS = ("LQR", "damping", "energy", "plan")
 
 
 def controller(name: str, keywords: dict[str, Any]) -> Agent:
@@ -24,6 +25,8 @@ def controller(name: str, keywords: dict[str, Any]) -> Agent:
     config = gym.make("NPendulum-v0", **keywords).unwrapped.config
     if name == "energy":
         return controllers.swing_up(config)
+    if name == "plan":
+        return planned_swing_up(config)
     if name == "damping":
         return controllers.damper(config)
     return controllers.lqr(config, 0.0 if keywords["mode"] == "calm" else np.pi)
