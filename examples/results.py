@@ -31,7 +31,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 TRAINERS = {"PPO": train_cleanrl, "ES": train_es}
 # swing-ups planned for long chains: seconds, and seconds of calming before
 PLANS: dict[int, dict[str, float]] = {
-    2: {}, 3: {}, 4: {"seconds": 8.0}, 5: {"seconds": 12.0, "settle": 10.0}
+    2: {}, 3: {}, 4: {"seconds": 8.0, "settle": 10.0}, 5: {"seconds": 12.0, "settle": 10.0}
 }  # fmt: skip
 ORDER = ("swingup", "balance", "calm")
 TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
