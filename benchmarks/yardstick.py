@@ -41,7 +41,13 @@ def ours(groups, n, steps, h, theta, omega, torque, v, l, inverse_l, damping, g,
     for group in range(groups):
         first, last = group * n, (group + 1) * n
         rods = Rods(
-            v[first + group : last + group + 1], l[first:last], inverse_l[first:last], damping, g
+            v[first + group : last + group + 1],
+            l[first:last],
+            inverse_l[first:last],
+            damping,
+            g,
+            damping[:0],  # no drag, and a pivot at rest
+            damping[:0],
         )
         for _ in range(steps):
             rk4_step(theta[first:last], omega[first:last], h, torque, rods, work, stages)

@@ -40,6 +40,10 @@ class Chain:
     damping : float or array_like, shape (n,)
         Viscous damping of each joint [N m s/rad], zero or more: joint j, between rod j-1 and
         rod j, resists with the torque damping_j (omega_j - omega_{j-1}).
+    drag, quadratic_drag : float or array_like, shape (n,)
+        Resistance of still air on each bob, zero or more: the force
+        -(drag_i + quadratic_drag_i \|v_i\|) v_i, v_i being the bob's velocity [N s/m and
+        N s^2/m^2].
 
     Raises
     ------
@@ -51,6 +55,8 @@ class Chain:
     lengths: FloatArray
     gravity: float
     damping: FloatArray
+    drag: FloatArray
+    quadratic_drag: FloatArray
 
     def __init__(
         self,
@@ -58,6 +64,8 @@ class Chain:
         lengths: ArrayLike,
         gravity: float = STANDARD_GRAVITY,
         damping: ArrayLike = 0.0,
+        drag: ArrayLike = 0.0,
+        quadratic_drag: ArrayLike = 0.0,
     ) -> None:
         m = _checks.positive("masses", _checks.array("masses", masses))
         rods = _checks.positive("lengths", _checks.array("lengths", lengths))
@@ -66,8 +74,10 @@ class Chain:
             "masses": _checks.vector("masses", m, n),
             "lengths": _checks.vector("lengths", rods, n),
             "gravity": _checks.nonnegative_number("gravity", gravity),
-            "damping": _checks.at_least_zero("damping", _checks.vector("damping", damping, n)),
         }
+        resisting = {"damping": damping, "drag": drag, "quadratic_drag": quadratic_drag}
+        for name, value in resisting.items():
+            values[name] = _checks.at_least_zero(name, _checks.vector(name, value, n))
         for name, value in values.items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -81,12 +91,15 @@ class Chain:
         length: float = 1.0,
         gravity: float = STANDARD_GRAVITY,
         damping: float = 0.0,
+        drag: float = 0.0,
+        quadratic_drag: float = 0.0,
     ) -> Chain:
         """Return a chain of `n` equal rods, each `length` [m] long with a bob of `mass` [kg]."""
         n = _checks.count("n", n, high=MAX_RODS)
         mass = _checks.positive_number("mass", mass)
         length = _checks.positive_number("length", length)
-        return cls(np.full(n, mass), np.full(n, length), gravity, damping)
+        equal = np.full(n, mass), np.full(n, length)
+        return cls(*equal, gravity, damping, drag, quadratic_drag)
 
     @property
     def n(self) -> int:
@@ -103,6 +116,11 @@ class Chain:
         """Length of the chain when straight [m]."""
         return float(self.lengths.sum())
 
+    @property
+    def has_drag(self) -> bool:
+        """Whether air resists any bob."""
+        return bool(np.any(self.drag) or np.any(self.quadratic_drag))
+
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters as plain numbers and lists, for a manifest."""
         return {
@@ -110,6 +128,8 @@ class Chain:
             "lengths": self.lengths.tolist(),
             "gravity": self.gravity,
             "damping": self.damping.tolist(),
+            "drag": self.drag.tolist(),
+            "quadratic_drag": self.quadratic_drag.tolist(),
         }
 
     def __eq__(self, other: object) -> bool:
@@ -119,16 +139,18 @@ class Chain:
         return hash(self._key())
 
     def _key(self) -> tuple[object, ...]:
-        arrays = (self.masses, self.lengths, self.damping)
+        arrays = (self.masses, self.lengths, self.damping, self.drag, self.quadratic_drag)
         return (self.gravity, *(a.tobytes() for a in arrays))
 
     def __repr__(self) -> str:
         def brief(a: FloatArray) -> str:
             return f"{a[0]:g}" if np.all(a == a[0]) else np.array2string(a, threshold=6)
 
+        air = f", drag={brief(self.drag)}, quadratic_drag={brief(self.quadratic_drag)}"
         return (
             f"Chain(n={self.n}, masses={brief(self.masses)}, lengths={brief(self.lengths)}, "
-            f"gravity={self.gravity:g}, damping={brief(self.damping)})"
+            f"gravity={self.gravity:g}, damping={brief(self.damping)}"
+            f"{air if self.has_drag else ''})"
         )
 
 

@@ -73,8 +73,13 @@ def test_power_of_gravity_torque_and_damping_is_the_change_of_energy(motion):
 
 
 @njit(error_model="numpy")
-def accelerate_packs(theta, omega, torque, v, l, inverse_l, damping, gravity, work, alpha):
-    rods = Rods(packs(v), packs(l), packs(inverse_l), packs(damping), packs(gravity))
+def accelerate_packs(
+    theta, omega, torque, v, l, inverse_l, damping, gravity, drag, pivot, work, alpha
+):
+    rods = Rods(
+        packs(v), packs(l), packs(inverse_l), packs(damping), packs(gravity), packs(drag),
+        packs(pivot),
+    )  # fmt: skip
     accelerations(packs(theta), packs(omega), packs(torque), rods, packs(work), packs(alpha))
 
 

@@ -24,7 +24,7 @@ from npend_gym.physics.kernels.stepping import advance_many, advance_one
 
 BoolArray = NDArray[np.bool_]
 
-CHAIN_OPTIONS = ("masses", "lengths", "gravity", "damping")
+CHAIN_OPTIONS = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
 START_OPTIONS = ("theta", "omega", "amplitude")
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": kernels.MAX_SPEED}
 _SCALARS = kernels.SEEN_ROWS
@@ -194,6 +194,8 @@ class Batch:
         self._per_rod(kernels.LENGTH)[place] = chain.lengths
         self._per_rod(kernels.INVERSE_LENGTH)[place] = 1.0 / chain.lengths
         self._per_rod(kernels.DAMPING)[place] = chain.damping
+        self._per_rod(kernels.DRAG)[place] = chain.drag
+        self._per_rod(kernels.QUADRATIC_DRAG)[place] = chain.quadratic_drag
         self._per_rod(kernels.MASS)[place] = chain.masses
         self._per_rod(kernels.CARRIED)[place] = chain.carried_masses * chain.lengths
         rods = pack_rods(chain)

@@ -20,8 +20,8 @@ OBSERVATIONS = ("angles", "sincos")
 MAX_SUBSTEPS = 100_000
 
 # Substeps are so short that in each the fastest normal mode turns by no more than this [rad], and
-# damping decays by no more than this. Turning points of a release then come out within 1e-6 s of
-# the adaptive method's for the paper's chains up to N = 20.
+# what damping and drag brake decays by no more than this. Turning points of a release then come out
+# within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
 _PHASE = 1.0 / 16.0
 
 
@@ -68,6 +68,8 @@ def make_config(
     lengths: ArrayLike,
     gravity: float,
     damping: ArrayLike,
+    drag: ArrayLike,
+    quadratic_drag: ArrayLike,
     actuated: Sequence[int],
     max_torque: float | None,
     dt: float | None,
@@ -79,7 +81,7 @@ def make_config(
     """Check the keywords of an environment and fill in what depends on mode and chain."""
     n = _checks.count("n", n, high=MAX_RODS)
     m, rods = _checks.vector("masses", masses, n), _checks.vector("lengths", lengths, n)
-    chain = Chain(m, rods, gravity, _checks.vector("damping", damping, n))
+    chain = Chain(m, rods, gravity, damping, drag, quadratic_drag)
     kind = _mode(mode)
     joints = _joints(actuated, n) if kind.torque_share > 0.0 else np.zeros(0, np.int64)
     limit = 0.5 * kind.torque_share * lifting_energy(chain)
@@ -105,14 +107,18 @@ def make_config(
 
 
 def _fastest_rate(chain: Chain) -> float:
-    """Return the rate [1/s] that the substeps must resolve: of the fastest mode, or of damping."""
+    """Return the rate [1/s] that the substeps must resolve: of the fastest mode, or of braking."""
     gravity = chain.gravity or STANDARD_GRAVITY  # as for the default torque
     swinging = Chain(chain.masses, chain.lengths, gravity)
     v = np.concatenate([[0.0], 1.0 / chain.masses])
     damping = np.append(chain.damping, 0.0)
     # a bound by Gershgorin's circles on the inverse mass matrix times the damping matrix
     braking = 4.0 * (v[:-1] + v[1:]) * (damping[:-1] + damping[1:]) / chain.lengths**2
-    return max(theory.fastest_frequency(swinging), float(braking.max()))
+    # drag slows no motion faster than the most slowed bob would be alone; that of the square at the
+    # speed of a pendulum as long as the chain that has fallen from upright, its slope 2 |v|
+    fallen = 2.0 * math.sqrt(gravity * chain.total_length)
+    slowing = (chain.drag + 2.0 * fallen * chain.quadratic_drag) / chain.masses
+    return max(theory.fastest_frequency(swinging), float(braking.max()) + float(slowing.max()))
 
 
 def _mode(mode: str | Mode) -> Mode:

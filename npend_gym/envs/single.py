@@ -26,9 +26,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     Description
     -----------
-    A planar chain moves under gravity, joint damping and torques at the actuated joints (by
-    default the base). The state is exact up to the integrator: the equations of motion are
-    solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
+    A planar chain moves under gravity, joint damping, drag of the air and torques at the actuated
+    joints (by default the base). The state is exact up to the integrator: the equations of motion
+    are solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
     paper's system A(theta) theta'' = b, by Runge-Kutta steps of order 4, `substeps` a step. All
     results are the same bits on every machine.
 
@@ -78,7 +78,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     passive, calm: at rest, all rods at `amplitude` plus one draw from [0, spread) common to all.
     swingup, balance: each angle and angular velocity drawn within 0.05 (0.02) of hanging
     (standing) at rest. ``reset(options={...})`` takes, for this episode: "theta", "omega" (n,),
-    "amplitude", "masses", "lengths", "damping" (n,), "gravity"; one number stands for all rods.
+    "amplitude", "masses", "lengths", "damping", "drag", "quadratic_drag" (n,), "gravity"; one
+    number stands for all rods.
 
     Episode end
     -----------
@@ -90,8 +91,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     Info
     ----
     The same keys from the reset on. ``time`` [s]; ``energy`` above hanging at rest [J];
-    ``energy_error``: energy less that at the start less the work of torque and damping, over the
-    larger of the two energies; ``bobs_completed``, ``pseudo_periods`` (n,) [s] (0.0 where not
+    ``energy_error``: energy less that at the start less the work of torque, damping and drag, over
+    the larger of the two energies; ``bobs_completed``, ``pseudo_periods`` (n,) [s] (0.0 where not
     yet) and their mean ``pseudo_period``, in the reading "bob" of `npend_gym.pseudo_periods`;
     ``ideal_period``, the paper's T0 [s]; ``tip_height`` over the pivot [m]; ``theta`` (n,),
     unwrapped, and ``omega`` (n,); ``diverged``; ``success``, whether the task is done as of now,
@@ -108,8 +109,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Number of rods.
     mode : {"swingup", "passive", "balance", "calm"} or npend_gym.envs.modes.Mode
         The task; an instance of a class of your own derived from Mode will do.
-    masses, lengths, damping : float or array_like, shape (n,)
-        As in `npend_gym.Chain` [kg, m, N m s/rad].
+    masses, lengths, damping, drag, quadratic_drag : float or array_like, shape (n,)
+        As in `npend_gym.Chain` [kg, m, N m s/rad, N s/m, N s^2/m^2].
     gravity : float
         [m/s^2].
     actuated : sequence of int
@@ -152,6 +153,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         lengths: ArrayLike = 1.0,
         gravity: float = 9.81,
         damping: ArrayLike = 0.0,
+        drag: ArrayLike = 0.0,
+        quadratic_drag: ArrayLike = 0.0,
         actuated: Sequence[int] = (0,),
         max_torque: float | None = None,
         dt: float | None = None,
@@ -162,8 +165,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         render_mode: str | None = None,
     ) -> None:
         self.config = config = make_config(
-            n, mode, masses, lengths, gravity, damping, actuated, max_torque, dt, substeps,
-            observation, amplitude, spread,
+            n, mode, masses, lengths, gravity, damping, drag, quadratic_drag, actuated,
+            max_torque, dt, substeps, observation, amplitude, spread,
         )  # fmt: skip
         self.action_space = config.action_space
         self.observation_space = config.observation_space
@@ -188,7 +191,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             Seed of the generator; without, it goes on.
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), "masses", "lengths", "damping",
-            each (n,) or one number; "amplitude", "gravity", numbers.
+            "drag", "quadratic_drag", each (n,) or one number; "amplitude", "gravity", numbers.
 
         Raises
         ------

@@ -73,6 +73,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         lengths: ArrayLike = 1.0,
         gravity: float = 9.81,
         damping: ArrayLike = 0.0,
+        drag: ArrayLike = 0.0,
+        quadratic_drag: ArrayLike = 0.0,
         actuated: Sequence[int] = (0,),
         max_torque: float | None = None,
         dt: float | None = None,
@@ -87,8 +89,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     ) -> None:
         self.closed = True  # until there is something to close
         config = make_config(
-            n, mode, masses, lengths, gravity, damping, actuated, max_torque, dt, substeps,
-            observation, amplitude, spread,
+            n, mode, masses, lengths, gravity, damping, drag, quadratic_drag, actuated,
+            max_torque, dt, substeps, observation, amplitude, spread,
         )  # fmt: skip
         self.num_envs = _checks.count("num_envs", num_envs, high=MAX_LANES)
         if max_episode_steps is not None:
@@ -130,8 +132,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         seed : int or sequence of int, optional
             Lane k is seeded with seed + k, or with seed[k]; without, its generator goes on.
         options : dict, optional
-            "reset_mask", bool (B,); "theta", "omega", "masses", "lengths", "damping" (B, n);
-            "amplitude", "gravity" (B,); one number stands for all.
+            "reset_mask", bool (B,); "theta", "omega", "masses", "lengths", "damping", "drag",
+            "quadratic_drag" (B, n); "amplitude", "gravity" (B,); one number stands for all.
 
         Returns
         -------

@@ -55,16 +55,20 @@ def linearise(
 
     Notes
     -----
-    The paper's system (its Eq. (eom)), row i times l_i, with damping and torques, is M alpha = f,
+    The paper's system (its Eq. (eom)), row i times l_i, with damping, drag and torques, is
+    M alpha = f,
 
         M = W \* cos(D),  D_ij = theta_i - theta_j,  W_ij = l_i l_j sum_{k >= max(i, j)} m_k,
-        f = Q - F omega - S omega^2 - g l mu sin(theta),  S = W \* sin(D),
+        f = Q - F omega - S omega^2 - g l mu sin(theta) + R,  S = W \* sin(D),
 
     the products being entry by entry. Differentiated along its solution alpha(theta, omega):
 
         M dalpha/dtheta = diag(S alpha - M omega^2 - g l mu cos(theta))
-                          - S diag(alpha) + M diag(omega^2),
-        M dalpha/domega = -2 S diag(omega) - F.
+                          - S diag(alpha) + M diag(omega^2) + dR/dtheta,
+        M dalpha/domega = -2 S diag(omega) - F + dR/domega.
+
+    Drag is there with R_i = l_i n_i . sum_{k >= i} D_k, its force on bob k being
+    D_k = -(drag_k + quadratic_drag_k \|v_k\|) v_k, v_k = sum_{i <= k} l_i omega_i n_i.
 
     One factorisation of M gives all columns: O(n^3), as A has 2n^2 entries to fill.
     """
@@ -82,12 +86,16 @@ def linearise(
     lift = chain.gravity * l * mu
 
     square = omega**2
+    resistance, resistance_by_theta, resistance_by_omega = (
+        _drag(chain, theta, omega) if chain.has_drag else (0.0, 0.0, 0.0)
+    )
     drive = at_joint @ couple - omega @ damping - _apply(gyro, square) - lift * np.sin(theta)
+    drive = drive + resistance
     alpha = _solve(mass, drive[..., None])[..., 0]
     diagonal = _apply(gyro, alpha) - _apply(mass, square) - lift * np.cos(theta)
     by_theta = diagonal[..., None] * np.eye(n) - gyro * alpha[..., None, :]
-    by_theta += mass * square[..., None, :]
-    by_omega = -2.0 * gyro * omega[..., None, :] - damping
+    by_theta += mass * square[..., None, :] + resistance_by_theta
+    by_omega = -2.0 * gyro * omega[..., None, :] - damping + resistance_by_omega
     columns = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
     by_torque = np.broadcast_to(at_joint[:, columns], (*theta.shape, len(columns)))
     solved = _solve(mass, np.concatenate([by_theta, by_omega, by_torque], axis=-1))
@@ -95,6 +103,33 @@ def linearise(
     top = np.broadcast_to(np.eye(n, solved.shape[-1], k=n), solved.shape)
     whole = np.concatenate([top, solved], axis=-2)
     return Linearisation(whole[..., : 2 * n], whole[..., 2 * n :])
+
+
+def _drag(
+    chain: Chain, theta: FloatArray, omega: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the generalised forces R of drag, and their derivatives by theta and by omega."""
+    l = chain.lengths[:, None]
+    along = l * np.stack([np.sin(theta), -np.cos(theta)], axis=-1)  # l e, (..., n, 2)
+    across = l * np.stack([np.cos(theta), np.sin(theta)], axis=-1)  # l n
+    above = np.tri(chain.n)  # bob k hangs on the rods i <= k
+    velocity = above @ (across * omega[..., None])
+    speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
+    factor = chain.drag[:, None] + chain.quadratic_drag[:, None] * speed
+    direction = velocity / np.where(speed > 0.0, speed, 1.0)
+    growth = (factor - chain.drag[:, None]) * direction
+    by_velocity = factor[..., None] * np.eye(2) + growth[..., None] * direction[..., None, :]
+
+    force = above.T @ (factor * velocity)  # on the bobs that hang on each rod, backwards
+    # bob k by rods i and j: what the force on it does to rod i where rod j moves it
+    to_bobs = above[..., None] * across[..., None, :, :]  # dv_k/domega_i, (..., k, i, 2)
+    pushed = np.einsum("...kia,...kab->...kib", to_bobs, by_velocity)
+    by_omega = -np.einsum("...kib,...kjb->...ij", pushed, to_bobs)
+    # dn/dtheta = -e: a turned rod turns the velocity that it gives the bobs, and its own share
+    turned = above[..., None] * (along * omega[..., None])[..., None, :, :]
+    by_theta = np.einsum("...kib,...kjb->...ij", pushed, turned)
+    by_theta += np.sum(force * along, axis=-1)[..., None] * np.eye(chain.n)
+    return -np.sum(force * across, axis=-1), by_theta, by_omega
 
 
 def _solve(matrices: FloatArray, columns: FloatArray) -> FloatArray:

@@ -18,8 +18,9 @@ from npend_gym._version import __version__
 from npend_gym.chain import Chain
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver
-from npend_gym.physics.kernels.dynamics import new_work, pack_rods
+from npend_gym.physics.kernels.dynamics import Rods, new_work
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
+from npend_gym.physics.pivot import cart_motion, checked_pivot, rods_on
 
 METHODS = ("dop853", "rk4")
 MIN_RTOL = 1e-14
@@ -44,7 +45,11 @@ class Trajectory:
     theta, omega : ndarray, shape (T, n)
         Angles [rad], unwrapped, and angular velocities [rad/s].
     provenance : dict
-        What made it: package version, method, tolerances, torque.
+        What made it: package version, method, tolerances, torque, motion of the pivot.
+
+    Notes
+    -----
+    Positions, velocities and energy are those relative to the pivot, also where it moves.
     """
 
     chain: Chain
@@ -64,6 +69,24 @@ class Trajectory:
     def energy(self) -> FloatArray:
         """Return the energy above hanging at rest [J], shape (T,)."""
         return _energy.energy(self.chain, self.theta, self.omega)
+
+    def cart(self, position: float = 0.0, velocity: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return position [m] and velocity [m/s] of the cart, shape (T,) each.
+
+        Parameters
+        ----------
+        position, velocity : float
+            Those at ``times[0]``. The motion of the chain does not depend on them.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If there is no cart, or an argument is no number.
+        """
+        if "cart_mass" not in self.provenance:
+            raise ValueError("cart() needs a trajectory made by simulate(..., cart_mass=...)")
+        start = _checks.number("position", position), _checks.number("velocity", velocity)
+        return cart_motion(self.chain, self.times, self.theta, self.omega, self.provenance, start)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the trajectory to `path` as an npz archive, whole or not at all.
@@ -109,6 +132,9 @@ def simulate(
     times: ArrayLike,
     *,
     torque: ArrayLike | None = None,
+    pivot_acceleration: ArrayLike | None = None,
+    cart_mass: float | None = None,
+    force: float = 0.0,
     method: str = "dop853",
     rtol: float = 1e-10,
     atol: float = 1e-12,
@@ -125,6 +151,16 @@ def simulate(
         Instants at which the state is wanted [s], increasing.
     torque : float or array_like, shape (n,), optional
         Constant torque [N m]: a number acts on joint 0, an array on every joint.
+    pivot_acceleration : array_like, shape (2,), optional
+        Constant acceleration of the pivot [m/s^2], sideways and up. A motion that depends on time
+        is made of segments: one call for each, begun with the last ``theta[-1]`` and
+        ``omega[-1]``; the error of taking the mean acceleration of each falls with the square of
+        their length.
+    cart_mass : float, optional
+        Mass [kg] of a cart that carries the pivot along a horizontal rail without friction; see
+        `Trajectory.cart`. The rail bears the reaction of a torque at joint 0.
+    force : float
+        Constant horizontal force [N] on the cart; one that depends on time in segments, as above.
     method : {"dop853", "rk4"}
         "dop853": order 8(5,3), its step chosen to meet `rtol` and `atol`. "rk4": order 4, equal
         steps, the fewest between two times that are no longer than `dt`.
@@ -147,7 +183,9 @@ def simulate(
     Notes
     -----
     The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, see
-    `npend_gym.physics.kernels.dynamics`. Results are the same bits on every machine.
+    `npend_gym.physics.kernels.dynamics`; docs/extensions.md has what drag and a moving pivot add to
+    them. Chains with drag want a pivot at rest: elsewhere the drag would depend on the pivot's
+    velocity too. Results are the same bits on every machine.
     """
     if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
@@ -163,13 +201,16 @@ def simulate(
         "method": method,
         "torque": couple.tolist(),
     }
+    pivot = checked_pivot(chain, pivot_acceleration, cart_mass, force)
+    provenance |= pivot
+    rods = rods_on(chain, pivot)
     frames = np.empty((times.size, 2 * n))
     if method == "rk4":
         if dt is None:
             raise ValueError('dt must be given with method "rk4": the longest step in seconds')
         dt = _checks.positive_number("dt", dt)
         provenance["dt"] = dt
-        _run_rk4(chain, y, times, dt, couple, frames)
+        _run_rk4(rods, y, times, dt, couple, frames)
     else:
         if dt is not None:
             raise ValueError(
@@ -178,7 +219,7 @@ def simulate(
         rtol = check_rtol(rtol)
         atol = _checks.positive_number("atol", atol)
         provenance |= {"rtol": rtol, "atol": atol}
-        _run_dop853(chain, y, times, couple, rtol, atol, frames)
+        _run_dop853(rods, y, times, couple, rtol, atol, frames)
     return Trajectory(chain, times, frames[:, :n].copy(), frames[:, n:].copy(), provenance)
 
 
@@ -203,15 +244,16 @@ def joint_torques(torque: ArrayLike | None, n: int) -> FloatArray:
 
 
 def _run_rk4(
-    chain: Chain,
+    rods: Rods,
     y: FloatArray,
     times: FloatArray,
     dt: float,
     torque: FloatArray,
     frames: FloatArray,
 ) -> None:
-    rods, work = pack_rods(chain), new_work(chain.n)
-    done = rk4_frames(y, times, dt, torque, rods, work, np.zeros((STAGE_ROWS, chain.n)), frames)
+    n = torque.size
+    stages = np.zeros((STAGE_ROWS, n))
+    done = rk4_frames(y, times, dt, torque, rods, new_work(n), stages, frames)
     if done < times.size:
         raise IntegrationError(
             f"the state diverged between t = {times[done - 1]:g} s and {times[done]:g} s: "
@@ -220,7 +262,7 @@ def _run_rk4(
 
 
 def _run_dop853(
-    chain: Chain,
+    rods: Rods,
     y: FloatArray,
     times: FloatArray,
     torque: FloatArray,
@@ -228,10 +270,10 @@ def _run_dop853(
     atol: float,
     frames: FloatArray,
 ) -> None:
-    rods, solver = pack_rods(chain), new_solver(float(times[0]), y)
+    solver = new_solver(float(times[0]), y)
     frames[0] = y
     done, starting = 1, True
-    steps = max(1, _RODS_PER_CALL // chain.n)
+    steps = max(1, _RODS_PER_CALL // torque.size)
     while done < times.size:
         done = dop853_frames(solver, starting, times, done, steps, rods, torque, rtol, atol, frames)
         starting = False

@@ -18,10 +18,21 @@ a symmetric tridiagonal system, positive definite. The component across the rod 
 
 The paper prints pi_ij = min(i, j) in A and b and max(i, j) in its appendix A; these equations
 equal the system with max, and with the masses that its kinetic energy leaves out.
+
+Drag and a pivot that moves add terms to the right sides (docs/extensions.md has their derivation).
+Drag slows bob i at the rate r_i = v_{i+1} (drag_i + quadratic_drag_i |velocity|); with a_i and b_i
+the bob's velocity along e_i and n_i, it adds
+
+    to (1) (r_{i-1} - r_i) a_i,        to (2) (r_{i-1} - r_i) b_i - r_{i-1} l_i omega_i.        (3)
+
+A pivot that accelerates by x'' sideways adds -x'' s_0 to (1) and -x'' c_0 to (2) where i = 0. Is it
+a cart of mass M that is pushed by the force F, then x'' = (F + T_0 s_0 - f_0 c_0) / M, whose
+tension goes to the left: (1) has s_0^2 / M for v_0.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -32,7 +43,7 @@ from npend_gym.chain import Chain
 from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.physics.kernels.sincos import sincos
 
-WORK_ROWS = 6
+WORK_ROWS = 7
 
 
 class Rods(NamedTuple):
@@ -43,6 +54,8 @@ class Rods(NamedTuple):
     inverse_length: FloatArray  # 1/l, (n,)
     damping: FloatArray  # joints 0..n-1, (n,)
     gravity: FloatArray  # g, (1,)
+    drag: FloatArray  # linear, then quadratic, (2n,); empty where there is none
+    pivot: FloatArray  # x'' less that by T_0 and f_0, and 1/M, (2,); empty where it does not move
 
 
 def pack_rods(*chains: Chain) -> Rods:
@@ -53,6 +66,10 @@ def pack_rods(*chains: Chain) -> Rods:
         innermost([1.0 / chain.lengths for chain in chains]),
         innermost([chain.damping for chain in chains]),
         innermost([np.array([chain.gravity]) for chain in chains]),
+        innermost([np.concatenate([chain.drag, chain.quadratic_drag]) for chain in chains])
+        if any(chain.has_drag for chain in chains)
+        else np.zeros(0),
+        np.zeros(0),
     )
 
 
@@ -75,23 +92,27 @@ def copy(source: FloatArray, target: FloatArray) -> None:
 
 @inlined_kernel
 def _tensions(
-    v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray
-) -> None:
+    v: FloatArray, c: FloatArray, v_0: float, rhs: FloatArray, tension: FloatArray,
+    link: FloatArray,
+) -> None:  # fmt: skip
     """Solve Eq. (1), from both ends to the middle rod and back.
 
     Row i is brought to T_i = tension_i + link_i T_next, `next` being its neighbour on the way to
     the middle. Two independent sweeps take half the time of one, as each waits for its divisions.
-    The guards v_0 = 0 and c_n = 0 end the chain, so that no row needs a case of its own.
+    Zeros end the chain, q_top and z_top before rod 0 and c_n, so that no row needs a case of its
+    own.
     """
     n = rhs.size
     middle = n // 2
     q_top = z_top = q_tip = z_tip = 0.0  # inverse pivot and reduced right side of the last row
+    v_here = v_0
     for i in range(middle):
-        o = c[i] * v[i]
-        q_top = 1.0 / ((v[i] + v[i + 1]) - (o * o) * q_top)
+        o = c[i] * v_here
+        q_top = 1.0 / ((v_here + v[i + 1]) - (o * o) * q_top)
         z_top = (rhs[i] + o * z_top) * q_top
         tension[i] = z_top
-        link[i] = (c[i + 1] * v[i + 1]) * q_top
+        v_here = v[i + 1]
+        link[i] = (c[i + 1] * v_here) * q_top
         j = n - 1 - i
         if j > middle:
             o = c[j + 1] * v[j + 1]
@@ -99,9 +120,9 @@ def _tensions(
             z_tip = (rhs[j] + o * z_tip) * q_tip
             tension[j] = z_tip
             link[j] = (c[j] * v[j]) * q_tip
-    o = c[middle] * v[middle]
+    o = c[middle] * v_here
     o_below = c[middle + 1] * v[middle + 1]
-    pivot = ((v[middle] + v[middle + 1]) - (o * o) * q_top) - (o_below * o_below) * q_tip
+    pivot = ((v_here + v[middle + 1]) - (o * o) * q_top) - (o_below * o_below) * q_tip
     up = down = ((rhs[middle] + o * z_top) + o_below * z_tip) / pivot
     tension[middle] = up
     for i in range(1, middle + 1):
@@ -113,14 +134,63 @@ def _tensions(
 
 
 @inlined_kernel
+def _add_drag(
+    omega: FloatArray, rods: Rods, s: FloatArray, c: FloatArray, along: FloatArray,
+    across: FloatArray,
+) -> float:  # fmt: skip
+    """Add Eq. (3) to `along`, write its other part into `across`; return the power taken [W].
+
+    The velocity of a bob is that of the bob above, turned into the frame of its own rod, and that
+    about it: no further sines are needed.
+    """
+    n = rods.drag.size // 2  # 0 where there is none
+    v, linear, quadratic = rods.inverse_mass[1:], rods.drag, rods.drag[n:]
+    a = b = rate_above = power = 0.0
+    for i in range(n):
+        about = rods.length[i] * omega[i]
+        a, b = c[i] * a + s[i] * b, (c[i] * b - s[i] * a) + about
+        square = a * a + b * b
+        drag = linear[i] + quadratic[i] * math.sqrt(square)
+        rate = v[i] * drag
+        along[i] = along[i] + (rate_above - rate) * a
+        across[i] = (rate_above - rate) * b - rate_above * about
+        rate_above = rate
+        power = power + drag * square
+    return power
+
+
+@inlined_kernel
+def _free_pivot(
+    pivot: FloatArray, f: FloatArray, s: FloatArray, c: FloatArray, rhs: FloatArray
+) -> float:
+    """Take the motion of the pivot into the first row of Eq. (1); return v_0."""
+    if pivot.size == 0:
+        return 0.0
+    rhs[0] = rhs[0] - (pivot[0] - pivot[1] * (f[0] * c[0])) * s[0]
+    return pivot[1] * (s[0] * s[0])
+
+
+@inlined_kernel
+def _move_pivot(
+    pivot: FloatArray, t: FloatArray, f: FloatArray, s: FloatArray, c: FloatArray,
+    inverse_l: FloatArray, alpha: FloatArray,
+) -> None:  # fmt: skip
+    """Take the motion of the pivot into Eq. (2) of the first rod."""
+    if pivot.size > 0:
+        sideways = pivot[0] + pivot[1] * (t[0] * s[0] - f[0] * c[0])
+        alpha[0] = alpha[0] - (sideways * c[0]) * inverse_l[0]
+
+
+@inlined_kernel
 def accelerations(
     theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray,
     alpha: FloatArray,
-) -> None:  # fmt: skip
+) -> float:  # fmt: skip
     """Write the angular accelerations [rad/s^2] of a chain, or of a pack of them, into `alpha`.
 
-    Arrays have shape (n,); `torque` [N m] acts at joints 0..n-1. The long loops are over
-    independent entries, for LLVM to vectorise where there is one chain.
+    Arrays have shape (n,); `torque` [N m] acts at joints 0..n-1. Return the power that drag takes
+    [W]. The long loops are over independent entries, for LLVM to vectorise where there is one
+    chain.
     """
     l, inverse_l, damping, g = rods.length, rods.inverse_length, rods.damping, rods.gravity
     n = theta.size
@@ -130,7 +200,7 @@ def accelerations(
     c, c_below = work[1], work[1][1:]
     f_above, f, f_below = work[2], work[2][1:], work[2][2:]
     t_above, t, t_below = work[3], work[3][1:], work[3][2:]
-    rhs, link = work[4][:n], work[5]
+    rhs, link, across = work[4][:n], work[5], work[6]
     theta_below, omega_below = theta[1:], omega[1:]
     torque_below, damping_below = torque[1:], damping[1:]
 
@@ -147,12 +217,19 @@ def accelerations(
         from_below = v_below[i] * (f_below[i] * s_below[i])
         rhs[i] = (l[i] * (omega[i] * omega[i]) + from_below) - v[i] * (f_above[i] * s[i])
     rhs[0] = rhs[0] + g[0] * c[0]
-    _tensions(v, c, rhs, t, link)
+    # Whether there is any is asked there: with `if` here, Numba would count references to views
+    power = _add_drag(omega, rods, s, c, rhs, across)
+    v_0 = _free_pivot(rods.pivot, f, s, c, rhs)
+    _tensions(v, c, v_0, rhs, t, link)
     for i in range(n):
         from_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
         from_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
         alpha[i] = (v_below[i] * from_below - v[i] * from_above) * inverse_l[i]
     alpha[0] = alpha[0] - (g[0] * s[0]) * inverse_l[0]
+    for i in range(rods.drag.size // 2):
+        alpha[i] = alpha[i] + across[i] * inverse_l[i]
+    _move_pivot(rods.pivot, t, f, s, c, inverse_l, alpha)
+    return power
 
 
 @kernel

@@ -24,7 +24,8 @@ from npend_gym.physics.kernels.turning import Turns
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
 
 # The block of memory has a row with an entry for every lane for each of these,
-TIME, START_ENERGY, WORK_DONE = range(3)  # s, J above rest, J by torque and damping since the start
+# s; J above rest; J by torque, damping and drag since then
+TIME, START_ENERGY, WORK_DONE = range(3)
 THRESHOLD = 3  # m/s, the speed above which a bob's direction counts
 # 1 over length [1/m] and unit of energy [1/J]; height of the centre of mass over mass times length
 PER_REACH, PER_UNIT, LIFT_SHARE = range(4, 7)
@@ -33,11 +34,10 @@ COMPLETED, EFFORT = 7, 8  # bobs whose pseudo-period is known; mean square of th
 DIVERGED, ACTIVE, STARTING = range(9, 12)
 LANE_ROWS = 12
 # then, group after group, a row of the group's lanes for each rod (and joint) for each of these,
-THETA, OMEGA, VELOCITY, PERIOD, ORIENTATION, ZERO, SIGN, RISEN = range(8)  # velocity: of the bob,
-LENGTH, INVERSE_LENGTH, DAMPING, MASS, CARRIED = range(
-    8, 13
-)  # horizontal; mass carried times length
-GRAVITY_AND_INVERSE_MASS = 13  # gravity, then the inverse masses at joints 0..n
+# the velocity being the bob's, horizontal, and CARRIED the mass carried times length,
+THETA, OMEGA, VELOCITY, PERIOD, ORIENTATION, ZERO, SIGN, RISEN = range(8)
+LENGTH, INVERSE_LENGTH, DAMPING, DRAG, QUADRATIC_DRAG, MASS, CARRIED = range(8, 15)
+GRAVITY_AND_INVERSE_MASS = 15  # gravity, then the inverse masses at joints 0..n
 # and at last, group after group, a row for each actuated joint: the action, torque over its limit.
 
 # What is seen: for every lane what a mode judges by, then what only the info tells,
@@ -92,18 +92,30 @@ def new_scratch(n: int, width: int) -> FloatArray:
 
 
 @inlined_kernel
+def any_positive(row: FloatArray) -> bool:
+    """Return whether any lane of any entry is greater than zero; none may be less."""
+    total = row[0]
+    for i in range(1, row.size):
+        total = total + row[i]
+    return any_of(total > 0.0)
+
+
+@inlined_kernel
 def group_of(numbers: FloatArray, groups: int, g: int, n: int) -> Group:
     """Return the named parts of group `g`."""
     rows = GRAVITY_AND_INVERSE_MASS * n + n + 2
     first = LANE_ROWS * groups + g * rows
     part = numbers[first : first + rows]
     last = GRAVITY_AND_INVERSE_MASS * n
+    drag = part[DRAG * n : (QUADRATIC_DRAG + 1) * n]
     rods = Rods(
         part[last + 1 :],
         part[LENGTH * n : (LENGTH + 1) * n],
         part[INVERSE_LENGTH * n : (INVERSE_LENGTH + 1) * n],
         part[DAMPING * n : (DAMPING + 1) * n],
         part[last : last + 1],
+        drag if any_positive(drag) else part[:0],
+        part[:0],
     )
     return Group(
         part[THETA * n : (THETA + 1) * n],

@@ -26,8 +26,10 @@ def _stage(
 def rk4_step(
     theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
     work: FloatArray, stages: FloatArray,
-) -> None:  # fmt: skip
+) -> float:  # fmt: skip
     """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
+
+    Return the energy that drag takes [J].
 
     Arrays are as in `accelerations`, `stages` has STAGE_ROWS rows of n or more. A stage's theta'
     is its own omega: rows 0 to 3 keep the angular accelerations of K_1..K_4, rows 4 to 6 the omega
@@ -36,18 +38,19 @@ def rk4_step(
     n = theta.size
     a1, a2, a3, a4 = stages[0][:n], stages[1][:n], stages[2][:n], stages[3][:n]
     w2, w3, w4, x = stages[4][:n], stages[5][:n], stages[6][:n], stages[7][:n]
-    accelerations(theta, omega, torque, rods, work, a1)
+    power_1 = accelerations(theta, omega, torque, rods, work, a1)
     _stage(theta, omega, omega, a1, 0.5 * h, x, w2)
-    accelerations(x, w2, torque, rods, work, a2)
+    power_2 = accelerations(x, w2, torque, rods, work, a2)
     _stage(theta, omega, w2, a2, 0.5 * h, x, w3)
-    accelerations(x, w3, torque, rods, work, a3)
+    power_3 = accelerations(x, w3, torque, rods, work, a3)
     _stage(theta, omega, w3, a3, h, x, w4)
-    accelerations(x, w4, torque, rods, work, a4)
+    power_4 = accelerations(x, w4, torque, rods, work, a4)
     sixth = h / 6.0
     for i in range(n):
         theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
     for i in range(n):
         omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
+    return sixth * ((power_1 + power_4) + 2.0 * (power_2 + power_3))
 
 
 @kernel

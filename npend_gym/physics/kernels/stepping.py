@@ -13,6 +13,7 @@ from npend_gym.physics.kernels.dynamics import accelerations, copy
 from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.lanes import (
     Group,
+    any_positive,
     bob_velocities,
     describe_group,
     floats_of,
@@ -143,7 +144,7 @@ def _substeps(
     view: NumbersOf, width: int, floats: FloatArray, groups: int, g: int, group: Group, h: float,
     substeps: int, careful: bool, scratch: FloatArray,
 ) -> FloatArray:  # fmt: skip
-    """Advance a group by `substeps` of `h` seconds; return the energy that damping took [J]."""
+    """Advance a group by `substeps` of `h` seconds; return what damping and drag took [J]."""
     theta, omega, length = group.theta, group.omega, group.rods.length
     n, lanes = theta.size, groups * width
     numbers, rest = view(floats), view(scratch)
@@ -151,9 +152,7 @@ def _substeps(
     theta_1, omega_1 = rest[row.THETA_1][:n], rest[row.OMEGA_1][:n]
     waiting = (numbers[row.COMPLETED * groups + g] < n) & (numbers[row.ACTIVE * groups + g] > 0.0)
     pending = any_of(waiting)
-    damped = False
-    for i in range(n):
-        damped = damped | any_of(group.rods.damping[i] > 0.0)
+    damped = any_positive(group.rods.damping)
     lost = 0.0 * numbers[row.TIME * groups + g]
     for substep in range(substeps):
         if pending:
@@ -162,7 +161,7 @@ def _substeps(
             copy(omega, omega_1)
         if damped:
             lost = lost + (h / 6.0) * _damping_power(omega, group.rods.damping)
-        rk4_step(theta, omega, h, torque, group.rods, work, stages)
+        lost = lost + rk4_step(theta, omega, h, torque, group.rods, work, stages)
         if damped:
             for stage in range(4, 7):
                 weight = h / 6.0 if stage == 6 else h / 3.0

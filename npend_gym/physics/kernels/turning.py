@@ -219,6 +219,7 @@ def _rods_of(rods: Rods, lane: int, width: int) -> Rods:
     return Rods(
         rods.inverse_mass[lane::width], rods.length[lane::width],
         rods.inverse_length[lane::width], rods.damping[lane::width], rods.gravity[lane::width],
+        rods.drag[lane::width], rods.pivot[lane::width],
     )  # fmt: skip
 
 
@@ -241,7 +242,7 @@ def _as_numbers(
         ),
         Rods(
             view(rods.inverse_mass), view(rods.length), view(rods.inverse_length),
-            view(rods.damping), view(rods.gravity),
+            view(rods.damping), view(rods.gravity), view(rods.drag), view(rods.pivot),
         ),
         Turns(
             view(turns.period), view(turns.orientation), view(turns.sign), view(turns.risen),

@@ -1,0 +1,321 @@
+"""Drag and moving pivots against the dense Lagrangian, derived here by SymPy."""
+
+from functools import cache
+from itertools import pairwise
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_simpson
+
+from npend_gym import Chain, Trajectory, pseudo_periods, simulate
+from npend_gym.physics.energy import velocities
+from npend_gym.physics.kernels.dynamics import derivative, new_work
+from npend_gym.physics.linearise import linearise
+from npend_gym.physics.pivot import rods_on
+
+
+@cache
+def lagrangian(n):
+    """Return a function for M and f of M q'' = f, q = (x, y, theta): the pivot is free to move."""
+    import sympy as sp
+
+    q, u = sp.symbols(f"q:{n + 2}"), sp.symbols(f"u:{n + 2}")
+    m, l, torque, damping, c, d = (sp.symbols(f"{name}:{n}") for name in "mlthcd")
+    cart, push, g = sp.symbols("M F g")
+    bobs, at = [], sp.Matrix(q[:2])
+    for i in range(n):
+        at = at + l[i] * sp.Matrix([sp.sin(q[i + 2]), -sp.cos(q[i + 2])])
+        bobs.append(at)
+    speeds = [bob.jacobian(q) * sp.Matrix(u) for bob in bobs]
+    kinetic = cart * (u[0] ** 2 + u[1] ** 2) / 2
+    kinetic += sum(m[i] * speeds[i].dot(speeds[i]) / 2 for i in range(n))
+    lagrange = kinetic - sum(m[i] * g * bobs[i][1] for i in range(n))
+    by_speed = sp.Matrix([lagrange]).jacobian(u)
+    force = sp.Matrix([lagrange]).jacobian(q).T - by_speed.jacobian(q) * sp.Matrix(u)
+    force[0] += push
+    for i in range(n):
+        size = sp.sqrt(speeds[i].dot(speeds[i]))
+        force -= bobs[i].jacobian(q).T * ((c[i] + d[i] * size) * speeds[i])
+        above = u[i + 1] if i > 0 else 0
+        joint = torque[i] - damping[i] * (u[i + 2] - above)
+        force[i + 2] += joint
+        if i > 0:
+            force[i + 1] -= joint
+    symbols = (q, u, m, l, torque, damping, c, d, cart, push, g)
+    return sp.lambdify(symbols, (by_speed.jacobian(u), force), cse=True)
+
+
+def dense(chain, theta, omega, torque, cart=1.0, push=0.0):
+    matrix, force = lagrangian(chain.n)(
+        [0.0, 0.0, *theta], [0.0, 0.0, *omega], chain.masses, chain.lengths, torque,
+        chain.damping, chain.drag, chain.quadratic_drag, cart, push, chain.gravity,
+    )  # fmt: skip
+    return matrix, force[:, 0]
+
+
+def accelerate(chain, theta, omega, torque, pivot=None):
+    change = np.empty(2 * chain.n)
+    state = np.concatenate([theta, omega])
+    derivative(state, torque, rods_on(chain, pivot or {}), new_work(chain.n), change)
+    return change[chain.n :]
+
+
+def cases(n, drag=True):
+    """Some random chains in motion."""
+    rng = np.random.default_rng(n)
+    for _ in range(10):
+        resistance = rng.uniform(0.0, 2.0, (3, n)) * [[1.0], [drag], [drag]]
+        chain = Chain(
+            rng.uniform(0.3, 3.0, n), rng.uniform(0.3, 3.0, n), rng.uniform(0.0, 20.0), *resistance
+        )
+        yield chain, *rng.normal(0.0, 3.0, (3, n)), rng.uniform(0.3, 3.0), rng.normal(0.0, 5.0, 2)
+
+
+def agree(got, expected):
+    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_drag_is_that_of_the_lagrangian(n):
+    for chain, theta, omega, torque, _, _ in cases(n):
+        matrix, force = dense(chain, theta, omega, torque)
+        agree(accelerate(chain, theta, omega, torque), np.linalg.solve(matrix[2:, 2:], force[2:]))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_an_accelerated_pivot_is_that_of_the_lagrangian(n):
+    for chain, theta, omega, torque, _, given in cases(n, drag=False):
+        matrix, force = dense(chain, theta, omega, torque)
+        expected = np.linalg.solve(matrix[2:, 2:], force[2:] - matrix[2:, :2] @ given)
+        agree(accelerate(chain, theta, omega, torque, {"pivot_acceleration": given}), expected)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_a_cart_is_that_of_the_lagrangian(n):
+    for chain, theta, omega, torque, cart, (push, _) in cases(n, drag=False):
+        matrix, force = dense(chain, theta, omega, torque, cart, push)
+        moving = np.array([0, *range(2, n + 2)])  # not up
+        expected = np.linalg.solve(matrix[np.ix_(moving, moving)], force[moving])
+        pivot = {"cart_mass": cart, "force": push}
+        agree(accelerate(chain, theta, omega, torque, pivot), expected[1:])
+
+
+def test_the_terms_are_there_in_long_chains_of_even_and_odd_length():
+    # equal rates of drag on all bobs only slow the chain: alpha(drag) = alpha(0) - rate omega
+    rng = np.random.default_rng(1)
+    for n in (50, 51):
+        masses, lengths, theta, omega = rng.uniform(0.5, 2.0, (4, n))
+        free, slowed = (Chain(masses, lengths, drag=k * masses) for k in (0.0, 0.7))
+        expected = accelerate(free, theta, omega, np.zeros(n)) - 0.7 * omega
+        agree(accelerate(slowed, theta, omega, np.zeros(n)), expected)
+    # a free fall of the pivot takes gravity away, a cart of great mass is a pivot at rest
+    chain, spin = Chain(masses, lengths), (theta, omega, np.zeros(n))
+    weightless = accelerate(Chain(masses, lengths, gravity=0.0), *spin)
+    agree(accelerate(chain, *spin, {"pivot_acceleration": [0.0, -chain.gravity]}), weightless)
+    heavy = accelerate(chain, *spin, {"cart_mass": 1e16, "force": 0.0})
+    agree(heavy, accelerate(chain, *spin))
+
+
+DRAGGED = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], 9.81, 0.05, [0.3, 0.1, 0.2], [0.2, 0.5, 0.1])
+
+
+def power_taken(chain, theta, omega):
+    square = (velocities(chain, theta, omega) ** 2).sum(axis=-1)
+    by_air = (chain.drag + chain.quadratic_drag * np.sqrt(square)) * square
+    return (by_air + chain.damping * np.diff(omega, axis=-1, prepend=0.0) ** 2).sum(axis=-1)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 2e-4}])
+def test_what_drag_takes_is_missing_in_the_energy(options):
+    times = np.linspace(0.0, 4.0, 8001)
+    path = simulate(DRAGGED, [2.0, 1.2, -0.4], 0.0, times, rtol=1e-12, atol=1e-14, **options)
+    lost = cumulative_simpson(power_taken(DRAGGED, path.theta, path.omega), x=times, initial=0.0)
+    np.testing.assert_allclose(path.energy() + lost, path.energy()[0], rtol=1e-8)
+    assert lost[-1] > 0.3 * path.energy()[0]
+
+
+def test_without_gravity_one_bob_slows_as_its_closed_form_says():
+    # one bob, no gravity: omega' = -(c + d l omega) omega / m, of which 1/omega is known
+    c, d, m, l, start = 0.3, 0.5, 2.0, 0.8, 4.0
+    times = np.linspace(0.0, 5.0, 6)
+    path = simulate(Chain([m], [l], 0.0, 0.0, c, d), 0.2, start, times)
+    growth = np.exp(c / m * times)
+    exact = 1.0 / (growth / start + d * l / c * (growth - 1.0))
+    np.testing.assert_allclose(path.omega[:, 0], exact, rtol=1e-9)
+
+
+def test_work_of_an_accelerated_pivot_balances_the_energy(uneven):
+    sideways, up = given = np.array([2.0, -1.5])
+    path = simulate(uneven, 0.8, 0.1, np.linspace(0.0, 3.0, 31), pivot_acceleration=given)
+    moved = path.positions() - path.positions()[0]
+    work = -moved @ [sideways, up] @ uneven.masses  # of the force -m a that is seen on the pivot
+    np.testing.assert_allclose(path.energy() - path.energy()[0], work, rtol=0, atol=1e-7)
+    assert np.abs(work).max() > 1.0
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 1e-3}])
+def test_work_of_the_force_on_a_cart_and_of_the_torque_balances_all_energy(uneven, options):
+    cart, push, torque = 1.5, 3.0, np.array([2.0, 0.0, -1.0, 0.5])
+    path = simulate(
+        uneven, [0.8, -0.3, 1.0, 2.0], 0.1, np.linspace(0.0, 3.0, 31), torque=torque,
+        cart_mass=cart, force=push, **options,
+    )  # fmt: skip
+    position, velocity = path.cart(position=0.5, velocity=-0.7)
+    assert (position[0], velocity[0]) == pytest.approx((0.5, -0.7))
+    bobs = path.velocities() + velocity[:, None, None] * [1.0, 0.0]
+    extra = 0.5 * ((bobs**2).sum(axis=2) - (path.velocities() ** 2).sum(axis=2)) @ uneven.masses
+    total = path.energy() + extra + 0.5 * cart * velocity**2
+    turned = np.diff(path.theta - path.theta[0], axis=1, prepend=0.0)
+    work = push * (position - position[0]) + turned @ torque
+    np.testing.assert_allclose(total - total[0], work, rtol=0, atol=1e-6)
+
+
+def test_the_velocity_of_the_cart_is_the_change_of_its_position(uneven):
+    times = np.linspace(0.0, 1.0, 1001)
+    path = simulate(uneven, [0.8, -0.3, 1.0, 2.0], 1.0, times, cart_mass=0.7, force=2.0)
+    position, velocity = path.cart(velocity=0.3)
+    moved = cumulative_simpson(velocity, x=times, initial=0.0)
+    np.testing.assert_allclose(position, moved, rtol=0, atol=1e-7)
+    assert np.ptp(velocity) > 1.0
+
+
+def test_a_cart_in_segments_is_a_cart_in_one_and_survives_saving(uneven, tmp_path):
+    whole = simulate(uneven, 0.8, 0.1, [0.0, 1.0, 2.0], cart_mass=2.0, force=1.0)
+    first = simulate(uneven, 0.8, 0.1, [0.0, 1.0], cart_mass=2.0, force=1.0)
+    then = simulate(uneven, first.theta[-1], first.omega[-1], [1.0, 2.0], cart_mass=2.0, force=1.0)
+    then.save(tmp_path / "then.npz")
+    start = [motion[-1] for motion in first.cart()]
+    again = Trajectory.load(tmp_path / "then.npz").cart(*start)
+    np.testing.assert_allclose(again, np.array(whole.cart())[:, 1:], rtol=0, atol=1e-8)
+
+
+def test_a_shaken_pivot_in_segments_follows_the_equations_with_time_in_them(uneven):
+    # a rising pivot, y'' = a cos(w t), by mean accelerations: error of the order of h^2
+    a, w, end = 3.0, 5.0, 1.0
+
+    def segments(count):
+        theta, omega = np.full(4, 0.5), np.zeros(4)
+        edges = np.linspace(0.0, end, count + 1)
+        rises = np.diff(a / w * np.sin(w * edges)) * count / end
+        for span, rise in zip(pairwise(edges), rises, strict=True):
+            path = simulate(uneven, theta, omega, span, pivot_acceleration=(0.0, rise))
+            theta, omega = path.theta[-1], path.omega[-1]
+        return theta
+
+    errors = [np.abs(segments(k) - segments(400)).max() for k in (25, 50, 100)]
+    assert errors[0] < 1e-2
+    assert 3.5 < errors[0] / errors[1] < 4.5
+    assert 3.5 < errors[1] / errors[2] < 5.0
+
+
+@pytest.mark.parametrize("lanes", [1, 5])
+def test_the_environments_account_for_what_drag_takes(lanes):
+    keywords = {
+        "masses": DRAGGED.masses, "lengths": DRAGGED.lengths, "damping": 0.05,
+        "drag": DRAGGED.drag, "quadratic_drag": DRAGGED.quadratic_drag,
+    }  # fmt: skip
+    env = gym.make_vec(
+        "NPendulum-v0", num_envs=lanes, n=3, mode="passive", max_episode_steps=None, **keywords
+    )
+    env.reset(options={"theta": [[2.0, 1.2, -0.4]] * lanes})
+    info = [env.step(np.zeros(lanes, int))[4] for _ in range(100)][-1]
+    exact = simulate(DRAGGED, [2.0, 1.2, -0.4], 0.0, [0.0, 1.0])
+    np.testing.assert_allclose(info["theta"], [exact.theta[-1]] * lanes, rtol=0, atol=1e-5)
+    assert np.abs(info["energy_error"]).max() < 1e-6
+    assert exact.energy()[-1] < 0.9 * exact.energy()[0]
+
+
+def test_drag_in_a_reset_option_is_that_of_its_lane_alone():
+    many = gym.make_vec("NPendulum-v0", num_envs=4, n=2, mode="passive")
+    drag = np.array([[0.0, 0.0], [0.5, 0.1], [0.0, 0.0], [0.0, 0.3]])
+    many.reset(seed=3, options={"drag": drag, "quadratic_drag": 2.0 * drag})
+    seen = [many.step(np.zeros(4, int))[0] for _ in range(50)]
+    for lane in range(4):
+        one = gym.make("NPendulum-v0", n=2, mode="passive")
+        options = {"drag": drag[lane], "quadratic_drag": 2.0 * drag[lane]}
+        one.reset(seed=3 + lane, options=options)
+        for step in seen:
+            np.testing.assert_array_equal(one.step(0)[0], step[lane])
+    assert np.abs(seen[-1][0] - seen[-1][1]).max() > 0.01
+
+
+def test_stiff_drag_gets_more_substeps():
+    plain, stiff, fast = (
+        gym.make("NPendulum-v0", **drag).unwrapped.config.substeps
+        for drag in ({}, {"drag": [0.0, 500.0]}, {"quadratic_drag": 50.0})
+    )
+    assert stiff > 10 * plain
+    assert fast > 10 * plain
+
+
+def test_drag_keeps_the_pseudo_period_of_a_pack_and_lengthens_that_of_one_pendulum():
+    # damped linearly, a small swing turns at the rate sqrt(g/l - (c/2m)^2)
+    chain = Chain.uniform(1, drag=1.0)
+    expected = 2.0 * np.pi / np.sqrt(9.81 - 0.25)
+    assert pseudo_periods(chain, 1e-3)[0] == pytest.approx(expected, rel=1e-5)
+    starts = np.linspace(0.2, 0.9, 16)[:, None] * np.ones(3)
+    together = pseudo_periods(DRAGGED, starts)
+    np.testing.assert_array_equal(together[3], pseudo_periods(DRAGGED, starts[3]))
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_the_linearisation_knows_drag(n):
+    for chain, theta, omega, torque, _, _ in cases(n):
+        state, h = np.concatenate([theta, omega]), 1e-5
+        slopes = [
+            (
+                accelerate(chain, *np.split(state + h * e, 2), torque)
+                - accelerate(chain, *np.split(state - h * e, 2), torque)
+            )
+            / (2.0 * h)
+            for e in np.eye(2 * n)
+        ]
+        a = linearise(chain, theta, omega, torque).A
+        np.testing.assert_allclose(a[n:].T, slopes, rtol=0, atol=1e-7 * np.abs(slopes).max())
+
+
+def test_at_rest_and_along_a_path_the_linearisation_with_drag_is_sound():
+    at_rest = linearise(DRAGGED, np.zeros((2, 3)), 0.0).A
+    linear = Chain(DRAGGED.masses, DRAGGED.lengths, 9.81, 0.05, DRAGGED.drag)
+    np.testing.assert_array_equal(at_rest[1], linearise(linear, 0.0).A)  # |v| v has no slope there
+
+
+def test_a_chain_knows_its_drag():
+    chain = Chain.uniform(2, drag=0.1, quadratic_drag=0.2)
+    assert chain == Chain(**chain.as_dict())
+    assert chain != Chain.uniform(2, drag=0.1)
+    assert repr(chain).endswith("damping=0, drag=0.1, quadratic_drag=0.2)")
+    assert chain.has_drag
+    assert not Chain.uniform(2).has_drag
+    for name in ("drag", "quadratic_drag"):
+        with pytest.raises(ValueError, match=f"{name} must be zero or more"):
+            Chain(1.0, [1.0, 2.0], **{name: [0.1, -0.1]})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"pivot_acceleration": 1.0}, ValueError, "pivot_acceleration must be two numbers"),
+        ({"pivot_acceleration": (np.nan, 1)}, ValueError, "pivot_acceleration must be finite"),
+        ({"cart_mass": 0.0}, ValueError, "cart_mass must be greater than zero"),
+        ({"cart_mass": "1"}, TypeError, "cart_mass must be a real number"),
+        ({"force": 1.0}, ValueError, "cart_mass must be given with it"),
+        ({"cart_mass": 1.0, "force": np.inf}, ValueError, "force must be finite"),
+        ({"cart_mass": 1.0, "pivot_acceleration": (0, 1)}, ValueError, "must be None with cart"),
+        ({"cart_mass": 1.0, "chain": DRAGGED}, ValueError, "quadratic_drag of the chain must be 0"),
+        ({"pivot_acceleration": (0, 1), "chain": DRAGGED}, ValueError, "drag is known where"),
+    ],
+)
+def test_bad_motions_of_the_pivot_are_refused_by_name(arguments, error, message):
+    with pytest.raises(error, match=message):
+        simulate(
+            **{"chain": Chain.uniform(3), "theta": 0.1, "omega": 0.0, "times": [0, 1]} | arguments
+        )
+
+
+def test_there_is_no_cart_without_a_mass(uneven):
+    with pytest.raises(ValueError, match="cart_mass"):
+        simulate(uneven, 0.1, 0.0, [0.0, 1.0]).cart()
+    with pytest.raises(TypeError, match="velocity must be a real number"):
+        simulate(uneven, 0.1, 0.0, [0.0, 1.0], cart_mass=1.0).cart(0.0, "fast")
