@@ -18,6 +18,10 @@ from npend_gym.rl.planning import planned_swing_up
 from npend_gym.rl.policies import Policy, pretrained_names
 
 CONTROLLERS = ("LQR", "damping", "energy", "plan")
+# swing-ups planned for long chains: seconds, and seconds of calming before
+PLANS: dict[int, dict[str, float]] = {
+    2: {}, 3: {}, 4: {"seconds": 8.0, "settle": 10.0}, 5: {"seconds": 12.0, "settle": 10.0}
+}  # fmt: skip
 
 
 def controller(name: str, keywords: dict[str, Any]) -> Agent:
@@ -26,7 +30,7 @@ def controller(name: str, keywords: dict[str, Any]) -> Agent:
     if name == "energy":
         return controllers.swing_up(config)
     if name == "plan":
-        return planned_swing_up(config)
+        return planned_swing_up(config, **PLANS.get(config.chain.n, {}))
     if name == "damping":
         return controllers.damper(config)
     return controllers.lqr(config, 0.0 if keywords["mode"] == "calm" else np.pi)

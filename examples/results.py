@@ -21,6 +21,7 @@ import gymnasium as gym
 import numpy as np
 import train_cleanrl
 import train_es
+from evaluate import PLANS
 
 from npend_gym.rl import controllers
 from npend_gym.rl.evaluation import Agent, evaluate
@@ -29,10 +30,6 @@ from npend_gym.rl.policies import PRETRAINED, Policy
 
 DOCS = Path(__file__).parents[1] / "docs"
 TRAINERS = {"PPO": train_cleanrl, "ES": train_es}
-# swing-ups planned for long chains: seconds, and seconds of calming before
-PLANS: dict[int, dict[str, float]] = {
-    2: {}, 3: {}, 4: {"seconds": 8.0, "settle": 10.0}, 5: {"seconds": 12.0, "settle": 10.0}
-}  # fmt: skip
 ORDER = ("swingup", "balance", "calm")
 TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
 
