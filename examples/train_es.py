@@ -6,7 +6,8 @@ Sidor, Sutskever, arXiv:1703.03864, with all candidates side by side in one vect
 
 A long chain is slow and its motor strong: noise that is new in every step, as in PPO, sets the
 rods whipping and hides what an action does to the energy seconds later. Noise on the policy acts
-alike all episode long.
+alike all episode long. The mirror image of a chain asks for the opposite action, so the weights of
+cosines stay zero: a third fewer to find, and no torque is left at rest.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Settings:
 TASKS: dict[str, dict[str, Any]] = {
     "calm-5": {},
     "calm-10": {},
-    "calm-20": {"updates": 100, "noise": 0.01, "rate": 0.01},
+    "calm-20": {"updates": 80, "noise": 0.01, "rate": 0.01},
 }
 
 
@@ -60,11 +61,12 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
         "NPendulum-v0", num_envs=2 * settings.pairs, max_episode_steps=None, **settings.env
     )
     weights = np.zeros(envs.single_observation_space.shape[0])
+    odd = np.repeat([1.0, 0.0, 1.0], weights.size // 3)  # sines, cosines, speeds
     slope, square = np.zeros((2, weights.size))  # running means of Adam
     curve: list[dict[str, Any]] = []
     begun = time.perf_counter()
     for update in tqdm(range(1, settings.updates + 1), progress, disable=None, unit="update"):
-        tried = rng.normal(size=(settings.pairs, weights.size))
+        tried = odd * rng.normal(size=(settings.pairs, weights.size))
         noise = settings.noise * np.concatenate([tried, -tried])
         # all begin alike; these seeds are for training, those from 10^6 on for evaluation
         start = 1000 * settings.seed + update
