@@ -20,7 +20,7 @@ from npend_gym.rl.policies import Policy, pretrained_names
 CONTROLLERS = ("LQR", "damping", "energy", "plan")
 # swing-ups planned for long chains: seconds, and seconds of calming before
 PLANS: dict[int, dict[str, float]] = {
-    2: {}, 3: {}, 4: {"seconds": 8.0, "settle": 10.0}, 5: {"seconds": 12.0, "settle": 10.0}
+    2: {}, 3: {}, 4: {"seconds": 8.0}, 5: {"seconds": 12.0, "settle": 10.0}
 }  # fmt: skip
 
 
