@@ -143,7 +143,7 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
     from matplotlib.figure import Figure
 
     modes = list(dict.fromkeys(row["task"].rsplit("-", 1)[0] for row in curves))
-    figure = Figure(figsize=(4.2 * len(modes), 3.6), layout="constrained")
+    figure = Figure(figsize=(5.0 * len(modes), 3.6), layout="constrained")
     for axes, mode in zip(figure.subplots(1, len(modes), squeeze=False)[0], modes, strict=True):
         here = [row for row in curves if row["task"].startswith(mode)]
         colors = {task: f"C{k}" for k, task in enumerate(dict.fromkeys(r["task"] for r in here))}
@@ -164,7 +164,7 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
         axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02), xscale="log")
         axes.set_xticks([0.1, 0.3, 1.0, 3.0], ["0.1", "0.3", "1", "3"])
         axes.minorticks_off()
-        axes.legend()
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     figure.axes[0].set_ylabel("success of training episodes, with noise")
     figure.savefig(path, dpi=150)
 
