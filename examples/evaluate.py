@@ -14,9 +14,14 @@ import numpy as np
 
 from npend_gym.rl import controllers
 from npend_gym.rl.evaluation import HELD_OUT, Agent, Evaluation, evaluate, wilson_interval
+from npend_gym.rl.planning import planned_swing_up
 from npend_gym.rl.policies import Policy, pretrained_names
 
-CONTROLLERS = ("LQR", "damping", "energy")
+CONTROLLERS = ("LQR", "damping", "energy", "plan")
+# swing-ups planned for long chains: seconds, and seconds of calming before
+PLANS: dict[int, dict[str, float]] = {
+    2: {}, 3: {}, 4: {"seconds": 8.0}, 5: {"seconds": 12.0, "settle": 10.0}
+}  # fmt: skip
 
 
 def controller(name: str, keywords: dict[str, Any]) -> Agent:
@@ -24,6 +29,8 @@ def controller(name: str, keywords: dict[str, Any]) -> Agent:
     config = gym.make("NPendulum-v0", **keywords).unwrapped.config
     if name == "energy":
         return controllers.swing_up(config)
+    if name == "plan":
+        return planned_swing_up(config, **PLANS.get(config.chain.n, {}))
     if name == "damping":
         return controllers.damper(config)
     return controllers.lqr(config, 0.0 if keywords["mode"] == "calm" else np.pi)
@@ -49,7 +56,7 @@ def chosen(arguments: argparse.Namespace) -> tuple[Agent, dict[str, Any]]:
 
 
 def film(agent: Agent, keywords: dict[str, Any], seed: int, seconds: float, path: Path) -> None:
-    """Write the start of an episode as .mp4 or .gif, at 25 frames a second or fewer."""
+    """Write the start of an episode as .mp4 or .gif, 25 frames a second, or 12 frames as .png."""
     import imageio.v3 as imageio
 
     env: Any = gym.make("NPendulum-v0", render_mode="rgb_array", **keywords)
@@ -63,10 +70,15 @@ def film(agent: Agent, keywords: dict[str, Any], seed: int, seconds: float, path
         done = terminated or truncated or info["time"] >= seconds
         if round(info["time"] / env.unwrapped.config.dt) % skip == 0:
             frames.append(env.render())
+    env.close()
+    if path.suffix == ".png":
+        shown = np.linspace(0, len(frames) - 1, 12).astype(int)
+        small = [frames[k][::2, ::2] for k in shown]
+        imageio.imwrite(path, np.vstack([np.hstack(small[:6]), np.hstack(small[6:])]))
+        return
     rate = env.metadata["render_fps"] / skip
     timing = {"duration": 1000.0 / rate, "loop": 0} if path.suffix == ".gif" else {"fps": rate}
     imageio.imwrite(path, np.stack(frames), **timing)
-    env.close()
 
 
 def report(seen: Evaluation) -> str:
@@ -95,7 +107,7 @@ def main() -> None:
     parser.add_argument("--task", default="swingup-2", help='of the controller, as in "balance-3"')
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=HELD_OUT, help="of the first episode")
-    parser.add_argument("--video", type=Path, help="film the first episode: .mp4 or .gif")
+    parser.add_argument("--video", type=Path, help="of the first episode: .mp4, .gif or .png")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
     arguments = parser.parse_args()
     agent, keywords = chosen(arguments)

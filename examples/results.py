@@ -13,18 +13,24 @@ import csv
 import re
 import shutil
 from collections.abc import Iterable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from train_cleanrl import TASKS, settings_of, train
+import train_cleanrl
+import train_es
+from evaluate import PLANS
 
 from npend_gym.rl import controllers
 from npend_gym.rl.evaluation import Agent, evaluate
+from npend_gym.rl.planning import planned_swing_up
 from npend_gym.rl.policies import PRETRAINED, Policy
 
 DOCS = Path(__file__).parents[1] / "docs"
+TRAINERS = {"PPO": train_cleanrl, "ES": train_es}
+ORDER = ("swingup", "balance", "calm")
 TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
 
 
@@ -49,21 +55,31 @@ def yardsticks(task: str) -> dict[str, Agent]:
         agents["LQR"] = controllers.lqr(config, 0.0)
     if keywords["mode"] == "swingup" and config.chain.n <= 2:
         agents["energy, then LQR"] = controllers.swing_up(config)
+    if keywords["mode"] == "swingup" and config.chain.n in PLANS:
+        agents["plan, then LQR"] = planned_swing_up(config, **PLANS[config.chain.n])
     return agents
 
 
-def train_and_keep(task: str, seed: int, out: Path) -> None:
+def tasks() -> list[str]:
+    """Return all tasks for which there are settings or plans, in order."""
+    named = {task for trainer in TRAINERS.values() for task in trainer.TASKS}
+    named |= {f"swingup-{n}" for n in PLANS}
+    return sorted(
+        named, key=lambda task: (ORDER.index(task.split("-")[0]), int(task.split("-")[1]))
+    )
+
+
+def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     """Train one policy, judge it and write policy and curve down, unless they are there."""
-    path = out / f"{task}-seed{seed}.npz"
-    if path.exists():
+    path, trainer = out / f"{task}-{agent}-seed{seed}.npz", TRAINERS[agent]
+    if path.exists() or task not in trainer.TASKS:
         return
-    settings = settings_of(task, seed=seed)
-    policy, curve = train(settings, f"{task}, seed {seed}")
+    policy, curve = trainer.train(trainer.settings_of(task, seed=seed), path.stem)
     score = evaluate(policy, keywords_of(task)).as_row()
     policy.provenance["evaluation"] = score
     write_csv(path.with_suffix(".csv"), curve)
     policy.save(path)
-    print(f"{task}, seed {seed}: {score}", flush=True)
+    print(f"{path.stem}: {score}", flush=True)
 
 
 def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
@@ -85,14 +101,17 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
             rows.append(
                 {"task": task, "agent": name} | blank | evaluate(agent, keywords_of(task)).as_row()
             )
-        for path in sorted(out.glob(f"{task}-seed*.npz")):
-            policy = Policy.load(path)
+        for path in sorted(out.glob(f"{task}-*-seed*.npz")):
+            policy, agent = Policy.load(path), path.stem.split("-")[2]
             seed = policy.provenance["settings"]["seed"]
             end = {key: policy.provenance["training"][key] for key in ("steps", "seconds")}
             score = evaluate(policy, keywords_of(task)).as_row()
-            rows.append({"task": task, "agent": "PPO", "seed": seed} | end | score)
+            rows.append({"task": task, "agent": agent, "seed": seed} | end | score)
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
-                curves += [{"task": task, "seed": seed} | row for row in csv.DictReader(file)]
+                curves += [
+                    {"task": task, "agent": agent, "seed": seed} | row
+                    for row in csv.DictReader(file)
+                ]
     return rows, curves
 
 
@@ -102,7 +121,7 @@ def table(rows: list[dict[str, Any]]) -> str:
              "|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
     for key in dict.fromkeys((row["task"], row["agent"]) for row in rows):
         group = [row for row in rows if (row["task"], row["agent"]) == key]
-        trained = key[1] == "PPO"
+        trained = key[1] in TRAINERS
         cells = [
             key[0],
             key[1],
@@ -124,22 +143,28 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
     from matplotlib.figure import Figure
 
     modes = list(dict.fromkeys(row["task"].rsplit("-", 1)[0] for row in curves))
-    figure = Figure(figsize=(4.2 * len(modes), 3.6), layout="constrained")
+    figure = Figure(figsize=(5.0 * len(modes), 3.6), layout="constrained")
     for axes, mode in zip(figure.subplots(1, len(modes), squeeze=False)[0], modes, strict=True):
         here = [row for row in curves if row["task"].startswith(mode)]
-        for color, task in enumerate(dict.fromkeys(row["task"] for row in here)):
-            for seed in dict.fromkeys(row["seed"] for row in here if row["task"] == task):
-                # no success is known where no episode has ended
-                line = [r for r in here if (r["task"], r["seed"]) == (task, seed) and r["success"]]
-                axes.plot(
-                    [float(row["steps"]) / 1e6 for row in line],
-                    [float(row["success"]) for row in line],
-                    color=f"C{color}",
-                    label=f"N = {task.rsplit('-', 1)[1]}" if seed == 0 else None,
-                    lw=1,
-                )
-        axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02))
-        axes.legend()
+        colors = {task: f"C{k}" for k, task in enumerate(dict.fromkeys(r["task"] for r in here))}
+        for task, agent, seed in dict.fromkeys((r["task"], r["agent"], r["seed"]) for r in here):
+            line = [
+                row for row in here
+                if (row["task"], row["agent"], row["seed"]) == (task, agent, seed)
+                and row["success"]  # unknown where no episode has ended
+            ]  # fmt: skip
+            axes.plot(
+                [float(row["steps"]) / 1e6 for row in line],
+                [float(row["success"]) for row in line],
+                "-" if agent == "PPO" else "--",
+                color=colors[task],
+                label=f"N = {task.rsplit('-', 1)[1]}, {agent}" if seed == 0 else None,
+                lw=1,
+            )
+        axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02), xscale="log")
+        axes.set_xticks([0.1, 0.3, 1.0, 3.0], ["0.1", "0.3", "1", "3"])
+        axes.minorticks_off()
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     figure.axes[0].set_ylabel("success of training episodes, with noise")
     figure.savefig(path, dpi=150)
 
@@ -158,24 +183,26 @@ def publish(rows: list[dict[str, Any]], out: Path) -> None:
     page.write_text(text, encoding="utf-8")
     PRETRAINED.mkdir(exist_ok=True)
     for task in dict.fromkeys(row["task"] for row in rows):
-        trained = [row for row in rows if row["task"] == task and row["agent"] == "PPO"]
-        best = max(trained, key=lambda row: (row["success"], row["return"]))
-        if best["success"] > 0.9:
-            Policy.load(out / f"{task}-seed{best['seed']}.npz").save(PRETRAINED / f"{task}.npz")
+        trained = [row for row in rows if row["task"] == task and row["agent"] in TRAINERS]
+        best = max(trained, key=lambda row: (row["success"], row["return"]), default=None)
+        if best and best["success"] > 0.9:
+            Policy.load(out / f"{task}-{best['agent']}-seed{best['seed']}.npz").save(
+                PRETRAINED / f"{task}.npz"
+            )
 
 
 def main() -> None:
     """Train what is missing, then write tables and figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/learning"))
-    parser.add_argument("--tasks", nargs="+", default=list(TASKS))
+    parser.add_argument("--tasks", nargs="+", default=tasks())
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--publish", action="store_true", help="in docs/ and in the package")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     for seed in arguments.seeds:
-        for task in arguments.tasks:
-            train_and_keep(task, seed, arguments.out)
+        for task, agent in product(arguments.tasks, TRAINERS):
+            train_and_keep(task, agent, seed, arguments.out)
     rows, curves = collect(arguments.tasks, arguments.out)
     write_csv(arguments.out / "results.csv", rows)
     write_csv(arguments.out / "curves.csv", curves)

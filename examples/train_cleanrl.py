@@ -234,7 +234,6 @@ TASKS: dict[str, dict[str, Any]] = {
     "calm-2": {"total_steps": 200_000, "discount": 0.99},
     "calm-3": {"total_steps": 300_000, "discount": 0.99},
     "calm-5": {"total_steps": 500_000, "discount": 0.99},
-    "calm-10": {"total_steps": 600_000, "discount": 0.99},
     "swingup-2": {"total_steps": 2_000_000},
 }
 

@@ -7,6 +7,7 @@ import re
 import pytest
 from test_examples import ROOT, run
 
+from npend_gym.rl.evaluation import evaluate
 from npend_gym.rl.policies import Policy
 
 EXAMPLES = ROOT / "examples"
@@ -31,6 +32,24 @@ def test_train_cleanrl_writes_a_policy_that_evaluate_judges_and_films(tmp_path):
     )  # fmt: skip
     assert rate_of(judged)[1] == "5"
     assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
+
+
+def test_train_es_improves_on_doing_nothing(tmp_path):
+    out = run(EXAMPLES / "train_es.py", "calm-2", "--updates", 20, "--out", ".", cwd=tmp_path)
+    policy = Policy.load(tmp_path / "calm-2.npz")
+    assert [weight.shape for weight in policy.weights] == [(1, 6)]
+    with (tmp_path / "calm-2.csv").open() as file:
+        returns = [float(row["return"]) for row in csv.DictReader(file)]
+    assert len(returns) == 2
+    idle = Policy(policy.scale, [0.0 * policy.weights[0]], policy.biases)
+    keywords = policy.provenance["env"]
+    trained, nothing = (
+        evaluate(policy, keywords, episodes=10),
+        evaluate(idle, keywords, episodes=10),
+    )
+    assert trained.returns.mean() > 2.0 * nothing.returns.mean()
+    assert trained.rate == 1.0 > nothing.rate
+    assert "'steps': 1280000" in out
 
 
 def test_train_sb3_trains_resumes_and_writes_a_card(tmp_path):
@@ -77,7 +96,7 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
     monkeypatch.syspath_prepend(EXAMPLES)
     import results
 
-    monkeypatch.setitem(results.TASKS, "balance-1", {"total_steps": 8192})
+    monkeypatch.setitem(results.train_cleanrl.TASKS, "balance-1", {"total_steps": 8192})
     monkeypatch.setattr("sys.argv", ["results.py", "--out", str(tmp_path), "--tasks", "balance-1",
                                      "--seeds", "0", "1"])  # fmt: skip
     results.main()

@@ -72,11 +72,16 @@ def lqr(config: Config, angle: float = np.pi, effort: float = 1.0) -> StateFeedb
 def riccati(config: Config, angle: float, effort: float) -> tuple[FloatArray, FloatArray]:
     """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): from x on it costs x S x."""
     a, b = sampled(config, angle)
-    q = np.diag(np.repeat([1.0, _pace(config) ** 2], config.chain.n))
+    q = running_cost(config)
     r = effort * np.eye(b.shape[1])
     s = np.asarray(solve_discrete_are(a, b, q, r), np.float64)
     gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
     return np.asarray(gain, np.float64), s
+
+
+def running_cost(config: Config) -> FloatArray:
+    """Return the weights of `lqr` on deviations, (2n, 2n)."""
+    return np.diag(np.repeat([1.0, _pace(config) ** 2], config.chain.n))
 
 
 def _pace(config: Config) -> float:
