@@ -1,4 +1,4 @@
-"""The long runs behind docs/reliability.md: the same bits, odd calls, a day of steps, open and shut.
+"""The long runs behind docs/reliability.md: the same bits, odd calls, a day of steps and so on.
 
 Each prints one line with what was really run and found, and the exit code is 1 where a promise is
 broken::
@@ -92,9 +92,9 @@ def fuzz(calls: int) -> tuple[bool, str]:
 
 def _watch(amount: int, work: Callable[[int], Iterator[int]]) -> tuple[bool, str]:
     """Do some work a fifth at a time, and compare what the process holds after the first."""
-    process, held = psutil.Process(), []
-    done = 0
-    for done in work(amount):
+    process, held, done = psutil.Process(), [], 0
+    for so_far in work(amount):
+        done = so_far
         held.append(
             (
                 process.memory_info().rss / 2**20,

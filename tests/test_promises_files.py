@@ -3,7 +3,6 @@
 import io
 import json
 import os
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -51,10 +50,11 @@ def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_r
         damaged[position // 8] ^= 1 << (position % 8)
         file.write_bytes(damaged)
         try:
-            assert same(Trajectory.load(file), path)  # a date of the archive, say
-        except ValueError as error:
-            assert "path.npz" in str(error)
+            read = Trajectory.load(file)
+        except ValueError:
             refused += 1
+        else:
+            assert same(read, path)  # a date of the archive, say
     assert refused > 800
 
 
@@ -214,17 +214,9 @@ echo "code $code"
 
 
 @posix
-@pytest.mark.skipif(
-    shutil.which("unshare") is None
-    or subprocess.run(
-        ["unshare", "--mount", "sh", "-c", "mount -t tmpfs none /mnt"],
-        capture_output=True,
-        check=False,
-    ).returncode
-    != 0,
-    reason="mounting is not allowed here",
-)
-def test_a_full_disk_and_a_read_only_one_are_failures_that_keep_the_previous_results(tmp_path):
+def test_a_full_disk_and_a_read_only_one_are_failures_that_keep_the_previous_results(
+    tmp_path, mounting
+):
     folder, manifest, errors = tmp_path / "disk", tmp_path / "before", tmp_path / "errors"
     folder.mkdir()
     code = "from npend_gym.cli import common; common.can_draw = lambda: False\n"
@@ -234,17 +226,7 @@ def test_a_full_disk_and_a_read_only_one_are_failures_that_keep_the_previous_res
     script.write_text(code)
     run = f"{sys.executable} {script} release --trials 1"
     done = subprocess.run(
-        [
-            "unshare",
-            "--mount",
-            "sh",
-            "-c",
-            FULL_DISK.format(run=run),
-            "sh",
-            folder,
-            manifest,
-            errors,
-        ],
+        [*mounting, "sh", "-c", FULL_DISK.format(run=run), "sh", folder, manifest, errors],
         capture_output=True,
         text=True,
         check=False,

@@ -109,18 +109,13 @@ def test_masses_lengths_and_gravity_scale_as_their_units_do(power):
 
 @pytest.mark.parametrize("ratio", [1e-12, 1e-3, 1e3, 1e12])
 @pytest.mark.parametrize("what", ["masses", "lengths"])
-def test_enormous_ratios_keep_the_energy_or_are_refused(what, ratio):
+def test_enormous_ratios_keep_the_energy(what, ratio):
     values = {"masses": np.ones(3), "lengths": np.ones(3)}
     values[what] = np.array([1.0, 1.0, ratio])
     chain = Chain(**values)
     period = 2.0 * np.pi / theory.fastest_frequency(chain)
     times = np.linspace(0.0, 20.0 * min(period, 1.0), 21)
-    try:
-        energy = simulate(chain, 0.5, 0.0, times, rtol=1e-12, atol=1e-14).energy()
-    except npend_gym.IntegrationError as error:
-        assert "no step is small enough" in str(error)
-        assert ratio in (1e-12, 1e12)
-        return
+    energy = simulate(chain, 0.5, 0.0, times, rtol=1e-12, atol=1e-14).energy()
     assert np.ptp(energy) < 1e-8 * energy[0]
 
 

@@ -173,7 +173,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             If the actions are not numbers, not finite or of the wrong shape; nothing has changed
             then.
         RuntimeError
-            Before the first reset, after a step that was interrupted, or with autoreset disabled where a lane is done.
+            Before the first reset, after a step that was interrupted, or with autoreset disabled
+            where a lane is done.
         """
         if self._done is None:
             raise RuntimeError("call reset() before step()")

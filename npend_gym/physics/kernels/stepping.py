@@ -144,7 +144,7 @@ def _substeps(
     view: NumbersOf, width: int, floats: FloatArray, groups: int, g: int, group: Group, h: float,
     begin: int, end: int, substeps: int, careful: bool, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    """Advance a group by some of its `substeps` of `h` seconds; note what is lost meanwhile [J]."""
+    """Advance a group by some of its `substeps` of `h` seconds; note what is lost [J]."""
     theta, omega, length = group.theta, group.omega, group.rods.length
     n, lanes = theta.size, groups * width
     numbers, rest = view(floats), view(scratch)
@@ -256,8 +256,8 @@ def advance_one(
 ) -> None:  # fmt: skip
     """Advance one chain; see `advance_many`."""
     _advance(
-        bare, 1, floats, joints, limit, dt, substeps, groups, n, first_group, last_group, begin,
-        end, observation, out, scratch,
+        bare, 1, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
+        begin, end, observation, out, scratch,
     )  # fmt: skip
 
 
@@ -276,6 +276,6 @@ def advance_many(
     What is seen of every lane is written.
     """
     _advance(
-        packs, WIDTH, floats, joints, limit, dt, substeps, groups, n, first_group, last_group, begin,
-        end, observation, out, scratch,
+        packs, WIDTH, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
+        begin, end, observation, out, scratch,
     )  # fmt: skip
