@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -28,7 +28,8 @@ _PAPER, _DISC, _RIM = (0xF3, 0xF4, 0xF6), (0xFF, 0xFF, 0xFF), (0xC4, 0xCA, 0xD0)
 _ROD, _INK = (0x5F, 0x69, 0x73), (0x2B, 0x33, 0x3B)
 
 
-def _pygame() -> Any:
+def pygame_module() -> Any:
+    """Return pygame, imported without its greeting."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # else it greets on stdout
     try:
         import pygame
@@ -61,9 +62,11 @@ class Scene:
     caption: str = ""  #: one line of text
     trace: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     """Earlier positions of the tip, oldest first, of shape (k, 2) [m]."""
+    marks: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    """Places to be dotted, such as turning points, of shape (k, 2) [m]."""
 
     def __post_init__(self) -> None:
-        for name, least in (("positions", 1), ("trace", 0)):
+        for name, least in (("positions", 1), ("trace", 0), ("marks", 0)):
             object.__setattr__(self, name, _points(name, getattr(self, name), least))
         _checks.positive_number("reach", self.reach)
         _checks.number("time", self.time)
@@ -91,11 +94,16 @@ class Painter:
 
     def __init__(self, size: int = 480) -> None:
         self.size = _checks.count("size", size, low=32, high=2160)
-        _pygame()
+        pygame_module()
+
+    def place(self, pixel: Sequence[float]) -> FloatArray:
+        """Return what the pixel (column, row) shows, over the reach: (x, y)."""
+        middle = 0.5 * self.size
+        return np.array([pixel[0] - middle, middle - pixel[1]]) * (1e3 / _RADIUS / self.size)
 
     def paint(self, scene: Scene) -> Frame:
         """Return the picture of `scene`, a new array of shape (size, size, 3)."""
-        pg = _pygame()
+        pg = pygame_module()
         canvas = pg.Surface((self.size * _SAMPLES, self.size * _SAMPLES), 0, 32)
         _draw(pg.draw, canvas, scene)
         picture = pg.transform.smoothscale(canvas, (self.size, self.size))
@@ -146,6 +154,8 @@ def _draw(draw: Any, canvas: Any, scene: Scene) -> None:
     disc(_DISC, middle, 4.0)
     disc(_DISC, bobs[-1], tip + edge)
     disc(_TIP, bobs[-1], tip)
+    for place in places(scene.marks[_thinned(len(scene.marks), _BOBS)]):
+        disc(_INK, place, min(0.45 * bob, 7.0 * fine))
 
 
 def _arc_arrow(torque: float) -> tuple[FloatArray, FloatArray]:
@@ -210,15 +220,22 @@ def tile(frames: Sequence[Frame]) -> Frame:
 
 
 class Window:
-    """A window that the first frame opens; a copy of it starts closed."""
+    """A window that the first frame opens; a copy of it starts closed.
 
-    def __init__(self) -> None:
-        _pygame()
+    Parameters
+    ----------
+    on_event : callable, optional
+        Is given every event of pygame that comes while a frame is shown.
+    """
+
+    def __init__(self, on_event: Callable[[Any], None] | None = None) -> None:
+        pygame_module()
+        self._on_event = on_event
         self._clock: Any = None  # a pygame.time.Clock while the window is open
         self._refused = False
 
-    def __reduce__(self) -> tuple[type[Window], tuple[()]]:
-        return type(self), ()
+    def __reduce__(self) -> tuple[type[Window], tuple[Any]]:
+        return type(self), (self._on_event,)
 
     def show(self, frame: Frame, fps: float) -> None:
         """Show `frame`, and wait so that calls follow each other at `fps` a second.
@@ -228,7 +245,7 @@ class Window:
         frame, fps = _frame("frame", frame), _checks.positive_number("fps", fps)
         if self._refused:
             return
-        pg, size = _pygame(), (frame.shape[1], frame.shape[0])
+        pg, size = pygame_module(), (frame.shape[1], frame.shape[0])
         pg.display.init()  # nothing where it is done already
         self._clock = self._clock or pg.time.Clock()
         screen = pg.display.get_surface()
@@ -237,7 +254,11 @@ class Window:
             pg.display.set_caption("npend_gym")
         screen.blit(pg.image.frombuffer(frame.tobytes(), size, "RGB"), (0, 0))
         pg.display.flip()
-        if any(event.type == pg.QUIT for event in pg.event.get()):
+        events = pg.event.get()
+        if self._on_event is not None:
+            for event in events:
+                self._on_event(event)
+        if any(event.type == pg.QUIT for event in events):
             self.close()
             self._refused = True
         else:
@@ -246,5 +267,5 @@ class Window:
     def close(self) -> None:
         """Close the window; a later `show` opens a new one."""
         if self._clock is not None:
-            _pygame().display.quit()
+            pygame_module().display.quit()
         self._clock, self._refused = None, False

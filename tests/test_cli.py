@@ -1,3 +1,4 @@
+import json
 import os
 import signal
 import subprocess
@@ -34,6 +35,16 @@ def test_release_takes_every_option(capsys):
     arguments += "--reading link --masses 1,2 --lengths 1,0.5 --gravity 9.8 --damping 0.001"
     assert main(arguments.split()) == 0
     assert 'reading "link", seed 5' in capsys.readouterr().out
+
+
+def test_release_prints_json_for_scripts(capsys, tmp_path):
+    assert main(["release", "--n", "1", "--trials", "2", "--json", "--out", str(tmp_path)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["summary"][0]["measured_s"] == pytest.approx(2.088, abs=0.002)
+    assert told["arguments"]["trials"] == 2
+    assert (tmp_path / "periods.csv").exists()
+    assert main(["release", "--n", "2", "--gravity", "0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["summary"][0]["measured_s"] is None
 
 
 @pytest.mark.parametrize(
@@ -77,10 +88,24 @@ def test_python_m_npend_gym_is_the_same_command():
     assert run("--version").stdout.startswith("npend_gym ")
 
 
-def test_help_shows_examples():
-    done = run("release", "--help")
-    assert done.returncode == 0
-    assert "npend release --out results" in done.stdout
+COMMANDS = ("release", "animate", "page", "play", "paper", "bench")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_shows_examples_of_it(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([command, "--help"])
+    assert caught.value.code == 0
+    _, examples = capsys.readouterr().out.split("\nexamples:\n")
+    assert f"  npend {command}" in examples
+
+
+def test_help_names_every_command_and_the_exit_codes(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    assert all(f"\n    {command} " in text for command in COMMANDS)
+    assert "exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted" in text
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")

@@ -19,7 +19,7 @@ from npend_gym.envs.modes import MODES, Mode
 ALL_MODES = tuple(MODES)
 INFO_KEYS = {
     "time", "energy", "energy_error", "bobs_completed", "pseudo_period", "pseudo_periods",
-    "ideal_period", "tip_height", "theta", "omega", "diverged",
+    "ideal_period", "tip_height", "theta", "omega", "diverged", "success",
 }  # fmt: skip
 
 

@@ -270,3 +270,30 @@ def test_a_window_refuses_what_is_no_picture(window):
         window.show(np.zeros((40, 40, 3)), fps=30)
     with pytest.raises(ValueError, match="fps must be greater than zero"):
         window.show(np.zeros((40, 40, 3), dtype=np.uint8), fps=0)
+
+
+def test_marks_are_dotted_where_they_are():
+    mark = np.array([0.4, -0.3])
+    plain, dotted = (Painter().paint(hanging_arc(3, marks=m)) for m in (np.empty((0, 2)), [mark]))
+    rows, columns = np.nonzero((plain != dotted).any(axis=-1))
+    center = np.array([columns.mean(), rows.mean()]) + 0.5
+    expected = 240 + 0.44 * 480 / 3 * mark * (1, -1)
+    np.testing.assert_allclose(center, expected, atol=0.5)
+
+
+def test_a_pixel_is_traced_back_to_its_place():
+    painter, scene = Painter(), hanging_arc(4)
+    seen = painter.place(where(painter.paint(scene), TIP))
+    np.testing.assert_allclose(seen, scene.positions[-1] / scene.reach, atol=2e-3)
+
+
+def test_a_window_hands_on_the_events_that_come(window):
+    import pygame
+
+    seen = []
+    window = Window(seen.append)
+    window.show(np.zeros((40, 40, 3), dtype=np.uint8), fps=1000)
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_SPACE))
+    window.show(np.zeros((40, 40, 3), dtype=np.uint8), fps=1000)
+    assert [event.key for event in seen if event.type == pygame.KEYDOWN] == [pygame.K_SPACE]
+    window.close()

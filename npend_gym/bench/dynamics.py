@@ -1,4 +1,4 @@
-"""The dynamics beside MuJoCo: right sides and Runge-Kutta steps, of one chain and of many."""
+"""The dynamics beside MuJoCo and Pinocchio: right sides and steps, of one chain and of many."""
 
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ def rows() -> Iterator[Row]:
         theirs = mujoco_jobs(n) if with_mujoco else {}
         for what, job in ours.items():
             yield _row(f"{what}, N = {n}", job, "MuJoCo" if with_mujoco else "", theirs.get(what))
+    for n in (2, 5, 20, 100) if find_spec("pinocchio") else ():
+        yield _row(f"one evaluation, N = {n}", right_sides(n), "Pinocchio ABA", pinocchio_job(n))
     theirs = mujoco_rollouts(10, 256) if with_mujoco else None
     name = "RK4 steps of 256 chains, N = 10"
     yield _row(name, many_steps(10, 256), "mujoco.rollout" if with_mujoco else "", theirs)
@@ -160,6 +162,26 @@ def mujoco_jobs(n: int) -> dict[str, Job]:
 
     forward, step = repeat(mujoco.mj_forward), repeat(mujoco.mj_step)
     return {"one evaluation": Job(forward), "one RK4 step": Job(step)}
+
+
+def pinocchio_job(n: int) -> Job:
+    """Return the job of Pinocchio's articulated-body algorithm, O(n), on the same chain."""
+    pin: Any = import_module("pinocchio")
+    model, joint = pin.Model(), 0
+    for i in range(n):
+        above = pin.SE3(np.eye(3), np.array([0.0, 0.0, -1.0 if i else 0.0]))
+        joint = model.addJoint(joint, pin.JointModelRY(), above, f"joint {i}")
+        bob = pin.Inertia(1.0, np.array([0.0, 0.0, -1.0]), np.zeros((3, 3)))
+        model.appendBodyToJoint(joint, bob, pin.SE3.Identity())
+    data, rest = model.createData(), np.zeros(n)
+    angles = np.zeros(n)
+    angles[0] = np.pi / 4
+
+    def take(times: int) -> None:
+        for _ in range(times):
+            pin.aba(model, data, angles, rest, rest)
+
+    return Job(take)
 
 
 def mujoco_rollouts(n: int, lanes: int) -> Job:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 import gymnasium as gym
@@ -79,7 +81,27 @@ def peers(lanes: int) -> dict[str, Job]:
         jobs["envpool Acrobot-v1"] = vector(acrobot, lanes, choices % 3)
     except Exception as error:  # noqa: BLE001  not there, or not for this Gymnasium
         print(f"envpool skipped: {error!r}")
+    if find_spec("gymnax"):
+        jobs["gymnax Acrobot-v1, float32"] = gymnax_acrobots(lanes, choices % 3)
     return jobs
+
+
+def gymnax_acrobots(lanes: int, actions: NDArray[Any]) -> Job:
+    """Return the job of stepping gymnax's Acrobot, which XLA compiles for all lanes at once."""
+    jax: Any = import_module("jax")
+    env, params = import_module("gymnax").make("Acrobot-v1")
+    keys = jax.random.split(jax.random.key(0), lanes)
+    state = jax.vmap(env.reset, (0, None))(keys, params)[1]
+    step = jax.jit(jax.vmap(env.step, (0, 0, 0, None)))
+    chosen = [jax.numpy.asarray(row) for row in actions]
+
+    def take(calls: int) -> None:
+        last, seen = state, None
+        for k in range(calls):
+            seen, last, *_ = step(keys, last, chosen[k % len(chosen)], params)
+        jax.block_until_ready(seen)
+
+    return Job(take, lanes)
 
 
 def beside_peers(lanes: int | None) -> Iterator[Row]:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 ROUNDS = 7
 SECONDS = 0.15  # CPU time of a job in a round, at least
 _PACKAGES = (
-    "npend_gym", "numba", "numpy", "scipy", "gymnasium", "mujoco", "envpool", "heyoka", "diffrax"
+    "npend_gym", "numba", "numpy", "scipy", "gymnasium", "mujoco", "pin", "envpool", "gymnax",
+    "jax", "heyoka", "diffrax",
 )  # fmt: skip
 
 

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written
+from npend_gym.cli.common import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    add_release_options,
+    can_draw,
+    show_written,
+)
 
 if TYPE_CHECKING:
     from npend_gym.experiments.release import Run
@@ -24,51 +31,18 @@ examples:
   npend release --out results              the paper's N = 5, 10, 20, 100, three trials
   npend release --n 1,2,3 --trials 1 --spread 0
   npend release --n 100 --duration 10      the paper's window
+  npend release --n 5 --json               for a script
   npend release --n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
 """
 
 
-def _numbers(text: str) -> float | list[float]:
-    values = [float(part) for part in text.split(",")]
-    return values if len(values) > 1 else values[0]
-
-
-def _counts(text: str) -> list[int]:
-    return [int(part) for part in text.split(",")]
-
-
-_numbers.__name__, _counts.__name__ = "number or list", "list of integers"  # for error messages
-
-# Option, field of Release that it sets, type, placeholder, help
-_OPTIONS = (
-    ("--n", "n_values", _counts, "N,N,...", "numbers of pendulums (5,10,20,100)"),
-    ("--trials", "trials", int, "COUNT", "trials for each N (3)"),
-    ("--amplitude", "amplitude", float, "RAD", "starting angle of all rods (pi/4)"),
-    ("--spread", "spread", float, "RAD", "a trial adds one draw from [0, RAD) to all rods (0.017)"),
-    ("--seed", "seed", int, "SEED", "seed of the draws (0)"),
-    ("--duration", "duration", float, "S", "window, the paper's is 10 (until all have completed)"),
-    ("--masses", "masses", _numbers, "KG[,KG...]", "mass of the bobs, one or per rod (1)"),
-    ("--lengths", "lengths", _numbers, "M[,M...]", "length of the rods, one or per rod (1)"),
-    ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (9.81)"),
-    ("--damping", "damping", float, "NMS", "viscous damping of every joint (0)"),
-)
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend release`."""
-    from npend_gym.experiments.release import Release
-    from npend_gym.period import READINGS
-
-    default = Release()
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = _ABOUT, _EXAMPLES
-    for option, field, kind, placeholder, text in _OPTIONS:
-        parser.add_argument(
-            option, dest=field, type=kind, default=getattr(default, field),
-            metavar=placeholder, help=text,
-        )  # fmt: skip
-    text = "what completes a pseudo-period (bob)"
-    parser.add_argument("--reading", choices=READINGS, default=default.reading, help=text)
+    add_release_options(parser)
+    text = "print the summary, and the release, as JSON"
+    parser.add_argument("--json", action="store_true", help=text)
     text = "write periods.csv, summary.csv, manifest.json and figures there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
@@ -80,6 +54,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     from npend_gym.report import release as report
 
     out: Path | None = given.pop("out")
+    as_json: bool = given.pop("json")
     runs: list[Run] = []
     interrupted = False
     try:
@@ -98,9 +73,11 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         print(f"npend release: {error}", file=sys.stderr)
         return FAILED
     if runs:
-        print(report.summary_text(plan, runs))
+        print(report.summary_json(plan, runs) if as_json else report.summary_text(plan, runs))
     if runs and out is not None:
-        show_written(report.write(plan, runs, out, figures=can_draw()))
+        written = report.write(plan, runs, out, figures=can_draw())
+        if not as_json:
+            show_written(written)
     if interrupted:
         print("interrupted: the runs above are complete, the rest is missing", file=sys.stderr)
         return INTERRUPTED

@@ -41,6 +41,11 @@ class Config:
     spread: float  # rad
 
     @property
+    def hold_steps(self) -> int:
+        """Number of steps over which the mode's goal must have been met to count as success."""
+        return math.ceil(self.mode.hold / self.dt * (1.0 - 1e-12))  # 5 s of 0.05 s are 100 steps
+
+    @property
     def action_space(self) -> spaces.Space[Any]:
         """Box(-1, 1) with an entry for each actuated joint; Discrete(1) where there is none."""
         if self.joints.size == 0:

@@ -52,11 +52,14 @@ class Mode:
     torque_share : float
         Default torque limit over the torque that holds the whole chain horizontal,
         g sum_i l_i sum_{k>=i} m_k. Zero: the mode has no actuator.
+    hold : float
+        For how long [s] the goal must have been met without a break to count as success.
     """
 
     name: ClassVar[str] = "custom"
     dt: ClassVar[float] = 0.05
     torque_share: ClassVar[float] = 0.5
+    hold: ClassVar[float] = 0.0
 
     def start(
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
@@ -71,6 +74,13 @@ class Mode:
     def failed(self, seen: Quantities[Any]) -> Any:
         """Return whether the episode has failed and so terminates; never by default."""
         return seen.tip < -2.0
+
+    def achieved(self, seen: Quantities[Any]) -> Any:
+        """Return whether the goal is met at this instant; by default: the episode has not failed.
+
+        ``info["success"]`` says that it has been so for the last `hold` seconds.
+        """
+        return np.logical_not(self.failed(seen))
 
 
 def _calmness(seen: Quantities[Any]) -> Any:
@@ -102,14 +112,20 @@ class Passive(Mode):
         """Return 0."""
         return 0.0 * seen.tip
 
+    def achieved(self, seen: Quantities[Any]) -> Any:
+        """Return False: there is nothing to achieve."""
+        return seen.tip > 2.0
+
 
 class SwingUp(Mode):
     """From hanging nearly at rest to upright and slow.
 
     reward = height^2 (1 + calmness) / 2 (1 - effort / 10), with calmness = 1 / (1 + 4 kinetic)
+    success: for 5 s, height > 0.95 and kinetic < 0.01
     """
 
     name = "swingup"
+    hold = 5.0
 
     def start(
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
@@ -123,11 +139,16 @@ class SwingUp(Mode):
         upright = seen.height * seen.height * (0.5 + 0.5 * _calmness(seen))
         return upright * (1.0 - 0.1 * seen.effort)
 
+    def achieved(self, seen: Quantities[Any]) -> Any:
+        """Return where the chain is upright and slow."""
+        return (seen.height > 0.95) & (seen.kinetic < 0.01)
+
 
 class Balance(Mode):
     """Keep the upright chain up; fails when the tip falls below half its full height.
 
     reward = max(tip, 0) (1 + calmness) / 2 (1 - effort / 10)
+    success: not failed
     """
 
     name = "balance"
@@ -150,12 +171,17 @@ class Balance(Mode):
         """Return where the tip is below half the chain's length."""
         return seen.tip < 0.5
 
+    def achieved(self, seen: Quantities[Any]) -> Any:
+        """Return where the tip is at half the chain's length or above; lower ends the episode."""
+        return seen.tip >= 0.5
+
 
 class Calm(Mode):
     """Bring the released chain to rest.
 
     reward = (1 / (1 + left) + 1 / (1 + 100 left)) / 2 (1 - effort / 10), with `left` the energy
     over that at the start
+    success: left < 0.01
     """
 
     name = "calm"
@@ -171,6 +197,10 @@ class Calm(Mode):
         """Return a falling function of the energy left, steep both at the start and near rest."""
         calm = 0.5 / (1.0 + seen.left) + 0.5 / (1.0 + 100.0 * seen.left)
         return calm * (1.0 - 0.1 * seen.effort)
+
+    def achieved(self, seen: Quantities[Any]) -> Any:
+        """Return where less than 1 % of the energy at the start is left."""
+        return seen.left < 0.01
 
 
 MODES: dict[str, type[Mode]] = {mode.name: mode for mode in (Passive, SwingUp, Balance, Calm)}

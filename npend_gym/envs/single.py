@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym.envs.batch import Batch
 from npend_gym.envs.config import make_config
 from npend_gym.envs.inputs import clean_action
-from npend_gym.envs.modes import Mode
+from npend_gym.envs.modes import Mode, Quantities
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.vector import Info, ObsArray
 
@@ -95,7 +95,13 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     the larger of the two energies; ``bobs_completed``, ``pseudo_periods`` (n,) [s] (0.0 where not
     yet) and their mean ``pseudo_period``, in the reading "bob" of `npend_gym.pseudo_periods`;
     ``ideal_period``, the paper's T0 [s]; ``tip_height`` over the pivot [m]; ``theta`` (n,),
-    unwrapped, and ``omega`` (n,); ``diverged``.
+    unwrapped, and ``omega`` (n,); ``diverged``; ``success``, whether the task is done as of now,
+    on the last step that of the episode:
+
+    - swingup: for the last 5 s, `height` > 0.95 and `kinetic` < 0.01
+    - balance: the tip has not fallen below half the chain's length
+    - calm: `left` < 0.01
+    - passive: never; there is no task
 
     Parameters
     ----------
@@ -170,6 +176,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._batch = Batch(config, 1)
         self._mode = config.mode
         self._action_shape = (config.joints.size,)
+        self._hold_steps = config.hold_steps
+        self._met = 0  # instants in a row at which the goal was met
         self._started = False
 
     def reset(
@@ -198,7 +206,10 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
             self.camera.follow(self._batch)
-        return self._batch.observation[0], self._batch.only_lane()[1]
+        quantities, info = self._batch.only_lane()
+        self._met = 0
+        info["success"] = self._success(quantities)
+        return self._batch.observation[0], info
 
     def step(self, action: Any) -> tuple[ObsArray, float, bool, bool, Info]:
         """Advance by `dt`; an action beyond the box is clipped.
@@ -222,9 +233,15 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             raise
         quantities, info = batch.only_lane()
         reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
+        info["success"] = self._success(quantities)
         if self.render_mode is not None:
             self.camera.follow(batch)
         return batch.observation[0], reward, failed, info["diverged"], info
+
+    def _success(self, quantities: Quantities[float]) -> bool:
+        """Return whether the goal is met now and was over all of the mode's `hold`."""
+        self._met = self._met + 1 if self._mode.achieved(quantities) else 0
+        return self._met > self._hold_steps
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it."""

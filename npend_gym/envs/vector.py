@@ -120,6 +120,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._batch = Batch(config, self.num_envs, threads)
         self._seeds: list[int] = []
         self._steps = np.zeros(self.num_envs, np.int64)
+        self._hold_steps = config.hold_steps
+        self._met = np.zeros(self.num_envs, np.int64)  # instants in a row with the goal met
         self._done: BoolArray | None = None  # None until the first reset
         self.closed = False
 
@@ -157,11 +159,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             raise ValueError("options['reset_mask'] must be all True in the first reset")
         checked = self._batch.check_options(given, single=False)
         self._seed(seed, mask)
-        self._batch.start(mask, checked)
-        self._steps[mask] = 0
+        self._begin(mask, checked)
         done = np.zeros(self.num_envs, np.bool_) if self._done is None else self._done & ~mask
         self._done = done
-        self.camera.forget(mask)
         return self._batch.observation, self._info(mask)
 
     def step(self, actions: Any) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, Info]:
@@ -198,9 +198,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._steps += 1
         if some_wait:  # autoreset of NEXT_STEP
             batch.active[waiting] = 1.0
-            batch.start(waiting, {}, anew=False)
-            self._steps[waiting] = 0
-            self.camera.forget(waiting)
+            self._begin(waiting, {}, anew=False)
         quantities = batch.quantities()
         # new arrays, even where a mode returns one number, or one of the quantities as it is
         reward, terminated = np.empty(self.num_envs), np.empty(self.num_envs, np.bool_)
@@ -208,6 +206,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         terminated[:] = self.config.mode.failed(quantities)
         if some_wait:
             reward[waiting], terminated[waiting] = 0.0, False
+            self._met[waiting] = 0
+        self._met += 1
+        self._met *= self.config.mode.achieved(quantities)
         truncated = batch.diverged
         if self.max_episode_steps is not None:
             truncated |= self._steps >= self.max_episode_steps
@@ -226,13 +227,11 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         finals = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(done).tolist():
             finals[lane] = observation[lane].copy()
-        self.camera.forget(done)
         final_info: Info = {
             key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
             for key, value in last.items()
         }
-        self._batch.start(done, {}, anew=False)
-        self._steps[done] = 0
+        self._begin(done, {}, anew=False)
         self._done = np.zeros(self.num_envs, np.bool_)
         return self._info() | {
             "final_obs": finals,
@@ -278,9 +277,19 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             if seeds[lane] is not None:
                 self._batch.rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
 
+    def _begin(
+        self, lanes: BoolArray, options: dict[str, FloatArray], *, anew: bool = True
+    ) -> None:
+        """Begin a new episode in some lanes; what is seen goes to new arrays where `anew`."""
+        self._batch.start(lanes, options, anew=anew)
+        self._steps[lanes] = 0
+        achieved = self.config.mode.achieved(self._batch.quantities())
+        self._met[lanes] = np.broadcast_to(achieved, lanes.shape)[lanes]
+        self.camera.forget(lanes)
+
     def _info(self, mask: BoolArray | None = None) -> Info:
         """Return the batch's info with a mask for every key; `mask` says which lanes it is of."""
-        info = self._batch.info()
+        info = self._batch.info() | {"success": self._met > self._hold_steps}
         there = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
         info |= dict.fromkeys([f"_{key}" for key in info], there)
         info["_pseudo_period"] = there & (info["bobs_completed"] > 0)

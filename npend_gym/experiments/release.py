@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -99,6 +99,12 @@ class Release:
             for n in self.n_values
             for trial in range(1, self.trials + 1)
         ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields as plain numbers, lists and texts, for a manifest."""
+        listed = ("n_values", "masses", "lengths")
+        values = asdict(self)
+        return values | {name: np.asarray(values[name]).tolist() for name in listed}
 
     def _draw(self, n: int, trial: int) -> float:
         return float(np.random.default_rng([self.seed, n, trial]).random())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
+import hashlib
+import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-_LEGEND = """\
+LEGEND = """\
 measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed}
 T0: the paper's 2 pi N / sum sqrt(g m/(l M)); + ampl.: times its amplitude series, corrected
 T1: period of the slowest normal mode; e: |measured - model| / measured"""
@@ -43,8 +44,18 @@ def summary_text(release: Release, runs: Sequence[Run]) -> str:
             *(_percent(row[f"{key}_error"]) for key in ("ideal", "corrected", "fundamental")),
         )
         lines.append("".join(f"{c:>{w}}" for c, (_, w) in zip(cells, _COLUMNS, strict=True)))
-    lines += ["", _LEGEND.format(reading=release.reading, seed=release.seed)]
+    lines += ["", LEGEND.format(reading=release.reading, seed=release.seed)]
     return "\n".join(lines)
+
+
+def summary_json(release: Release, runs: Sequence[Run]) -> str:
+    """Return `summary_rows` and what made them as JSON, null where there is no number."""
+    rows = [
+        {key: None if math.isnan(value) else value for key, value in row.items()}
+        for row in summary_rows(release, runs)
+    ]
+    about = {"package": "npend_gym", "version": __version__, "arguments": release.as_dict()}
+    return json.dumps(about | {"summary": rows}, indent=2, allow_nan=False)
 
 
 def _seconds(value: float) -> str:
@@ -82,12 +93,32 @@ def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) ->
                 )
             written.append(out / name)
     complete = len(runs) == len(release.runs())
-    manifest = write_manifest(out, "release", _arguments(release), written, complete=complete)
+    manifest = write_manifest(out, "release", release.as_dict(), written, complete=complete)
     return [*written, manifest]
 
 
-def _arguments(release: Release) -> dict[str, Any]:
-    return {
-        name: np.asarray(value).tolist() if name in ("n_values", "masses", "lengths") else value
-        for name, value in asdict(release).items()
-    }
+def read(folder: Path) -> tuple[Release, list[Run]]:
+    """Return what `write` wrote to `folder`: the release and its runs, to the last bit.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds no results of a release, or they have been changed since.
+    """
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
+        table = (folder / "periods.csv").read_bytes()
+        if manifest["experiment"] != "release":
+            raise ValueError(f"its experiment is {manifest['experiment']}")
+        if manifest["sha256"]["periods.csv"] != hashlib.sha256(table).hexdigest():
+            raise ValueError("periods.csv has been changed since")
+        release = Release(**manifest["arguments"])
+        periods: dict[tuple[int, int, float], list[float]] = {}
+        for row in csv.DictReader(table.decode().splitlines()):
+            key = (int(row["n"]), int(row["trial"]), float(row["start_rad"]))
+            periods.setdefault(key, []).append(float(row["pseudo_period_s"]))
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"{folder} must hold results that `npend release --out` has written: {error}"
+        ) from error
+    return release, [Run(*key, np.array(values)) for key, values in periods.items()]

@@ -1,0 +1,190 @@
+"""Train every task with several seeds and set the policies beside controllers and chance.
+
+Run it with `python examples/results.py --out results/learning`; what has been trained there
+already is not trained again, so it can be interrupted. `--tasks` and `--seeds` choose parts.
+It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
+them into `docs/` and the best policies into the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from train_cleanrl import TASKS, settings_of, train
+
+from npend_gym.rl import controllers
+from npend_gym.rl.evaluation import Agent, evaluate
+from npend_gym.rl.policies import PRETRAINED, Policy
+
+DOCS = Path(__file__).parents[1] / "docs"
+TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
+
+
+def keywords_of(task: str) -> dict[str, Any]:
+    """Return the keywords of the environment in which `task` is judged: all by default."""
+    mode, n = task.rsplit("-", 1)
+    return {"mode": mode, "n": int(n), "observation": "sincos"}
+
+
+def yardsticks(task: str) -> dict[str, Agent]:
+    """Return what a policy has to beat: chance, and controllers that know the equations."""
+    keywords = keywords_of(task)
+    config = gym.make("NPendulum-v0", **keywords).unwrapped.config
+    joints, rng = config.joints.size, np.random.default_rng(0)
+    agents: dict[str, Agent] = {
+        "random": lambda observation, _: rng.uniform(-1.0, 1.0, (len(observation), joints))
+    }
+    if keywords["mode"] == "balance":
+        agents["LQR"] = controllers.lqr(config)
+    if keywords["mode"] == "calm":
+        agents["modal damping"] = controllers.damper(config)
+        agents["LQR"] = controllers.lqr(config, 0.0)
+    if keywords["mode"] == "swingup" and config.chain.n <= 2:
+        agents["energy, then LQR"] = controllers.swing_up(config)
+    return agents
+
+
+def train_and_keep(task: str, seed: int, out: Path) -> None:
+    """Train one policy, judge it and write policy and curve down, unless they are there."""
+    path = out / f"{task}-seed{seed}.npz"
+    if path.exists():
+        return
+    settings = settings_of(task, seed=seed)
+    policy, curve = train(settings, f"{task}, seed {seed}")
+    score = evaluate(policy, keywords_of(task)).as_row()
+    policy.provenance["evaluation"] = score
+    write_csv(path.with_suffix(".csv"), curve)
+    policy.save(path)
+    print(f"{task}, seed {seed}: {score}", flush=True)
+
+
+def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Write rows that all have the keys of the first."""
+    rows = list(rows)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return a row for every agent and task, and the rows of all learning curves."""
+    rows: list[dict[str, Any]] = []
+    curves: list[dict[str, Any]] = []
+    blank = {"seed": "", "steps": "", "seconds": ""}
+    for task in tasks:
+        for name, agent in yardsticks(task).items():
+            rows.append(
+                {"task": task, "agent": name} | blank | evaluate(agent, keywords_of(task)).as_row()
+            )
+        for path in sorted(out.glob(f"{task}-seed*.npz")):
+            policy = Policy.load(path)
+            seed = policy.provenance["settings"]["seed"]
+            end = {key: policy.provenance["training"][key] for key in ("steps", "seconds")}
+            score = evaluate(policy, keywords_of(task)).as_row()
+            rows.append({"task": task, "agent": "PPO", "seed": seed} | end | score)
+            with path.with_suffix(".csv").open(encoding="utf-8") as file:
+                curves += [{"task": task, "seed": seed} | row for row in csv.DictReader(file)]
+    return rows, curves
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the results as a table in Markdown, policies as the mean and range over seeds."""
+    lines = ["| task | agent | seeds | steps | time | success | return | since | work |",
+             "|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
+    for key in dict.fromkeys((row["task"], row["agent"]) for row in rows):
+        group = [row for row in rows if (row["task"], row["agent"]) == key]
+        trained = key[1] == "PPO"
+        cells = [
+            key[0],
+            key[1],
+            str(len(group)) if trained else "",
+            f"{group[0]['steps'] / 1e6:.2f} M" if trained else "",
+            f"{np.mean([row['seconds'] for row in group]):.0f} s" if trained else "",
+            " ".join(f"{100 * row['success']:.0f}" for row in group) + " %",
+            " ".join(f"{row['return']:.0f}" for row in group),
+            " ".join("-" if row["since"] is None else f"{row['since']:.1f}" for row in group)
+            + " s",
+            " ".join(f"{row['joules']:.0f}" for row in group) + " J",
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def draw(curves: list[dict[str, Any]], path: Path) -> None:
+    """Draw the share of successful training episodes against steps, a panel for every mode."""
+    from matplotlib.figure import Figure
+
+    modes = list(dict.fromkeys(row["task"].rsplit("-", 1)[0] for row in curves))
+    figure = Figure(figsize=(4.2 * len(modes), 3.6), layout="constrained")
+    for axes, mode in zip(figure.subplots(1, len(modes), squeeze=False)[0], modes, strict=True):
+        here = [row for row in curves if row["task"].startswith(mode)]
+        for color, task in enumerate(dict.fromkeys(row["task"] for row in here)):
+            for seed in dict.fromkeys(row["seed"] for row in here if row["task"] == task):
+                # no success is known where no episode has ended
+                line = [r for r in here if (r["task"], r["seed"]) == (task, seed) and r["success"]]
+                axes.plot(
+                    [float(row["steps"]) / 1e6 for row in line],
+                    [float(row["success"]) for row in line],
+                    color=f"C{color}",
+                    label=f"N = {task.rsplit('-', 1)[1]}" if seed == 0 else None,
+                    lw=1,
+                )
+        axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02))
+        axes.legend()
+    figure.axes[0].set_ylabel("success of training episodes, with noise")
+    figure.savefig(path, dpi=150)
+
+
+def publish(rows: list[dict[str, Any]], out: Path) -> None:
+    """Put tables and figure into the docs, the best policy of every task into the package."""
+    for name, target in {
+        "results.csv": "results/learning.csv",
+        "curves.csv": "results/learning_curves.csv",
+        "curves.png": "images/learning_curves.png",
+    }.items():
+        (DOCS / target).parent.mkdir(exist_ok=True)
+        shutil.copyfile(out / name, DOCS / target)
+    page = DOCS / "results.md"
+    text = TABLE.sub(lambda _: table(rows) + "\n", page.read_text(encoding="utf-8"), count=1)
+    page.write_text(text, encoding="utf-8")
+    PRETRAINED.mkdir(exist_ok=True)
+    for task in dict.fromkeys(row["task"] for row in rows):
+        trained = [row for row in rows if row["task"] == task and row["agent"] == "PPO"]
+        best = max(trained, key=lambda row: (row["success"], row["return"]))
+        if best["success"] > 0.9:
+            Policy.load(out / f"{task}-seed{best['seed']}.npz").save(PRETRAINED / f"{task}.npz")
+
+
+def main() -> None:
+    """Train what is missing, then write tables and figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/learning"))
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS))
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--publish", action="store_true", help="in docs/ and in the package")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for seed in arguments.seeds:
+        for task in arguments.tasks:
+            train_and_keep(task, seed, arguments.out)
+    rows, curves = collect(arguments.tasks, arguments.out)
+    write_csv(arguments.out / "results.csv", rows)
+    write_csv(arguments.out / "curves.csv", curves)
+    (arguments.out / "results.md").write_text(table(rows), encoding="utf-8")
+    draw(curves, arguments.out / "curves.png")
+    print(table(rows))
+    if arguments.publish:
+        publish(rows, arguments.out)
+
+
+if __name__ == "__main__":
+    main()

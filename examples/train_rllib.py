@@ -1,0 +1,50 @@
+"""Train in the distributed way, with Ray RLlib: environments step in worker processes.
+
+Run it with `python examples/train_rllib.py`; `--iterations 1 --runners 0` is a quick look. It wants
+`pip install "ray[rllib]" torch`; Ray asks for a Gymnasium of its own, so give it an environment
+of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import ray
+from ray.rllib.algorithms.ppo import PPOConfig
+
+TASK = {"n": 2, "mode": "swingup", "observation": "sincos", "max_episode_steps": 200}
+
+
+def main() -> None:
+    """Train PPO on remote environments and print how the return grows."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--iterations", type=int, default=500, help="of 4096 steps each")
+    parser.add_argument("--runners", type=int, default=2, help="worker processes; 0: none")
+    parser.add_argument("--batch", type=int, default=4096, help="steps of an iteration")
+    arguments = parser.parse_args()
+    ray.init(num_cpus=arguments.runners + 1, include_dashboard=False, log_to_driver=False)
+    config = (
+        PPOConfig()
+        .environment("npend_gym:NPendulum-v0", env_config=TASK)  # the workers import the package
+        .env_runners(num_env_runners=arguments.runners, num_envs_per_env_runner=16)
+        .training(
+            train_batch_size_per_learner=arguments.batch,
+            minibatch_size=min(256, arguments.batch),
+            num_epochs=10,
+            lr=1e-3,
+            gamma=0.98,
+        )
+        .debugging(seed=0)
+    )
+    algorithm = config.build_algo()
+    for k in range(arguments.iterations):
+        seen = algorithm.train()["env_runners"]
+        mean = seen.get("episode_return_mean", float("nan"))  # NaN before the first episode ends
+        steps = seen["num_env_steps_sampled_lifetime"]
+        print(f"iteration {k + 1}: {steps:.0f} steps, return {mean:.2f} of at most 200", flush=True)
+    algorithm.stop()
+    ray.shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""A motion recorded to be shown: a release, or an episode that an agent controls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym._version import __version__
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.experiments.release import Release, Run
+from npend_gym.physics.simulate import Trajectory, simulate
+
+Agent = Callable[[NDArray[np.float32], Any], NDArray[Any]]
+READINGS = ("bob", "link", "height")  # those that an instant of the motion completes
+DEFAULT_SECONDS = 15.0  # of an episode
+_INCOMPLETE_SECONDS = 10.0  # the paper's window, for releases that complete nothing
+_AFTERWARDS = 1.05  # a release is recorded a little longer than its last pseudo-period
+_MOST_NUMBERS = 20_000_000  # angles in a recording: 160 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A motion and when each bob completed its pseudo-period.
+
+    Attributes
+    ----------
+    motion : Trajectory
+        T instants from 0 on.
+    periods : ndarray, shape (n,)
+        Pseudo-period of every bob [s], which is also the instant that completes it; NaN where
+        that lies beyond the recording.
+    torque : ndarray, shape (T,)
+        Torque at the base over its limit, from that instant on; the last entry repeats.
+    reading : {"bob", "link", "height"}
+        What completes a pseudo-period, see `npend_gym.pseudo_periods`.
+    caption : str
+        What it is, in a few words.
+    arguments : dict
+        What made it, as plain numbers and texts.
+    """
+
+    motion: Trajectory
+    periods: FloatArray
+    torque: FloatArray
+    reading: str
+    caption: str
+    arguments: dict[str, Any]
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """What made the recording: package, version, arguments."""
+        return {"package": "npend_gym", "version": __version__, "arguments": self.arguments}
+
+    def signals(self) -> FloatArray:
+        """Return the signal of every bob whose sign the reading goes by, shape (T, n).
+
+        Its horizontal velocity [m/s], its rod's angular velocity [rad/s], or its height above the
+        start [m].
+        """
+        if self.reading == "bob":
+            return self.motion.velocities()[..., 0]
+        if self.reading == "link":
+            return self.motion.omega
+        height = self.motion.positions()[..., 1]
+        return height - height[0]
+
+    def turning_points(self) -> FloatArray:
+        """Return where each bob completed its pseudo-period [m], shape (n, 2), NaN where not.
+
+        Interpolated between the recorded instants: for pictures.
+        """
+        places, turned = self.motion.positions(), np.empty((self.motion.chain.n, 2))
+        for bob, period in enumerate(self.periods.tolist()):
+            for axis in (0, 1):
+                turned[bob, axis] = np.interp(period, self.motion.times, places[:, bob, axis])
+        return turned
+
+
+def record_release(release: Release, run: Run, interval: float) -> Recording:
+    """Record one measured run of `release` every `interval` [s].
+
+    It lasts for `release.duration`, by default until the last bob has completed.
+
+    Raises
+    ------
+    ValueError
+        If the reading is "listing", whose estimate is no instant, or the recording would be too
+        long to be held.
+    """
+    _checks.choice("reading", release.reading, READINGS)
+    interval = _checks.positive_number("interval", interval)
+    chain, seconds = release.chain(run.n), release.duration
+    if seconds is None:
+        last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
+        seconds = max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
+    if seconds / interval * run.n > _MOST_NUMBERS:
+        raise ValueError(
+            f"a recording must hold at most {_MOST_NUMBERS} angles, got {seconds / interval:.0f} "
+            f"instants of {run.n} rods; take a longer interval or a shorter duration"
+        )
+    times = interval * np.arange(int(seconds / interval) + 1)
+    motion = simulate(chain, run.start, 0.0, times)
+    periods = np.where(run.periods <= times[-1], run.periods, np.nan)
+    caption = f"release from {np.degrees(run.start):.3g} degrees, n = {run.n}"
+    arguments = release.as_dict() | {"n_values": [run.n], "trial": run.trial, "start": run.start}
+    return Recording(motion, periods, np.zeros(times.size), release.reading, caption, arguments)
+
+
+def record_episode(
+    agent: Agent,
+    keywords: Mapping[str, Any],
+    *,
+    seed: int = 0,
+    seconds: float = DEFAULT_SECONDS,
+    name: str = "agent",
+) -> Recording:
+    """Record an episode of `NPendulum-v0` made with `keywords`, every step of it.
+
+    `agent` is called with observations and info that have a leading axis of one, as in a vector
+    environment, and returns actions with that axis. The recording ends with the episode, at the
+    latest after `seconds`.
+    """
+    seconds = _checks.positive_number("seconds", seconds)
+    env: Any = gym.make(ENV_ID, **keywords)
+    config = env.unwrapped.config
+    observation, info = env.reset(seed=seed)
+    seen, done = [info], False
+    actions: list[float] = []
+    while not done:
+        batch = {key: np.asarray(value)[None] for key, value in info.items()}
+        action = np.asarray(agent(observation[None], batch))[0].astype(env.action_space.dtype)
+        observation, _, terminated, truncated, info = env.step(action)
+        done = terminated or truncated or info["time"] >= seconds
+        seen.append(info)
+        actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
+    env.close()
+    times, theta, omega = (np.array([i[key] for i in seen]) for key in ("time", "theta", "omega"))
+    periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)
+    return Recording(
+        Trajectory(config.chain, times, theta, omega),
+        periods,
+        np.array([*actions, actions[-1]]),
+        "bob",
+        f"{config.mode.name} by {name}, n = {config.chain.n}",
+        {"agent": name, "seed": seed, "seconds": seconds, "env": dict(keywords)},
+    )

@@ -1,0 +1,237 @@
+"""A chain to play with: a live window on the environment (extra "render")."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks, theory
+from npend_gym._checks import FloatArray
+from npend_gym.envs.modes import Passive
+from npend_gym.envs.single import NPendulumEnv
+from npend_gym.physics import energy
+from npend_gym.render import Frame, Painter, Scene, Window, pygame_module
+
+MAX_N = 200
+_DT, _STEPS = 0.02, 2  # s, and steps between two pictures
+_SIZE, _PANEL = 560, 320  # pixels
+_TRACE = 150  # places of the tip
+_SMALLEST, _STEP = math.radians(5.0), math.radians(5.0)
+_INK, _FAINT, _PAPER = (0x2B, 0x33, 0x3B), (0x9A, 0xA3, 0xAC), (0xF3, 0xF4, 0xF6)
+_BLUE, _ORANGE, _GREEN = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0x00, 0x9E, 0x73)
+_HELP = (
+    "mouse: pull a bob", "left, right: torque at the pivot", "space: pause    r: release anew",
+    "up, down: number of pendulums", "page up, page down: amplitude", "q: quit",
+)  # fmt: skip
+
+
+class Play(Passive):
+    """The free release, with a motor in every joint for the player's hand."""
+
+    name = "play"
+    dt = _DT
+    torque_share = 0.5
+
+
+class Game:
+    """What the window shows and how it answers; knows events, but opens no window.
+
+    Parameters
+    ----------
+    n : int
+        Number of pendulums, at most 200.
+    amplitude : float
+        Angle of the release [rad].
+    seed : int
+        Seed of the environment: the release adds a draw from [0, 0.017) rad, as in the paper.
+    """
+
+    def __init__(self, n: int = 5, amplitude: float = math.pi / 4, seed: int = 0) -> None:
+        self.n = _checks.count("n", n, high=MAX_N)
+        self.amplitude = _checks.number("amplitude", amplitude)
+        if not 0.0 < abs(self.amplitude) < math.pi:
+            raise ValueError(f"amplitude must be between 0 and pi, got {amplitude}")
+        self.seed = _checks.count("seed", seed, low=0)
+        self.paused = self.over = False
+        self._painter = Painter(_SIZE)
+        self.release()
+
+    def release(self) -> None:
+        """Release the chain anew, from rest."""
+        self._env = NPendulumEnv(
+            n=self.n, mode=Play(), actuated=range(self.n), amplitude=self.amplitude
+        )
+        self._config = self._env.config
+        self.info: dict[str, Any] = self._env.reset(seed=self.seed)[1]
+        self._turn = 0.0  # torque at the pivot over its limit, by the keys
+        self._held: int | None = None  # bob in the player's hand
+        self._hand = np.zeros(2)  # where that is [m]
+        self._pushed = False
+        self._trace: list[FloatArray] = []
+        self._turned: dict[int, FloatArray] = {}  # where each bob completed
+
+    # -- the motion ------------------------------------------------------------------------------
+
+    @property
+    def positions(self) -> FloatArray:
+        """Places of the bobs [m], shape (n, 2)."""
+        return energy.positions(self._config.chain, self.info["theta"])
+
+    @property
+    def periods(self) -> FloatArray:
+        """Pseudo-period of each bob [s], zero where not complete and while the player pushes."""
+        return np.zeros(self.n) if self._pushed else self.info["pseudo_periods"]
+
+    def advance(self) -> None:
+        """Let 0.02 s go by, unless paused.
+
+        After a push time begins anew: pseudo-periods are those of the free motion since.
+        """
+        if self.paused:
+            return
+        action = self._action()
+        pushing = bool(np.any(action))
+        if self._pushed and not pushing:
+            state = {name: self.info[name] for name in ("theta", "omega")}
+            self.info = self._env.reset(options=state)[1]
+        if pushing:
+            self._turned = {}
+        self._pushed = pushing
+        self.info = self._env.step(action)[4]
+        places = self.positions
+        self._trace = [*self._trace[1 - _TRACE :], places[-1]]
+        for bob in np.flatnonzero(self.periods).tolist():
+            self._turned.setdefault(bob, places[bob])
+
+    def _action(self) -> NDArray[np.float32]:
+        """Return the torque at every joint over its limit: of the keys, and of the hand."""
+        share = np.zeros(self.n)
+        share[0] = self._turn
+        if self._held is not None:
+            chain, bob, theta = self._config.chain, self._held, self.info["theta"]
+            speed = energy.velocities(chain, theta, self.info["omega"])[bob]
+            mass, rate = chain.masses.mean(), math.sqrt(chain.gravity / chain.lengths.mean())
+            # a spring to the hand, damped for the force is held for a step
+            pull = rate * (self._hand - self.positions[bob]) - 0.5 * speed
+            force = 4.0 * mass * rate * pull
+            along = chain.lengths * (np.cos(theta) * force[0] + np.sin(theta) * force[1])
+            along[bob + 1 :] = 0.0  # nothing beyond the bob feels it at once
+            # torque on joint j moves all that hangs below it
+            share += np.cumsum(along[::-1])[::-1] / self._config.max_torque
+        return np.clip(share, -1.0, 1.0).astype(np.float32)
+
+    # -- the player ------------------------------------------------------------------------------
+
+    def handle(self, event: Any) -> None:
+        """Do what an event of pygame asks for; others do nothing."""
+        pg = pygame_module()
+        if event.type == pg.QUIT:
+            self.over = True
+        elif event.type in (pg.KEYDOWN, pg.KEYUP):
+            self._key(event.key, down=event.type == pg.KEYDOWN)
+        elif event.type == pg.MOUSEBUTTONDOWN and event.pos[0] < _SIZE:
+            self._hand = self._place(event.pos)
+            self._held = int(np.argmin(np.hypot(*(self.positions - self._hand).T)))
+        elif event.type == pg.MOUSEBUTTONUP:
+            self._held = None
+        elif event.type == pg.MOUSEMOTION:
+            self._hand = self._place(event.pos)
+
+    def _place(self, pixel: tuple[int, int]) -> FloatArray:
+        """Return where a pixel lies [m]."""
+        return self._painter.place(pixel) * self._config.chain.total_length
+
+    def _key(self, key: int, *, down: bool) -> None:
+        pg = pygame_module()
+        turns = {pg.K_LEFT: -1.0, pg.K_RIGHT: 1.0}
+        if key in turns:
+            self._turn = turns[key] if down else 0.0
+        elif not down:
+            return
+        elif key in (pg.K_q, pg.K_ESCAPE):
+            self.over = True
+        elif key == pg.K_SPACE:
+            self.paused = not self.paused
+        elif key == pg.K_r:
+            self.release()
+        else:
+            self._change(key)
+
+    def _change(self, key: int) -> None:
+        pg = pygame_module()
+        more = {pg.K_UP: 1, pg.K_DOWN: -1}.get(key, 0)
+        wider = {pg.K_PAGEUP: _STEP, pg.K_PAGEDOWN: -_STEP}.get(key, 0.0)
+        n = min(max(self.n + more, 1), MAX_N)
+        amplitude = min(max(self.amplitude + wider, _SMALLEST), math.pi - _SMALLEST)
+        if (n, amplitude) != (self.n, self.amplitude):
+            self.n, self.amplitude = n, amplitude
+            self.release()
+
+    # -- the picture -----------------------------------------------------------------------------
+
+    def picture(self) -> Frame:
+        """Return what is to be seen now, of shape (560, 880, 3)."""
+        done = self.periods[self.periods > 0.0]
+        chain = self._painter.paint(
+            Scene(
+                positions=self.positions,
+                reach=self._config.chain.total_length,
+                time=self.info["time"],
+                energy=self.info["energy"],
+                pseudo_period=float(done.mean()) if done.size else 0.0,
+                completed=done.size,
+                torque=float(self._action()[0]),
+                caption=f"n = {self.n}" + (", paused" if self.paused else ""),
+                trace=np.reshape(self._trace, (-1, 2)),
+                marks=np.reshape(list(self._turned.values()), (-1, 2)),
+            )
+        )
+        return np.hstack([chain, self._panel()])
+
+    def _panel(self) -> Frame:
+        """Return the pseudo-periods of all bobs as a diagram, and the keys."""
+        pg = pygame_module()
+        pg.font.init()
+        font = pg.font.Font(None, 21)
+        panel = pg.Surface((_PANEL, _SIZE), 0, 32)
+        panel.fill(_PAPER)
+
+        def write(text: str, left: float, top: float, color: tuple[int, int, int] = _INK) -> None:
+            panel.blit(font.render(text, True, color), (left, top))
+
+        chain, periods = self._config.chain, self.periods
+        models = (
+            ("the paper's T0", theory.ideal_period(chain), _ORANGE),
+            ("slowest mode T1", theory.fundamental_period(chain), _GREEN),
+        )
+        left, right, low, high = 12.0, _PANEL - 14.0, 390.0, 100.0
+        longest = 1.2 * max(*periods, *(period for _, period, _ in models))
+        write(f"released from {math.degrees(self.amplitude):.0f} degrees", left, 12)
+        for row, (name, period, color) in enumerate(models, start=1):
+            at = low - (low - high) * period / longest
+            pg.draw.line(panel, color, (left, at), (right, at), 2)
+            write(f"{name}: {period:.3f} s", left, 12 + 22 * row, color)
+        pg.draw.lines(panel, _FAINT, False, [(left, high), (left, low), (right, low)])
+        for bob in np.flatnonzero(periods).tolist():
+            at = left + (right - left) * (bob + 0.5) / self.n
+            up = low - (low - high) * float(periods[bob]) / longest
+            pg.draw.aacircle(panel, _BLUE, (at, up), 4 if self.n <= 40 else 2)
+        write("pseudo-periods from the pivot to the tip", left, low + 6, _FAINT)
+        for row, text in enumerate(_HELP):
+            write(text, left, low + 34 + 21 * row)
+        return np.ascontiguousarray(pg.surfarray.array3d(panel).transpose(1, 0, 2))
+
+
+def play(game: Game) -> None:
+    """Open a window on `game` and keep it until the player quits."""
+    window = Window(game.handle)
+    try:
+        while not game.over:
+            for _ in range(_STEPS):
+                game.advance()
+            window.show(game.picture(), fps=1.0 / (_DT * _STEPS))
+    finally:
+        window.close()

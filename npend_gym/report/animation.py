@@ -1,0 +1,221 @@
+"""Films of recorded motions (extras "plot" and "render"): the chain beside its diagrams."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from npend_gym import _checks, _files
+from npend_gym.experiments.recording import Recording
+from npend_gym.physics import energy
+from npend_gym.render import Frame, Painter, Scene
+from npend_gym.report.figures import styled
+from npend_gym.report.palette import BLACK, BLUE, GREEN, ORANGE
+
+try:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import LinearSegmentedColormap
+    from matplotlib.figure import Figure
+except ImportError as error:
+    raise ImportError(
+        'films need matplotlib: install it with pip install "npend-gym[plot,render]"'
+    ) from error
+
+SUFFIXES = (".gif", ".mp4")
+_INCHES = 4.8  # height of the diagrams: sets the size of their text
+_TRACE_SECONDS = 3.0
+_COLORS = 128  # of a GIF
+_PAPER, _CURSOR = "#F3F4F6", (0x2B, 0x33, 0x3B)
+_SIGNS = LinearSegmentedColormap.from_list("signs", [BLUE, "#F7F7F7", ORANGE])
+_TITLES = {
+    "bob": "bobs going left (blue), right (orange); dot: turned twice",
+    "link": "rods turning clockwise (blue) or not; dot: turned twice",
+    "height": "bobs below (blue) or above their start; dot: back",
+}
+
+_T = TypeVar("_T")
+Progress = Callable[[Iterable[_T]], Iterable[_T]]
+
+
+class Film:
+    """The pictures of a recording, painted one by one as they are asked for.
+
+    Parameters
+    ----------
+    recording : Recording
+    fps : float
+        Pictures a second.
+    speed : float
+        Seconds of the motion in a second of the film.
+    size : int
+        Height in pixels, even; the width is twice that.
+    """
+
+    def __init__(
+        self, recording: Recording, *, fps: float = 25.0, speed: float = 1.0, size: int = 480
+    ) -> None:
+        self.recording = recording
+        self.fps = _checks.positive_number("fps", fps)
+        self.speed = _checks.positive_number("speed", speed)
+        if _checks.count("size", size, low=120, high=2160) % 2:
+            raise ValueError(f"size must be even, for video has no odd sizes, got {size}")
+        self._painter = Painter(size)
+        motion = recording.motion
+        interval = self.speed / self.fps
+        times = interval * np.arange(int(motion.times[-1] / interval + 1e-6) + 1)
+        self._shown = np.searchsorted(motion.times, times + 1e-6 * interval, side="right") - 1
+        self._places, self._energy = motion.positions(), motion.energy()
+        self._turned = recording.turning_points()
+        self._before, self._after, self._box = _diagrams(recording, size)
+
+    def __len__(self) -> int:
+        return self._shown.size
+
+    def __iter__(self) -> Iterator[Frame]:
+        return map(self.picture, range(len(self)))
+
+    def picture(self, k: int) -> Frame:
+        """Return picture `k`, of shape (size, 2 size, 3)."""
+        return np.hstack([self._painter.paint(self._scene(k)), self._diagrams_at(k)])
+
+    def _scene(self, k: int) -> Scene:
+        recording, now = self.recording, self._shown[k]
+        motion, time = recording.motion, recording.motion.times[now]
+        done = recording.periods <= time
+        first = max(0, k - round(_TRACE_SECONDS * self.fps / self.speed))
+        return Scene(
+            positions=self._places[now],
+            reach=motion.chain.total_length,
+            time=float(time),
+            energy=float(self._energy[now]),
+            pseudo_period=float(recording.periods[done].mean()) if done.any() else 0.0,
+            completed=int(done.sum()),
+            torque=float(recording.torque[now]),
+            caption=recording.caption,
+            trace=self._places[self._shown[first:k], -1],
+            marks=self._turned[done],
+        )
+
+    def _diagrams_at(self, k: int) -> Frame:
+        """Return the diagrams as far as they are known at picture `k`."""
+        times, (left, top, right, bottom) = self.recording.motion.times, self._box
+        now = round(left + (right - left) * times[self._shown[k]] / times[-1])
+        picture = self._before.copy()
+        picture[:, :now] = self._after[:, :now]
+        picture[top:bottom, now - 1 : now + 1] = _CURSOR
+        return picture
+
+
+@styled
+def _draw(recording: Recording) -> Figure:
+    motion = recording.motion
+    figure = Figure(figsize=(_INCHES, _INCHES), facecolor=_PAPER)
+    layout: Any = figure.get_layout_engine()
+    layout.set(rect=(0.0, 0.01, 0.97, 0.98))  # left, bottom, width, height
+    axes: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    signals = recording.signals().T
+    signals = signals / np.maximum(np.abs(signals).max(axis=1, keepdims=True), 1e-300)
+    n, times = motion.chain.n, motion.times
+    edges = np.append(times, 2 * times[-1] - times[-2])
+    bobs = np.arange(1, n + 1)
+    axes[0].pcolormesh(
+        edges, np.arange(n + 1) + 0.5, signals, cmap=_SIGNS, vmin=-1, vmax=1, zorder=2
+    )
+    axes[0].plot(
+        recording.periods, bobs, "o", color=BLACK, markersize=min(4.0, max(1.5, 60.0 / n)), zorder=3
+    )
+    axes[0].set(ylim=(n + 0.5, 0.5), ylabel="bob, from the pivot")
+    axes[0].set_title(_TITLES[recording.reading], fontsize=9)
+    axes[0].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
+    kinetic = energy.kinetic_energy(motion.chain, motion.theta, motion.omega)
+    for values, color, label in (
+        (motion.energy(), BLACK, "energy"), (kinetic, ORANGE, "kinetic"),
+        (motion.energy() - kinetic, GREEN, "potential"),
+    ):  # fmt: skip
+        axes[1].plot(times, values, color=color, label=label)
+    axes[1].set(xlim=(0.0, times[-1]), ylim=(0.0, None), xlabel="time [s]", ylabel="energy [J]")
+    handles, labels = axes[1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def _diagrams(recording: Recording, size: int) -> tuple[Frame, Frame, tuple[int, ...]]:
+    """Return the diagrams before and after the motion, and the pixels that time runs through.
+
+    The latter are those from the left, top, right and bottom of all axes.
+    """
+    figure: Any = _draw(recording)
+    figure.set_dpi(size / _INCHES)
+    canvas = FigureCanvasAgg(figure)
+
+    def picture() -> Frame:
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+    after = picture()
+    figure.set_layout_engine("none")  # stays as it is when the data are hidden
+    for axes in figure.axes:
+        for artist in (*axes.lines, *axes.collections):
+            artist.set_visible(False)
+    upper, lower = (axes.get_window_extent() for axes in figure.axes)
+    box = (upper.x0, size - upper.y1, upper.x1, size - lower.y0)
+    return picture(), after, tuple(map(round, box))
+
+
+def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
+    """Write `film` to `path`, .gif or .mp4, whole or not at all; provenance is in its comment.
+
+    `progress` may wrap the iteration over the pictures, as tqdm does.
+
+    Raises
+    ------
+    ValueError
+        If `path` ends in neither.
+    """
+    suffix = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
+    write_as = _write_gif if suffix == ".gif" else _write_mp4
+    about = film.recording.provenance | {"fps": film.fps, "speed": film.speed}
+    with _files.replacing(path, binary=True) as file:
+        write_as(film, file, json.dumps(about), progress)
+    return path
+
+
+def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
+    from PIL import Image
+
+    # one palette for all pictures, so that what stands still costs nothing
+    some = [film.picture(k) for k in np.linspace(0, len(film) - 1, 4).astype(int).tolist()]
+    palette = Image.fromarray(np.vstack(some)).quantize(
+        _COLORS, method=Image.Quantize.MAXCOVERAGE, kmeans=3
+    )
+
+    def reduced(frame: Frame) -> Any:
+        return Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+
+    first, *rest = map(reduced, progress(film))
+    first.save(
+        file, "GIF", save_all=True, append_images=rest, loop=0, optimize=True,
+        duration=1000.0 / film.fps, comment=comment.encode(),
+    )  # fmt: skip
+
+
+def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
+    import imageio_ffmpeg
+
+    ffmpeg: Any = imageio_ffmpeg
+    height, width, _ = film.picture(0).shape
+    options = ["-f", "mp4", "-crf", "20", "-threads", "1", "-fflags", "+bitexact"]
+    writer = ffmpeg.write_frames(
+        file.name, (width, height), fps=film.fps, macro_block_size=2, quality=None,
+        output_params=[*options, "-metadata", f"comment={comment}"],
+    )  # fmt: skip
+    writer.send(None)
+    try:
+        for frame in progress(film):
+            writer.send(np.ascontiguousarray(frame))
+    finally:
+        writer.close()

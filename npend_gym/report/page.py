@@ -1,0 +1,187 @@
+"""A release in the browser: one HTML file that needs neither network nor server."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _files, theory
+from npend_gym._version import __version__
+from npend_gym.experiments.recording import Recording, record_release
+from npend_gym.experiments.release import Release, Run, summary_rows
+from npend_gym.report.release import LEGEND
+
+SUFFIXES = (".html",)
+_INTERVAL = 0.04  # s: between recorded instants, straight lines do
+_INSTANTS = 600  # at most, of a recording
+_DECIMALS = 4  # kept of the places, in units of the chain's length
+_COLORS = {"T0": "orange", "T0 + ampl.": "amber", "T1": "green"}
+_STYLES = {"T0 + ampl.": "dashed"}
+_COLUMNS = {
+    "n": "N", "measured_s": "measured [s]", "bob_spread_s": "over bobs [s]",
+    "trial_spread_s": "over trials [s]", "completed": "completed", "bobs": "bobs",
+    "ideal_s": "T0 [s]", "corrected_s": "T0 + ampl. [s]", "fundamental_s": "T1 [s]",
+    "ideal_error": "e(T0)", "corrected_error": "e(T0+a)", "fundamental_error": "e(T1)",
+}  # fmt: skip
+
+Progress = Callable[[Iterable[Run]], Iterable[Run]]
+
+
+def write(release: Release, runs: Sequence[Run], path: Path, progress: Progress = iter) -> Path:
+    """Write the page of `release` to `path`, whole or not at all.
+
+    The first run of every n is recorded for the animation; `progress` may wrap these, as tqdm does.
+    """
+    firsts = {run.n: run for run in reversed(runs)}
+    recordings = [
+        record_release(release, run, _interval(release, run))
+        for run in progress([firsts[n] for n in sorted(firsts)])
+    ]
+    text = page(release, runs, recordings)
+    with _files.replacing(path) as file:
+        file.write(text)
+    return path
+
+
+def _interval(release: Release, run: Run) -> float:
+    longest = np.nanmax([release.duration or 0.0, 10.0, *run.periods])
+    return max(_INTERVAL, float(longest) / _INSTANTS)
+
+
+def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording]) -> str:
+    """Return the page as text: the animation of `recordings`, and what all `runs` measured."""
+    rows = summary_rows(release, runs)
+    data = {
+        "provenance": {
+            "package": "npend_gym",
+            "version": __version__,
+            "arguments": release.as_dict(),
+        },
+        "releases": [_recorded(release, recording) for recording in recordings],
+        "law": _law(release, runs, rows),
+    }
+    n_values = ", ".join(str(row["n"]) for row in rows)
+    texts = {
+        "title": f"Release of N = {n_values} pendulums",
+        "about": f"From rest at {math.degrees(release.amplitude):.4g} degrees plus up to "
+        f'{math.degrees(release.spread):.3g}; reading "{release.reading}", seed {release.seed}, '
+        f"{release.trials} trials for each N. The animation is the first of them.",
+        "legend": LEGEND.format(reading=release.reading, seed=release.seed),
+        "command": command(release),
+        "version": __version__,
+    }
+    folder = files("npend_gym.report")
+    return Template((folder / "page.html").read_text("utf-8")).substitute(
+        {name: html.escape(text) for name, text in texts.items()},
+        summary=_table(rows),
+        # a "<" could end the element
+        data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        style=(folder / "page.css").read_text("utf-8"),
+        script=(folder / "page.js").read_text("utf-8"),
+    )
+
+
+def command(release: Release) -> str:
+    """Return the `npend release` command that measures `release`."""
+    default, words = Release().as_dict(), ["npend release"]
+    for name, value in release.as_dict().items():
+        if value is not None and value != default[name]:
+            option = "--n" if name == "n_values" else f"--{name}"
+            words += [option, ",".join(str(one) for one in np.atleast_1d(value).tolist())]
+    return " ".join(words)
+
+
+def _models(release: Release, n: int, start: float) -> dict[str, float]:
+    """Return the models of the pseudo-period [s] that have a scale; none has without gravity."""
+    chain = release.chain(n)
+    ideal = theory.ideal_period(chain)
+    values = {
+        "T0": ideal,
+        "T0 + ampl.": ideal * (1.0 + float(theory.amplitude_correction(start))),
+        "T1": theory.fundamental_period(chain),
+    }
+    return {name: value for name, value in values.items() if math.isfinite(value)}
+
+
+def _recorded(release: Release, recording: Recording) -> dict[str, Any]:
+    motion, n = recording.motion, recording.motion.chain.n
+    start = recording.arguments["start"]
+    places = np.round(motion.positions() / motion.chain.total_length, _DECIMALS).astype("<f4")
+    return {
+        "n": n,
+        "label": f"{n}, from {math.degrees(start):.4g} degrees",
+        "interval": float(motion.times[1]),
+        "places": base64.b64encode(places.tobytes()).decode(),
+        "periods": [float(t) if math.isfinite(t) else None for t in recording.periods],
+        "models": {
+            name: {"value": value, "color": _COLORS[name], "style": _STYLES.get(name, "")}
+            for name, value in _models(release, n, start).items()
+        },
+    }
+
+
+def _law(
+    release: Release, runs: Sequence[Run], rows: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return the diagram of the pseudo-period against N: its series and the ranges of its axes."""
+    counts: list[int] = [row["n"] for row in rows]
+    grid = counts
+    if not (np.ndim(release.masses) or np.ndim(release.lengths)):
+        low, high = max(1.0, min(counts) / 2), 1.5 * max(counts)
+        grid = sorted({*np.geomspace(low, high, 40).round().astype(int).tolist(), *counts})
+    curves = {n: _models(release, n, release.amplitude) for n in grid}
+    series: list[dict[str, Any]] = [
+        {
+            "name": name, "color": color, "kind": "line", "style": _STYLES.get(name, ""),
+            "points": [[n, values[name]] for n, values in curves.items() if name in values],
+        }
+        for name, color in _COLORS.items()
+    ]  # fmt: skip
+    bobs = [
+        [run.n, float(t), f"N = {run.n}, trial {run.trial}, bob {bob}: {t:.4f} s"]
+        for run in runs
+        for bob, t in enumerate(run.periods, start=1)
+        if math.isfinite(t)
+    ]
+    means = [
+        [run.n, run.mean, f"N = {run.n}, trial {run.trial}, mean: {run.mean:.4f} s"]
+        for run in runs
+        if math.isfinite(run.mean)
+    ]
+    for name, style, points in (("each bob", "small", bobs), ("mean of a trial", "", means)):
+        look = {"color": "blue", "kind": "points", "style": style}
+        series.append({"name": name, "points": points, **look})
+    heights = [point[1] for one in series for point in one["points"]] or [1.0]
+    axis = {"log": True}
+    return {
+        "series": series,
+        "x": {"low": 0.8 * min(grid), "high": 1.25 * max(grid), **axis},
+        "y": {"low": 0.8 * min(heights), "high": 1.25 * max(heights), **axis},
+    }
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the rows of the summary as an HTML table."""
+
+    def cell(name: str, value: float) -> str:
+        if math.isnan(value):
+            return "-"
+        if isinstance(value, int):
+            return str(value)
+        return f"{100 * value:.1f}%" if name.endswith("error") else f"{value:.4f}"
+
+    heads = "".join(f'<th scope="col">{html.escape(title)}</th>' for title in _COLUMNS.values())
+    body = "".join(
+        f"<tr>{''.join(f'<td>{cell(name, row[name])}</td>' for name in _COLUMNS)}</tr>\n"
+        for row in rows
+    )
+    return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>"

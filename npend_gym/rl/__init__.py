@@ -1,0 +1,1 @@
+"""Learning: the adapter for Stable-Baselines3, reference controllers, policies, evaluation."""

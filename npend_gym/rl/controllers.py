@@ -1,0 +1,142 @@
+"""Controllers that know the equations: the yardsticks for what is learned."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm, solve_discrete_are
+from scipy.optimize import minimize_scalar
+
+from npend_gym._checks import FloatArray
+from npend_gym.envs.config import Config
+from npend_gym.envs.modes import lifting_energy
+from npend_gym.physics.linearise import linearise
+
+Info = dict[str, Any]
+
+
+def sampled(config: Config, angle: float) -> tuple[FloatArray, FloatArray]:
+    """Return the linear map of one step about the chain at rest, all rods at `angle` [rad].
+
+    Returns
+    -------
+    A : ndarray, shape (2n, 2n)
+    B : ndarray, shape (2n, joints)
+        By the actions, torques over their limit, which last for the step: the exponential of
+        dt [[A, B], [0, 0]] has both.
+    """
+    n, joints = config.chain.n, config.joints.tolist()
+    rates = linearise(config.chain, angle, joints=joints)
+    block = np.zeros((2 * n + len(joints),) * 2)
+    block[: 2 * n] = np.hstack([rates.A, rates.B * config.max_torque])
+    step: FloatArray = np.asarray(expm(block * config.dt))
+    return step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :]
+
+
+@dataclass(frozen=True)
+class StateFeedback:
+    """Actions -K (theta - angle, omega), angles by the shortest way round."""
+
+    angle: float  # rad
+    gain: FloatArray  # K, (joints, 2n)
+
+    def __call__(self, observation: Any, info: Info) -> FloatArray:
+        """Return the actions, shape (B, joints)."""
+        del observation
+        return -self.state(info) @ self.gain.T
+
+    def state(self, info: Info) -> FloatArray:
+        """Return the deviations, shape (B, 2n)."""
+        theta: FloatArray = info["theta"]
+        away = np.remainder(theta - self.angle + np.pi, 2.0 * np.pi) - np.pi
+        return np.concatenate([away, info["omega"]], axis=-1)
+
+
+def lqr(config: Config, angle: float = np.pi, effort: float = 1.0) -> StateFeedback:
+    """Return the linear-quadratic regulator of a chain at rest with all rods at `angle`.
+
+    It minimises the sum over steps of |theta - angle|^2 + (l/g) |omega|^2 + `effort` |action|^2
+    with l the mean rod.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the equilibrium cannot be stabilised by the actuated joints.
+    """
+    return StateFeedback(angle, riccati(config, angle, effort)[0])
+
+
+def riccati(config: Config, angle: float, effort: float) -> tuple[FloatArray, FloatArray]:
+    """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): from x on it costs x S x."""
+    a, b = sampled(config, angle)
+    q = np.diag(np.repeat([1.0, _pace(config) ** 2], config.chain.n))
+    r = effort * np.eye(b.shape[1])
+    s = np.asarray(solve_discrete_are(a, b, q, r), np.float64)
+    gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
+    return np.asarray(gain, np.float64), s
+
+
+def _pace(config: Config) -> float:
+    """Return sqrt(l/g) [s], l the mean rod."""
+    return float(np.sqrt(config.chain.lengths.mean() / config.chain.gravity))
+
+
+def damper(config: Config) -> StateFeedback:
+    """Return the viscous brake by a motor at the base that damps the slowest of all modes best.
+
+    Its strength is the one with the smallest spectral radius of a step of the linear system about
+    hanging at rest. A brake takes energy out of every mode of the chain; too strong, it holds the
+    upper rod still and the others swing on.
+    """
+    a, b = sampled(config, 0.0)
+    rate = np.zeros((b.shape[1], a.shape[0]))
+    rate[0, config.chain.n] = 1.0
+
+    def slowest(log_strength: float) -> float:
+        closed = a - b @ (math.exp(log_strength) * rate)
+        return float(np.abs(np.linalg.eigvals(closed)).max())
+
+    grid = np.linspace(-8.0, 4.0, 121)
+    start = min(grid.tolist(), key=slowest)
+    best: Any = minimize_scalar(slowest, bounds=(start - 0.1, start + 0.1), method="bounded")
+    return StateFeedback(0.0, math.exp(best.x) * rate)
+
+
+@dataclass(frozen=True)
+class SwingUp:
+    """Pump energy at the base until it suffices to stand, and catch the chain near upright.
+
+    The torque works with rod 0 while energy is missing and against it where there is too much,
+    action = pump (1 - energy / needed) omega_0 sqrt(l/g). Where the regulator's cost of the state
+    is below `reach`, it takes over.
+    """
+
+    catch: StateFeedback
+    cost: FloatArray  # S, (2n, 2n)
+    needed: float  # J
+    pace: float  # s
+    pump: float
+    reach: float
+
+    def __call__(self, observation: Any, info: Info) -> FloatArray:
+        """Return the actions, shape (B, 1)."""
+        x = self.catch.state(info)
+        omega: FloatArray = info["omega"]
+        energy: FloatArray = info["energy"]
+        pumped = self.pump * (1.0 - energy / self.needed) * omega[:, 0] * self.pace
+        near = np.sum(x @ self.cost * x, axis=1) < self.reach
+        return np.where(near[:, None], self.catch(observation, info), pumped[:, None])
+
+
+def swing_up(config: Config, pump: float = 30.0, reach: float = 15.0) -> SwingUp:
+    """Return energy-shaping swing-up followed by `lqr`, for a motor at the base.
+
+    The defaults did best for n = 2 among pumps of 3 to 100 and reaches of 5 to 50, in 200 episodes
+    of the seeds from 0 on.
+    """
+    gain, cost = riccati(config, np.pi, effort=1.0)
+    catch, needed = StateFeedback(np.pi, gain), lifting_energy(config.chain)
+    return SwingUp(catch, cost, needed, _pace(config), pump, reach)

@@ -1,0 +1,116 @@
+"""Small trained policies as plain numbers: saved and loaded without executing anything."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._files import replacing
+
+MAX_BYTES = 10_000_000  # of a policy's file once unpacked
+PRETRAINED = Path(__file__).parent / "pretrained"
+
+Weights = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A network of tanh layers from observations to the mean action, in NumPy.
+
+    Attributes
+    ----------
+    scale : ndarray, float32, shape (k,)
+        What the observations are divided by.
+    weights : list of ndarray, float32, shapes (outputs, inputs)
+    biases : list of ndarray, float32, shapes (outputs,)
+    provenance : dict
+        What the policy was made with: settings, versions, what it reached. "env" holds the
+        keywords of the environment.
+    """
+
+    scale: Weights
+    weights: list[Weights]
+    biases: list[Weights]
+    provenance: dict[str, Any] = field(default_factory=dict[str, Any])
+
+    def __call__(self, observation: NDArray[np.float32], info: Any = None) -> Weights:
+        """Return the actions (..., joints), within [-1, 1], for observations (..., k)."""
+        del info
+        signal = observation / self.scale
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            signal = np.tanh(signal @ weight.T + bias)
+        return np.clip(signal @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
+
+    def save(self, path: Path) -> None:
+        """Write the numbers to `path` (.npz) and the provenance beside it (.json)."""
+        arrays: dict[str, Any] = {"scale": self.scale}
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays |= {f"weight{k}": weight, f"bias{k}": bias}
+        with replacing(path, binary=True) as file:
+            np.savez_compressed(file, **arrays)
+        with replacing(path.with_suffix(".json")) as file:
+            file.write(json.dumps(self.provenance, indent=2, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: Path) -> Policy:
+        """Read what `save` wrote. Pickles and whatever else could run code are refused.
+
+        Raises
+        ------
+        ValueError
+            If the file is no policy: pickled, too large, of other names, kinds or shapes.
+        """
+        arrays = _arrays(path)
+        depth = (len(arrays) - 1) // 2
+        names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
+        if depth == 0 or sorted(arrays) != sorted(names):
+            raise ValueError(f"{path} is no policy: it holds {_checks.show(sorted(arrays))}")
+        if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
+            raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
+        weights = [arrays[f"weight{k}"] for k in range(depth)]
+        biases = [arrays[f"bias{k}"] for k in range(depth)]
+        wide = arrays["scale"].shape
+        for weight, bias in zip(weights, biases, strict=True):
+            if bias.ndim != 1 or weight.shape != bias.shape + wide:
+                raise ValueError(
+                    f"{path} is no policy: a layer for inputs of shape {wide} has weights of "
+                    f"shape {weight.shape} and biases of shape {bias.shape}"
+                )
+            wide = bias.shape
+        beside = path.with_suffix(".json")
+        told = beside.read_text(encoding="utf-8") if beside.exists() else "{}"
+        provenance: dict[str, Any] = json.loads(told)
+        return cls(arrays["scale"], weights, biases, provenance)
+
+    @classmethod
+    def pretrained(cls, name: str) -> Policy:
+        """Load a policy that comes with the package, such as "swingup-2"."""
+        return cls.load(
+            PRETRAINED / f"{_checks.choice('pretrained', name, pretrained_names())}.npz"
+        )
+
+
+def pretrained_names() -> tuple[str, ...]:
+    """Return the names of the policies that come with the package."""
+    return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
+
+
+def _arrays(path: Path) -> dict[str, Weights]:
+    """Return the arrays of an .npz file; sizes are looked at before anything is unpacked."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MAX_BYTES:
+            raise ValueError(f"{size} bytes unpacked, at most {MAX_BYTES}")
+        with np.load(path, allow_pickle=False) as file:
+            # a member that is no array comes as bytes, and is refused as one of them
+            return {name: np.asarray(file[name]) for name in file.files}
+    except (zipfile.BadZipFile, EOFError, ValueError) as error:
+        raise ValueError(f"{path} is no policy: {error}") from error

@@ -1,0 +1,162 @@
+"""Films: what their pictures show, and the files."""
+
+import json
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+from PIL import Image
+
+from npend_gym import __version__
+from npend_gym.cli import main
+from npend_gym.experiments.recording import record_release
+from npend_gym.experiments.release import Release, measure
+from npend_gym.report.animation import Film, write
+
+TIP = (0xD5, 0x5E, 0x00)
+
+
+def film(n=3, *, duration=None, size=240, **options):
+    plan = Release(n_values=[n], trials=1, duration=duration)
+    interval = options.get("speed", 1.0) / options.get("fps", 25.0)
+    return Film(
+        record_release(plan, measure(plan, *plan.runs()[0]), interval), size=size, **options
+    )
+
+
+def tip_of(picture, size):
+    near = np.abs(picture[:, :size].astype(int) - TIP).max(axis=-1) < 3
+    rows, columns = np.nonzero(near)
+    return np.array([columns.mean(), rows.mean()]) + 0.5
+
+
+@pytest.mark.parametrize("n", [1, 2, 30, 200])
+def test_the_tip_moves_in_the_film_as_in_the_motion(n):
+    shown = film(n, duration=2.0)
+    motion = shown.recording.motion
+    for k in (0, 20, 50):
+        x, y = motion.positions()[k, -1] / motion.chain.total_length
+        expected = 120 + 0.44 * 240 * np.array([x, -y])
+        np.testing.assert_allclose(tip_of(shown.picture(k), 240), expected, atol=1.0)
+
+
+def test_the_diagrams_are_uncovered_from_left_to_right():
+    shown = film()
+    diagrams = [shown.picture(k)[:, 240:].astype(int) for k in (0, 40, len(shown) - 1)]
+    colored = [np.flatnonzero((np.ptp(d, axis=-1) > 60).any(axis=0)) for d in diagrams]
+    widths = [columns[columns < 230].size for columns in colored]  # without the legend's rows
+    assert widths[0] < widths[1] < widths[2]
+    upper = [(np.ptp(d[:120], axis=-1) > 60).any(axis=0).sum() for d in diagrams]
+    assert upper[0] == 0
+    assert 0 < upper[1] < upper[2]
+
+
+def test_a_bob_is_dotted_once_it_has_completed():
+    shown = film(1, duration=3.0, size=480)
+    (period,) = shown.recording.periods
+    x, y = shown.recording.turning_points()[0]
+    row, column = (np.array([240 - 0.44 * 480 * y, 240 + 0.44 * 480 * x])).astype(int)
+    dark = [shown.picture(k)[row, column].max() < 80 for k in range(len(shown))]
+    assert dark.index(True) == np.ceil(period * 25.0)
+    assert all(dark[dark.index(True) :])
+
+
+def test_the_speed_sets_how_many_pictures_a_motion_has():
+    assert len(film(2, duration=4.0)) == 101
+    assert len(film(2, duration=4.0, speed=2.0)) == 51
+    assert len(film(2, duration=4.0, fps=10.0, speed=0.5)) == 81
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio's reader
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_file_has_every_picture_and_is_the_same_bytes_when_written_again(suffix, tmp_path):
+    shown = film(2, duration=1.0)
+    first, second = (write(shown, tmp_path / f"{k}{suffix}") for k in (1, 2))
+    assert first.read_bytes() == second.read_bytes()
+    assert [path.name for path in sorted(tmp_path.iterdir())] == [f"1{suffix}", f"2{suffix}"]
+    read = imageio.imread(first)
+    assert read.shape[:3] == (26, 240, 480)
+    for k in (0, 13, 25):  # colours are fewer in the file
+        assert np.abs(read[k, ..., :3].astype(int) - shown.picture(k)).mean() < 2.0
+
+
+def test_the_comment_of_a_file_says_what_made_it(tmp_path):
+    shown = film(2, duration=0.2)
+    with Image.open(write(shown, tmp_path / "a.gif")) as image:
+        about = json.loads(image.info["comment"])
+        assert image.info["duration"] == 40
+    assert about["version"] == __version__
+    assert about["arguments"]["n_values"] == [2]
+    text = json.dumps(about).encode()
+    assert text in write(shown, tmp_path / "a.mp4").read_bytes()
+
+
+def test_an_interrupted_film_leaves_nothing(tmp_path):
+    def interrupting(_pictures):
+        raise KeyboardInterrupt
+
+    for suffix in (".gif", ".mp4"):
+        with pytest.raises(KeyboardInterrupt):
+            write(film(1, duration=0.2), tmp_path / f"a{suffix}", interrupting)
+    assert not list(tmp_path.iterdir())
+
+
+def test_animate_films_a_release(tmp_path, capsys):
+    out = tmp_path / "new" / "a.gif"
+    arguments = f"animate --n 2 --duration 1 --fps 10 --size 120 --out {out}"
+    assert main(arguments.split()) == 0
+    assert "11 pictures, 1.1 s" in capsys.readouterr().out
+    assert imageio.improps(out).shape[:3] == (11, 120, 240)
+
+
+def test_animate_films_a_policy_that_comes_with_the_package(tmp_path, capsys):
+    out = tmp_path / "a.gif"
+    assert main(f"animate --policy swingup-1 --duration 2 --size 120 --out {out}".split()) == 0
+    assert "41 pictures, 2.0 s" in capsys.readouterr().out
+    with Image.open(out) as image:
+        about = json.loads(image.info["comment"])
+    assert about["arguments"]["agent"] == "swingup-1"
+    assert about["arguments"]["env"]["mode"] == "swingup"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--out a.png", "out must be a file that ends in .gif or .mp4, got a.png"),
+        ("--out .", "out must be a file"),
+        ("--n 0 --out a.gif", "n must be between 1"),
+        ("--fps 0 --out a.gif", "fps must be greater than zero"),
+        ("--speed -1 --out a.gif", "speed must be greater than zero"),
+        ("--size 241 --out a.gif", "size must be even"),
+        ("--size 8 --out a.gif", "size must be between"),
+        ("--reading listing --out a.gif", "reading must be one of bob, link, height"),
+        ("--policy swingup-2 --n 3 --out a.gif", "--n is for releases"),
+        ("--policy nowhere --out a.gif", "policy must be a file or one of balance-1,"),
+        ("", "--out"),
+    ],
+)
+def test_bad_arguments_of_animate_exit_with_2(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main(["animate", *arguments.split()])
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_hero_film_is_what_its_comment_says():
+    path = Path(__file__).parent.parent / "docs" / "images" / "hero.gif"
+    assert path.stat().st_size < 2_000_000
+    with Image.open(path) as image:
+        about = json.loads(image.info["comment"])
+        image.seek(120)
+        shown = np.asarray(image.convert("RGB")).astype(int)
+    arguments = about["arguments"]
+    trial, start = arguments.pop("trial"), arguments.pop("start")
+    plan = Release(**arguments)
+    recording = record_release(plan, measure(plan, 20, trial, start), 1.0 / about["fps"])
+    again = Film(recording, fps=about["fps"], size=shown.shape[0]).picture(120)
+    assert np.abs(shown - again).mean() < 2.0

@@ -1,0 +1,318 @@
+"""The page: what is in the file, and what a browser makes of it."""
+
+import base64
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from npend_gym import __version__, theory
+from npend_gym.cli import main
+from npend_gym.experiments.recording import record_release
+from npend_gym.experiments.release import Release, run_release
+from npend_gym.report import page as report
+from npend_gym.report import release as results
+
+PLAN = Release(n_values=(2, 5), trials=2, seed=3)
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return run_release(PLAN)
+
+
+@pytest.fixture(scope="module")
+def path(runs, tmp_path_factory):
+    return report.write(PLAN, runs, tmp_path_factory.mktemp("page") / "release.html")
+
+
+def data_of(path):
+    text = path.read_text("utf-8")
+    return json.loads(
+        re.search(r'<script type="application/json" id="data">(.*?)</script>', text)[1]
+    )
+
+
+def test_the_page_holds_the_recorded_motion_and_the_measured_numbers(path, runs):
+    data = data_of(path)
+    assert data["provenance"]["version"] == __version__
+    assert Release(**data["provenance"]["arguments"]).runs() == PLAN.runs()
+    for shown, run in zip(data["releases"], (runs[0], runs[2]), strict=True):
+        assert shown["n"] == run.n
+        assert shown["periods"] == run.periods.tolist()
+        assert shown["models"]["T0"]["value"] == theory.ideal_period(PLAN.chain(run.n))
+        assert shown["models"]["T1"]["value"] == theory.fundamental_period(PLAN.chain(run.n))
+        places = np.frombuffer(base64.b64decode(shown["places"]), "<f4").reshape(-1, run.n, 2)
+        motion = record_release(PLAN, run, shown["interval"]).motion
+        np.testing.assert_allclose(places * run.n, motion.positions(), atol=1e-4 * run.n)
+
+
+def test_the_diagram_of_the_law_has_every_measured_value(path, runs):
+    series = {one["name"]: one["points"] for one in data_of(path)["law"]["series"]}
+    assert [p[1] for p in series["mean of a trial"]] == [run.mean for run in runs]
+    assert [p[1] for p in series["each bob"]] == np.concatenate([r.periods for r in runs]).tolist()
+    for n, value in series["T1"]:
+        assert value == theory.fundamental_period(PLAN.chain(n))
+
+
+def test_nothing_in_the_page_points_outside(path):
+    text = path.read_text("utf-8")
+    outside = set(re.findall(r"https?://[^\"' ]+", text))
+    assert outside == {"http://www.w3.org/2000/svg"}  # a name, not an address
+    assert not re.search(r"<(link|script|img)[^>]+(src|href)=\"(?!data:)", text)
+    assert "$" + "{" in text  # the script came through the template whole
+    assert not re.search(
+        r"\$(title|about|data|style|script|summary|legend|command|version)\b", text
+    )
+
+
+def test_bobs_that_do_not_complete_have_no_number(tmp_path):
+    plan = Release(n_values=[20], trials=1, duration=5.0)
+    path = report.write(plan, run_release(plan), tmp_path / "a.html")
+    (shown,) = data_of(path)["releases"]
+    assert 0 < sum(t is None for t in shown["periods"]) < 20
+    rows = re.findall(r"<td>(.*?)</td>", path.read_text("utf-8"))
+    assert rows[0] == "20"
+    assert "nan" not in rows
+
+
+def test_without_gravity_there_are_no_models_and_no_numbers(tmp_path):
+    plan = Release(n_values=[2], trials=1, gravity=0.0)
+    path = report.write(plan, run_release(plan), tmp_path / "a.html")
+    (shown,) = data_of(path)["releases"]
+    assert shown["models"] == {}
+    assert shown["periods"] == [None, None]
+
+
+def test_the_command_in_the_page_makes_the_same_release(path, capsys):
+    text = path.read_text("utf-8")
+    command = re.search(r"<code>npend (.*)</code>", text)[1]
+    assert command == "release --n 2,5 --trials 2 --seed 3"
+    assert main(command.split()) == 0
+    mean = re.search(r"<td>5</td><td>([\d.]+)</td>", text)[1]
+    assert f"   5   {mean} +-" in capsys.readouterr().out
+
+
+def test_page_from_results_is_the_page_of_the_release(path, runs, tmp_path):
+    results.write(PLAN, runs, tmp_path / "results", figures=False)
+    again, measured = results.read(tmp_path / "results")
+    assert again.runs() == PLAN.runs()
+    for one, other in zip(measured, runs, strict=True):
+        np.testing.assert_array_equal(one.periods, other.periods)
+    out = tmp_path / "new" / "again.html"
+    assert main(["page", "--from", str(tmp_path / "results"), "--out", str(out)]) == 0
+    assert out.read_bytes() == path.read_bytes()
+
+
+def test_changed_results_are_refused(runs, tmp_path, capsys):
+    results.write(PLAN, runs, tmp_path, figures=False)
+    table = tmp_path / "periods.csv"
+    table.write_text(table.read_text().replace("2.7", "2.8"))
+    with pytest.raises(SystemExit) as caught:
+        main(["page", "--from", str(tmp_path), "--out", str(tmp_path / "a.html")])
+    assert caught.value.code == 2
+    assert "periods.csv has been changed since" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--out a.htm", "out must be a file that ends in .html"),
+        ("--from nowhere --out a.html", "nowhere must hold results"),
+        ("--from . --n 3 --out a.html", "n_values cannot be given with --from"),
+        ("--n 0 --out a.html", "n must be between 1"),
+        ("--reading listing --out a.html", "reading must be one of"),
+        ("", "--out"),
+    ],
+)
+def test_bad_arguments_of_page_exit_with_2(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main(["page", *arguments.split()])
+    assert caught.value.code == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+# ---- in a browser --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser, path):
+    """The page in a tab; at the end nothing must have gone wrong in it."""
+    context = browser.new_context(offline=True, color_scheme="light")
+    tab, wrong = context.new_page(), []
+    tab.on("console", lambda message: message.type != "error" or wrong.append(message.text))
+    tab.on("pageerror", lambda error: wrong.append(str(error)))
+    tab.on("request", lambda request: request.url == path.as_uri() or wrong.append(request.url))
+    tab.goto(path.as_uri())
+    yield tab
+    context.close()
+    assert wrong == []
+
+
+def go(page, time):
+    page.eval_on_selector(
+        "#time", f"slider => {{ slider.value = {time}; slider.dispatchEvent(new Event('input')) }}"
+    )
+
+
+def time_of(page):
+    return float(page.input_value("#time"))
+
+
+def wait_for(page, true):
+    """Wait until it is true, at most 20 s; the page lets no text be run as a program."""
+    for _ in range(400):
+        if true():
+            return
+        page.wait_for_timeout(50)
+    raise TimeoutError
+
+
+def table(page):
+    return page.eval_on_selector_all("#table tbody td", "cells => cells.map(c => c.textContent)")
+
+
+def test_the_page_plays_and_pauses_by_the_space_key(page):
+    assert time_of(page) == 0.0
+    page.keyboard.press("Space")
+    wait_for(page, lambda: time_of(page) > 0.3)
+    page.keyboard.press("Space")
+    paused = time_of(page)
+    page.wait_for_timeout(200)
+    assert time_of(page) == paused
+    assert page.text_content("#play") == "Play"
+    page.keyboard.press(".")
+    assert time_of(page) == pytest.approx(paused + 0.04, abs=0.011)
+
+
+def test_the_animation_comes_to_its_end_and_begins_again(page, runs):
+    page.select_option("#speed", "4")
+    page.click("#play")
+    wait_for(page, lambda: page.text_content("#play") == "Play")
+    assert table(page) == [f"{t:.4f}" for t in runs[2].periods]
+    page.click("#play")
+    wait_for(page, lambda: 0.0 < time_of(page) < 3.0)
+
+
+def test_pseudo_periods_appear_as_they_complete(page, runs):
+    periods = runs[2].periods
+    assert table(page) == ["\u2013"] * 5
+    go(page, (periods.min() + periods.max()) / 2)
+    now = time_of(page)
+    assert table(page) == [f"{t:.4f}" if t <= now else "\u2013" for t in periods]
+    done = periods[periods <= now]
+    assert 0 < done.size < 5
+    assert page.text_content("#state").startswith(
+        f"{done.size} of 5 bobs have completed, mean {done.mean():.4f} s"
+    )
+    visible = "#bobs circle.dot:not([style*='display'])"
+    shown = page.eval_on_selector_all(
+        visible, "dots => dots.filter(d => d.r.baseVal.value > 0).length"
+    )
+    assert shown == done.size
+    page.keyboard.press("End")
+    assert table(page) == [f"{t:.4f}" for t in periods]
+
+
+def test_another_number_of_pendulums_can_be_chosen(page, runs):
+    page.select_option("#release", "0")
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("End")
+    assert table(page) == [f"{t:.4f}" for t in runs[0].periods]
+
+
+def tip_in_canvas(page):
+    """Place of the tip's colour in the canvas, from its middle, over its height."""
+    x, y = page.evaluate(
+        """() => {
+          const canvas = document.getElementById("chain"), { width, height } = canvas;
+          const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+          let [count, x, y] = [0, 0, 0];
+          const tip = [0xd5, 0x5e, 0x00, 0xff];
+          for (let k = 0; k < data.length; k += 4)
+            if (tip.every((value, c) => data[k + c] === value)) {
+              count += 1; x += (k / 4) % width; y += Math.floor(k / 4 / width);
+            }
+          return [(x / count + 0.5 - width / 2) / height, (height / 2 - y / count - 0.5) / height];
+        }"""
+    )
+    return np.array([x, y])
+
+
+def test_the_canvas_shows_the_tip_where_it_is(page, runs):
+    motion = record_release(PLAN, runs[2], 0.04).motion
+    for k in (0, 25, 60):
+        go(page, 0.04 * k)
+        expected = 0.46 * motion.positions()[k, -1] / motion.chain.total_length
+        np.testing.assert_allclose(tip_in_canvas(page), expected, atol=0.01)
+
+
+def test_values_show_under_the_pointer_and_by_the_arrow_keys(page, runs):
+    page.focus("#law")
+    page.keyboard.press("ArrowLeft")
+    tip = page.locator("#law ~ .tip")
+    assert tip.text_content() == f"N = 5, trial 2, mean: {runs[3].mean:.4f} s"
+    box = page.locator("#law circle.chosen").bounding_box()
+    page.mouse.move(5, 5)
+    page.evaluate("document.activeElement.blur()")
+    assert tip.text_content() == ""
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert re.fullmatch(r"N = 5, trial \d, (mean|bob \d): \d\.\d{4} s", tip.text_content())
+
+
+def test_dark_and_light_follow_the_system_and_the_button(page):
+    def paper():
+        return page.evaluate("getComputedStyle(document.body).backgroundColor")
+
+    light = paper()
+    page.emulate_media(color_scheme="dark")
+    dark = paper()
+    assert light == "rgb(243, 244, 246)"
+    assert sum(map(int, re.findall(r"\d+", dark))) < 150
+    page.click("#theme")
+    assert paper() == light
+    page.click("#theme")
+    assert paper() == dark
+
+
+def test_every_control_and_picture_has_a_name_for_a_screen_reader(page):
+    names = page.locator("body").aria_snapshot()
+    for name in ('combobox "Pendulums', 'button "Play"', 'slider "Time"', 'img "Animation of 5'):
+        assert name in names
+    assert "Pseudo-period of each of 5 bobs" in names
+    assert 'table "Pseudo-period of each bob, as they complete"' in names
+    go(page, 1.0)
+    assert page.get_attribute("#time", "aria-valuetext") == "1.00 seconds"
+
+
+def test_the_page_fits_a_narrow_screen(page):
+    page.set_viewport_size({"width": 360, "height": 640})
+    page.wait_for_timeout(100)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
+def test_without_a_script_the_tables_are_there(browser, path):
+    context = browser.new_context(java_script_enabled=False)
+    tab = context.new_page()
+    tab.goto(Path(path).as_uri())
+    assert tab.locator("details table tbody tr").count() == 2
+    assert "need JavaScript" in tab.locator("noscript").inner_text()
+    context.close()

@@ -1,0 +1,120 @@
+"""What is recorded to be shown."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym.experiments.recording import record_episode, record_release
+from npend_gym.experiments.release import Release, Run, measure
+
+
+def recorded(interval=0.02, **fields):
+    plan = Release(**({"n_values": [3], "trials": 1} | fields))
+    return record_release(plan, measure(plan, *plan.runs()[0]), interval)
+
+
+def test_a_release_is_recorded_until_its_last_bob_has_completed():
+    recording = recorded()
+    expected = pseudo_periods(Chain.uniform(3), recording.motion.theta[0])
+    np.testing.assert_array_equal(recording.periods, expected)
+    assert expected.max() < recording.motion.times[-1] < 1.1 * expected.max()
+
+
+def test_the_recorded_motion_is_the_simulated_one():
+    motion = recorded(duration=3.0).motion
+    again = simulate(Chain.uniform(3), motion.theta[0], 0.0, [0.0, 1.0, 3.0])
+    np.testing.assert_allclose(motion.theta[[0, 50, 150]], again.theta, atol=1e-9)
+
+
+@pytest.mark.parametrize("reading", ["bob", "link", "height"])
+def test_the_signal_vanishes_where_a_pseudo_period_completes(reading):
+    recording = recorded(interval=0.005, reading=reading, amplitude=0.5)
+    signals, times = recording.signals(), recording.motion.times
+    for bob in np.flatnonzero(np.isfinite(recording.periods)):
+        after = np.searchsorted(times, recording.periods[bob])
+        before, then = signals[after - 1 : after + 1, bob] / np.abs(signals[:, bob]).max()
+        # a height may only touch that of the start
+        assert before * then <= 0.0 or (reading == "height" and abs(before) < 1e-3)
+
+
+def test_turning_points_lie_where_the_bobs_are_at_that_instant():
+    recording = recorded()
+    chain, start = recording.motion.chain, recording.motion.theta[0]
+    for bob, period in enumerate(recording.periods):
+        place = simulate(chain, start, 0.0, [0.0, period]).positions()[-1, bob]
+        np.testing.assert_allclose(recording.turning_points()[bob], place, atol=1e-3)
+
+
+def test_bobs_that_have_not_completed_have_no_turning_point():
+    recording = recorded(n_values=[20], duration=5.0)
+    done = np.isfinite(recording.periods)
+    assert 0 < done.sum() < 20
+    np.testing.assert_array_equal(np.isnan(recording.turning_points()[:, 0]), ~done)
+
+
+def test_the_provenance_makes_the_same_recording_again():
+    recording = recorded(masses=[1.0, 2.0, 0.5], seed=4, duration=1.0)
+    arguments = dict(recording.provenance["arguments"])
+    trial, start = arguments.pop("trial"), arguments.pop("start")
+    plan = Release(**arguments)
+    assert plan.runs() == [(3, trial, start)]
+    again = record_release(plan, measure(plan, 3, trial, start), 0.02)
+    np.testing.assert_array_equal(again.motion.theta, recording.motion.theta)
+
+
+def test_an_episode_is_recorded_step_by_step():
+    def agent(observation, info):
+        assert observation.shape == (1, 4)
+        assert info["theta"].shape == (1, 2)
+        return np.array([[np.sin(3.0 * info["time"][0])]])
+
+    keywords = {"n": 2, "mode": "swingup"}
+    recording = record_episode(agent, keywords, seed=5, seconds=2.0, name="sine")
+    env = gym.make("NPendulum-v0", **keywords)
+    env.reset(seed=5)
+    for k in range(40):
+        _, _, _, _, info = env.step(np.array([np.sin(3.0 * 0.05 * k)], np.float32))
+    np.testing.assert_allclose(recording.motion.times, 0.05 * np.arange(41), atol=1e-12)
+    np.testing.assert_allclose(recording.motion.theta[-1], info["theta"], atol=1e-9)
+    np.testing.assert_allclose(recording.torque[:40], np.sin(0.15 * np.arange(40)), atol=1e-6)
+    assert recording.caption == "swingup by sine, n = 2"
+
+
+def test_an_episode_that_fails_ends_the_recording():
+    def idle(_observation, _info):
+        return np.zeros((1, 1))
+
+    recording = record_episode(idle, {"n": 1, "mode": "balance"}, seconds=60.0)
+    assert 0.5 < recording.motion.times[-1] < 10.0
+    tip = recording.motion.positions()[:, -1, 1]
+    assert tip[-1] < 0.5 <= tip[:-1].min()
+
+
+def test_passive_episodes_measure_what_the_release_measures():
+    def wait(_observation, _info):
+        return np.zeros(1, int)
+
+    keywords = {"n": 3, "mode": "passive", "spread": 0.0}
+    recording = record_episode(wait, keywords, seconds=5.0)
+    expected = pseudo_periods(Chain.uniform(3), np.pi / 4)
+    np.testing.assert_allclose(recording.periods, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"reading": "listing"}, "reading must be one of bob, link, height"),
+        ({"interval": 0.0}, "interval must be greater than zero"),
+        ({"interval": 1e-9}, "a recording must hold at most"),
+    ],
+)
+def test_what_cannot_be_recorded_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        recorded(**change)
+
+
+def test_a_release_that_completes_nothing_is_recorded_for_the_papers_window():
+    plan = Release(n_values=[2], trials=1, gravity=0.0)
+    recording = record_release(plan, Run(2, 1, 0.7, np.full(2, np.nan)), 0.5)
+    assert recording.motion.times[-1] == 10.0

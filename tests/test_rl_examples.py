@@ -1,0 +1,115 @@
+"""Every training script runs, for a few hundred steps, and what it writes can be judged."""
+
+import csv
+import json
+import re
+
+import pytest
+from test_examples import ROOT, run
+
+from npend_gym.rl.policies import Policy
+
+EXAMPLES = ROOT / "examples"
+
+
+def rate_of(text):
+    return re.search(r"success  (\d+)/(\d+) = \S+, 95 % confidence", text).groups()
+
+
+def test_train_cleanrl_writes_a_policy_that_evaluate_judges_and_films(tmp_path):
+    pytest.importorskip("torch")
+    pytest.importorskip("pygame")
+    run(EXAMPLES / "train_cleanrl.py", "swingup-1", "--steps", 8192, "--out", ".", cwd=tmp_path)
+    policy = Policy.load(tmp_path / "swingup-1.npz")
+    assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
+    assert policy.provenance["training"]["steps"] == 8192
+    with (tmp_path / "swingup-1.csv").open() as file:
+        assert [int(row["steps"]) for row in csv.DictReader(file)] == [8192]
+    judged = run(
+        EXAMPLES / "evaluate.py", "--policy", "swingup-1.npz", "--episodes", 5,
+        "--video", "a.gif", "--seconds", 0.5, cwd=tmp_path,
+    )  # fmt: skip
+    assert rate_of(judged)[1] == "5"
+    assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
+
+
+def test_train_sb3_trains_resumes_and_writes_a_card(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("yaml")
+    script = EXAMPLES / "train_sb3.py"
+    run(script, "swingup-1", "--steps", 4096, "--out", "a", cwd=tmp_path)
+    run(script, "swingup-1", "--steps", 8192, "--out", "a", "--resume", cwd=tmp_path)
+    card = (tmp_path / "a" / "README.md").read_text()
+    assert "for 8192 steps" in card
+    assert json.loads(re.search(r"```json\n(.*?)```", card, re.DOTALL)[1])["episodes"] == 50
+    assert list((tmp_path / "a" / "tensorboard").rglob("events*"))
+    judged = run(EXAMPLES / "evaluate.py", "--run", "a", "--episodes", 5, cwd=tmp_path)
+    assert rate_of(judged)[1] == "5"
+
+
+@pytest.mark.parametrize("config", sorted(p.stem for p in (EXAMPLES / "configs").glob("*.yml")))
+def test_every_config_makes_a_model(config, monkeypatch):
+    pytest.importorskip("stable_baselines3")
+    yaml = pytest.importorskip("yaml")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    from train_sb3 import algorithm, make_model
+
+    settings = yaml.safe_load((EXAMPLES / "configs" / f"{config}.yml").read_text())
+    if settings["algo"] == "tqc":
+        pytest.importorskip("sb3_contrib")
+    model = make_model(settings, seed=0)
+    assert isinstance(model, algorithm(settings["algo"]))
+    assert model.n_envs == settings["NPendulum-v0"]["n_envs"]
+    with pytest.raises(ValueError, match="algo must be in"):
+        algorithm("nonsense")
+
+
+def test_evaluate_judges_a_controller(tmp_path):
+    judged = run(
+        EXAMPLES / "evaluate.py", "--controller", "LQR", "--task", "balance-2", "--episodes", 10,
+        cwd=tmp_path,
+    )  # fmt: skip
+    assert rate_of(judged) == ("10", "10")
+
+
+def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import results
+
+    monkeypatch.setitem(results.TASKS, "balance-1", {"total_steps": 8192})
+    monkeypatch.setattr("sys.argv", ["results.py", "--out", str(tmp_path), "--tasks", "balance-1",
+                                     "--seeds", "0", "1"])  # fmt: skip
+    results.main()
+    trained = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")}
+    results.main()
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")} == trained
+    assert len(trained) == 2
+    with (tmp_path / "results.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["agent"], row["seed"]) for row in rows] == [
+        ("random", ""), ("LQR", ""), ("PPO", "0"), ("PPO", "1"),
+    ]  # fmt: skip
+    assert float(rows[1]["success"]) == 1.0 > float(rows[0]["success"])
+    assert (tmp_path / "results.md").read_text().count("\n") == 5
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
+
+
+def test_train_rllib_takes_an_iteration(tmp_path):
+    pytest.importorskip("ray.rllib")
+    arguments = ["--iterations", 1, "--runners", 1, "--batch", 512]
+    out = run("-W", "ignore", EXAMPLES / "train_rllib.py", *arguments, cwd=tmp_path)
+    assert "iteration 1: 512 steps" in out
+
+
+def test_the_table_in_the_docs_is_that_of_the_recorded_results(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    from results import table
+
+    def number(text):
+        return float(text) if re.fullmatch(r"-?[\d.]+", text) else text or None
+
+    with (ROOT / "docs" / "results" / "learning.csv").open(encoding="utf-8") as file:
+        rows = [{key: number(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    assert table(rows) in (ROOT / "docs" / "results.md").read_text(encoding="utf-8")

@@ -1,0 +1,158 @@
+"""What counts as success, in time and in every lane."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import npend_gym  # noqa: F401 - registers the environments
+from npend_gym.envs.modes import Mode
+
+STILL = np.zeros(1, np.float32)
+
+
+def successes(env, steps, **options):
+    """Return ``info["success"]`` from the reset on, the motor being off."""
+    seen = [env.reset(seed=0, options=options)[1]["success"]]
+    return seen + [env.step(STILL)[-1]["success"] for _ in range(steps)]
+
+
+def test_swingup_succeeds_once_upright_and_slow_for_five_seconds_and_not_after_the_fall():
+    # let go 1e-9 rad from upright it is 0.3 rad away after log(3e8) sqrt(l/g) = 6.2 s
+    env = gym.make("NPendulum-v0", n=1)
+    seen = successes(env, 130, theta=np.pi - 1e-9, omega=0.0)
+    assert seen[:100] == [False] * 100  # up to 4.95 s
+    assert seen[100:115] == [True] * 15
+    assert not seen[130]
+    assert env.reset()[1]["success"] is False
+
+
+@pytest.mark.parametrize("dt", [0.03, 0.1])
+def test_the_five_seconds_do_not_depend_on_the_time_step(dt):
+    env = gym.make("NPendulum-v0", n=1, dt=dt)
+    seen = successes(env, 200, theta=np.pi, omega=0.0)
+    assert seen.index(True) == np.ceil(round(5.0 / dt, 9))
+
+
+@pytest.mark.parametrize(
+    ("theta", "omega", "expected"),
+    [(np.pi, 0.0, True), (np.pi - 0.3, 0.0, True), (np.pi - 0.5, 0.0, False), (np.pi, 2.0, False)],
+)
+def test_upright_means_the_centre_of_mass_high_and_the_energy_of_motion_low(theta, omega, expected):
+    # without gravity the start lasts; height is (1 - cos theta) / 2, kinetic omega^2 / (4 g / l)
+    env = gym.make("NPendulum-v0", n=1)
+    options = {"theta": theta, "omega": omega, "gravity": 0.0}
+    if omega:
+        assert omega**2 / (4.0 * 9.81) > 0.01
+    else:
+        assert bool((1.0 - np.cos(theta)) / 2.0 > 0.95) is expected
+    assert successes(env, 100, **options)[-1] is expected
+
+
+def test_balance_succeeds_until_the_tip_falls_below_half():
+    env = gym.make("NPendulum-v0", n=2, mode="balance")
+    assert env.reset(seed=0)[1]["success"] is True
+    terminated = False
+    while not terminated:
+        _, _, terminated, _, info = env.step(STILL)
+        assert info["success"] is (info["tip_height"] >= 0.5 * 2.0)
+    assert info["success"] is False
+
+
+def test_calm_succeeds_below_a_hundredth_of_the_starting_energy():
+    env = gym.make("NPendulum-v0", n=3, mode="calm", damping=2.0)
+    _, first = env.reset(seed=0)
+    seen = [env.step(STILL)[-1] for _ in range(1000)]
+    assert first["success"] is False
+    assert [info["success"] for info in seen] == [
+        info["energy"] < 0.01 * first["energy"] for info in seen
+    ]
+    assert seen[-1]["success"]
+
+
+def test_passive_never_succeeds():
+    env = gym.make("NPendulum-v0", n=1, mode="passive")
+    env.reset(seed=0, options={"theta": 0.0})
+    assert not any(env.step(0)[-1]["success"] for _ in range(1000))
+
+
+class High(Mode):
+    """A user's mode with a condition for failure but none for success."""
+
+    hold = 0.5
+
+    def start(self, rng, n, amplitude, spread):  # noqa: ARG002
+        return np.full(n, 2.6), np.zeros(n)
+
+    def reward(self, seen):
+        return seen.height
+
+    def failed(self, seen):
+        return seen.height < 0.1
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_users_mode_succeeds_while_it_has_not_failed(vector):
+    env = (
+        gym.make_vec("NPendulum-v0", num_envs=2, n=1, mode=High(), autoreset_mode="DISABLED")
+        if vector
+        else gym.make("NPendulum-v0", n=1, mode=High())
+    )
+    env.reset(seed=0)
+    still = np.zeros((2, 1), np.float32) if vector else STILL
+    seen, ended = [], False
+    while not ended:
+        _, _, terminated, _, info = env.step(still)
+        ended = np.all(terminated)
+        seen.append(bool(np.all(info["success"])))
+    assert seen == [False] * 9 + [True] * (len(seen) - 10) + [False]  # held from 0.5 s on
+    assert len(seen) > 10
+
+
+def vector_env():
+    env = gym.make_vec("NPendulum-v0", num_envs=3, n=1)
+    env.reset(seed=0, options={"theta": np.array([[np.pi], [0.0], [np.pi]]), "omega": 0.0})
+    return env
+
+
+def test_every_lane_has_its_own_clock_and_a_reset_starts_it_anew():
+    env, still = vector_env(), np.zeros((3, 1), np.float32)
+    for _ in range(50):
+        env.step(still)
+    mask = np.array([True, False, False])
+    info = env.reset(options={"reset_mask": mask, "theta": np.pi, "omega": 0.0})[1]
+    assert info["_success"].tolist() == mask.tolist()
+    seen = np.array([env.step(still)[-1]["success"] for _ in range(110)])
+    assert seen.argmax(axis=0).tolist() == [99, 0, 49]  # 5 s after the start of each
+    assert not seen[:, 1].any()
+    assert seen.any(axis=0).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("copier", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_counting(copier):
+    env, still = vector_env(), np.zeros((3, 1), np.float32)
+    for _ in range(95):
+        env.step(still)
+    twin = copier(env)
+    for _ in range(10):
+        seen = env.step(still)[-1]["success"]
+        assert seen.tolist() == twin.step(still)[-1]["success"].tolist()
+    assert seen.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("autoreset", ["NEXT_STEP", "SAME_STEP"])
+def test_the_last_step_of_an_episode_tells_its_success(autoreset):
+    env = gym.make_vec(
+        "NPendulum-v0", num_envs=2, n=1, max_episode_steps=101, autoreset_mode=autoreset
+    )
+    env.reset(seed=0, options={"theta": np.array([[np.pi], [0.0]]), "omega": 0.0})
+    still = np.zeros((2, 1), np.float32)
+    for _ in range(101):
+        _, _, _, truncated, info = env.step(still)
+    assert truncated.all()
+    last = info if autoreset == "NEXT_STEP" else info["final_info"]
+    assert last["success"].tolist() == [True, False]
+    after = env.step(still)[-1]["success"] if autoreset == "NEXT_STEP" else info["success"]
+    assert after.tolist() == [False, False]
