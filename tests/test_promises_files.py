@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -56,6 +57,36 @@ def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_r
         else:
             assert same(read, path)  # a date of the archive, say
     assert refused > 800
+
+
+def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
+    from npend_gym.rl.policies import PRETRAINED, Policy, pretrained_names
+
+    for suffix in (".npz", ".json"):
+        shutil.copy(PRETRAINED / f"{pretrained_names()[0]}{suffix}", tmp_path / f"a{suffix}")
+    file = tmp_path / "a.npz"
+    whole, rng = file.read_bytes(), np.random.default_rng(0)
+    policy = Policy.load(file)
+    for percent in range(100):
+        file.write_bytes(whole[: len(whole) * percent // 100])
+        with pytest.raises(ValueError, match=r"a\.npz is no policy"):
+            Policy.load(file)
+    for position in rng.choice(8 * len(whole), 300, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[position // 8] ^= 1 << (position % 8)
+        file.write_bytes(damaged)
+        try:
+            read = Policy.load(file)
+        except ValueError:
+            continue
+        for mine, its in zip(
+            read.weights + read.biases, policy.weights + policy.biases, strict=True
+        ):
+            np.testing.assert_array_equal(mine, its)
+    file.write_bytes(whole)
+    (tmp_path / "a.json").write_text('{"env": ')
+    with pytest.raises(ValueError, match=r"a\.json is no provenance"):
+        Policy.load(file)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +172,7 @@ def test_a_fifo_or_a_folder_is_neither_read_nor_replaced(path, tmp_path):
     os.mkfifo(fifo)
     folder.mkdir()
     for place in (fifo, folder):
-        with pytest.raises(ValueError, match="is no file"):
+        with pytest.raises(ValueError, match="it is no file"):
             Trajectory.load(place)
         with pytest.raises(OSError, match=f"no regular file.*{place.name}"):
             path.save(place)
