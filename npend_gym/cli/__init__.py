@@ -12,7 +12,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from npend_gym._version import __version__
-from npend_gym.cli import animate, bench, page, paper, play, release, verify
+from npend_gym.cli import (
+    analyse,
+    animate,
+    bench,
+    campaign,
+    page,
+    paper,
+    play,
+    release,
+    verify,
+)
 from npend_gym.cli.common import FAILED, INTERRUPTED, Parser
 
 _EXAMPLES = """\
@@ -43,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "page": page,
         "play": play,
         "paper": paper,
+        "campaign": campaign,
+        "analyse": analyse,
         "bench": bench,
         "verify": verify,
     }

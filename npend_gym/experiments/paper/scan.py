@@ -199,10 +199,11 @@ class Law:
 
     def ratio(self, angle: FloatArray) -> FloatArray:
         """Return T/T1 for starting angles [rad]."""
-        return self.limit * _amplitude(angle, self.b.value, self.d.value)
+        return self.limit * amplitude_factor(angle, self.b.value, self.d.value)
 
 
-def _amplitude(angle: FloatArray, b: float, d: float) -> FloatArray:
+def amplitude_factor(angle: FloatArray, b: float, d: float) -> FloatArray:
+    """Return what the law multiplies its limit of small angles by, for angles [rad]."""
     return 1.0 + b * angle**2 / (1.0 + d * angle**2)
 
 
@@ -216,11 +217,16 @@ def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
     limit = float(np.median(rope_ratios()[1]))
     measured = data.median[np.ix_(rows, columns)] / limit
     angle = np.broadcast_to(data.angles[rows][:, None], measured.shape)
-    values, covariance = curve_fit(_amplitude, angle.ravel(), measured.ravel(), p0=(0.2, 0.9))
-    wide = _student(measured.size - 2) * np.sqrt(np.diag(covariance))
-    b, d = (Estimate(float(v), float(w)) for v, w in zip(values, wide, strict=True))
-    residuals = measured / _amplitude(angle, *values) - 1.0
+    x, y = angle.ravel(), measured.ravel()
+    b, d = estimates(*curve_fit(amplitude_factor, x, y, p0=(0.2, 0.9)), measured.size)
+    residuals = measured / amplitude_factor(angle, b.value, d.value) - 1.0
     return Law(limit, b, d, residuals, data.counts[columns], data.angles[rows])
+
+
+def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:
+    """Return fitted values with their 95 % confidence intervals, from a fit to so many `points`."""
+    wide = _student(points - len(values)) * np.sqrt(np.diag(covariance))
+    return [Estimate(float(v), float(w)) for v, w in zip(values, wide, strict=True)]
 
 
 def fit_exponent(x: ArrayLike, y: FloatArray) -> Estimate:

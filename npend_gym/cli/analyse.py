@@ -1,0 +1,51 @@
+"""`npend analyse`: what the releases of a campaign came to."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from npend_gym.cli.common import FAILED, OK, can_draw, show_written
+
+SUMMARY = "fit the law of the pseudo-period to a campaign, list outliers, write a report"
+_ABOUT = """\
+The period against N and the amplitude is fitted with confidence intervals, see docs/campaigns.md.
+Works on what is done, while a campaign runs or after it.
+"""
+_EXAMPLES = """\
+examples:
+  npend analyse results                    tables, figures and report.html in results/analysis
+  npend analyse results --out elsewhere
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `npend analyse`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description, parser.epilog = _ABOUT, _EXAMPLES
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="a campaign's folder")
+    text = "where to write (FOLDER/analysis)"
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+
+
+def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+    """Analyse, print and write; return the exit code."""
+    try:
+        from npend_gym.experiments.campaign.analysis import analyse
+        from npend_gym.report.campaign import analysis_text, write_analysis
+
+        result = analyse(given["folder"])
+        text = result.found.text()
+        print(analysis_text(result))
+        if text:
+            print(text, file=sys.stderr)
+        out = given["out"] or result.out / "analysis"
+        show_written(write_analysis(result, out, figures=can_draw()))
+    except (ValueError, TypeError) as error:
+        parser.error(str(error))
+    except ImportError as error:
+        print(f"npend analyse: {error}", file=sys.stderr)
+        return FAILED
+    return OK

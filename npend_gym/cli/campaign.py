@@ -1,0 +1,162 @@
+"""`npend campaign`: the release experiment swept at scale."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tqdm import tqdm
+
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK
+
+if TYPE_CHECKING:
+    from npend_gym.experiments.campaign import Campaign, Plan
+
+SUMMARY = "sweep the release experiment over anything, on one machine or many"
+_ABOUT = """\
+Every combination of the values is released, so many trials each. Results are Parquet files in the
+folder, see docs/campaigns.md. The same command again goes on where it stopped, whatever stopped it.
+"""
+_EXAMPLES = """\
+examples:
+  npend campaign --out results --n 5 --trials 1000000
+  npend campaign --out results --n 10,20,50 --amplitude 0.1,0.4,0.7,1.0 --trials 100
+  npend campaign --out results --n 3 --masses 1,2,1:2:0.5      all 1, all 2, and 1, 2, 0.5 kg
+  npend campaign plan.toml --out results                       n = [10, 20], trials = 100, ...
+  npend campaign --out results                                 go on with the plan in the folder
+  npend campaign plan.yaml --out /shared/results --backend ray --address auto
+  npend analyse results
+"""
+
+
+def _listed(kind: Any, name: str) -> Any:
+    def values(text: str) -> list[Any]:
+        return [kind(part) for part in text.split(",")]
+
+    values.__name__ = f"list of {name}"  # for error messages
+    return values
+
+
+def _per_rod(text: str) -> float | list[float]:
+    parts = [float(part) for part in text.split(":")]
+    return parts if len(parts) > 1 else parts[0]
+
+
+_NUMBERS = _listed(float, "numbers")
+_PER_ROD = _listed(_per_rod, "numbers, or of numbers for each rod joined by colons")
+
+# Option, type, placeholder, help; the option is the plan's name
+_OPTIONS = (
+    ("n", _listed(int, "integers"), "N,...", "numbers of pendulums (5,10,20,100)"),
+    ("masses", _PER_ROD, "KG[:KG...],...", "masses of the bobs, of all or one per rod (1)"),
+    ("lengths", _PER_ROD, "M[:M...],...", "lengths of the rods, of all or one per rod (1)"),
+    ("gravity", _NUMBERS, "M/S2,...", "accelerations of gravity (9.81)"),
+    ("damping", _NUMBERS, "NMS,...", "viscous dampings of every joint (0)"),
+    ("reading", _listed(str, "readings"), "NAME,...", "what completes a pseudo-period (bob)"),
+    ("amplitude", _NUMBERS, "RAD,...", "starting angles of all rods (pi/4)"),
+    ("spread", _NUMBERS, "RAD,...", "a trial adds one draw from [0, RAD) to all rods (0.017)"),
+    ("trials", int, "COUNT", "releases of each combination (3)"),
+    ("seed", int, "SEED", "seed of the draws (0)"),
+    ("duration", float, "S", "window (until all bobs have completed)"),
+    ("batch", int, "COUNT", "releases in a task (about a second of work)"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `npend campaign`."""
+    from npend_gym.experiments.campaign.engine import BACKENDS
+
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description, parser.epilog = _ABOUT, _EXAMPLES
+    text = "a TOML, YAML or JSON file with any of the values below, by name; options go before it"
+    parser.add_argument("plan", type=Path, nargs="?", metavar="FILE", help=text)
+    text = "folder of the results; a cluster's machines must share it"
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=text)
+    for name, kind, placeholder, text in _OPTIONS:
+        parser.add_argument(f"--{name}", type=kind, metavar=placeholder, help=text)
+    text = "local processes (loky), local threads, or a cluster (loky)"
+    parser.add_argument("--backend", choices=BACKENDS, default="loky", help=text)
+    text = "of a running Ray or Dask cluster (one is started on this machine)"
+    parser.add_argument("--address", help=text)
+    text = "workers (one for each core)"
+    parser.add_argument("--workers", type=int, metavar="COUNT", help=text)
+
+
+def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+    """Carry out the campaign, or what is left of it; return the exit code."""
+    from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, WorkersLostError
+    from npend_gym.experiments.campaign.engine import check_workers
+
+    workers = given["backend"], given["workers"], given["address"]
+    try:
+        check_workers(*workers)
+        campaign = Campaign(_plan(given), given["out"])
+        with campaign, _terminated_like_interrupted():
+            return _carried_out(campaign, workers)
+    except (ValueError, TypeError) as error:
+        parser.error(str(error))
+    except (BusyError, DiskError, WorkersLostError, ImportError) as error:
+        print(f"npend campaign: {error}", file=sys.stderr)
+        if isinstance(error, (DiskError, WorkersLostError)):
+            print("what is done is kept: the same command goes on with it", file=sys.stderr)
+        return FAILED
+
+
+def _plan(given: dict[str, Any]) -> Plan | None:
+    """Return the plan of the file and the options; None where there are neither."""
+    from npend_gym.experiments.campaign import Plan
+    from npend_gym.experiments.campaign.plan_file import read_plan_file
+
+    values = {} if given["plan"] is None else read_plan_file(given["plan"])
+    values |= {name: given[name] for name, *_ in _OPTIONS if given[name] is not None}
+    return Plan.of(values) if values or given["plan"] is not None else None
+
+
+def _carried_out(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int:
+    """Run with a progress bar; return the exit code."""
+    from npend_gym.report.campaign import finish
+
+    plan, found = campaign.plan, campaign.found
+    before = sum(task.releases for task in plan.tasks() if task.id in found.records)
+    print(
+        f"{plan.releases} releases of {plan.cells} cells in {plan.task_count} tasks, "
+        f"{before} releases done before"
+    )
+    if found.text():
+        print(found.text(), flush=True)
+    failed = 0
+    code = OK
+    # disable=None: no bar where the output is not a terminal
+    bar = tqdm(total=plan.releases, initial=before, unit="release", unit_scale=True, disable=None)
+    running = campaign.run(*workers)
+    try:
+        with bar:
+            for task, record in running:
+                if not record.done:
+                    failed += 1
+                    tqdm.write(f"task {task.id} failed: {record.error}", file=sys.stderr)
+                bar.set_postfix(failed=failed, refresh=False)
+                bar.update(task.releases)
+    except KeyboardInterrupt:
+        print("interrupted: what is done is kept, the same command goes on", file=sys.stderr)
+        code = INTERRUPTED
+    finally:
+        running.close()  # pyright: ignore[reportAttributeAccessIssue]
+    text, complete = finish(campaign)
+    print(text)
+    return code if code != OK or complete else FAILED
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Generator[None, None, None]:
+    """Take the signal by which clusters end a job for Ctrl-C."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,25 @@
+"""Campaigns: the release experiment swept at scale, on one machine or many, with nothing lost.
+
+`Plan` says what to release, `Campaign` carries it out in a folder, which `load` reads; see
+`docs/campaigns.md` for what lies in the folder and `npend campaign` for the command.
+"""
+
+from __future__ import annotations
+
+from npend_gym.experiments.campaign.driver import BusyError, Campaign, DiskError
+from npend_gym.experiments.campaign.engine import BACKENDS, WorkersLostError
+from npend_gym.experiments.campaign.folder import Found
+from npend_gym.experiments.campaign.journal import Record
+from npend_gym.experiments.campaign.plan import Plan, Task
+
+__all__ = [
+    "BACKENDS",
+    "BusyError",
+    "Campaign",
+    "DiskError",
+    "Found",
+    "Plan",
+    "Record",
+    "Task",
+    "WorkersLostError",
+]

@@ -1,0 +1,226 @@
+"""The law that the releases of a campaign follow, fitted against N and the amplitude.
+
+Of each cell the mean over its releases of the median over the bobs is taken. Cells that share all
+but n, amplitude and spread make a group. In a group
+
+    T ~ (N + 1/2)^p                               at each amplitude, from three N up,
+    T = c T1(N) [1 + b a^2 / (1 + d a^2)]         for each N, and for all from ten bobs up together,
+
+T1 being the exact period of the slowest mode and a the mean starting angle, up to 1.2 rad. The
+intervals are those of least squares: they measure how well the form fits, for the releases have no
+noise.
+"""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias, cast
+
+import numpy as np
+from scipy.optimize import OptimizeWarning, curve_fit
+
+from npend_gym import theory
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.campaign.folder import Found, folder_of, inspect, read_plan
+from npend_gym.experiments.campaign.plan import Plan
+from npend_gym.experiments.campaign.statistics import Statistics, statistics
+from npend_gym.experiments.paper.scan import (
+    LAW_FROM,
+    LAW_UP_TO,
+    Estimate,
+    amplitude_factor,
+    estimates,
+    fit_exponent,
+    linear_ratios,
+    rope_ratios,
+)
+from npend_gym.experiments.release import Release
+
+_COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
+_EXACT_UP_TO = 300  # bobs; beyond them the rope's limit stands for the chain's
+_Fit: TypeAlias = tuple[FloatArray, FloatArray]
+_GROUPED = ("masses", "lengths", "gravity", "damping", "reading")
+
+
+@dataclass(frozen=True)
+class Point:
+    """A cell as the laws see it: mean start `angle` [rad], `period` and `fundamental` [s]."""
+
+    cell: int
+    n: int
+    amplitude: float
+    spread: float
+    angle: float
+    period: float
+    fundamental: float
+
+    @property
+    def ratio(self) -> float:
+        """The period over that of the slowest mode."""
+        return self.period / self.fundamental
+
+
+@dataclass(frozen=True)
+class Exponent:
+    """The fitted power of N + 1/2 at one amplitude and spread."""
+
+    amplitude: float
+    spread: float
+    points: tuple[Point, ...]
+    power: Estimate
+    residuals: FloatArray
+
+
+@dataclass(frozen=True)
+class AmplitudeLaw:
+    """The fitted law against the amplitude.
+
+    Attributes
+    ----------
+    counts : tuple of int
+        The chains that it was fitted to.
+    c, b, d : Estimate
+        b and d in 1/rad^2.
+    exact : float, optional
+        What c is in the limit of small angles, from the linearised equations; only for equal rods
+        and masses without damping and the reading "bob".
+    points : tuple of Point
+    residuals : ndarray
+        Measured over law, minus one, of each point.
+    """
+
+    counts: tuple[int, ...]
+    c: Estimate
+    b: Estimate
+    d: Estimate
+    exact: float | None
+    points: tuple[Point, ...]
+    residuals: FloatArray
+
+    def ratio(self, angle: FloatArray) -> FloatArray:
+        """Return T/T1 for starting angles [rad]."""
+        return self.c.value * amplitude_factor(angle, self.b.value, self.d.value)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Cells that share `values`, with what was fitted to them."""
+
+    values: Mapping[str, Any]
+    points: tuple[Point, ...]
+    exponents: tuple[Exponent, ...]
+    laws: tuple[AmplitudeLaw, ...]
+
+    @property
+    def label(self) -> str:
+        """The shared values as text."""
+        return ", ".join(f"{name} {value}" for name, value in self.values.items())
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What a campaign's folder holds, and what follows from it."""
+
+    plan: Plan
+    out: Path
+    found: Found
+    statistics: Statistics
+    groups: tuple[Group, ...]
+
+
+def analyse(out: Path | str) -> Analysis:
+    """Return the analysis of what is done of the campaign in `out`, be it complete or not.
+
+    Raises
+    ------
+    ValueError
+        If there is no campaign in `out`, or nothing of it is done.
+    """
+    out = folder_of(out)
+    plan = read_plan(out)
+    if plan is None:
+        raise ValueError(f"there is no campaign in {out}: npend campaign --out {out} makes one")
+    found = inspect(plan, out)
+    tasks = [task for task in plan.tasks() if task.id in found.records]
+    if not tasks:
+        raise ValueError(f"nothing is done yet in {out}: npend campaign --out {out} goes on")
+    numbers = statistics(plan, out, tasks)
+    return Analysis(plan, out, found, numbers, tuple(_groups(plan, numbers)))
+
+
+def _groups(plan: Plan, numbers: Statistics) -> Iterator[Group]:
+    grouped: dict[tuple[Any, ...], list[Point]] = {}
+    for index in range(plan.cells):
+        cell = plan.cell(index)
+        if np.isfinite(numbers.median[index]) and cell["gravity"] > 0.0:
+            key = tuple(cell[name] for name in _GROUPED)
+            grouped.setdefault(key, []).append(_point(index, cell, numbers))
+    for key, points in grouped.items():
+        values: dict[str, Any] = dict(zip(_GROUPED, key, strict=True))
+        yield Group(values, tuple(points), tuple(_exponents(points)), tuple(_laws(values, points)))
+
+
+def _point(index: int, cell: Mapping[str, Any], numbers: Statistics) -> Point:
+    shared = {name: cell[name] for name in ("masses", "lengths", "gravity")}
+    chain = Release(n_values=(cell["n"],), **shared).chain(cell["n"])
+    return Point(
+        index, cell["n"], cell["amplitude"], cell["spread"], float(numbers.start[index]),
+        float(numbers.median[index]), theory.fundamental_period(chain),
+    )  # fmt: skip
+
+
+def _exponents(points: Sequence[Point]) -> Iterator[Exponent]:
+    def start(point: Point) -> tuple[float, float]:
+        return point.amplitude, point.spread
+
+    for (amplitude, spread), some in itertools.groupby(sorted(points, key=start), start):
+        own = tuple(sorted(some, key=lambda point: point.n))
+        if len(own) >= _COUNTS:
+            x, y = np.array([(p.n + 0.5, p.period) for p in own]).T
+            power = fit_exponent(x, y)
+            line = power.value * np.log(x)
+            over: FloatArray = np.log(y) - line
+            residuals = np.exp(over - over.mean()) - 1.0
+            yield Exponent(amplitude, spread, own, power, residuals)
+
+
+def _laws(values: Mapping[str, Any], points: Sequence[Point]) -> Iterator[AmplitudeLaw]:
+    known = all(isinstance(values[name], float) for name in ("masses", "lengths"))
+    known = known and values["damping"] == 0.0 and values["reading"] == "bob"
+    small = [point for point in points if abs(point.angle) <= LAW_UP_TO]
+    many = sorted({point.n for point in small if point.n >= LAW_FROM})
+    together = [tuple(many)] if len(many) > 1 else []
+    for counts in together + [(n,) for n in sorted({point.n for point in small})]:
+        law = _law(counts, tuple(point for point in small if point.n in counts), known=known)
+        if law is not None:
+            yield law
+
+
+def _law(counts: tuple[int, ...], points: tuple[Point, ...], *, known: bool) -> AmplitudeLaw | None:
+    if len({abs(point.amplitude) for point in points}) < _AMPLITUDES:
+        return None
+
+    def ratio(angle: FloatArray, c: float, b: float, d: float) -> FloatArray:
+        return c * amplitude_factor(angle, b, d)
+
+    x, y = np.array([(point.angle, point.ratio) for point in points]).T
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", OptimizeWarning)
+        try:
+            found = cast("_Fit", curve_fit(ratio, x, y, p0=(1.0, 0.2, 0.5)))
+        except (RuntimeError, OptimizeWarning):  # these points determine no such law
+            return None
+    if not np.all(np.isfinite(found[1])):
+        return None
+    c, b, d = estimates(found[0], found[1], len(points))
+    residuals = y / ratio(x, *found[0].tolist()) - 1.0
+    return AmplitudeLaw(counts, c, b, d, _exact(counts) if known else None, points, residuals)
+
+
+def _exact(counts: tuple[int, ...]) -> float:
+    single = len(counts) == 1 and counts[0] <= _EXACT_UP_TO
+    return float(np.median(linear_ratios(counts[0]) if single else rope_ratios()[1]))

@@ -1,0 +1,171 @@
+"""The tables of a campaign: Parquet parts, written whole, each known by its SHA-256."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks, _files, theory
+from npend_gym._checks import FloatArray
+from npend_gym._version import __version__
+from npend_gym.experiments.campaign.plan import Plan, Task
+from npend_gym.experiments.release import Release
+
+try:
+    pa: Any = import_module("pyarrow")  # it has no types
+    pq: Any = import_module("pyarrow.parquet")
+except ImportError as error:
+    raise ImportError(
+        'campaigns need pyarrow: install it with pip install "npend-gym[campaign]"'
+    ) from error
+
+RELEASES, BOBS = "releases", "bobs"
+TABLES = (RELEASES, BOBS)
+
+
+def write_parts(
+    plan: Plan, out: Path, task: Task, starts: FloatArray, periods: FloatArray
+) -> dict[str, str]:
+    """Write the parts of a task, whole or not at all; return table -> SHA-256."""
+    about = {"version": __version__, "plan": plan.digest, "task": task.id, "seed": plan.seed}
+    tables = {
+        RELEASES: _releases(plan, task, starts, periods),
+        BOBS: _bobs(plan, task, periods),
+    }
+    return {name: _write(table, out / name / task.part, about) for name, table in tables.items()}
+
+
+def _releases(plan: Plan, task: Task, starts: FloatArray, periods: FloatArray) -> Any:
+    """Return the table with a row for every release."""
+    cell, trial = _places(plan, task)
+    done = np.isfinite(periods)
+    count = done.sum(axis=1)
+    total = np.where(done, periods, 0.0).sum(axis=1)
+    ordered = np.sort(periods, axis=1)  # NaN last
+    rows = np.arange(len(periods))
+    median = 0.5 * (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2])
+    return pa.table(
+        {
+            "cell": cell,
+            "trial": trial,
+            "start_rad": starts,
+            "completed": count.astype(np.int32),
+            "mean_s": _nullable(total / np.where(count, count, np.nan)),
+            "median_s": _nullable(median),
+            "tip_s": _nullable(periods[:, -1]),
+        }
+    )
+
+
+def _bobs(plan: Plan, task: Task, periods: FloatArray) -> Any:
+    """Return the table with a row for every release and bob, bobs counted from 1 at the pivot."""
+    cell, trial = _places(plan, task)
+    count, n = periods.shape
+    return pa.table(
+        {
+            "cell": np.repeat(cell, n),
+            "trial": np.repeat(trial, n),
+            "bob": np.tile(np.arange(1, n + 1, dtype=np.int32), count),
+            "pseudo_period_s": _nullable(periods.ravel()),
+        }
+    )
+
+
+def _places(plan: Plan, task: Task) -> tuple[Any, Any]:
+    cell, trial = np.divmod(np.arange(task.first, task.last), plan.trials)
+    return cell, trial + 1
+
+
+def _nullable(values: FloatArray) -> Any:
+    """Return the values with null for NaN: a bob that does not complete has no pseudo-period."""
+    return pa.array(values, mask=np.isnan(values))
+
+
+def _write(table: Any, path: Path, about: dict[str, Any]) -> str:
+    """Write `table` to `path` and return the SHA-256 of the file."""
+    sink = pa.BufferOutputStream()
+    table = table.replace_schema_metadata({"npend_gym": json.dumps(about, sort_keys=True)})
+    pq.write_table(table, sink, compression="zstd", use_dictionary=False)
+    data = sink.getvalue().to_pybytes()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with _files.replacing(path, binary=True) as file:
+        file.write(data)
+    return hashlib.sha256(data).hexdigest()
+
+
+def sha256(path: Path) -> str | None:
+    """Return the SHA-256 of a file; None where it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def write_cells(plan: Plan, path: Path, keys: Sequence[str]) -> None:
+    """Write what every cell number stands for, with the models' periods [s]."""
+    cells = [plan.cell(index) for index in range(plan.cells)]
+    chains = [_chain_columns(*(cell[name] for name in _CHAIN)) for cell in cells]
+    columns: dict[str, Any] = {"cell": np.arange(plan.cells), "key": keys}
+    columns |= {name: [row[name] for row in chains] for name in chains[0]}
+    columns |= {
+        "reading": [cell["reading"] for cell in cells],
+        "amplitude_rad": [cell["amplitude"] for cell in cells],
+        "spread_rad": [cell["spread"] for cell in cells],
+    }
+    _write(pa.table(columns), path, {"version": __version__, "plan": plan.digest})
+
+
+_CHAIN = ("n", "masses", "lengths", "gravity", "damping")
+
+
+@lru_cache(maxsize=1024)
+def _chain_columns(n: int, masses: Any, lengths: Any, gravity: float, damping: float) -> Any:
+    chain = Release(
+        n_values=(n,), masses=masses, lengths=lengths, gravity=gravity, damping=damping
+    ).chain(n)
+    return {
+        "n": n,
+        "masses_kg": chain.masses.tolist(),
+        "lengths_m": chain.lengths.tolist(),
+        "gravity_m_s2": gravity,
+        "damping_nms": damping,
+        "fundamental_s": _or_none(theory.fundamental_period(chain)),
+        "ideal_s": _or_none(theory.ideal_period(chain)),
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def read_part(path: Path, columns: Sequence[str] | None = None) -> Any:
+    """Return a part as a pyarrow table, without the columns that its path stands for."""
+    return pq.ParquetFile(path).read(columns=columns)
+
+
+def read_table(out: Path, table: str, tasks: Sequence[Task]) -> Any:
+    """Return the parts of `tasks` as one pyarrow table, sorted by cell, trial and bob."""
+    _checks.choice("table", table, TABLES)
+    return pa.concat_tables([read_part(out / table / task.part) for task in tasks])
+
+
+def table_digest(out: Path, table: str, tasks: Iterator[Task]) -> str:
+    """Return a SHA-256 of the sorted table, whatever parts it lies in; one part at a time."""
+    digests: dict[str, Any] = {}
+    for task in tasks:
+        part = read_part(out / table / task.part)
+        for name, column in zip(part.column_names, part.columns, strict=True):
+            for what, values in (("null", column.is_null()), ("value", column.fill_null(0))):
+                digest = digests.setdefault(f"{name} {what}", hashlib.sha256(name.encode()))
+                digest.update(np.asarray(values).tobytes())
+    joined = hashlib.sha256()
+    for digest in digests.values():
+        joined.update(digest.digest())
+    return joined.hexdigest()

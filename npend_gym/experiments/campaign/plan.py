@@ -1,0 +1,229 @@
+"""What a campaign releases: cells of a sweep, their trials, and the tasks that share them out."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym._version import __version__
+from npend_gym.chain import STANDARD_GRAVITY
+from npend_gym.experiments.release import (
+    PAPER_AMPLITUDE,
+    PAPER_N,
+    PAPER_SPREAD,
+    PAPER_TRIALS,
+    Release,
+)
+
+PerRod: TypeAlias = float | Sequence[float]
+
+# A cell takes one value of each, the last varying fastest: what makes the chain comes first, so
+# that neighbouring cells are measured side by side.
+SWEPT = ("n", "masses", "lengths", "gravity", "damping", "reading", "amplitude", "spread")
+_CHECKED_TOGETHER = (("n", "masses", "lengths"), ("amplitude", "spread"))
+MAX_CELLS = 1_000_000
+MAX_TRIALS = 10**12
+MAX_BATCH = 1_000_000
+_SMALLEST, _LARGEST = 16, 4096  # releases in a task, where the plan does not say
+_WORK = 1e5  # releases times n^2 in a task: about a second on one core
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep of the release experiment: every combination of the values, `trials` times.
+
+    Each of the first eight is one value or a list of values to sweep over.
+
+    Attributes
+    ----------
+    n : int or list of int
+        Numbers of pendulums.
+    masses, lengths : float, or list of float or of lists
+        Of all bobs [kg] and rods [m]; a list inside the list has one for each rod.
+    gravity, damping : float or list of float
+        As in `npend_gym.Chain`.
+    reading : str or list of str
+        What completes a pseudo-period, see `npend_gym.pseudo_periods`.
+    amplitude, spread : float or list of float
+        A release starts at rest with all rods at `amplitude` plus one draw, common to all rods,
+        from [0, spread) [rad].
+    trials : int
+        Releases of each cell, a cell being one combination.
+    seed : int
+        Seed of the draws. A release's draw depends on the seed, the values of its cell and its
+        trial alone: not on the rest of the plan, the batch, the workers or the order.
+    duration : float, optional
+        Window [s]; by default long enough for every bob.
+    batch : int, optional
+        Releases in a task; by default so many that it takes about a second on one core.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value breaks its rule, alone or with the others, or is named twice.
+    """
+
+    n: int | Sequence[int] = PAPER_N
+    masses: float | Sequence[PerRod] = 1.0
+    lengths: float | Sequence[PerRod] = 1.0
+    gravity: float | Sequence[float] = STANDARD_GRAVITY
+    damping: float | Sequence[float] = 0.0
+    reading: str | Sequence[str] = "bob"
+    amplitude: float | Sequence[float] = PAPER_AMPLITUDE
+    spread: float | Sequence[float] = PAPER_SPREAD
+    trials: int = PAPER_TRIALS
+    seed: int = 0
+    duration: float | None = None
+    batch: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in SWEPT:
+            object.__setattr__(self, name, _values(name, getattr(self, name)))
+        _checks.count("trials", self.trials, high=MAX_TRIALS)
+        if self.batch is not None:
+            _checks.count("batch", self.batch, high=MAX_BATCH)
+        _checks.count("the number of cells, the product of all lists,", self.cells, high=MAX_CELLS)
+        single = [(name,) for name in SWEPT if name not in itertools.chain(*_CHECKED_TOGETHER)]
+        for names in (*_CHECKED_TOGETHER, *single):
+            for values in itertools.product(*(self._sweep(name) for name in names)):
+                first = {name: self._sweep(name)[0] for name in SWEPT}
+                if "n" not in names:  # the chain has been checked
+                    first |= {"masses": 1.0, "lengths": 1.0}
+                self._release(first | dict(zip(names, values, strict=True)))
+
+    def _sweep(self, name: str) -> tuple[Any, ...]:
+        return getattr(self, name)
+
+    def _release(self, cell: Mapping[str, Any]) -> Release:
+        given = {name: cell[name] for name in SWEPT if name != "n"}
+        return Release(n_values=(cell["n"],), seed=self.seed, duration=self.duration, **given)
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        """Number of values of each swept name."""
+        return tuple(len(self._sweep(name)) for name in SWEPT)
+
+    @property
+    def cells(self) -> int:
+        """Number of combinations."""
+        return math.prod(self.shape)
+
+    @property
+    def releases(self) -> int:
+        """Number of releases."""
+        return self.cells * self.trials
+
+    def cell(self, index: int) -> dict[str, Any]:
+        """Return the values of the cell `index`, counted from 0."""
+        places = np.unravel_index(index, self.shape)
+        return {name: self._sweep(name)[int(k)] for name, k in zip(SWEPT, places, strict=True)}
+
+    def batch_of(self, n: int) -> int:
+        """Return the number of releases in a task of chains of `n` rods."""
+        if self.batch is not None:
+            return self.batch
+        power = int(math.log2(_WORK / n**2)) if n**2 < _WORK else 0
+        return min(_LARGEST, max(_SMALLEST, 2**power))
+
+    def tasks(self) -> Iterator[Task]:
+        """Yield the tasks, in the order of the plan."""
+        per_n = self.releases // self.shape[0]
+        for place, n in enumerate(self._sweep("n")):
+            base, batch = place * per_n, self.batch_of(n)
+            for number, first in enumerate(range(0, per_n, batch)):
+                yield Task(n, number, base + first, base + min(first + batch, per_n))
+
+    @cached_property
+    def task_count(self) -> int:
+        """Number of tasks."""
+        per_n = self.releases // self.shape[0]
+        return sum(-(-per_n // self.batch_of(n)) for n in self._sweep("n"))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the plan as plain numbers and lists: `Plan(**plan.as_dict())` is the plan."""
+        return {name: json.loads(json.dumps(value)) for name, value in asdict(self).items()}
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the plan and of the package's version: what the results depend on."""
+        text = json.dumps([__version__, self.as_dict()], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Plan:
+        """Return the plan with the values `given`, as read from a file.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a name is unknown or a value breaks its rule.
+        """
+        known = [field.name for field in fields(cls)]
+        for name in given:
+            if name not in known:
+                raise ValueError(
+                    f"a plan has the names {', '.join(known)}; got {_checks.show(name)}"
+                )
+        return cls(**given)
+
+
+@dataclass(frozen=True)
+class Task:
+    """Releases `first` to `last` - 1 of a plan, of chains of `n` rods.
+
+    Release k of a plan is trial k % trials + 1 of cell k // trials.
+    """
+
+    n: int
+    number: int
+    first: int
+    last: int
+
+    @property
+    def id(self) -> str:
+        """Name of the task, the same whenever the plan is."""
+        return f"n{self.n}-{self.number:07d}"
+
+    @property
+    def part(self) -> str:
+        """Path of the task's part inside the folder of a table."""
+        return f"n={self.n}/{self.number:07d}.parquet"
+
+    @property
+    def releases(self) -> int:
+        """Number of releases."""
+        return self.last - self.first
+
+
+def _values(name: str, given: Any) -> tuple[Any, ...]:
+    """Return the values of a swept name, checked one by one, numbers as int and float."""
+    if isinstance(given, np.ndarray):
+        given = given.tolist()
+    values: tuple[Any, ...] = tuple(given) if isinstance(given, (list, tuple, range)) else (given,)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+    if not values:
+        raise ValueError(f"{name} must name at least one value, got none")
+    if name == "n":
+        values = tuple(_checks.count(name, value) for value in values)
+    elif name in ("masses", "lengths"):
+        values = tuple(_per_rod(name, value) for value in values)
+    elif name != "reading":
+        values = tuple(_checks.number(name, value) for value in values)
+    for k, value in enumerate(values):
+        if value in values[:k]:
+            raise ValueError(f"{name} must name each value once, got {_checks.show(value)} twice")
+    return values
+
+
+def _per_rod(name: str, value: Any) -> float | tuple[float, ...]:
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return tuple(_checks.array(name, value).ravel().tolist())
+    return _checks.number(name, value)

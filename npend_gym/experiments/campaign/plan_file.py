@@ -1,0 +1,57 @@
+"""A plan from a TOML, YAML or JSON file."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from npend_gym import _checks
+
+
+def _toml(text: str) -> Any:
+    # in the standard library from 3.11 on; the extra "campaign" brings it to 3.10
+    return import_module("tomllib" if sys.version_info >= (3, 11) else "tomli").loads(text)
+
+
+def _yaml(text: str) -> Any:
+    yaml: Any = import_module("yaml")
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(" ".join(str(error).split())) from error
+
+
+_READERS: dict[str, Callable[[str], Any]] = {
+    ".toml": _toml,
+    ".yaml": _yaml,
+    ".yml": _yaml,
+    ".json": json.loads,
+}
+
+
+def read_plan_file(path: Path) -> dict[str, Any]:
+    """Return the values of a plan that a file gives, unchecked.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read, or is no table of names and values.
+    """
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ValueError(f"a plan's file must end in {', '.join(_READERS)}; got {path}")
+    try:
+        given = reader(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} cannot be read: {error}") from error
+    if not isinstance(given, dict):
+        raise ValueError(
+            f"{path} must hold names and values, such as n = [5, 10]; got {_checks.show(given)}"
+        )
+    return given  # pyright: ignore[reportUnknownVariableType]

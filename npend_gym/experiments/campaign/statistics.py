@@ -1,0 +1,168 @@
+"""Statistics of a campaign's releases by cell, and its outliers, one part in memory at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym._checks import FloatArray
+from npend_gym.experiments.campaign.parts import RELEASES, read_part
+from npend_gym.experiments.campaign.plan import Plan, Task
+
+FAR = 6.0  # standard deviations, beyond which a release is an outlier
+EDGES = np.linspace(-8.0, 8.0, 65)  # of the histogram of residuals, in standard deviations
+_ENOUGH = 20  # releases of a cell, below which none of them can be called an outlier
+_NOISE = 1e-8  # of the period: what the integration's tolerance may leave
+_LISTED = 100
+_COLUMNS = ("start_rad", "mean_s", "median_s", "tip_s")
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A release whose median over the bobs is far from those of its cell.
+
+    `expected_s` is the parabola in the starting angle through the cell's releases at its start,
+    `deviations` how many standard deviations of theirs it is away.
+    """
+
+    cell: int
+    trial: int
+    start_rad: float
+    median_s: float
+    expected_s: float
+    deviations: float
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """What the releases of each cell came to; all arrays have an entry for each of the C cells.
+
+    Attributes
+    ----------
+    releases, completed : ndarray of int, shape (C,)
+        Releases measured, and bobs that completed in them.
+    start, mean, median, tip : ndarray, shape (C,)
+        Means over the releases of the starting angle [rad], and of the mean and median over the
+        bobs and of the last bob [s]; NaN where there are none.
+    parabola : ndarray, shape (C, 3)
+        Of the median against the place of the start within the spread, from 0 to 1 [s].
+    scatter : ndarray, shape (C,)
+        Standard deviation about the parabola [s].
+    outliers : list of Outlier
+        The farthest first, a hundred at most.
+    outlier_count : int
+        How many there are.
+    histogram : ndarray of int
+        Residuals over the scatter, between `EDGES`.
+    """
+
+    releases: NDArray[np.int64]
+    completed: NDArray[np.int64]
+    start: FloatArray
+    mean: FloatArray
+    median: FloatArray
+    tip: FloatArray
+    parabola: FloatArray
+    scatter: FloatArray
+    outliers: list[Outlier]
+    outlier_count: int
+    histogram: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Releases of one cell in one part."""
+
+    cell: int
+    trial: NDArray[np.int64]
+    completed: NDArray[np.int64]
+    columns: dict[str, FloatArray]
+    place: FloatArray  # of the start within the spread
+
+    def median(self) -> tuple[FloatArray, FloatArray]:
+        """Return the powers 1, u, u^2 of the place, shape (R, 3), and the median [s], where any."""
+        some = np.isfinite(self.columns["median_s"])
+        return np.vander(self.place[some], 3, increasing=True), self.columns["median_s"][some]
+
+
+def _pieces(plan: Plan, out: Path, tasks: list[Task]) -> Iterator[_Piece]:
+    for task in tasks:
+        part = read_part(out / RELEASES / task.part)
+        cells = part["cell"].to_numpy()
+        columns = {name: _floats(part[name]) for name in _COLUMNS}
+        numbers, firsts = np.unique(cells, return_index=True)
+        for cell, first, last in zip(numbers, firsts, [*firsts[1:], len(cells)], strict=True):
+            rows = slice(int(first), int(last))
+            values = plan.cell(int(cell))
+            own = {name: column[rows] for name, column in columns.items()}
+            place = (own["start_rad"] - values["amplitude"]) / (values["spread"] or 1.0)
+            trial, done = (part[name].to_numpy()[rows] for name in ("trial", "completed"))
+            yield _Piece(int(cell), trial, done, own, place)
+
+
+def _floats(column: Any) -> FloatArray:
+    return column.to_numpy().astype(np.float64)  # null becomes NaN
+
+
+def statistics(plan: Plan, out: Path, tasks: list[Task]) -> Statistics:
+    """Return the statistics of the releases of `tasks`, in three passes over their parts."""
+    releases, completed = np.zeros((2, plan.cells), np.int64)
+    sums, counts = np.zeros((2, plan.cells, len(_COLUMNS)))
+    normal, right = np.zeros((plan.cells, 3, 3)), np.zeros((plan.cells, 3))
+    for piece in _pieces(plan, out, tasks):
+        k = piece.cell
+        releases[k] += len(piece.trial)
+        completed[k] += int(piece.completed.sum())
+        for j, values in enumerate(piece.columns.values()):
+            some = np.isfinite(values)
+            sums[k, j] += values[some].sum()
+            counts[k, j] += some.sum()
+        powers, median = piece.median()
+        normal[k] += powers.T @ powers
+        right[k] += powers.T @ median
+    means = sums / np.where(counts, counts, np.nan)
+    # by the pseudo-inverse: without a spread, or with few releases, there is no parabola to find
+    parabola = np.einsum("kij,kj->ki", np.linalg.pinv(normal, hermitian=True), right)
+    squares = np.zeros(plan.cells)
+    for piece in _pieces(plan, out, tasks):
+        powers, median = piece.median()
+        squares[piece.cell] += np.sum((median - powers @ parabola[piece.cell]) ** 2)
+    count = counts[:, _COLUMNS.index("median_s")]
+    scatter = np.sqrt(squares / np.where(count > 3, count - 3, np.nan))
+    far = _far(_pieces(plan, out, tasks), parabola, scatter, count)
+    start, mean, median, tip = means.T
+    return Statistics(releases, completed, start, mean, median, tip, parabola, scatter, *far)
+
+
+def _far(
+    pieces: Iterator[_Piece], parabola: FloatArray, scatter: FloatArray, count: FloatArray
+) -> tuple[list[Outlier], int, NDArray[np.int64]]:
+    """Return the outliers, how many there are, and the histogram of all residuals."""
+    outliers: list[Outlier] = []
+    total = 0
+    histogram = np.zeros(len(EDGES) - 1, np.int64)
+    for piece in pieces:
+        if count[piece.cell] < _ENOUGH:
+            continue
+        powers, median = piece.median()
+        expected = powers @ parabola[piece.cell]
+        residual = (median - expected) / max(scatter[piece.cell], _NOISE * expected.mean())
+        histogram += np.histogram(np.clip(residual, EDGES[0], EDGES[-1]), EDGES)[0]
+        some = np.flatnonzero(np.isfinite(piece.columns["median_s"]))
+        beyond = np.flatnonzero(np.abs(residual) > FAR)
+        total += beyond.size
+        outliers += [
+            Outlier(
+                piece.cell, int(piece.trial[some[k]]), float(piece.columns["start_rad"][some[k]]),
+                float(median[k]), float(expected[k]), float(residual[k]),
+            )
+            for k in beyond
+        ]  # fmt: skip
+        outliers.sort(key=lambda outlier: -abs(outlier.deviations))
+        del outliers[_LISTED:]
+    return outliers, total, histogram

@@ -1,0 +1,228 @@
+"""A campaign on paper: its manifest, tables of its analysis, figures, an HTML page."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _files
+from npend_gym._version import __version__
+from npend_gym.experiments.campaign import Campaign
+from npend_gym.experiments.campaign.analysis import Analysis, Group
+from npend_gym.experiments.campaign.folder import CELLS, JOURNAL, PLAN
+from npend_gym.experiments.campaign.journal import read_journal
+from npend_gym.experiments.campaign.statistics import FAR
+from npend_gym.report.outputs import prepare_folder, write_csv, write_manifest
+
+_DRAWN = 12  # groups that get figures
+
+
+def finish(campaign: Campaign) -> tuple[str, bool]:
+    """Write the manifest; return what to say, and whether every task is done.
+
+    The journal has the digests of all parts, the manifest that of the journal.
+    """
+    plan, out = campaign.plan, campaign.out
+    records, _ = read_journal(out / JOURNAL, plan.digest)
+    done = {key for key, record in records.items() if record.done}
+    tasks = [task for task in plan.tasks() if task.id in done]
+    failed = len(records) - len(done)
+    complete = len(tasks) == plan.task_count
+    written = [out / name for name in (PLAN, CELLS, JOURNAL)]
+    write_manifest(out, "campaign", plan.as_dict(), written, complete=complete)
+    cpu = sum(records[key].cpu_s for key in done)
+    releases = sum(task.releases for task in tasks)
+    text = f"{releases} of {plan.releases} releases done in {cpu:.1f} s of CPU time"
+    text += f", {failed} task(s) failed" if failed else ""
+    return f"{text}: {out}", complete
+
+
+def fit_rows(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return a row for every fitted number, with its confidence interval."""
+    return [row for group in analysis.groups for row in _group_rows(group)]
+
+
+def _group_rows(group: Group) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for found in group.exponents:
+        where = f"amplitude {found.amplitude:.6g}, spread {found.spread:.6g} rad"
+        worst = float(np.abs(found.residuals).max())
+        counts = [point.n for point in found.points]
+        rows.append(_fit(group, where, counts, "p", found.power, 0.5, worst))
+    for law in group.laws:
+        worst = float(np.abs(law.residuals).max())
+        for name in ("c", "b", "d"):
+            exact = law.exact if name == "c" else None
+            where = f"{len(law.points)} cells up to {max(abs(p.angle) for p in law.points):.3g} rad"
+            rows.append(_fit(group, where, law.counts, name, getattr(law, name), exact, worst))
+    return rows
+
+
+def _fit(
+    group: Group, where: str, counts: Any, name: str, found: Any, exact: float | None, worst: float
+) -> dict[str, Any]:
+    return {
+        "group": group.label,
+        "cells": where,
+        "n": " ".join(map(str, counts)),
+        "parameter": name,
+        "value": found.value,
+        "+-": found.error,
+        "exact": exact,
+        "largest_residual": worst,
+    }
+
+
+def residual_rows(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return a row for every cell and law that it was used for, with what the law leaves."""
+    fits = [
+        (name, fit)
+        for group in analysis.groups
+        for name, some in (("power of N", group.exponents), ("amplitude", group.laws))
+        for fit in some
+    ]
+    return [
+        {
+            "law": name,
+            "cell": point.cell,
+            "n": point.n,
+            "n_fitted": " ".join(map(str, sorted({p.n for p in fit.points}))),
+            "angle_rad": point.angle,
+            "period_s": point.period,
+            "fundamental_s": point.fundamental,
+            "residual": float(residual),
+        }
+        for name, fit in fits
+        for point, residual in zip(fit.points, fit.residuals, strict=True)
+    ]
+
+
+def cell_rows(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return a row for every cell that has been measured: its values and statistics."""
+    numbers, plan = analysis.statistics, analysis.plan
+    means = {
+        "start_rad": numbers.start,
+        "mean_s": numbers.mean,
+        "median_s": numbers.median,
+        "tip_s": numbers.tip,
+        "scatter_s": numbers.scatter,
+    }
+    return [
+        {
+            "cell": k,
+            **{name: _text(value) for name, value in plan.cell(k).items()},
+            "releases": int(numbers.releases[k]),
+            "completed": int(numbers.completed[k]),
+            "bobs": int(numbers.releases[k]) * plan.cell(k)["n"],
+            **{name: _or_none(float(values[k])) for name, values in means.items()},
+        }
+        for k in np.flatnonzero(numbers.releases).tolist()
+    ]
+
+
+def _text(value: Any) -> Any:
+    return " ".join(map(str, value)) if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def failure_rows(analysis: Analysis) -> list[dict[str, Any]]:
+    """Return a row for every failed task, with its error."""
+    return [{"task": key, "error": r.error} for key, r in analysis.found.failed.items()]
+
+
+def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path]:
+    """Write tables, figures, the page and a manifest into `out`; return what was written."""
+    prepare_folder(out)
+    outliers = [asdict(outlier) for outlier in analysis.statistics.outliers]
+    tables = {
+        "cells": cell_rows(analysis),
+        "fits": fit_rows(analysis),
+        "residuals": residual_rows(analysis),
+        "outliers": outliers,
+        "failures": failure_rows(analysis),
+    }
+    written = [write_csv(out / f"{name}.csv", rows) for name, rows in tables.items() if rows]
+    pictures = _figures(analysis, out) if figures else []
+    with _files.replacing(out / "report.html") as file:
+        file.write(page(analysis, pictures))
+    written += [*pictures, out / "report.html"]
+    complete = len(analysis.found.records) == analysis.plan.task_count
+    arguments = analysis.plan.as_dict()
+    return [*written, write_manifest(out, "analyse", arguments, written, complete=complete)]
+
+
+def _figures(analysis: Analysis, out: Path) -> list[Path]:
+    from npend_gym.report import campaign_figures as draw  # matplotlib, an extra
+
+    drawn: dict[str, Any] = {}
+    for k, group in enumerate(analysis.groups[:_DRAWN]):
+        if group.exponents:
+            drawn[f"law_against_n_{k}"] = draw.law_against_n(group)
+        if group.laws:
+            drawn[f"law_against_amplitude_{k}"] = draw.law_against_amplitude(group)
+    if analysis.statistics.histogram.any():
+        drawn["residuals"] = draw.residuals(analysis.statistics)
+    return [draw.save(figure, out / f"{name}.png") for name, figure in drawn.items()]
+
+
+def page(analysis: Analysis, pictures: list[Path]) -> str:
+    """Return the HTML page; whatever comes from a file or the user is escaped."""
+    from jinja2 import Environment  # extra "campaign"
+
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["shown"] = _shown
+    source = (files("npend_gym.report") / "campaign.html").read_text(encoding="utf-8")
+    found = analysis.found
+    return environment.from_string(source).render(
+        analysis=analysis,
+        version=__version__,
+        measured=int(analysis.statistics.releases.sum()),
+        missing=analysis.plan.task_count - len(found.records) - len(found.failed),
+        fits=fit_rows(analysis),
+        far=f"{FAR:g}",
+        outliers=[asdict(outlier) for outlier in analysis.statistics.outliers],
+        failures=failure_rows(analysis),
+        cells=cell_rows(analysis),
+        pictures={p.stem: base64.b64encode(p.read_bytes()).decode() for p in pictures},
+    )
+
+
+def _shown(value: Any) -> Any:
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
+def analysis_text(analysis: Analysis) -> str:
+    """Return the fits as text for the terminal."""
+    numbers = analysis.statistics
+    lines = [
+        (
+            f"{int(numbers.releases.sum())} of {analysis.plan.releases} releases, "
+            f"{int(numbers.completed.sum())} bobs completed, {numbers.outlier_count} outliers, "
+            f"{len(analysis.found.failed)} failed tasks"
+        )
+    ]
+    for group in analysis.groups:
+        lines += ["", group.label]
+        for found in group.exponents:
+            counts = [point.n for point in found.points]
+            lines.append(
+                f"  N = {counts[0]} to {counts[-1]} at {found.amplitude:.4g} rad: "
+                f"T ~ (N + 1/2)^p, p = {found.power}"
+            )
+        for law in group.laws:
+            exact = "" if law.exact is None else f" (exact {law.exact:.4f})"
+            lines.append(
+                f"  N = {' '.join(map(str, law.counts))}: c = {law.c}{exact}, b = {law.b}, "
+                f"d = {law.d}, residuals up to {np.abs(law.residuals).max():.2%}"
+            )
+    return "\n".join(lines)

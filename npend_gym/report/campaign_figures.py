@@ -1,0 +1,120 @@
+"""Figures of a campaign: the fitted law against N and the amplitude, and the residuals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
+
+from npend_gym import _files
+from npend_gym._version import __version__
+from npend_gym.experiments.campaign.analysis import AmplitudeLaw, Group
+from npend_gym.experiments.campaign.statistics import EDGES, FAR, Statistics
+from npend_gym.report.figures import styled
+from npend_gym.report.palette import BLACK, BLUE, ORANGE, panels, shade
+
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+_CURVES = 9  # drawn in one figure; the rest is in the tables
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG, whole or not at all."""
+    with _files.replacing(path, binary=True) as file:
+        figure.savefig(file, format="png", metadata={"Software": f"npend_gym {__version__}"})
+    return path
+
+
+@styled
+def law_against_n(group: Group) -> Figure:
+    """Draw the period against N with the fitted power at each amplitude, and what it leaves."""
+    figure = Figure(figsize=(7.2, 5.6))
+    top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
+    chosen = _spaced(group.exponents)
+    for k, found in enumerate(chosen):
+        counts = np.array([point.n for point in found.points])
+        periods = np.array([point.period for point in found.points])
+        color, marker = shade(k / max(1, len(chosen) - 1)), _MARKERS[k % len(_MARKERS)]
+        label = f"{found.amplitude:.3g} rad: exponent {found.power}"
+        top.plot(counts, periods, marker, color=color, label=label)
+        top.plot(counts, periods / (1.0 + found.residuals), color=color, linewidth=0.9)
+        bottom.plot(counts, found.residuals, marker + "-", color=color, linewidth=0.9, markersize=5)
+    slowest = {point.n: point.fundamental for point in group.points}
+    counts = sorted(slowest)
+    top.plot(counts, [slowest[n] for n in counts], color=ORANGE, label="$T_1$, slowest normal mode")
+    bottom.axhline(0.0, color=BLACK, linewidth=0.6)
+    top.set(xscale="log", yscale="log", ylabel="pseudo-period [s]", title=_title(group))
+    bottom.set(xlabel="number of pendulums N", ylabel="over the power, less 1")
+    bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
+    bottom.xaxis.set(major_locator=FixedLocator(counts), minor_locator=NullLocator())
+    bottom.xaxis.set_major_formatter(ScalarFormatter())
+    top.yaxis.set_major_formatter(ScalarFormatter())
+    top.yaxis.set_minor_formatter(ScalarFormatter())
+    _legend(figure, top)
+    return figure
+
+
+@styled
+def law_against_amplitude(group: Group) -> Figure:
+    """Draw the period over T1 against the starting angle with the fitted laws, and residuals."""
+    figure = Figure(figsize=(7.2, 5.9))
+    top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
+    for law in (law for law in group.laws if len(law.counts) > 1):
+        largest = max(abs(point.angle) for point in law.points)
+        angle = np.linspace(0.0, largest, 200)
+        top.plot(angle, law.ratio(angle), color=ORANGE, linewidth=2.2, label=_law_label(law))
+    chosen = _spaced([law for law in group.laws if len(law.counts) == 1])
+    for k, law in enumerate(chosen):
+        angles = np.array([abs(point.angle) for point in law.points])
+        ratios = [point.ratio for point in law.points]
+        color, marker = shade(k / max(1, len(chosen) - 1)), _MARKERS[k % len(_MARKERS)]
+        angle = np.linspace(0.0, float(angles.max()), 200)
+        top.plot(angles, ratios, marker, color=color, markersize=5, label=_law_label(law))
+        top.plot(angle, law.ratio(angle), color=color, linewidth=0.9)
+        order = np.argsort(angles)
+        bottom.plot(angles[order], law.residuals[order], marker + "-", color=color, linewidth=0.7,
+                    markersize=4.5)  # fmt: skip
+    bottom.axhline(0.0, color=BLACK, linewidth=0.6)
+    top.set(ylabel="pseudo-period / $T_1$", title=_title(group))
+    bottom.set(xlabel="starting angle a [rad]", ylabel="over the law, less 1")
+    bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=2))
+    _legend(figure, top)
+    return figure
+
+
+@styled
+def residuals(numbers: Statistics) -> Figure:
+    """Draw how far the releases lie from the parabola of their cell."""
+    figure = Figure(figsize=(7.2, 3.2))
+    axes: Any = figure.add_subplot()
+    axes.stairs(numbers.histogram, EDGES, fill=True, color=BLUE)
+    for far in (-FAR, FAR):
+        axes.axvline(far, color=ORANGE, linewidth=1.0)
+    axes.set(
+        yscale="symlog", ylim=(0, None), ylabel="releases",
+        xlabel="median over the bobs, less the parabola of its cell, over its scatter",
+        title=f"{int(numbers.histogram.sum())} releases, {numbers.outlier_count} beyond the lines",
+    )  # fmt: skip
+    return figure
+
+
+def _title(group: Group) -> str:
+    return group.label if len(group.label) < 90 else group.label[:87] + "..."
+
+
+def _law_label(law: AmplitudeLaw) -> str:
+    shown = f"N = {law.counts[0]}" + (f" to {law.counts[-1]}" if len(law.counts) > 1 else "")
+    return f"{shown}: c {law.c.value:.4f}, b {law.b.value:.4f}, d {law.d.value:.3f}"
+
+
+def _spaced(items: Any) -> Any:
+    """Return so many of `items` as one figure can show, spaced evenly, first and last included."""
+    places = np.unique(np.linspace(0, len(items) - 1, min(_CURVES, len(items))).astype(int))
+    return [items[k] for k in places]
+
+
+def _legend(figure: Figure, axes: Any) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)

@@ -1,0 +1,509 @@
+"""Campaigns: every release once, the same bits however it is shared out, nothing lost."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, pseudo_periods
+from npend_gym.cli import main
+from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, Plan, engine
+from npend_gym.experiments.campaign.measuring import measured, uniform
+from npend_gym.experiments.campaign.parts import (
+    BOBS,
+    RELEASES,
+    TABLES,
+    read_part,
+    read_table,
+    table_digest,
+)
+from npend_gym.experiments.campaign.plan_file import read_plan_file
+
+SMALL = Plan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
+
+
+def carried_out(plan, out, **workers):
+    with Campaign(plan, out) as campaign:
+        records = [record for _, record in campaign.run(**({"count": 1} | workers))]
+    return campaign, records
+
+
+def digests(plan, out):
+    return [table_digest(out, name, plan.tasks()) for name in TABLES]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    out = tmp_path_factory.mktemp("undisturbed")
+    carried_out(SMALL, out)
+    return out
+
+
+# The plan
+
+
+def test_every_release_of_every_cell_is_in_one_task():
+    plan = Plan(n=[2, 5], masses=[1.0, 2.0], reading=["bob", "link"], trials=7, batch=10)
+    tasks = list(plan.tasks())
+    assert [k for task in tasks for k in range(task.first, task.last)] == list(range(8 * 7))
+    assert len({task.id for task in tasks}) == len(tasks) == plan.task_count
+    assert {plan.cell(task.first // 7)["n"] for task in tasks if task.n == 5} == {5}
+    cells = [tuple(plan.cell(k).values()) for k in range(plan.cells)]
+    assert len(set(cells)) == 8
+
+
+def test_tasks_take_about_the_same_time_whatever_the_chain():
+    plan = Plan(n=[1, 5, 20, 100, 1000])
+    assert [plan.batch_of(n) for n in (1, 5, 20, 100, 1000)] == [4096, 2048, 128, 16, 16]
+
+
+def test_a_plan_survives_its_own_record():
+    plan = Plan(n=range(2, 4), masses=[1, [1, 2.5]][:1], amplitude=np.array([0.1, 0.2]))
+    again = Plan(**json.loads(json.dumps(plan.as_dict())))
+    assert again == plan
+    assert again.digest == plan.digest
+    assert Plan(n=3, masses=[[1, 2, 3]]).as_dict()["masses"] == [[1.0, 2.0, 3.0]]
+
+
+@pytest.mark.parametrize(
+    ("values", "error", "message"),
+    [
+        ({"n": []}, ValueError, "n must name at least one value"),
+        ({"n": 2.5}, TypeError, "n must be an integer"),
+        ({"n": "2"}, TypeError, "n must be an integer"),
+        ({"n": [2, 2]}, ValueError, "n must name each value once, got 2 twice"),
+        ({"n": [2, 3], "masses": [[1, 2]]}, ValueError, "masses must be one number or 3 of them"),
+        ({"masses": [1.0, 0.0]}, ValueError, "masses must be greater than zero"),
+        ({"amplitude": [0.1, 0.0]}, ValueError, "amplitude must not be 0"),
+        ({"amplitude": [0.1, 3.0], "spread": [0.0, 0.2]}, ValueError, "must stay within pi"),
+        ({"amplitude": "1e-3"}, TypeError, "amplitude must be a real number"),
+        ({"gravity": [9.81, np.nan]}, ValueError, "gravity must be finite"),
+        ({"gravity": [9.81, -1.0]}, ValueError, "gravity must be zero or more"),
+        ({"damping": -1.0}, ValueError, "damping must be zero or more"),
+        ({"reading": ["bob", "eye"]}, ValueError, "reading must be one of"),
+        ({"trials": 0}, ValueError, "trials must be between"),
+        ({"batch": 0}, ValueError, "batch must be between"),
+        ({"seed": -1}, ValueError, "seed must be between"),
+        ({"duration": 0.0}, ValueError, "duration must be greater"),
+        ({"colour": 1}, ValueError, "a plan has the names n, masses"),
+        ({"n": range(1, 1001), "gravity": np.arange(1, 1101) * 0.01}, ValueError, "cells"),
+    ],
+)
+def test_bad_plans_are_refused_by_name(values, error, message):
+    with pytest.raises(error, match=message):
+        Plan.of(values)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("plan.toml", "n = [2, 3]\namplitude = [0.3, 0.7]\ntrials = 50\nseed = 4\nbatch = 16\n"),
+        ("plan.yaml", "n: [2, 3]\namplitude: [0.3, 0.7]\ntrials: 50\nseed: 4\nbatch: 16\n"),
+        (
+            "plan.json",
+            '{"n": [2, 3], "amplitude": [0.3, 0.7], "trials": 50, "seed": 4, "batch": 16}',
+        ),
+    ],
+)
+def test_a_plan_can_be_a_file(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    assert Plan.of(read_plan_file(tmp_path / name)) == SMALL
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("plan.txt", "", "must end in .toml"),
+        ("plan.toml", "n = [", "cannot be read"),
+        ("plan.yaml", "n: [", "cannot be read"),
+        ("plan.yaml", "- 1", "must hold names and values"),
+        ("plan.yaml", "!!python/object/apply:os.getcwd []", "cannot be read"),
+        ("plan.json", "[" * 100_000, "cannot be read"),
+        ("gone.toml", None, "No such file"),
+    ],
+)
+def test_a_bad_plan_file_is_refused(name, text, message, tmp_path):
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_plan_file(tmp_path / name)
+
+
+# The draws
+
+
+def test_a_release_draws_the_same_whatever_is_drawn_beside_it():
+    cell, other = SMALL.cell(0), SMALL.cell(1)
+    every = uniform(4, cell, 0, 1000)
+    parts = [uniform(4, cell, first, 37) for first in range(0, 962, 37)]
+    np.testing.assert_array_equal(np.concatenate(parts), every[:962])
+    assert np.unique(np.concatenate([every, uniform(4, other, 0, 1000)])).size == 2000
+    assert not np.isin(uniform(5, cell, 0, 1000), every).any()
+
+
+def test_draws_are_uniform_and_unrelated():
+    draws = uniform(0, SMALL.cell(0), 0, 100_000)
+    assert 0.0 <= draws.min() < draws.max() < 1.0
+    # Kolmogorov-Smirnov at 1e-3, and the correlation of neighbours at 4 sigma
+    order = np.abs(np.sort(draws) - np.linspace(0.0, 1.0, draws.size)).max()
+    assert order < 1.95 / np.sqrt(draws.size)
+    assert abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 4.0 / np.sqrt(draws.size)
+
+
+def test_a_task_is_the_pseudo_periods_of_its_releases_one_by_one():
+    plan = Plan(n=3, masses=[1.0, [1.0, 2.0, 0.5]], amplitude=[0.3, 0.9], trials=3, batch=100)
+    (task,) = plan.tasks()
+    starts, periods = measured(plan, task)
+    for k, (start, found) in enumerate(zip(starts, periods, strict=True)):
+        cell = plan.cell(k // 3)
+        assert cell["amplitude"] <= start < cell["amplitude"] + cell["spread"]
+        chain = Chain(np.ones(3) * cell["masses"], 1.0)
+        np.testing.assert_array_equal(found, pseudo_periods(chain, start))
+
+
+# The results
+
+
+def test_tables_are_tidy_and_exact(undisturbed):
+    tasks = list(SMALL.tasks())
+    releases = read_table(undisturbed, RELEASES, tasks).to_pydict()
+    bobs = read_table(undisturbed, BOBS, tasks).to_pydict()
+    assert list(zip(releases["cell"], releases["trial"], strict=True)) == [
+        (cell, trial) for cell in range(4) for trial in range(1, 51)
+    ]
+    assert len(bobs["bob"]) == 100 * 2 + 100 * 3
+    periods = pseudo_periods(Chain.uniform(3), releases["start_rad"][110])
+    place = [
+        k for k, key in enumerate(zip(bobs["cell"], bobs["trial"], strict=True)) if key == (2, 11)
+    ]
+    assert [bobs["bob"][k] for k in place] == [1, 2, 3]
+    assert [bobs["pseudo_period_s"][k] for k in place] == periods.tolist()
+    assert releases["median_s"][110] == np.median(periods)
+    assert releases["mean_s"][110] == pytest.approx(periods.mean(), rel=1e-15)
+    assert releases["tip_s"][110] == periods[-1]
+
+
+def test_bobs_that_do_not_complete_have_no_period_but_count(tmp_path):
+    plan = Plan(n=[20], trials=3, duration=5.0)
+    carried_out(plan, tmp_path)
+    rows = read_table(tmp_path, RELEASES, list(plan.tasks())).to_pydict()
+    bobs = read_table(tmp_path, BOBS, list(plan.tasks())).to_pydict()["pseudo_period_s"]
+    for k in range(3):
+        done = [period for period in bobs[20 * k : 20 * k + 20] if period is not None]
+        assert 0 < rows["completed"][k] == len(done) < 20
+        assert rows["median_s"][k] == np.median(done)
+    nothing = Plan(n=[2], gravity=0.0, trials=2)
+    carried_out(nothing, tmp_path / "rest")
+    rows = read_table(tmp_path / "rest", RELEASES, list(nothing.tasks())).to_pydict()
+    assert rows["completed"] == [0, 0]
+    assert rows["mean_s"] == rows["median_s"] == rows["tip_s"] == [None, None]
+
+
+def test_the_folder_says_what_made_it_and_reads_as_a_partitioned_data_set(undisturbed):
+    import pyarrow.dataset as ds
+    import pyarrow.parquet as pq
+
+    bobs = ds.dataset(undisturbed / BOBS, partitioning="hive").to_table()
+    assert sorted(set(bobs["n"].to_pylist())) == [2, 3]
+    assert len(bobs) == 500
+    cells = read_part(undisturbed / "cells.parquet").to_pylist()
+    assert [(c["n"], c["amplitude_rad"]) for c in cells] == [(2, 0.3), (2, 0.7), (3, 0.3), (3, 0.7)]
+    part = undisturbed / RELEASES / next(SMALL.tasks()).part
+    about = json.loads(pq.read_schema(part).metadata[b"npend_gym"])
+    assert (about["plan"], about["seed"], about["task"]) == (SMALL.digest, 4, "n2-0000000")
+
+
+@pytest.mark.parametrize(
+    ("batch", "workers"), [(7, {}), (1000, {}), (16, {"backend": "threading", "count": 2})]
+)
+def test_no_result_depends_on_the_batch_or_the_workers(batch, workers, undisturbed, tmp_path):
+    plan = Plan(**(SMALL.as_dict() | {"batch": batch}))
+    carried_out(plan, tmp_path, **workers)
+    assert digests(plan, tmp_path) == digests(SMALL, undisturbed)
+
+
+# Nothing lost, nothing done twice
+
+
+def test_a_campaign_goes_on_where_it_stopped(undisturbed, tmp_path):
+    with Campaign(SMALL, tmp_path) as campaign:
+        running = campaign.run(count=1)
+        before = [next(running)[0].id for _ in range(5)]
+        running.close()
+    again = Campaign(None, tmp_path)
+    assert again.plan == SMALL
+    with again as campaign:
+        assert sorted(campaign.found.records) == sorted(before)
+        assert campaign.found.text() == ""
+        after = [task.id for task, _ in campaign.run(count=1)]
+    assert sorted(before + after) == sorted(task.id for task in SMALL.tasks())
+    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
+
+
+def test_damage_is_found_told_and_repaired(undisturbed, tmp_path):
+    carried_out(SMALL, tmp_path)
+    truncated, flipped, gone, unrecorded = [task.part for task in SMALL.tasks()][:4]
+    data = (tmp_path / BOBS / truncated).read_bytes()
+    (tmp_path / BOBS / truncated).write_bytes(data[:-20])
+    data = bytearray((tmp_path / RELEASES / flipped).read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / RELEASES / flipped).write_bytes(data)
+    (tmp_path / BOBS / gone).unlink()
+    (tmp_path / BOBS / "n=2" / ".0000009.parquet.abcd.part").write_bytes(b"half")
+    journal = (tmp_path / "journal.jsonl").read_text().splitlines(keepends=True)
+    kept = [line for line in journal if unrecorded[4:-8] not in line or '"n2-' not in line]
+    (tmp_path / "journal.jsonl").write_text("".join(kept) + '{"plan": "torn')
+    with Campaign(SMALL, tmp_path) as campaign:
+        assert campaign.found.text() == (
+            "found 2 part(s) damaged, 1 part(s) missing, 2 part(s) not recorded, "
+            "1 half-written file(s), 1 line(s) of the journal unreadable; "
+            "what they stand for is measured anew"
+        )
+        assert len(list(campaign.run(count=1))) == 4
+    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_one_driver_at_a_time(tmp_path):
+    with Campaign(SMALL, tmp_path), pytest.raises(BusyError, match="another driver is at work"):
+        Campaign(None, tmp_path).__enter__()
+    with Campaign(SMALL, tmp_path) as campaign:  # released
+        assert not campaign.found.records
+
+
+def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
+    carried_out(Plan(n=[2], trials=1), tmp_path)
+    with pytest.raises(ValueError, match=r"another plan, with n = \[2\] where \[2, 3\] was given"):
+        Campaign(SMALL, tmp_path)
+    with pytest.raises(ValueError, match="there is no campaign"):
+        Campaign(None, tmp_path / "nowhere")
+    text = (tmp_path / "plan.json").read_text()
+    (tmp_path / "plan.json").write_text(text.replace('"trials": 1', '"trials": 2'))
+    with pytest.raises(ValueError, match="is damaged"):
+        Campaign(None, tmp_path)
+    (tmp_path / "plan.json").write_text(text)
+    monkeypatch.setattr("npend_gym.experiments.campaign.folder.__version__", "9.0")
+    with pytest.raises(ValueError, match="another folder"):
+        Campaign(None, tmp_path)
+
+
+def test_a_failing_task_is_recorded_and_the_rest_goes_on(undisturbed, tmp_path, monkeypatch):
+    def sometimes(chain, theta, **options):
+        if chain.n == 3 and len(theta) == 16:
+            raise ArithmeticError("no <b>step</b>")
+        return pseudo_periods(chain, theta, **options)
+
+    monkeypatch.setattr("npend_gym.experiments.campaign.measuring.pseudo_periods", sometimes)
+    _, records = carried_out(SMALL, tmp_path)
+    failed = [record for record in records if not record.done]
+    assert failed
+    assert {record.error for record in failed} == {"ArithmeticError: no <b>step</b>"}
+    monkeypatch.undo()
+    with Campaign(SMALL, tmp_path) as campaign:
+        assert f"{len(failed)} failed task(s)" in campaign.found.text()
+        assert len(list(campaign.run(count=1))) == len(failed)
+    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
+
+
+def test_a_disk_that_takes_no_more_stops_the_campaign_and_loses_nothing(undisturbed, tmp_path):
+    code = f"""
+import resource, sys
+from npend_gym.experiments.campaign import Campaign, DiskError, Plan
+resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500))  # a file of this many bytes is too large
+try:
+    with Campaign(Plan(**{SMALL.as_dict()!r}), sys.argv[1]) as campaign:
+        list(campaign.run(count=1))
+except DiskError as error:
+    print("stopped:", error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert "stopped: " in done.stdout
+    assert "File too large" in done.stdout
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] != 2500
+    with Campaign(SMALL, tmp_path) as campaign:
+        list(campaign.run(count=1))
+    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
+
+
+def test_a_full_disk_in_the_journal_stops_the_campaign(tmp_path, monkeypatch):
+    with Campaign(SMALL, tmp_path) as campaign:
+        running = campaign.run(count=1)
+        next(running)
+        monkeypatch.setattr(
+            "npend_gym.experiments.campaign.journal.Journal.append",
+            lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
+        )
+        with pytest.raises(DiskError, match="No space left on device"):
+            next(running)
+
+
+def _deadly(task):
+    if task == 5:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.02)
+    return task * task
+
+
+def test_a_task_that_kills_its_workers_is_given_up_and_the_rest_is_done():
+    with engine.workers("loky", 2):
+        done = dict(engine.run(_deadly, range(12)))
+    assert isinstance(done.pop(5), engine.Lost)
+    assert done == {k: k * k for k in range(12) if k != 5}
+
+
+def _all_deadly(_task):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_workers_that_die_whatever_they_do_end_the_run():
+    with (
+        engine.workers("loky", 2),
+        pytest.raises(engine.WorkersLostError, match="5 times in a row"),
+    ):
+        list(engine.run(_all_deadly, range(40)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("mpi",), "backend must be one of loky"),
+        (("loky", 0), "workers must be at least 1"),
+        (("loky", 1, "auto"), "address must be left out"),
+    ],
+)
+def test_bad_workers_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message), engine.workers(*arguments):
+        pass
+
+
+# Paths
+
+
+def test_folders_with_any_name_are_used(tmp_path):
+    real = tmp_path / "räume und zeichen ✓ #%'\""
+    carried_out(Plan(n=[2], trials=2), real)
+    link = tmp_path / "link"
+    link.symlink_to(real, target_is_directory=True)
+    with Campaign(None, link / ".." / "link") as campaign:
+        assert campaign.out == real
+        assert len(campaign.found.records) == 1
+        with pytest.raises(BusyError):
+            Campaign(None, real).__enter__()
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    with pytest.raises(ValueError, match="out must be a"), Campaign(SMALL, loop):
+        pass
+    with pytest.raises(ValueError, match="out must be a"), Campaign(SMALL, "a\0b"):
+        pass
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match=r"out must be a|cannot be read"):
+        Campaign(SMALL, tmp_path / "file").__enter__()
+
+
+# The command
+
+
+def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys):
+    (tmp_path / "plan.toml").write_text("n = [2]\ntrials = 7\n")
+    out = str(tmp_path / "out")
+    arguments = ["campaign", str(tmp_path / "plan.toml"), "--trials", "20", "--batch", "8"]
+    assert main([*arguments, "--out", out, "--workers", "1"]) == 0
+    assert "20 of 20 releases done" in capsys.readouterr().out
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["complete"] is True
+    assert manifest["arguments"]["trials"] == 20
+    assert main(["campaign", "--out", out, "--workers", "1"]) == 0
+    assert "20 releases done before" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("campaign", "--out"),
+        ("campaign --out OUT", "there is no campaign"),
+        ("campaign --out OUT --n 0", "n must be at least 1"),
+        ("campaign --out OUT --n two", "--n"),
+        ("campaign --out OUT --n 3 --masses 1:2", "masses must be one number or 3"),
+        ("campaign --out OUT --n 2 --backend mpi", "--backend"),
+        ("campaign --out OUT --n 2 --workers 0", "workers must be at least 1"),
+        ("campaign --out OUT --n 2 --address auto", "address must be left out"),
+        ("campaign --out /dev/null/x --n 2", "out must be a folder"),
+        ("campaign nowhere.toml --out OUT", "No such file"),
+        ("analyse OUT", "there is no campaign"),
+    ],
+)
+def test_bad_arguments_exit_with_2_and_one_line(arguments, message, tmp_path, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments.replace("OUT", str(tmp_path)).split())
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def command(out, *arguments):
+    return [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *arguments]
+
+
+def wait_for_records(out, count):
+    deadline = time.monotonic() + 120.0
+    while time.monotonic() < deadline:
+        journal = out / "journal.jsonl"
+        if journal.exists() and journal.read_bytes().count(b"\n") >= count:
+            return
+        time.sleep(0.02)
+    raise AssertionError("nothing was recorded")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_path):
+    arguments = ["--n", "5", "--trials", "1000000", "--batch", "64", "--workers", "2"]
+    process = subprocess.Popen(
+        command(tmp_path, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    wait_for_records(tmp_path, 3)
+    os.killpg(process.pid, number)  # workers too, as a terminal does
+    out, error = process.communicate(timeout=60)
+    assert process.returncode == 130, error
+    assert "interrupted: what is done is kept" in error
+    assert "Traceback" not in error
+    assert " of 1000000 releases done" in out
+    assert '"complete": false' in (tmp_path / "manifest.json").read_text()
+
+
+def test_a_campaign_whose_driver_and_workers_are_killed_comes_to_the_same_bytes(
+    undisturbed, tmp_path
+):
+    plan = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "50", "--seed", "4", "--batch", "1"]
+    records = [0, 40, 120]
+    for count in records:
+        process = subprocess.Popen(
+            command(tmp_path, *plan, "--workers", "2"), stdout=subprocess.DEVNULL
+        )
+        wait_for_records(tmp_path, count)
+        if count == 40:  # a worker: the driver goes on by itself
+            tree = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+            children = tree.read_text().split() if tree.exists() else []
+            lines = {pid: Path(f"/proc/{pid}/cmdline").read_text() for pid in children}
+            for pid in [pid for pid, line in lines.items() if "LokyProcess" in line][:1]:
+                os.kill(int(pid), signal.SIGKILL)
+            wait_for_records(tmp_path, 60)
+        process.kill()
+        process.wait()
+    done = subprocess.run(
+        command(tmp_path, "--workers", "2"), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "200 of 200 releases done" in done.stdout
+    plan = Plan(**(SMALL.as_dict() | {"batch": 1}))
+    assert digests(plan, tmp_path) == digests(SMALL, undisturbed)

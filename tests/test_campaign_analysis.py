@@ -1,0 +1,152 @@
+"""`npend analyse`: planted laws are found, planted outliers are listed, everything is escaped."""
+
+import csv
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from npend_gym.cli import main
+from npend_gym.experiments.campaign import Campaign, Plan
+from npend_gym.experiments.campaign.analysis import analyse
+from npend_gym.report import campaign as report
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "passive_campaign.py"
+AMPLITUDES = [0.05, 0.3, 0.6, 0.9, 1.1]
+
+
+def planted(chain, theta, **_options):
+    """Periods that follow a law exactly: c = 0.95, b = 0.2, d = 1, over T1 = sqrt(n + 1/2)."""
+    a2 = theta[:, :1] ** 2
+    periods = 0.95 * np.sqrt(chain.n + 0.5) * (1.0 + 0.2 * a2 / (1.0 + a2))
+    return np.repeat(periods, chain.n, axis=1)
+
+
+def carried_out(plan, out, monkeypatch, measure):
+    monkeypatch.setattr("npend_gym.experiments.campaign.measuring.pseudo_periods", measure)
+    monkeypatch.setattr("npend_gym.theory.fundamental_period", lambda chain: np.sqrt(chain.n + 0.5))
+    with Campaign(plan, out) as campaign:
+        list(campaign.run(count=1))
+    return analyse(out)
+
+
+def test_a_planted_law_is_found_with_all_its_numbers(tmp_path, monkeypatch):
+    plan = Plan(n=[10, 20, 40], amplitude=AMPLITUDES, spread=0.0, trials=1)
+    (group,) = carried_out(plan, tmp_path, monkeypatch, planted).groups
+    assert [law.counts for law in group.laws] == [(10, 20, 40), (10,), (20,), (40,)]
+    for law in group.laws:
+        found = [law.c.value, law.b.value, law.d.value]
+        np.testing.assert_allclose(found, [0.95, 0.2, 1.0], rtol=1e-6)
+        assert np.abs(law.residuals).max() < 1e-9
+    assert len(group.exponents) == len(AMPLITUDES)
+    for exponent in group.exponents:
+        assert exponent.power.value == pytest.approx(0.5, abs=1e-12)
+
+
+def test_intervals_hold_the_planted_numbers_where_the_data_scatter(tmp_path, monkeypatch):
+    def noisy(chain, theta, **options):
+        rng = np.random.default_rng([chain.n, int(1e9 * theta[0, 0])])
+        return planted(chain, theta, **options) * (1.0 + 1e-3 * rng.normal())
+
+    plan = Plan(n=[10, 15, 20, 30, 40], amplitude=AMPLITUDES, spread=0.0, trials=1, batch=1)
+    (group,) = carried_out(plan, tmp_path, monkeypatch, noisy).groups
+    law = group.laws[0]
+    for estimate, truth in ((law.c, 0.95), (law.b, 0.2), (law.d, 1.0)):
+        assert estimate.error > 0.0
+        assert abs(estimate.value - truth) < 2.0 * estimate.error
+    assert 3e-4 < law.residuals.std() < 3e-3
+
+
+def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
+    def jumping(chain, theta, **options):
+        periods = planted(chain, theta, **options)
+        if 0.3 <= theta[0, 0] < 0.33:
+            periods[123] *= 1.01
+        return periods
+
+    plan = Plan(n=3, amplitude=[0.1, 0.3], trials=1000, batch=1000)
+    numbers = carried_out(plan, tmp_path, monkeypatch, jumping).statistics
+    assert numbers.outlier_count == 1
+    (outlier,) = numbers.outliers
+    assert (outlier.cell, outlier.trial) == (1, 124)
+    assert outlier.median_s / outlier.expected_s == pytest.approx(1.01, rel=1e-3)
+    assert numbers.histogram.sum() == 2000
+
+
+def test_statistics_are_those_of_the_whole_table(tmp_path):
+    from npend_gym.experiments.campaign.parts import RELEASES, read_table
+
+    plan = Plan(n=[2, 3], amplitude=[0.3, 0.7], trials=60, batch=13)
+    with Campaign(plan, tmp_path) as campaign:
+        list(campaign.run(count=1))
+    table = read_table(tmp_path, RELEASES, list(plan.tasks())).to_pydict()
+    numbers = analyse(tmp_path).statistics
+    for cell in range(4):
+        rows = np.array(table["cell"]) == cell
+        medians, starts = np.array(table["median_s"])[rows], np.array(table["start_rad"])[rows]
+        assert numbers.releases[cell] == 60
+        assert numbers.median[cell] == pytest.approx(medians.mean(), rel=1e-14)
+        assert numbers.start[cell] == pytest.approx(starts.mean(), rel=1e-14)
+        fit = np.polynomial.Polynomial.fit(starts, medians, 2)
+        scatter = np.sqrt(np.sum((medians - fit(starts)) ** 2) / 57)
+        assert numbers.scatter[cell] == pytest.approx(scatter, rel=1e-3)
+
+
+def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch):
+    def failing(chain, theta, **options):
+        if chain.n == 3:
+            raise ArithmeticError("<script>alert(1)</script>")
+        return planted(chain, theta, **options)
+
+    out = tmp_path / "<b>&amp;'\"ä"
+    result = carried_out(Plan(n=[2, 3], trials=2), out, monkeypatch, failing)
+    page = report.page(result, [])
+    assert "<script" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+    assert "<b>" not in page
+    assert "&lt;b&gt;&amp;amp;" in page
+
+
+def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, capsys):
+    plan = Plan(n=[10, 20, 40], amplitude=AMPLITUDES, trials=30)
+    carried_out(plan, tmp_path, monkeypatch, planted)
+    assert main(["analyse", str(tmp_path)]) == 0
+    assert "c = 0.9500" in capsys.readouterr().out
+    names = {path.name for path in (tmp_path / "analysis").iterdir()}
+    assert names == {
+        "cells.csv", "fits.csv", "residuals.csv", "law_against_n_0.png",
+        "law_against_amplitude_0.png", "residuals.png", "report.html", "manifest.json",
+    }  # fmt: skip
+    with (tmp_path / "analysis" / "fits.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 5 + 4 * 3
+    page = (tmp_path / "analysis" / "report.html").read_text()
+    assert len(re.findall("<img", page)) == 3
+    assert len(re.findall("data:image/png;base64,iVBOR", page)) == 3
+
+
+def test_a_single_cell_has_no_law_and_says_so(tmp_path, monkeypatch):
+    result = carried_out(Plan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+    assert result.groups[0].laws == result.groups[0].exponents == ()
+    assert "No law is fitted" in report.page(result, [])
+
+
+def test_nothing_done_is_nothing_to_analyse(tmp_path):
+    with Campaign(Plan(n=[2]), tmp_path), pytest.raises(ValueError, match="nothing is done yet"):
+        analyse(tmp_path)
+
+
+def test_the_example_carries_out_and_analyses_a_campaign(tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLE), str(tmp_path / "out"), "2"],
+        capture_output=True, text=True, check=False, timeout=300, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "48 of 48 releases" in done.stdout
+    found = re.search(r"N = 10 20: c = (\S+) \+- (\S+) \(exact (\S+)\)", done.stdout)
+    value, error, exact = map(float, found.groups())
+    assert abs(value - exact) < 3.0 * error
+    assert (tmp_path / "out" / "analysis" / "report.html").stat().st_size > 10_000

@@ -1,0 +1,85 @@
+"""Campaigns on a real local Ray and a real local Dask cluster of two workers.
+
+Both stand in an environment of their own, with the versions that they pin; elsewhere these skip.
+"""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from npend_gym.experiments.campaign import Campaign, Plan
+from npend_gym.experiments.campaign.parts import TABLES, table_digest
+
+PLAN = Plan(n=[2, 3], amplitude=[0.3, 0.7], trials=100, batch=16)
+MODULES = {"ray": "ray", "dask": "distributed"}
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    out = tmp_path_factory.mktemp("undisturbed")
+    with Campaign(PLAN, out) as campaign:
+        list(campaign.run(count=1))
+    return [table_digest(out, name, PLAN.tasks()) for name in TABLES]
+
+
+@pytest.mark.parametrize("backend", MODULES)
+def test_a_cluster_of_two_workers_comes_to_the_same_bytes(backend, expected, tmp_path):
+    pytest.importorskip(MODULES[backend])
+    arguments = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "100", "--batch", "16"]
+    done = subprocess.run(
+        [
+            sys.executable, "-W", "ignore", "-m", "npend_gym", "campaign", "--out", str(tmp_path),
+            *arguments, "--backend", backend, "--workers", "2",
+        ],
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "400 of 400 releases done" in done.stdout
+    assert [table_digest(tmp_path, name, PLAN.tasks()) for name in TABLES] == expected
+
+
+_KILLER = """
+import os, signal, sys, time
+from npend_gym.experiments.campaign import engine
+
+def work(task):
+    mark = os.path.join(sys.argv[2] if len(sys.argv) > 2 else OUT, "killed")
+    if task == 4 and not os.path.exists(mark):
+        open(mark, "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.05)
+    return task * task
+
+OUT = os.environ["OUT"]
+if __name__ == "__main__":
+    with engine.workers(sys.argv[1], 2):
+        done = dict(engine.run(work, range(12)))
+    assert done == {k: k * k for k in range(12)}, done
+    assert os.path.exists(os.path.join(OUT, "killed"))
+    print("all done")
+"""
+
+
+@pytest.mark.parametrize("backend", MODULES)
+def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(backend, tmp_path):
+    pytest.importorskip(MODULES[backend])
+    script = tmp_path / "killer.py"
+    script.write_text(_KILLER.replace("sys.argv[2] if len(sys.argv) > 2 else OUT", "OUT"))
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", str(script), backend],
+        capture_output=True, text=True, check=False, timeout=300,
+        env=os.environ | {"OUT": str(tmp_path)},
+    )  # fmt: skip
+    assert "all done" in done.stdout, done.stderr
+
+
+def test_a_missing_library_is_told_with_how_to_install_it(tmp_path):
+    from importlib.util import find_spec
+
+    missing = [name for name, module in MODULES.items() if find_spec(module) is None]
+    if not missing:
+        pytest.skip("both are installed")
+    with Campaign(PLAN, tmp_path) as campaign, pytest.raises(ImportError, match="pip install"):
+        list(campaign.run(backend=missing[0]))
