@@ -105,6 +105,8 @@ def fastest_frequency(chain: Chain) -> float:
 
 
 def _frequency(chain: Chain, k: int) -> float:
+    if chain.n == 1:  # older SciPy refuses matrices of one entry
+        return math.sqrt(float(_stiffness(chain)[0][0]))
     square = eigh_tridiagonal(
         *_stiffness(chain), eigvals_only=True, select="i", select_range=(k, k), tol=0.0
     )[0]
