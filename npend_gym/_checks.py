@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+# Sizes of numbers in SI units; products of several stay far from the ends of float64's range.
+SMALLEST, LARGEST = 1e-30, 1e30
+
 
 def show(value: object) -> str:
     """Return a short text of `value` for an error message."""
@@ -36,7 +39,14 @@ def array(name: str, value: Any) -> FloatArray:
     out = np.array(raw, dtype=np.float64, order="C")
     if not np.all(np.isfinite(out)):
         raise ValueError(f"{name} must be finite, got {show(value)}")
-    return out
+    return within(name, out, LARGEST)
+
+
+def within(name: str, value: FloatArray, limit: float) -> FloatArray:
+    """Return `value`, refused where an entry is larger than `limit`, or less than minus that."""
+    if np.any(np.abs(value) > limit):
+        raise ValueError(f"{name} must lie within +-{limit:g}, got {show(value.tolist())}")
+    return value
 
 
 def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
@@ -65,6 +75,8 @@ def positive(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is zero or negative."""
     if np.any(value <= 0.0):
         raise ValueError(f"{name} must be greater than zero, got {show(value.tolist())}")
+    if np.any(value < SMALLEST):
+        raise ValueError(f"{name} must be at least {SMALLEST:g}, got {show(value.tolist())}")
     return value
 
 
@@ -82,6 +94,8 @@ def number(name: str, value: Any) -> float:
         out = math.inf
     if not math.isfinite(out):
         raise ValueError(f"{name} must be finite, got {show(value)}")
+    if abs(out) > LARGEST:
+        raise ValueError(f"{name} must lie within +-{LARGEST:g}, got {show(value)}")
     return out
 
 
@@ -90,6 +104,8 @@ def positive_number(name: str, value: Any) -> float:
     out = number(name, value)
     if out <= 0.0:
         raise ValueError(f"{name} must be greater than zero, got {show(value)}")
+    if out < SMALLEST:
+        raise ValueError(f"{name} must be at least {SMALLEST:g}, got {show(value)}")
     return out
 
 
@@ -98,6 +114,8 @@ def nonnegative_number(name: str, value: Any) -> float:
     out = number(name, value)
     if out < 0.0:
         raise ValueError(f"{name} must be zero or more, got {show(value)}")
+    if 0.0 < out < SMALLEST:
+        raise ValueError(f"{name} must be zero or at least {SMALLEST:g}, got {show(value)}")
     return out
 
 

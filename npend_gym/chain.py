@@ -13,6 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 
 MAX_RODS = 1_000_000
+MAX_DENSE = 10_000  # rods where matrices (n, n) are wanted: 800 MB each
 STANDARD_GRAVITY = 9.81  # m/s^2, the paper's listing
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +14,10 @@ from npend_gym.chain import Chain
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels.dop853 import new_solver
 from npend_gym.physics.kernels.dynamics import innermost, pack_rods
+from npend_gym.physics.kernels.lanes import MAX_SPEED
 from npend_gym.physics.kernels.listing import listing_gaps
 from npend_gym.physics.kernels.packs import WIDTH
+from npend_gym.physics.kernels.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.turning import (
     BOB,
     HEIGHT,
@@ -27,7 +30,7 @@ from npend_gym.physics.kernels.turning import (
     measure_one,
     new_turns,
 )
-from npend_gym.physics.simulate import IntegrationError, check_rtol, simulate
+from npend_gym.physics.simulate import IntegrationError, check_rtol, refuse_lost_angles, simulate
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
@@ -39,6 +42,7 @@ _RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a secon
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
 MAX_THREADS = 1024
 LISTING_DURATION = 10.0  # s
+MAX_LISTING_DURATION = 300.0  # s
 LISTING_FRAMES_PER_SECOND = 100
 _LISTING_CLOSE = 0.01  # m: heights nearer than this count as the same
 
@@ -112,6 +116,11 @@ def pseudo_periods(
         duration = _checks.positive_number("duration", duration)
     if reading == "listing":
         window = duration or LISTING_DURATION
+        if window > MAX_LISTING_DURATION:  # it compares every frame with every other
+            raise ValueError(
+                f'duration must be at most {MAX_LISTING_DURATION:g} with reading "listing", '
+                f"got {window:g}"
+            )
         listed = [_listing(chain, *start, window, rtol) for start in zip(*releases, strict=True)]
         return np.reshape(listed, theta.shape)
     if chain.gravity == 0.0 and not np.any(omega):
@@ -121,21 +130,29 @@ def pseudo_periods(
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
         duration = _WINDOW * theory.fundamental_period(chain)
 
+    halted = Event()
+
     def measured(some: slice) -> FloatArray:
-        return _measured(chain, releases[0][some], releases[1][some], reading, duration, rtol)
+        start = releases[0][some], releases[1][some]
+        return _measured(chain, *start, reading, duration, rtol, halted)
 
     shares = _shares(len(releases[0]))
     if threads == 1 or len(shares) == 1:
         parts = [measured(share) for share in shares]
     else:
         with ThreadPoolExecutor(threads, "npend_gym") as pool:
-            parts = list(pool.map(measured, shares))
+            try:
+                parts = list(pool.map(measured, shares))
+            finally:
+                halted.set()  # where one has failed, or Ctrl-C came, the others need not go on
     return np.concatenate(parts).reshape(theta.shape)
 
 
 def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return angles and angular velocities of one release (n,) or of many (R, n)."""
     given = {"theta": _checks.array("theta", theta), "omega": _checks.array("omega", omega)}
+    _checks.within("theta", given["theta"], MAX_ANGLE)
+    _checks.within("omega", given["omega"], MAX_SPEED)
     counts = [array.shape[0] for array in given.values() if array.ndim == 2]
     if not counts:
         return _checks.vector("theta", theta, chain.n), _checks.vector("omega", omega, chain.n)
@@ -160,7 +177,13 @@ def _shares(count: int) -> list[slice]:
 
 
 def _measured(
-    chain: Chain, theta: FloatArray, omega: FloatArray, reading: str, duration: float, rtol: float
+    chain: Chain,
+    theta: FloatArray,
+    omega: FloatArray,
+    reading: str,
+    duration: float,
+    rtol: float,
+    halted: Event,
 ) -> FloatArray:
     """Return the pseudo-periods of one release, or of up to WIDTH side by side, (lanes, n)."""
     count, code, n = len(theta), _CODES[reading], chain.n
@@ -177,11 +200,12 @@ def _measured(
     follow = measure_one if lanes == 1 else measure_many
     attempts = max(1, _RODS_PER_CALL // (n * lanes))
     starting = True
-    while np.any(status == RUNNING):
+    while np.any(status == RUNNING) and not halted.is_set():
         follow(
             code, starting, attempts, solver, rods, turns, torque, rtol, atol, release, scratch
         )  # fmt: skip
         starting = False
+        refuse_lost_angles(solver.y[: n * lanes], float(solver.clock[lanes]))
     if np.any(status == STUCK):
         time = solver.clock.reshape(-1, lanes)[1, np.argmin(status)]
         raise IntegrationError(

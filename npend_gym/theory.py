@@ -11,7 +11,9 @@ from scipy.special import ellipk, jn_zeros
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain
+
+MAX_TERMS = 100_000  # of the amplitude series
 
 
 def ideal_period(chain: Chain) -> float:
@@ -46,7 +48,7 @@ def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatAr
     if terms is None:
         return np.asarray(2.0 * ellipk(m) / np.pi - 1.0)
     term, total = np.ones_like(m), np.zeros_like(m)
-    for k in range(1, _checks.count("terms", terms, low=0) + 1):
+    for k in range(1, _checks.count("terms", terms, low=0, high=MAX_TERMS) + 1):
         term = term * ((2 * k - 1) / (2 * k)) ** 2 * m
         total = total + term
     return total
@@ -83,6 +85,7 @@ def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
     inverse mass matrix is tridiagonal, the tension matrix of a hanging chain, so that omega^2 are
     the eigenvalues of the symmetric tridiagonal K^(1/2) M^(-1) K^(1/2).
     """
+    _checks.count("n", chain.n, high=MAX_DENSE)
     squares, vectors = eigh_tridiagonal(*_stiffness(chain))
     modes = vectors / np.sqrt(chain.lengths * chain.carried_masses)[:, None]
     peak = modes[np.argmax(np.abs(modes), axis=0), np.arange(chain.n)]
@@ -102,6 +105,8 @@ def fastest_frequency(chain: Chain) -> float:
 
 
 def _frequency(chain: Chain, k: int) -> float:
+    if chain.n == 1:  # older SciPy refuses matrices of one entry
+        return math.sqrt(float(_stiffness(chain)[0][0]))
     square = eigh_tridiagonal(
         *_stiffness(chain), eigvals_only=True, select="i", select_range=(k, k), tol=0.0
     )[0]
@@ -124,7 +129,7 @@ def uniform_frequencies(
     omega_k^2 = (g/l) x_k with x_k the zeros of the Laguerre polynomial L_n, found as the
     eigenvalues of its Jacobi matrix.
     """
-    n = _checks.count("n", n)
+    n = _checks.count("n", n, high=MAX_DENSE)
     zeros = eigh_tridiagonal(2.0 * np.arange(n) + 1.0, np.arange(1.0, n), eigvals_only=True)
     length = _checks.positive_number("length", length)
     return np.sqrt(_checks.positive_number("gravity", gravity) / length * zeros)
@@ -136,5 +141,5 @@ def large_n_period(n: int, length: float = 1.0, gravity: float = STANDARD_GRAVIT
     (2/j01) 2 pi sqrt((n + 1/2) l/g), j01 = 2.4048 the first zero of the Bessel function J0: the
     paper's square root with the factor 0.83 in place of 1.
     """
-    n = _checks.count("n", n)
+    n = _checks.count("n", n, high=10**30)
     return float(2.0 / jn_zeros(0, 1)[0]) * single_period(length, gravity) * math.sqrt(n + 0.5)

@@ -1,5 +1,8 @@
 """Fixtures and strategies that several test files share."""
 
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -30,3 +33,16 @@ def chains_in_motion(draw, max_n=12):
 def uneven():
     """A chain of four unequal rods, without damping."""
     return Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3])
+
+
+@pytest.fixture(scope="session")
+def mounting():
+    """The beginning of a command whose mounts are its own; skipped where it may make none."""
+    prefix = ["unshare", "--mount"]
+    attempt = [*prefix, "sh", "-c", "mount -t tmpfs none /mnt"]
+    if (
+        not shutil.which("unshare")
+        or subprocess.run(attempt, check=False, capture_output=True).returncode
+    ):
+        pytest.skip("mounting is not allowed here")
+    return prefix

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from npend_gym import Chain, IntegrationError, pseudo_periods, simulate, theory
+from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.period import listing_estimate
 
 
@@ -208,7 +208,7 @@ def test_listing_of_a_steady_climb_is_not_a_number():
         ({"duration": np.inf}, ValueError, "duration must be finite"),
         ({"rtol": -1.0}, ValueError, "rtol must be at least 1e-14"),
         ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, ValueError, "duration must be gi"),
-        ({"omega": 1e200}, IntegrationError, "no step is small enough"),
+        ({"omega": 1e200}, ValueError, "omega must lie within"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(change, error, message):

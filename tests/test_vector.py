@@ -212,7 +212,7 @@ def test_bad_actions_are_refused_and_change_no_lane(action, error, message):
         ({"num_envs": 0}, "num_envs must be between"),
         ({"threads": 0}, "threads must be between"),
         ({"autoreset_mode": "later"}, "autoreset_mode must be one of"),
-        ({"max_episode_steps": 0}, "max_episode_steps must be at least"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be between"),
     ],
 )
 def test_bad_keywords_are_refused_by_name(keywords, message):

@@ -6,11 +6,24 @@ Exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted (what wa
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 from collections.abc import Sequence
+from typing import Any
 
 from npend_gym._version import __version__
-from npend_gym.cli import analyse, animate, bench, campaign, page, paper, play, release
-from npend_gym.cli.common import Parser
+from npend_gym.cli import (
+    analyse,
+    animate,
+    bench,
+    campaign,
+    page,
+    paper,
+    play,
+    release,
+    verify,
+)
+from npend_gym.cli.common import FAILED, INTERRUPTED, Parser
 
 _EXAMPLES = """\
 examples:
@@ -43,9 +56,34 @@ def main(argv: Sequence[str] | None = None) -> int:
         "campaign": campaign,
         "analyse": analyse,
         "bench": bench,
+        "verify": verify,
     }
     for name, module in modules.items():
         module.add_arguments(commands.add_parser(name, help=module.SUMMARY))
     given = vars(parser.parse_args(argv))
     name = given.pop("command")
-    return modules[name].run(given, commands.choices[name])
+    return _carried_out(modules[name], given, commands.choices[name])
+
+
+def _carried_out(module: Any, given: dict[str, Any], parser: Any) -> int:
+    """Return the exit code of a command; what the system refuses is said in one line."""
+    try:
+        code: int = module.run(given, parser)
+        sys.stdout.flush()  # what cannot be printed fails here, not at the exit
+    except BrokenPipeError:
+        return _without_output(f"{parser.prog}: the output was closed before its end")
+    except OSError as error:
+        return _without_output(f"{parser.prog}: {error}")
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    return code
+
+
+def _without_output(trouble: str) -> int:
+    print(trouble, file=sys.stderr)
+    try:
+        sys.stdout.flush()
+    except OSError:  # nothing more can be printed: the interpreter need not try at its exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return FAILED

@@ -26,6 +26,7 @@ BoolArray = NDArray[np.bool_]
 
 CHAIN_OPTIONS = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
 START_OPTIONS = ("theta", "omega", "amplitude")
+_RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": kernels.MAX_SPEED}
 _SCALARS = kernels.SEEN_ROWS
 _BEGUN = [
@@ -68,6 +69,9 @@ class Batch:
         self.active[:] = 1.0
         self._scratch = [kernels.new_scratch(n, self._width) for _ in range(threads)]
         self._pool: ThreadPoolExecutor | None = None
+        self._halted = False
+        piece = max(1, _RODS_PER_CALL // (n * self._width))  # substeps of a group
+        self._per_call = max(1, piece // config.substeps), min(piece, config.substeps)
         self._look_anew()
 
     def _name_parts(self) -> None:
@@ -220,24 +224,40 @@ class Batch:
             self._actions[:] = action
         self._look_anew()
         if self.threads == 1:
-            self._advance(
-                self._floats, *self._fixed, 0, self._groups, self._seen, self._out,
-                self._scratch[0],
-            )  # fmt: skip
+            self._advance_share(0, self._groups, self._scratch[0])
             return
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, "npend_gym")
         workers = min(self.threads, self._groups)
         edges = [self._groups * k // workers for k in range(workers + 1)]
+        self._halted = False
         jobs = [
-            self._pool.submit(
-                self._advance, self._floats, *self._fixed, *share, self._seen, self._out,
-                scratch,
-            )
+            self._pool.submit(self._advance_share, *share, scratch)
             for share, scratch in zip(pairwise(edges), self._scratch, strict=False)
-        ]  # fmt: skip
-        for job in jobs:
-            job.result()
+        ]
+        try:
+            for job in jobs:
+                job.result()
+        finally:
+            self._halted = True  # where this was interrupted, the others need not go on
+
+    def _advance_share(self, first: int, last: int, scratch: FloatArray) -> None:
+        """Advance some groups in calls so short that Ctrl-C is heard between them."""
+        substeps = self.config.substeps
+        groups, piece = self._per_call
+        if piece == substeps and last - first <= groups:
+            self._advance(
+                self._floats, *self._fixed, first, last, 0, substeps, self._seen, self._out, scratch
+            )
+            return
+        for group in range(first, last, groups):
+            for begin in range(0, substeps, piece):
+                if self.threads > 1 and self._halted:
+                    return
+                self._advance(
+                    self._floats, *self._fixed, group, min(group + groups, last), begin,
+                    min(begin + piece, substeps), self._seen, self._out, scratch,
+                )  # fmt: skip
 
     # -- looking ----------------------------------------------------------------------------
 

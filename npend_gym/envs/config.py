@@ -15,6 +15,7 @@ from npend_gym import _checks, theory
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
 from npend_gym.envs.modes import MODES, Mode, lifting_energy
 from npend_gym.physics.kernels.lanes import MAX_SPEED
+from npend_gym.physics.kernels.sincos import MAX_ANGLE
 
 OBSERVATIONS = ("angles", "sincos")
 MAX_SUBSTEPS = 100_000
@@ -101,8 +102,8 @@ def make_config(
         dt=step,
         substeps=pieces,
         with_sines=_checks.choice("observation", observation, OBSERVATIONS) == "sincos",
-        amplitude=_checks.number("amplitude", amplitude),
-        spread=_checks.nonnegative_number("spread", spread),
+        amplitude=_angle("amplitude", _checks.number("amplitude", amplitude)),
+        spread=_angle("spread", _checks.nonnegative_number("spread", spread)),
     )
 
 
@@ -119,6 +120,10 @@ def _fastest_rate(chain: Chain) -> float:
     fallen = 2.0 * math.sqrt(gravity * chain.total_length)
     slowing = (chain.drag + 2.0 * fallen * chain.quadratic_drag) / chain.masses
     return max(theory.fastest_frequency(swinging), float(braking.max()) + float(slowing.max()))
+
+
+def _angle(name: str, value: float) -> float:
+    return float(_checks.within(name, np.array(value), 0.5 * MAX_ANGLE))
 
 
 def _mode(mode: str | Mode) -> Mode:

@@ -66,7 +66,11 @@ def clean_action(given: Any, shape: tuple[int, ...]) -> float | FloatArray | Non
         share = given.item()
         if type(share) is float and math.isfinite(share):
             return share  # the common case, quickly; all others come by below
-    raw, joints = np.asarray(given), shape[-1]
+    joints = shape[-1]
+    try:
+        raw = np.asarray(given)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(f"action must be rectangular, got {_checks.show(given)}") from error
     if raw.dtype.kind not in ("iu" if joints == 0 else "iuf"):
         kind = "integers" if joints == 0 else "real numbers"
         raise TypeError(f"action must hold {kind}, got {_checks.show(given)}")

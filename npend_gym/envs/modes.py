@@ -6,9 +6,10 @@ use only operations that give the same bits on every machine.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
+from typing_extensions import NamedTuple  # that of Python 3.10 cannot be generic
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain

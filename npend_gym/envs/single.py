@@ -220,12 +220,17 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             If the action is not a number, not finite or of the wrong shape; nothing has changed
             then.
         RuntimeError
-            Before the first reset.
+            Before the first reset, and after a step that was interrupted.
         """
         if not self._started:
             raise RuntimeError("call reset() before step()")
         batch, mode = self._batch, self._mode
-        batch.step(clean_action(action, self._action_shape))
+        share = clean_action(action, self._action_shape)
+        try:
+            batch.step(share)
+        except BaseException:
+            self._started = False  # interrupted half-way
+            raise
         quantities, info = batch.only_lane()
         reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
         info["success"] = self._success(quantities)

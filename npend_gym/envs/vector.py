@@ -25,6 +25,7 @@ from npend_gym.envs.modes import Mode
 from npend_gym.envs.picture import Camera
 
 MAX_LANES = 10_000_000
+MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
 MAX_THREADS = 1024
 
 ObsArray = NDArray[np.float32]
@@ -93,8 +94,15 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             max_torque, dt, substeps, observation, amplitude, spread,
         )  # fmt: skip
         self.num_envs = _checks.count("num_envs", num_envs, high=MAX_LANES)
+        if self.num_envs * config.chain.n > MAX_RODS_IN_ALL:
+            raise ValueError(
+                f"num_envs times n must be at most {MAX_RODS_IN_ALL}, "
+                f"got {self.num_envs} times {config.chain.n}"
+            )
         if max_episode_steps is not None:
-            max_episode_steps = _checks.count("max_episode_steps", max_episode_steps)
+            max_episode_steps = _checks.count(
+                "max_episode_steps", max_episode_steps, high=2**63 - 1
+            )
         self.max_episode_steps = max_episode_steps
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.config = config
@@ -165,7 +173,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             If the actions are not numbers, not finite or of the wrong shape; nothing has changed
             then.
         RuntimeError
-            Before the first reset, or with autoreset disabled where a lane is done.
+            Before the first reset, after a step that was interrupted, or with autoreset disabled
+            where a lane is done.
         """
         if self._done is None:
             raise RuntimeError("call reset() before step()")
@@ -181,7 +190,11 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         some_wait = bool(waiting.any())
         if some_wait:
             batch.active[waiting] = 0.0
-        batch.step(action)
+        try:
+            batch.step(action)
+        except BaseException:
+            self._done = None  # interrupted half-way
+            raise
         self._steps += 1
         if some_wait:  # autoreset of NEXT_STEP
             batch.active[waiting] = 1.0

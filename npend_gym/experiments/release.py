@@ -19,6 +19,7 @@ PAPER_N = (5, 10, 20, 100)
 PAPER_AMPLITUDE = math.pi / 4  # rad
 PAPER_SPREAD = 0.017  # rad: one degree, the uncertainty of a reading
 PAPER_TRIALS = 3
+MAX_TRIALS = 1_000_000
 
 _Planned: TypeAlias = tuple[int, int, float]  # n, trial, starting angle [rad]
 
@@ -61,7 +62,7 @@ class Release:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        _checks.count("trials", self.trials)
+        _checks.count("trials", self.trials, high=MAX_TRIALS)
         _checks.count("seed", self.seed, low=0, high=2**63 - 1)
         _checks.choice("reading", self.reading, READINGS)
         amplitude = abs(_checks.number("amplitude", self.amplitude))

@@ -1,4 +1,4 @@
-"""Where the bobs are, how fast they go and what energy they have: NumPy, any leading axes."""
+"""Where the bobs are, how fast they go and what energy they have, for any leading axes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.physics.kernels.sincos import sincos_all
 
 
 def positions(chain: Chain, theta: FloatArray) -> FloatArray:
@@ -13,15 +14,17 @@ def positions(chain: Chain, theta: FloatArray) -> FloatArray:
 
     x_i = sum_{k<=i} l_k sin theta_k, y_i = -sum_{k<=i} l_k cos theta_k (the paper's section 2).
     """
-    x = np.cumsum(chain.lengths * np.sin(theta), axis=-1)
-    y = -np.cumsum(chain.lengths * np.cos(theta), axis=-1)
+    s, c = _sincos(theta)
+    x = np.cumsum(chain.lengths * s, axis=-1)
+    y = -np.cumsum(chain.lengths * c, axis=-1)
     return np.stack([x, y], axis=-1)
 
 
 def velocities(chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the velocities of the bobs [m/s], shape (..., n, 2)."""
-    vx = np.cumsum(chain.lengths * np.cos(theta) * omega, axis=-1)
-    vy = np.cumsum(chain.lengths * np.sin(theta) * omega, axis=-1)
+    s, c = _sincos(theta)
+    vx = np.cumsum(chain.lengths * c * omega, axis=-1)
+    vy = np.cumsum(chain.lengths * s * omega, axis=-1)
     return np.stack([vx, vy], axis=-1)
 
 
@@ -36,10 +39,18 @@ def potential_energy(chain: Chain, theta: FloatArray) -> FloatArray:
 
     Written with 1 - cos theta = 2 sin^2(theta/2), exact for small angles too.
     """
-    lift = 2.0 * np.sin(0.5 * theta) ** 2
+    lift = 2.0 * _sincos(0.5 * theta)[0] ** 2
     return chain.gravity * np.sum(chain.carried_masses * chain.lengths * lift, axis=-1)
 
 
 def energy(chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the total energy above rest [J], shape (...)."""
     return kinetic_energy(chain, theta, omega) + potential_energy(chain, theta)
+
+
+def _sincos(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return sine and cosine, of the shape of `theta`; NumPy's differ between machines."""
+    angles = np.array(theta, np.float64, order="C")
+    s, c = np.empty_like(angles), np.empty_like(angles)
+    sincos_all(angles.reshape(-1), s.reshape(-1), c.reshape(-1))
+    return s, c

@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 
+MAX_N = 100  # a day of work; the time grows as the cube
+
 Matrices = tuple[FloatArray, FloatArray]
 Accelerations = Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, float], FloatArray]
 
@@ -42,7 +44,7 @@ def derive(n: int) -> KaneEquations:
     ValueError, TypeError
         If `n` is no positive integer.
     """
-    n = _checks.count("n", n)
+    n = _checks.count("n", n, high=MAX_N)
     sympy, mechanics = sympy_and_mechanics()
     q = mechanics.dynamicsymbols(f"q:{n}")
     u = mechanics.dynamicsymbols(f"u:{n}")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import MAX_DENSE, Chain
 from npend_gym.physics.simulate import joint_torques
 
 
@@ -74,7 +74,7 @@ def linearise(
     """
     if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
-    n = chain.n
+    n = _checks.count("n", chain.n, high=MAX_DENSE)
     theta, omega = _states(theta, omega, n)
     couple = joint_torques(torque, n)
     at_joint = np.eye(n) - np.eye(n, k=1)  # column j: torque on joint j turns rod j, and j-1 back

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -19,11 +18,15 @@ from npend_gym.chain import Chain
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import Rods, new_work
+from npend_gym.physics.kernels.lanes import MAX_SPEED
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
+from npend_gym.physics.kernels.sincos import MAX_ANGLE
 from npend_gym.physics.pivot import cart_motion, checked_pivot, rods_on
 
 METHODS = ("dop853", "rk4")
 MIN_RTOL = 1e-14
+MAX_FRAME_BYTES = 2**33  # of the angles and velocities of a trajectory
+_MAX_STEPS = 10**12  # between two times
 _RODS_PER_CALL = (
     500_000  # rods times steps in one compiled call: about a second, then Ctrl-C is heard
 )
@@ -114,15 +117,25 @@ class Trajectory:
             If `path` cannot be read.
         """
         try:
-            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
-                about = json.loads(str(data["about"]))
-                arrays = [np.asarray(data[name], float) for name in ("times", "theta", "omega")]
-            chain = Chain(**about["chain"])
-        except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            return cls(*_read(Path(path)))
+        except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise ValueError(
                 f"path must name a trajectory made by save(); {path}: {error}"
             ) from error
-        return cls(chain, arrays[0], arrays[1], arrays[2], about["provenance"])
+
+
+def _read(path: Path) -> tuple[Chain, FloatArray, FloatArray, FloatArray, dict[str, Any]]:
+    """Return the fields of the trajectory in an npz archive, each of them checked."""
+    data = _files.read_arrays(path, 2 * MAX_FRAME_BYTES)
+    about = json.loads(str(data["about"]))
+    times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
+    chain = Chain(**about["chain"])
+    shape = (times.size, chain.n)
+    if times.ndim != 1 or theta.shape != shape or omega.shape != shape:
+        raise ValueError(f"theta and omega must have the shape {shape}")
+    if not isinstance(about["provenance"], dict):
+        raise TypeError("its provenance must be a dict")
+    return chain, times, theta, omega, about["provenance"]
 
 
 def simulate(
@@ -190,10 +203,20 @@ def simulate(
     if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
     n = chain.n
-    y = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
+    y = np.concatenate(
+        [
+            _checks.within("theta", _checks.vector("theta", theta, n), MAX_ANGLE),
+            _checks.within("omega", _checks.vector("omega", omega, n), MAX_SPEED),
+        ]
+    )
     times = _checks.array("times", times)
     if times.ndim != 1 or times.size == 0 or np.any(np.diff(times) <= 0.0):
         raise ValueError(f"times must be a list of increasing instants, got {_checks.show(times)}")
+    if 16 * n * times.size > MAX_FRAME_BYTES:
+        raise ValueError(
+            f"times must hold at most {MAX_FRAME_BYTES // (16 * n)} instants for {n} rods, "
+            f"got {times.size}: simulate them in segments"
+        )
     method = _checks.choice("method", method, METHODS)
     couple = joint_torques(torque, n)
     provenance: dict[str, Any] = {
@@ -209,6 +232,10 @@ def simulate(
         if dt is None:
             raise ValueError('dt must be given with method "rk4": the longest step in seconds')
         dt = _checks.positive_number("dt", dt)
+        if times.size > 1 and float(np.diff(times).max()) / dt > _MAX_STEPS:
+            raise ValueError(
+                f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}"
+            )
         provenance["dt"] = dt
         _run_rk4(rods, y, times, dt, couple, frames)
     else:
@@ -252,12 +279,25 @@ def _run_rk4(
     frames: FloatArray,
 ) -> None:
     n = torque.size
-    stages = np.zeros((STAGE_ROWS, n))
-    done = rk4_frames(y, times, dt, torque, rods, new_work(n), stages, frames)
-    if done < times.size:
+    work, stages = new_work(n), np.zeros((STAGE_ROWS, n))
+    frames[0] = y
+    done, step, steps = 1, 0, max(1, _RODS_PER_CALL // n)
+    while 0 < done < times.size:
+        done, step = rk4_frames(y, times, dt, done, step, steps, torque, rods, work, stages, frames)
+        refuse_lost_angles(y[:n], times[abs(done) - 1])
+    if done < 0:
         raise IntegrationError(
-            f"the state diverged between t = {times[done - 1]:g} s and {times[done]:g} s: "
+            f"the state diverged between t = {times[-done - 1]:g} s and {times[-done]:g} s: "
             f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
+        )
+
+
+def refuse_lost_angles(theta: FloatArray, time: float) -> None:
+    """Raise an error where rods have turned so often that sines lose digits."""
+    if np.any(np.abs(theta) > MAX_ANGLE):
+        raise IntegrationError(
+            f"a rod has turned by more than {MAX_ANGLE:g} rad soon after t = {time:g} s: "
+            "go on in segments, each begun with the last angles less whole turns"
         )
 
 
@@ -277,6 +317,7 @@ def _run_dop853(
     while done < times.size:
         done = dop853_frames(solver, starting, times, done, steps, rods, torque, rtol, atol, frames)
         starting = False
+        refuse_lost_angles(solver.y[: torque.size], float(solver.clock[1]))
         if done < 0:
             raise IntegrationError(
                 f"no step is small enough at t = {solver.clock[1]:g} s for rtol = {rtol:g} and "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym._files import replacing
+from npend_gym._files import read_arrays, replacing
 
 MAX_BYTES = 10_000_000  # of a policy's file once unpacked
 PRETRAINED = Path(__file__).parent / "pretrained"
@@ -67,7 +66,10 @@ class Policy:
         ValueError
             If the file is no policy: pickled, too large, of other names, kinds or shapes.
         """
-        arrays = _arrays(path)
+        try:
+            arrays: dict[str, Weights] = read_arrays(path, MAX_BYTES)
+        except ValueError as error:
+            raise ValueError(f"{path} is no policy: {error}") from error
         depth = (len(arrays) - 1) // 2
         names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
         if depth == 0 or sorted(arrays) != sorted(names):
@@ -86,7 +88,10 @@ class Policy:
             wide = bias.shape
         beside = path.with_suffix(".json")
         told = beside.read_text(encoding="utf-8") if beside.exists() else "{}"
-        provenance: dict[str, Any] = json.loads(told)
+        try:
+            provenance: dict[str, Any] = json.loads(told)
+        except ValueError as error:
+            raise ValueError(f"{beside} is no provenance of a policy: {error}") from error
         return cls(arrays["scale"], weights, biases, provenance)
 
     @classmethod
@@ -100,17 +105,3 @@ class Policy:
 def pretrained_names() -> tuple[str, ...]:
     """Return the names of the policies that come with the package."""
     return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
-
-
-def _arrays(path: Path) -> dict[str, Weights]:
-    """Return the arrays of an .npz file; sizes are looked at before anything is unpacked."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size > MAX_BYTES:
-            raise ValueError(f"{size} bytes unpacked, at most {MAX_BYTES}")
-        with np.load(path, allow_pickle=False) as file:
-            # a member that is no array comes as bytes, and is refused as one of them
-            return {name: np.asarray(file[name]) for name in file.files}
-    except (zipfile.BadZipFile, EOFError, ValueError) as error:
-        raise ValueError(f"{path} is no policy: {error}") from error

@@ -58,28 +58,37 @@ def rk4_frames(
     y: FloatArray,
     times: FloatArray,
     dt: float,
+    done: int,
+    step: int,
+    max_steps: int,
     torque: FloatArray,
     rods: Rods,
     work: FloatArray,
     stages: FloatArray,
     frames: FloatArray,
-) -> int:
-    """Write the state at each time into `frames` (T, 2n); return how many are finite.
+) -> tuple[int, int]:
+    """Write the state at each time from index `done` on into `frames` (T, 2n).
 
-    Each interval between times is cut into equal steps, the fewest that are no longer than `dt`.
+    Each interval between times is cut into equal steps, the fewest that are no longer than `dt`;
+    `step` of the first one have been taken. Return the number of frames written, and of steps
+    beyond, after at most `max_steps` steps; minus that number of frames where the state diverged.
     """
     n = y.size // 2
     theta, omega = y[:n], y[n:]
-    copy(y, frames[0])
-    for k in range(1, times.size):
+    for k in range(done, times.size):
         interval: float = times[k] - times[k - 1]
         steps = max(1, math.ceil(interval / dt - 1e-9))
-        for _ in range(steps):
+        last = min(steps, step + max_steps)
+        max_steps -= last - step
+        for _ in range(step, last):
             rk4_step(theta, omega, interval / steps, torque, rods, work, stages)
+        if last < steps:
+            return k, last
+        step = 0
         total = 0.0
         for i in range(y.size):
             total += y[i]
         if not math.isfinite(total):
-            return k
+            return -k, 0
         copy(y, frames[k])
-    return times.size
+    return times.size, 0

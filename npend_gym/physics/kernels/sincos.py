@@ -6,6 +6,7 @@ Reduction and polynomials are those of FreeBSD's msun (fdlibm ``e_rem_pio2.c``, 
 
 from __future__ import annotations
 
+from npend_gym._checks import FloatArray
 from npend_gym.physics.kernels.jit import kernel
 from npend_gym.physics.kernels.packs import where
 
@@ -52,3 +53,10 @@ def sincos(x: float) -> tuple[float, float]:
     turn = (quarter + _ROUND) - _ROUND != quarter
     sin_x, cos_x = where(swap, cos_y, sin_y), where(swap, sin_y, cos_y)
     return where(turn, -sin_x, sin_x), where(turn ^ swap, -cos_x, cos_x)
+
+
+@kernel
+def sincos_all(x: FloatArray, s: FloatArray, c: FloatArray) -> None:
+    """Write sine and cosine of every entry of `x` (m,) into `s` and `c` (m,)."""
+    for i in range(x.size):
+        s[i], c[i] = sincos(x[i])

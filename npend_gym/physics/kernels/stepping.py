@@ -142,9 +142,9 @@ def _follow_marked(
 @spliced_kernel
 def _substeps(
     view: NumbersOf, width: int, floats: FloatArray, groups: int, g: int, group: Group, h: float,
-    substeps: int, careful: bool, scratch: FloatArray,
-) -> FloatArray:  # fmt: skip
-    """Advance a group by `substeps` of `h` seconds; return what damping and drag took [J]."""
+    begin: int, end: int, substeps: int, careful: bool, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Advance a group by some of its `substeps` of `h` seconds; note what is lost [J]."""
     theta, omega, length = group.theta, group.omega, group.rods.length
     n, lanes = theta.size, groups * width
     numbers, rest = view(floats), view(scratch)
@@ -153,8 +153,8 @@ def _substeps(
     waiting = (numbers[row.COMPLETED * groups + g] < n) & (numbers[row.ACTIVE * groups + g] > 0.0)
     pending = any_of(waiting)
     damped = any_positive(group.rods.damping)
-    lost = 0.0 * numbers[row.TIME * groups + g]
-    for substep in range(substeps):
+    lost = rest[row.LOST][0]
+    for substep in range(begin, end):
         if pending:
             copy(group.velocity, rest[row.VELOCITY_1])
             copy(theta, theta_1)
@@ -184,13 +184,12 @@ def _substeps(
                 pending = _follow_marked(
                     floats, part, lanes, first, width, n, substep * h, h, scratch
                 )
-    return lost
+    rest[row.LOST][0] = lost
 
 
 @inlined_kernel
 def _take_over(
-    numbers: FloatArray, groups: int, g: int, group: Group, dt: float, lost: FloatArray,
-    scratch: FloatArray,
+    numbers: FloatArray, groups: int, g: int, group: Group, dt: float, scratch: FloatArray
 ) -> None:  # fmt: skip
     """Take note of the step; lanes that are not active, or have diverged, keep their last state."""
     theta, omega, n = group.theta, group.omega, group.theta.size
@@ -210,7 +209,7 @@ def _take_over(
             theta, omega, group.rods.length, scratch[row.SIN], scratch[row.COS], group.velocity
         )
     done = numbers[row.WORK_DONE * groups + g]
-    work = (done - lost) + _torque_work(scratch[row.TORQUE], theta_0, theta)
+    work = (done - scratch[row.LOST][0]) + _torque_work(scratch[row.TORQUE], theta_0, theta)
     numbers[row.WORK_DONE * groups + g] = where(stays, done, work)
     time = numbers[row.TIME * groups + g]
     numbers[row.TIME * groups + g] = where(stays, time, time + dt)
@@ -219,8 +218,8 @@ def _take_over(
 @spliced_kernel
 def _advance(
     view: NumbersOf, width: int, floats: FloatArray, joints: NDArray[np.int64], limit: float,
-    dt: float, substeps: int, groups: int, n: int, first_group: int, last_group: int,
-    observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
+    dt: float, substeps: int, groups: int, n: int, first_group: int, last_group: int, begin: int,
+    end: int, observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     lanes = groups * width
     floats, joints, out = bare(floats), bare(joints), bare(out)
@@ -232,13 +231,17 @@ def _advance(
     h = dt / substeps
     for g in range(first_group, last_group):
         group = group_of(numbers, groups, g, n)
-        action = actions[g * actuated : (g + 1) * actuated]
-        effort = _load_torque(action, joints, limit, rest[row.TORQUE])
-        numbers[row.EFFORT * groups + g] = effort
-        copy(group.theta, rest[row.THETA_0])
-        copy(group.omega, rest[row.OMEGA_0])
-        lost = _substeps(view, width, floats, groups, g, group, h, substeps, careful, scratch)
-        _take_over(numbers, groups, g, group, dt, lost, rest)
+        if begin == 0:
+            action = actions[g * actuated : (g + 1) * actuated]
+            effort = _load_torque(action, joints, limit, rest[row.TORQUE])
+            numbers[row.EFFORT * groups + g] = effort
+            copy(group.theta, rest[row.THETA_0])
+            copy(group.omega, rest[row.OMEGA_0])
+            rest[row.LOST][0] = 0.0 * numbers[row.TIME * groups + g]
+        _substeps(view, width, floats, groups, g, group, h, begin, end, substeps, careful, scratch)
+        if end < substeps:
+            continue
+        _take_over(numbers, groups, g, group, dt, rest)
         describe_group(numbers, groups, g, n, group, rest, scalars)
         wrap(group.theta, rest[row.WRAPPED])
         part = floats_of(floats, width, groups, g, n)
@@ -248,28 +251,31 @@ def _advance(
 @kernel
 def advance_one(
     floats: FloatArray, joints: NDArray[np.int64], limit: float, dt: float, substeps: int,
-    groups: int, n: int, first_group: int, last_group: int, observation: NDArray[np.float32],
-    out: FloatArray, scratch: FloatArray,
+    groups: int, n: int, first_group: int, last_group: int, begin: int, end: int,
+    observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Advance one chain; see `advance_many`."""
     _advance(
         bare, 1, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
-        observation, out, scratch,
+        begin, end, observation, out, scratch,
     )  # fmt: skip
 
 
 @kernel
 def advance_many(
     floats: FloatArray, joints: NDArray[np.int64], limit: float, dt: float, substeps: int,
-    groups: int, n: int, first_group: int, last_group: int, observation: NDArray[np.float32],
-    out: FloatArray, scratch: FloatArray,
+    groups: int, n: int, first_group: int, last_group: int, begin: int, end: int,
+    observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Advance the active lanes of some groups by `dt` seconds in equal substeps.
+
+    Those from `begin` to `end` are taken. A step taken in pieces, which must be of one group and
+    with the same scratch, is the same to the last bit.
 
     The action, clipped to [-1, 1] and times `limit` [N m], acts at the joints all the while.
     What is seen of every lane is written.
     """
     _advance(
         packs, WIDTH, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
-        observation, out, scratch,
+        begin, end, observation, out, scratch,
     )  # fmt: skip

@@ -1,0 +1,206 @@
+"""The long runs behind docs/reliability.md: the same bits, odd calls, a day of steps and so on.
+
+Each prints one line with what was really run and found, and the exit code is 1 where a promise is
+broken::
+
+    python benchmarks/soak.py bits --steps 1000000
+    python benchmarks/soak.py fuzz --calls 1000000
+    python benchmarks/soak.py steps --steps 4300000
+    python benchmarks/soak.py batch --steps 1000000000
+    python benchmarks/soak.py make --times 10000
+    python benchmarks/soak.py files --flips 100000
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import pickle
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import psutil
+
+from npend_gym import Chain, Trajectory, simulate
+
+COUNTS = (1, 2, 5, 10, 50)  # rods
+SEEDS = 100
+MAX_GROWTH = 8.0  # MiB after the first fifth
+_ENV = "npend_gym:NPendulum-v0"
+
+
+def main() -> int:
+    """Run what is asked for; return 1 where a promise is broken."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(dest="what", required=True)
+    for name, (_, option, default) in RUNS.items():
+        commands.add_parser(name).add_argument(
+            f"--{option}", dest="amount", type=int, default=default
+        )
+    given = parser.parse_args()
+    began = time.process_time()
+    sound, text = RUNS[given.what][0](given.amount)
+    took = time.process_time() - began
+    print(f"{given.what}: {text}; {took:.0f} s of CPU time: {'kept' if sound else 'BROKEN'}")
+    return 0 if sound else 1
+
+
+def bits(steps: int) -> tuple[bool, str]:
+    """Compare copies and lanes of vector envs with single envs, so many steps in all."""
+    each = max(1, steps // (len(COUNTS) * SEEDS))
+    differing = compared = 0
+    for n in COUNTS:
+        envs = gym.make_vec(_ENV, num_envs=SEEDS, n=n, max_episode_steps=None, threads=2)
+        envs.reset(seed=0)
+        actions = np.random.default_rng(n).uniform(-1.0, 1.0, (each, SEEDS, 1))
+        lanes = [envs.step(action)[0] for action in actions]
+        envs.close()
+        for seed in range(SEEDS):
+            env = gym.make(_ENV, n=n, max_episode_steps=-1)
+            env.reset(seed=seed)
+            ended = False
+            for k in range(each):
+                if k == each // 3:
+                    env = copy.deepcopy(env)
+                if k == each // 2:
+                    env = pickle.loads(pickle.dumps(env))
+                if ended:  # as the vector env resets itself; long chains diverge when shaken so
+                    mine, ended = env.reset()[0], False
+                else:
+                    mine, _, terminated, truncated, _ = env.step(actions[k, seed])
+                    ended = terminated or truncated
+                differing += int(np.sum(mine.view(np.uint8) != lanes[k][seed].view(np.uint8)))
+                compared += 1
+    text = f"{differing} bytes differ over {compared} steps, {SEEDS} seeds, n = {COUNTS}"
+    return differing == 0, text
+
+
+def fuzz(calls: int) -> tuple[bool, str]:
+    """Make random calls in random order; an undeclared error ends the run with its example."""
+    sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+    import test_promises_fuzz as fuzzing
+
+    warnings.simplefilter("ignore")
+    made = seeds = 0
+    while made < calls:
+        made += fuzzing.fuzz(100, seeds)
+        seeds += 1
+    return True, f"{made} calls answered or refused as declared, all observations finite"
+
+
+def _watch(amount: int, work: Callable[[int], Iterator[int]]) -> tuple[bool, str]:
+    """Do some work a fifth at a time, and compare what the process holds after the first."""
+    process, held, done = psutil.Process(), [], 0
+    for so_far in work(amount):
+        done = so_far
+        held.append(
+            (
+                process.memory_info().rss / 2**20,
+                process.num_fds(),
+                process.num_threads(),
+                len(process.children(recursive=True)),
+            )
+        )
+    growth = max(row[0] for row in held) - held[0][0]
+    same = all(row[1:] == held[0][1:] for row in held)
+    text = (
+        f"{done} done, memory +{growth:.2f} MiB after the first fifth, descriptors, threads and "
+        f"children {'the same' if same else [row[1:] for row in held]}"
+    )
+    return growth < MAX_GROWTH and same, text
+
+
+def steps(amount: int) -> tuple[bool, str]:
+    """Step one env, resetting it whenever it ends."""
+
+    def work(amount: int) -> Iterator[int]:
+        env = gym.make(_ENV, n=2, dt=0.02)
+        env.reset(seed=0)
+        actions = np.random.default_rng(0).uniform(-1.0, 1.0, (997, 1)).astype(np.float32)
+        for k in range(1, amount + 1):
+            _, _, terminated, truncated, _ = env.step(actions[k % 997])
+            if terminated or truncated:
+                env.reset()
+            if k % (amount // 5) == 0:
+                yield k
+
+    return _watch(amount, work)
+
+
+def batch(amount: int) -> tuple[bool, str]:
+    """Step a vector env with autoreset, in two threads."""
+
+    def work(amount: int) -> Iterator[int]:
+        lanes = 4096
+        envs = gym.make_vec(_ENV, num_envs=lanes, n=2, substeps=1, threads=2)
+        envs.reset(seed=0)
+        action = np.random.default_rng(0).uniform(-1.0, 1.0, (lanes, 1))
+        calls = amount // lanes
+        for k in range(1, calls + 1):
+            envs.step(action)
+            if k % (calls // 5) == 0:
+                yield k * lanes
+        envs.close()
+
+    return _watch(amount, work)
+
+
+def make(amount: int) -> tuple[bool, str]:
+    """Make, reset, step and close envs, single and vectorised."""
+
+    def work(amount: int) -> Iterator[int]:
+        for k in range(1, amount + 1):
+            env: Any = gym.make_vec(_ENV, num_envs=3, threads=2) if k % 2 else gym.make(_ENV)
+            env.reset(seed=k)
+            env.step(env.action_space.sample())
+            env.close()
+            if k % (amount // 5) == 0:
+                yield k
+
+    return _watch(amount, work)
+
+
+def files(flips: int) -> tuple[bool, str]:
+    """Flip single bits of a trajectory's file; each must be refused, or change nothing read."""
+    path = simulate(Chain.uniform(3), 1.0, 0.0, np.linspace(0.0, 5.0, 50))
+    rng, refused, lies = np.random.default_rng(0), 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "path.npz"
+        path.save(file)
+        whole = file.read_bytes()
+        for position in rng.integers(0, 8 * len(whole), flips).tolist():
+            damaged = bytearray(whole)
+            damaged[position // 8] ^= 1 << (position % 8)
+            file.write_bytes(damaged)
+            try:
+                read = Trajectory.load(file)
+            except ValueError:
+                refused += 1
+                continue
+            lies += not (
+                np.array_equal(read.theta, path.theta)
+                and np.array_equal(read.omega, path.omega)
+                and np.array_equal(read.times, path.times)
+                and (read.chain, read.provenance) == (path.chain, path.provenance)
+            )
+    return lies == 0, f"of {flips} flipped bits {refused} refused, {lies} read as something else"
+
+
+RUNS = {
+    "bits": (bits, "steps", 1_000_000),
+    "fuzz": (fuzz, "calls", 1_000_000),
+    "steps": (steps, "steps", 4_300_000),
+    "batch": (batch, "steps", 1_000_000_000),
+    "make": (make, "times", 10_000),
+    "files": (files, "flips", 10_000),
+}
+
+if __name__ == "__main__":
+    raise SystemExit(main())

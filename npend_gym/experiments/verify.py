@@ -1,0 +1,148 @@
+"""The same bits as where the package was made: short computations and the digests of their results.
+
+A digest that differs means that this machine, or its versions of Numba and NumPy, computes
+something else; the name of the check says where to look.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from npend_gym.chain import Chain
+from npend_gym.envs.modes import MODES
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.period import READINGS, pseudo_periods
+from npend_gym.physics.simulate import Trajectory, simulate
+
+ENV_STEPS = 120
+
+# fmt: off
+GOLDEN: dict[str, str] = {
+    "simulate, dop853":
+        "1465e6344d1e50735695fdf0a573fe497284894e1b2e30d80f1e1a0e4aaf712a",
+    "simulate, rk4":
+        "73713f4137f1f45fcd8c3a77cfedfa73cf9dd3d08a078b26e38831f87f9277c2",
+    "simulate, cart":
+        "e1cb2f2a351aa1eb6b02885996a334a93f29c2e4c76e203e20e2aa407d749d7c",
+    "simulate, shaken pivot":
+        "bc20798ae832bf7978b4f8d067595ae976a0300b5b9ff3c93e8787b7d042bded",
+    "simulate, drag":
+        "f05dc6231a8b15f2bb5713d86485b9eee9b100cb6dd91cff0e5c579ea977c9e1",
+    "pseudo-periods, bob":
+        "79f893c0ebf178d6382c004f054e2ee301c1bb5d72472804473a42710975dc1e",
+    "pseudo-periods, link":
+        "b40d5ef788e36e4cf6da895706f777ad88ccf6dd2cfde22ea1fad8fdf8aea902",
+    "pseudo-periods, height":
+        "7b604ea4c26d56468f82c82efc5a4dcfa55372748e5484b86b91553e58894d41",
+    "pseudo-periods, listing":
+        "ac4a922183b77f6611320cd8e1f9860775fb865e779440ac1f909e7ae9ca1312",
+    "environment, passive":
+        "603f7847c378f72a9fb528df5fdd20a3083f62a81031975cb4fcbd7f7464ea61",
+    "environment, swingup":
+        "0652e6d6bbcaa8c0dbdf61e263dd69741cbeae28ff968dd4907e8965b7ebfebc",
+    "environment, balance":
+        "065f82f6c6b8a975840103d505c02680f5b241b151614e19ee57dcd2dbe65f9c",
+    "environment, calm":
+        "28f8d1787bc247d55b7e5d967d1793a554e57e8ddcdbaf376c86a0f8f2ac0162",
+    "vector environment, passive":
+        "abef9d90dd079307838376da6fb5bdb89cc2d6ede7d8dad9548ffb9918189952",
+    "vector environment, swingup":
+        "76b70bff733f1eb1e64626e0d7387765c982c60963f4e02be80812265efdbcfe",
+    "vector environment, balance":
+        "def3db74709a5d5d7c69c905838d99f48665e3469b0817873d99c823e15c0aa8",
+    "vector environment, calm":
+        "0487043008f9327918b0e3dc6c02cf3b85cba7ff11c26c2941effa57eb97884e",
+}
+# fmt: on
+
+
+class Outcome(NamedTuple):
+    """A check, and the SHA-256 of the bytes that it should have given and gave."""
+
+    name: str
+    golden: str
+    found: str
+
+    @property
+    def same(self) -> bool:
+        """Whether not a byte differs."""
+        return self.golden == self.found
+
+
+def outcomes() -> Iterator[Outcome]:
+    """Yield the outcome of every check."""
+    for name, compute in checks().items():
+        digest = hashlib.sha256()
+        for array in compute():
+            digest.update(np.ascontiguousarray(array).tobytes())
+        yield Outcome(name, GOLDEN.get(name, ""), digest.hexdigest())
+
+
+def checks() -> dict[str, Callable[[], Iterator[Any]]]:
+    """Return the checks by name; each yields arrays and numbers."""
+    motions: dict[str, dict[str, Any]] = {
+        "dop853": {},
+        "rk4": {"method": "rk4", "dt": 0.01},
+        "cart": {"cart_mass": 2.0, "force": 0.5},
+        "shaken pivot": {"pivot_acceleration": (0.5, -1.0)},
+    }
+    return {
+        **{f"simulate, {name}": _motion(options) for name, options in motions.items()},
+        "simulate, drag": _motion({}, drag=0.05, quadratic_drag=0.02),
+        **{f"pseudo-periods, {reading}": _periods(reading) for reading in READINGS},
+        **{f"environment, {mode}": _single(mode) for mode in MODES},
+        **{f"vector environment, {mode}": _vector(mode) for mode in MODES},
+    }
+
+
+def _motion(options: dict[str, Any], **air: float) -> Callable[[], Iterator[Any]]:
+    def compute() -> Iterator[Any]:
+        chain = Chain(np.linspace(1.0, 2.0, 7), np.linspace(1.0, 0.5, 7), damping=0.01, **air)
+        times, torque = np.linspace(0.0, 3.0, 31), np.linspace(3.0, -1.0, 7)
+        path: Trajectory = simulate(chain, 1.2, 0.3, times, torque=torque, **options)
+        yield from (path.theta, path.omega, path.positions(), path.energy())
+
+    return compute
+
+
+def _periods(reading: str) -> Callable[[], Iterator[Any]]:
+    def compute() -> Iterator[Any]:
+        for n in (1, 5, 20):
+            yield pseudo_periods(Chain.uniform(n), 0.7, reading=reading)
+        starts = np.outer(np.linspace(0.1, 1.0, 17), np.ones(3))
+        yield pseudo_periods(Chain.uniform(3), starts, reading=reading)
+
+    return compute
+
+
+def _single(mode: str) -> Callable[[], Iterator[Any]]:
+    def compute() -> Iterator[Any]:
+        for n in (1, 2, 10):
+            env = gym.make(ENV_ID, n=n, mode=mode, damping=0.02, observation="sincos")
+            env.action_space.seed(1)
+            yield env.reset(seed=1)[0]
+            for _ in range(ENV_STEPS):
+                observation, reward, _, _, info = env.step(env.action_space.sample())
+                yield from (observation, reward, info["energy"], info["energy_error"])
+
+    return compute
+
+
+def _vector(mode: str) -> Callable[[], Iterator[Any]]:
+    def compute() -> Iterator[Any]:
+        envs = gym.make_vec(
+            ENV_ID, num_envs=20, n=3, mode=mode, drag=0.1, max_episode_steps=40, threads=2
+        )
+        envs.action_space.seed(1)
+        yield envs.reset(seed=1)[0]
+        for _ in range(ENV_STEPS):
+            observation, reward, terminated, _, info = envs.step(envs.action_space.sample())
+            yield from (observation, reward, terminated, info["energy"], info["pseudo_periods"])
+        envs.close()
+
+    return compute

@@ -1,0 +1,196 @@
+"""Bad arguments are refused at once, by name, before anything large is made."""
+
+import itertools
+import time
+import tracemalloc
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym.cli import main
+from npend_gym.envs.single import NPendulumEnv
+from npend_gym.envs.vector import NPendulumVectorEnv
+
+ENORMOUS = 10**400
+ITSELF = []
+ITSELF.append(ITSELF)
+
+# What is no such thing, whatever the argument
+NO_NUMBERS = (True, "1", b"1", 1j, np.nan, np.inf, -np.inf, ENORMOUS, {}, object(), ITSELF, 1e300)
+NO_POSITIVES = (*NO_NUMBERS, 0.0, -1.0, 5e-324)
+NO_COUNTS = (*NO_NUMBERS, 0, -1, 1.5, -ENORMOUS, None)
+NO_ARRAYS = (*NO_NUMBERS, [1.0, [2.0]], [[[1.0, 2.0]]], [], [1.0, 2.0, 3.0], np.array([None]))
+NO_CHOICES = ("", "no such", 1, b"bob", ["bob"], None, 10**9)
+
+
+def trajectory(**change):
+    arguments = {"chain": Chain.uniform(2), "theta": 0.1, "omega": 0.0, "times": [0.0, 0.1]}
+    return simulate(**(arguments | change))
+
+
+def fixed_step(**change):
+    return trajectory(**({"method": "rk4", "dt": 0.01} | change))
+
+
+def periods(**change):
+    return pseudo_periods(**({"chain": Chain.uniform(2), "theta": 0.1} | change))
+
+
+def reset(**option):
+    env = NPendulumEnv(n=2)
+    env.reset(seed=0, options=option)
+
+
+CASES = [
+    (NPendulumEnv, "n", (*NO_COUNTS, 10**9)),
+    (NPendulumEnv, "mode", NO_CHOICES),
+    (NPendulumEnv, "masses", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
+    (NPendulumEnv, "lengths", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
+    (NPendulumEnv, "gravity", (*NO_NUMBERS, -1.0, [9.81], None, 5e-324)),
+    (NPendulumEnv, "damping", (*NO_ARRAYS, -1.0)),
+    (NPendulumEnv, "drag", (*NO_ARRAYS, -1.0)),
+    (NPendulumEnv, "quadratic_drag", (*NO_ARRAYS, -1.0)),
+    (NPendulumEnv, "actuated", (0, "0", (), (2,), (-1,), (0, 0), (0.5,), (True,), ((0,),), 10**9)),
+    (NPendulumEnv, "max_torque", (*NO_NUMBERS, -1.0, [1.0])),
+    (NPendulumEnv, "dt", (*NO_POSITIVES, [0.1])),
+    (NPendulumEnv, "substeps", (*NO_COUNTS[:-1], 10**9)),
+    (NPendulumEnv, "observation", NO_CHOICES),
+    (NPendulumEnv, "amplitude", (*NO_NUMBERS, None, 1e6)),
+    (NPendulumEnv, "spread", (*NO_NUMBERS, None, -0.1, 1e6)),
+    (NPendulumEnv, "render_mode", NO_CHOICES[:-2]),
+    (NPendulumVectorEnv, "num_envs", (*NO_COUNTS, 10**9)),
+    (NPendulumVectorEnv, "threads", (*NO_COUNTS, 10**9)),
+    (NPendulumVectorEnv, "max_episode_steps", NO_COUNTS[:-1]),
+    (NPendulumVectorEnv, "autoreset_mode", NO_CHOICES),
+    (reset, "theta", (*NO_ARRAYS, 1e6, None)),
+    (reset, "omega", (*NO_ARRAYS, 1e7, None)),
+    (reset, "amplitude", (*NO_NUMBERS, [1.0, 1.0], 1e6)),
+    (reset, "masses", (*NO_ARRAYS, 0.0)),
+    (reset, "gravity", (*NO_NUMBERS, -1.0, [1.0, 1.0])),
+    (trajectory, "chain", (None, 3, "chain", {})),
+    (trajectory, "theta", (*NO_ARRAYS, None, 1e6)),
+    (trajectory, "omega", (*NO_ARRAYS, None, 1e7)),
+    (trajectory, "times", (*NO_ARRAYS[:-2], None, 1.0, [1.0, 0.0], [0.0, 0.0], [[0.0, 1.0]])),
+    (trajectory, "torque", NO_ARRAYS),
+    (trajectory, "pivot_acceleration", (*NO_ARRAYS, 1.0)),
+    (trajectory, "cart_mass", NO_POSITIVES),
+    (trajectory, "force", (*NO_NUMBERS, None, 1.0)),
+    (trajectory, "method", NO_CHOICES),
+    (trajectory, "rtol", (*NO_NUMBERS, None, 0.0, 1e-15)),
+    (trajectory, "atol", (*NO_POSITIVES, None)),
+    (fixed_step, "dt", (*NO_POSITIVES, None, 1e-20)),
+    (periods, "chain", (None, 3)),
+    (periods, "theta", (*NO_ARRAYS, None, 1e6, np.zeros((2, 3)), np.zeros((0, 2)))),
+    (periods, "omega", (*NO_ARRAYS, None, 1e7, np.zeros((2, 3)), np.zeros((0, 2)))),
+    (periods, "reading", NO_CHOICES),
+    (periods, "duration", NO_POSITIVES),
+    (periods, "rtol", (*NO_NUMBERS, None, 0.0)),
+    (periods, "threads", (*NO_COUNTS, 10**9)),
+    (Chain.uniform, "n", (*NO_COUNTS, 10**9)),
+    (theory.uniform_frequencies, "n", (*NO_COUNTS, 10**9)),
+    (theory.large_n_period, "n", NO_COUNTS),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "values"), CASES, ids=[f"{call.__name__}-{name}" for call, name, _ in CASES]
+)
+def test_a_bad_value_is_refused_by_name_at_once_and_without_memory(call, name, values):
+    tracemalloc.start()
+    try:
+        for value in values:
+            began = time.process_time()
+            with pytest.raises((ValueError, TypeError), match=rf"\b{name}\b"):
+                call(**{name: value})
+            assert time.process_time() - began < 5.0
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: NPendulumVectorEnv(10**7, n=10**6), "num_envs"),
+        (lambda: trajectory(chain=Chain.uniform(10**6), times=np.arange(1e5)), "times"),
+        (lambda: theory.normal_modes(Chain.uniform(10**6)), "n"),
+        (lambda: theory.amplitude_correction(0.1, 10**9), "terms"),
+        (lambda: periods(reading="listing", duration=1e6), "duration"),
+    ],
+)
+def test_what_would_take_all_memory_or_for_ever_is_refused(make, name):
+    began = time.process_time()
+    with pytest.raises(ValueError, match=rf"\b{name}\b"):
+        make()
+    assert time.process_time() - began < 5.0
+
+
+@pytest.mark.parametrize("option", ["gravity", "masses", "lengths"])
+def test_the_extremes_that_are_allowed_make_an_env_that_steps(option):
+    smallest, largest = 1e-30, 1e30
+    for value in (smallest, largest):
+        env = NPendulumEnv(n=3, mode="calm", substeps=1, **{option: value})
+        env.reset(seed=0)
+        observation, reward, _, _, info = env.step(np.ones(1))
+        assert np.isfinite(observation).all()
+        assert np.isfinite(reward)
+        assert all(np.all(np.isfinite(part)) for part in info.values())
+
+
+LINES = [
+    f"release --{option} {value}"
+    for option, values in {
+        "n": ("nan", "1.5", "-1", "0", "1000000001", "9" * 401, "1,,2", "[1,2]", "1;2"),
+        "trials": ("nan", "0.5", "-3", "1000000001", "9" * 401),
+        "amplitude": ("inf", "1e300", "pi", "0", "3.2"),
+        "spread": ("nan", "-1e-3", "1e300"),
+        "seed": ("-5", "1e3", "9" * 401),
+        "duration": ("nan", "-1", "inf", "1e300"),
+        "masses": ("nan", "1,2,x", "-1", "1e-300", "1," * 3),
+        "lengths": ("0", "1,2", "1e300"),
+        "gravity": ("nan", "-9.81", "1e300"),
+        "damping": ("-1", "nan", "1,2,3"),
+        "reading": ("rod", ""),
+    }.items()
+    for value in values
+] + ["paper --only nothing", "paper --kane-n 1000000000", "bench --only all", "verify --jsn"]
+
+
+@pytest.mark.parametrize("line", LINES, ids=lambda line: line[:32])
+def test_the_command_line_refuses_in_one_line(line, capsys):
+    arguments = [part.strip('"') for part in line.split(" ")]
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+    assert left.value.code == 2
+    complaint = capsys.readouterr().err
+    assert len(complaint.strip().splitlines()) == 1
+    named = {"n": r"n_values|\bn\b", "jsn": "jsn"}.get(arguments[1][2:], arguments[1][2:])
+    assert any(name in complaint for name in (named, named.replace("-", "_"), " n ", "--n"))
+
+
+BAD_ACTIONS = [
+    np.array([np.nan, 0.0]), np.array([np.inf, 0.0]), np.array([0.0, -np.inf]), np.zeros(1),
+    np.zeros((2, 1)), np.zeros(3), np.array([1j, 0.0]), np.array(["0", "0"]), "00", None, 0.0,
+    [[0.0], 1.0], {}, object(), np.array([None, 0.0]), np.zeros((0,)),
+    [10**400, 0], np.array(["2020", "2021"], "datetime64[D]"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("bad", BAD_ACTIONS, ids=range(len(BAD_ACTIONS)))
+def test_a_bad_action_changes_neither_state_nor_generator_nor_another_lane(bad):
+    pairs = [
+        (gym.make("NPendulum-v0", n=2, actuated=(0, 1)).unwrapped for _ in range(2)),
+        (gym.make_vec("NPendulum-v0", num_envs=3, n=2, actuated=(0, 1)) for _ in range(2)),
+    ]
+    for env, twin in pairs:
+        env.reset(seed=5)
+        twin.reset(seed=5)
+        good = np.full(env.action_space.shape, 0.25)
+        batched = bad if env.action_space.shape == (2,) else [bad, good[1], good[2]]
+        with pytest.raises((ValueError, TypeError), match=r"\baction\b"):
+            env.step(batched)
+        for mine, its in itertools.zip_longest(env.step(good)[:4], twin.step(good)[:4]):
+            np.testing.assert_array_equal(mine, its)
+        np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])

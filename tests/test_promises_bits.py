@@ -1,0 +1,147 @@
+"""The same bits: after copies, in other processes, in pieces, on other machines."""
+
+import hashlib
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import npend_gym  # noqa: F401 - registers the environments
+from npend_gym import Chain, simulate
+from npend_gym.cli import main
+from npend_gym.envs import batch
+from npend_gym.experiments import verify
+from npend_gym.physics import simulate as simulation
+
+COUNTS = (1, 2, 5, 10, 50)
+
+
+def episodes(num_envs=None, threads=1, steps=40, first=0):
+    """Return a digest of some episodes; of lane 0, or lane `first`, where there are several."""
+    digest = hashlib.sha256()
+    for n in COUNTS:
+        rng = np.random.default_rng(n)
+        if num_envs is None:
+            env = gym.make("NPendulum-v0", n=n, damping=0.01)
+        else:
+            env = gym.make_vec(
+                "NPendulum-v0", num_envs=num_envs, n=n, damping=0.01, threads=threads
+            )
+        observation, info = env.reset(seed=3 if num_envs is None else 3 - first)
+        for _ in range(steps):
+            action = rng.uniform(-1.0, 1.0, 1)
+            if num_envs is None:
+                observation, reward, _, _, info = env.step(action)
+                seen = observation, reward, info["energy"], info["theta"]
+            else:
+                shown = env.step(np.tile(action, (num_envs, 1)))
+                infos = shown[4]
+                parts = shown[0], shown[1], infos["energy"], infos["theta"]
+                seen = [part[first] for part in parts]
+            for part in seen:
+                digest.update(np.asarray(part).tobytes())
+        env.close()
+    return digest.hexdigest()
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return episodes()
+
+
+@pytest.mark.parametrize(
+    ("num_envs", "threads", "lane"), [(1, 1, 0), (2, 1, 1), (17, 2, 3), (40, 8, 2)]
+)
+def test_a_lane_is_the_single_env_whatever_stands_beside_it(alone, num_envs, threads, lane):
+    assert episodes(num_envs, threads, first=lane) == alone
+
+
+@pytest.mark.parametrize(
+    ("flags", "environment"),
+    [
+        ([], {"PYTHONHASHSEED": "1", "LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"}),
+        (["-O"], {"PYTHONHASHSEED": "77", "OMP_NUM_THREADS": "8", "NUMBA_NUM_THREADS": "2"}),
+    ],
+)
+def test_another_process_computes_the_same(alone, flags, environment):
+    code = "import test_promises_bits as t; print(t.episodes())"
+    done = subprocess.run(
+        [sys.executable, *flags, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | environment | {"PYTHONPATH": os.pathsep.join(["tests", *sys.path])},
+    )
+    assert done.stdout.strip() == alone
+
+
+@pytest.mark.parametrize("way", ["fork", "spawn", "forkserver"])
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
+def test_however_a_worker_is_begun_it_computes_the_same(alone, way):
+    if way not in multiprocessing.get_all_start_methods():
+        pytest.skip(f"no {way} on this system")
+    with multiprocessing.get_context(way).Pool(1) as pool:
+        assert pool.apply_async(episodes).get(timeout=120) == alone
+
+
+@pytest.mark.parametrize("mode", ["passive", "swingup"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
+    def run():
+        env = gym.make_vec(
+            "NPendulum-v0", num_envs=40, n=3, mode=mode, damping=0.05, drag=0.1, dt=0.1,
+            threads=threads,
+        )  # fmt: skip
+        env.reset(seed=0)
+        actions = np.zeros(40, int) if mode == "passive" else np.full((40, 1), 0.7)
+        seen = [env.step(actions) for _ in range(60)]
+        env.close()
+        return [(*step[:4], step[4]["energy_error"], step[4]["pseudo_periods"]) for step in seen]
+
+    whole = run()
+    monkeypatch.setattr(batch, "_RODS_PER_CALL", 2 * 3 * 16)  # two substeps of a group
+    for ours, pieced in zip(whole, run(), strict=True):
+        for a, b in zip(ours, pieced, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.003}])
+def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(monkeypatch, uneven, options):
+    times = np.linspace(0.0, 2.0, 7)
+    whole = simulate(uneven, 1.0, 0.5, times, **options)
+    monkeypatch.setattr(simulation, "_RODS_PER_CALL", 20)  # five steps
+    pieced = simulate(uneven, 1.0, 0.5, times, **options)
+    np.testing.assert_array_equal(whole.theta, pieced.theta)
+    np.testing.assert_array_equal(whole.omega, pieced.omega)
+
+
+def test_positions_and_energies_do_not_depend_on_numpys_sine(monkeypatch):
+    path = simulate(Chain.uniform(3), 1.0, 0.0, [0.0, 0.5, 1.0])
+    before = path.positions(), path.velocities(), path.energy()
+    monkeypatch.setattr(np, "sin", None)
+    monkeypatch.setattr(np, "cos", None)
+    for a, b in zip(before, (path.positions(), path.velocities(), path.energy()), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_this_machine_meets_the_committed_digests(capsys):
+    assert main(["verify", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["same"]
+    assert len(report["checks"]) == len(verify.GOLDEN) >= 17
+
+
+def test_verify_names_what_differs(monkeypatch, capsys):
+    few = {name: compute for name, compute in verify.checks().items() if "simulate" in name}
+    monkeypatch.setattr(verify, "checks", lambda: few)
+    monkeypatch.setitem(verify.GOLDEN, "simulate, rk4", "0" * 64)
+    assert main(["verify"]) == 1
+    shown = capsys.readouterr()
+    assert "DIFFERS" in shown.out
+    assert "these differ: simulate, rk4\n" in shown.err
+    assert "simulate, dop853" not in shown.err

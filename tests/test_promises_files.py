@@ -1,0 +1,272 @@
+"""Files: what is damaged is refused, what cannot be written leaves what was there."""
+
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, Trajectory, simulate
+from npend_gym._files import replacing
+from npend_gym.cli import main
+
+posix = pytest.mark.skipif(os.name != "posix", reason="FIFOs, devices and mounts")
+
+
+@pytest.fixture(scope="module")
+def path():
+    return simulate(Chain([1.0, 0.5], [1.0, 0.7]), 1.0, 0.0, np.linspace(0.0, 2.0, 30))
+
+
+@pytest.fixture
+def file(path, tmp_path):
+    path.save(tmp_path / "path.npz")
+    return tmp_path / "path.npz"
+
+
+def same(a, b):
+    arrays = ("times", "theta", "omega")
+    equal = all(np.array_equal(getattr(a, name), getattr(b, name)) for name in arrays)
+    return equal and a.chain == b.chain and a.provenance == b.provenance
+
+
+def test_a_file_cut_anywhere_is_refused_by_its_path(file):
+    whole = file.read_bytes()
+    for percent in range(100):
+        file.write_bytes(whole[: len(whole) * percent // 100])
+        with pytest.raises(ValueError, match=r"path must name a trajectory.*path\.npz"):
+            Trajectory.load(file)
+
+
+def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_read(path, file):
+    whole, rng = file.read_bytes(), np.random.default_rng(0)
+    refused = 0
+    for position in rng.choice(8 * len(whole), 1000, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[position // 8] ^= 1 << (position % 8)
+        file.write_bytes(damaged)
+        try:
+            read = Trajectory.load(file)
+        except ValueError:
+            refused += 1
+        else:
+            assert same(read, path)  # a date of the archive, say
+    assert refused > 800
+
+
+def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
+    from npend_gym.rl.policies import PRETRAINED, Policy, pretrained_names
+
+    for suffix in (".npz", ".json"):
+        shutil.copy(PRETRAINED / f"{pretrained_names()[0]}{suffix}", tmp_path / f"a{suffix}")
+    file = tmp_path / "a.npz"
+    whole, rng = file.read_bytes(), np.random.default_rng(0)
+    policy = Policy.load(file)
+    for percent in range(100):
+        file.write_bytes(whole[: len(whole) * percent // 100])
+        with pytest.raises(ValueError, match=r"a\.npz is no policy"):
+            Policy.load(file)
+    for position in rng.choice(8 * len(whole), 300, replace=False).tolist():
+        damaged = bytearray(whole)
+        damaged[position // 8] ^= 1 << (position % 8)
+        file.write_bytes(damaged)
+        try:
+            read = Policy.load(file)
+        except ValueError:
+            continue
+        for mine, its in zip(
+            read.weights + read.biases, policy.weights + policy.biases, strict=True
+        ):
+            np.testing.assert_array_equal(mine, its)
+    file.write_bytes(whole)
+    (tmp_path / "a.json").write_text('{"env": ')
+    with pytest.raises(ValueError, match=r"a\.json is no provenance"):
+        Policy.load(file)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda _: b"",
+        lambda _: b"PK",
+        lambda _: b"times,theta\n",
+        lambda whole: whole.replace(b"\n", b"\r\n"),
+        lambda whole: b"\xef\xbb\xbf" + whole[:-1],
+    ],
+    ids=["empty", "PK", "text", "CRLF", "BOM"],
+)
+def test_what_is_no_trajectory_is_refused(file, damage):
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(ValueError, match="path must name a trajectory"):
+        Trajectory.load(file)
+
+
+def rewritten(file, **change):
+    """Write `file` anew with other arrays."""
+    with np.load(file) as data:
+        arrays = dict(data) | change
+    np.savez(file, **arrays)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"theta": np.zeros((30, 3))},
+        {"times": np.zeros((30, 1))},
+        {"omega": np.full((30, 2), np.nan)},
+        {"theta": np.array([["a"] * 2] * 30)},
+        {"theta": np.array([[None] * 2] * 30)},  # pickled
+        {"about": np.array("{}")},
+        {"about": np.array('{"chain": {"masses": [1, -1], "lengths": 1}, "provenance": {}}')},
+        {"about": np.array('{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": 3}')},
+        {"about": np.array("[" * 100_000)},
+    ],
+)
+def test_a_whole_archive_of_something_else_is_refused(file, change):
+    rewritten(file, **change)
+    with pytest.raises(ValueError, match="path must name a trajectory"):
+        Trajectory.load(file)
+
+
+class Bomb:
+    """What runs code when it is unpickled."""
+
+    def __reduce__(self):
+        return os.mkdir, ("exploded",)
+
+
+def test_a_pickle_in_an_archive_is_not_run(file, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    rewritten(file, theta=np.array([Bomb()], object))
+    with pytest.raises(ValueError, match="path must name a trajectory"):
+        Trajectory.load(file)
+    assert not (tmp_path / "exploded").exists()
+
+
+def test_an_archive_that_would_fill_the_memory_is_refused(file):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f8", "fortran_order": False, "shape": (2**36,)}
+    )
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("about", "times", "theta", "omega"):
+            archive.writestr(f"{name}.npy", header.getvalue())
+    whole = file.read_bytes()
+    with pytest.raises(ValueError, match="path must name a trajectory"):
+        Trajectory.load(file)
+    # or one whose directory says so
+    at = whole.index(b"PK\x01\x02") + 24
+    file.write_bytes(whole[:at] + b"\xfe\xff\xff\xff" + whole[at + 4 :])
+    with pytest.raises(ValueError, match="path must name a trajectory"):
+        Trajectory.load(file)
+
+
+@posix
+def test_a_fifo_or_a_folder_is_neither_read_nor_replaced(path, tmp_path):
+    fifo, folder = tmp_path / "fifo", tmp_path / "folder"
+    os.mkfifo(fifo)
+    folder.mkdir()
+    for place in (fifo, folder):
+        with pytest.raises(ValueError, match="it is no file"):
+            Trajectory.load(place)
+        with pytest.raises(OSError, match=f"no regular file.*{place.name}"):
+            path.save(place)
+    assert fifo.is_fifo()
+    assert sorted(tmp_path.iterdir()) == [fifo, folder]
+
+
+@posix
+@pytest.mark.parametrize("out", ["/dev/full", "/dev/null", "/proc/nothing", "fifo"])
+def test_results_go_to_no_device_and_no_fifo(out, tmp_path, capsys):
+    os.mkfifo(tmp_path / "fifo")
+    with pytest.raises(SystemExit) as left:
+        main(["release", "--n", "1", "--trials", "1", "--out", str(tmp_path / out)])
+    assert left.value.code == 2
+    assert str(tmp_path / out) in capsys.readouterr().err
+
+
+def test_an_output_that_is_a_folder_is_a_failure_that_names_it(tmp_path, capsys):
+    (tmp_path / "periods.csv").mkdir()
+    assert main(["release", "--n", "1", "--trials", "1", "--out", str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("npend release: ")
+    assert error.count("\n") == 1
+    assert str(tmp_path / "periods.csv") in error
+
+
+def test_a_failed_write_names_the_path_and_keeps_what_was_there(tmp_path):
+    target = tmp_path / "good"
+    target.write_text("good")
+
+    def fill():
+        with replacing(target) as file:
+            file.write("half")
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match=f"No space left.*{target}"):
+        fill()
+    assert target.read_text() == "good"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@posix
+def test_nothing_is_lost_where_the_output_device_is_full():
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(
+            [sys.executable, "-m", "npend_gym", "paper", "--list"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "No space left" in done.stderr
+
+
+FULL_DISK = """
+set -e
+mount -t tmpfs -o size=64k none "$1"
+{run} --n 1 > /dev/null
+cp "$1/manifest.json" "$2"
+head -c 1000000 /dev/zero > "$1/filler" 2> /dev/null || true
+code=0; {run} --n 2,3 > /dev/null 2> "$3" || code=$?
+cmp "$1/manifest.json" "$2"
+test -z "$(ls -A "$1" | grep part)"
+mount -o remount,ro "$1"
+{run} --n 1 > /dev/null 2>> "$3" && code=readonly
+echo "code $code"
+"""
+
+
+@posix
+def test_a_full_disk_and_a_read_only_one_are_failures_that_keep_the_previous_results(
+    tmp_path, mounting
+):
+    folder, manifest, errors = tmp_path / "disk", tmp_path / "before", tmp_path / "errors"
+    folder.mkdir()
+    code = "from npend_gym.cli import common; common.can_draw = lambda: False\n"
+    code += "from npend_gym.cli import main, release; release.can_draw = common.can_draw\n"
+    code += f"import sys; sys.exit(main(sys.argv[1:] + ['--out', {str(folder)!r}]))"
+    script = tmp_path / "npend.py"
+    script.write_text(code)
+    run = f"{sys.executable} {script} release --trials 1"
+    done = subprocess.run(
+        [*mounting, "sh", "-c", FULL_DISK.format(run=run), "sh", folder, manifest, errors],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(manifest.read_text())["arguments"]["n_values"] == [1]
+    assert done.stdout.strip() in ("code 1", "code 2")
+    full, read_only = errors.read_text().strip().splitlines()
+    assert "No space left" in full
+    assert str(folder) in full
+    assert "Read-only" in read_only
+    assert str(folder) in read_only

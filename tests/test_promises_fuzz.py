@@ -1,0 +1,130 @@
+"""Environments under calls in any order: they answer, or refuse with a declared error."""
+
+import gymnasium as gym
+import hypothesis
+import numpy as np
+import pytest
+from gymnasium.error import Error
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+
+import npend_gym  # noqa: F401 - registers the environments
+
+DECLARED = (ValueError, TypeError, RuntimeError, Error)
+CALLS = 20_000
+
+DTYPES = st.sampled_from(["f2", "f4", "f8", "i1", "i8", "u1", "?", "c16", "U3", "O"])
+ODD = st.sampled_from([None, "x", b"", {}, np.nan, 10**400, [[1], 2], np.zeros((3, 3)), 1j])
+
+
+class LifeCycle(RuleBasedStateMachine):
+    """Make, reset, step, render and close environments in any order, with anything for arguments.
+
+    `calls` counts them, over all runs.
+    """
+
+    calls = 0
+
+    def __init__(self):
+        super().__init__()
+        self.env = self.options = None
+        self.ready = False
+
+    def call(self, function, *arguments, **keywords):
+        """Return what the call gives; None where it is refused as declared."""
+        LifeCycle.calls += 1
+        try:
+            return function(*arguments, **keywords)
+        except DECLARED:
+            return None
+
+    @rule(
+        n=st.integers(1, 4),
+        lanes=st.sampled_from([None, 1, 3, 17]),
+        mode=st.sampled_from(["passive", "swingup", "balance", "calm"]),
+        observation=st.sampled_from(["angles", "sincos"]),
+        autoreset=st.sampled_from(list(gym.vector.AutoresetMode)),
+        steps=st.integers(1, 30),
+        picture=st.sampled_from([None, None, None, "rgb_array"]),
+    )
+    def make(self, n, lanes, mode, observation, autoreset, steps, picture):
+        keywords = {"n": n, "mode": mode, "observation": observation, "render_mode": picture}
+        if lanes is None:
+            self.env = gym.make(
+                "NPendulum-v0", max_episode_steps=steps, disable_env_checker=True, **keywords
+            )
+        else:
+            self.env = gym.make_vec(
+                "NPendulum-v0", num_envs=lanes, max_episode_steps=steps, autoreset_mode=autoreset,
+                **keywords,
+            )  # fmt: skip
+        LifeCycle.calls += 1
+        self.ready = False
+
+    def look(self, seen):
+        assert self.env.observation_space.contains(seen[0])
+        for value in seen[-1].values():
+            if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+                assert np.isfinite(value).all()
+
+    @precondition(lambda self: self.env is not None)
+    @rule(
+        seed=st.one_of(st.none(), st.integers(0, 2**70), ODD),
+        options=st.one_of(
+            st.none(),
+            st.dictionaries(
+                st.sampled_from(["theta", "omega", "gravity", "masses", "damping", "no such"]),
+                st.one_of(st.floats(), st.floats(0.1, 10.0), ODD),
+                max_size=2,
+            ),
+        ),
+    )
+    def reset(self, seed, options):
+        seen = self.call(self.env.reset, seed=seed, options=options)
+        if seen is not None:
+            self.ready = True
+            self.look(seen)
+
+    @precondition(lambda self: self.ready)
+    @rule(count=st.integers(1, 400), seed=st.integers(0, 2**32 - 1))
+    def step_well(self, count, seed):
+        self.env.action_space.seed(seed)
+        for _ in range(count):
+            seen = self.call(self.env.step, self.env.action_space.sample())
+            if seen is not None:
+                self.look(seen)
+                assert np.isfinite(seen[1]).all()
+
+    @precondition(lambda self: self.env is not None)
+    @rule(dtype=DTYPES, size=st.integers(0, 20), odd=st.one_of(st.none(), ODD))
+    def step_oddly(self, dtype, size, odd):
+        action = np.ones((size, 1) if size > 4 else (size,)).astype(dtype) if odd is None else odd
+        seen = self.call(self.env.step, action)
+        if seen is not None:
+            self.look(seen)
+
+    @precondition(lambda self: self.env is not None)
+    @rule()
+    def render(self):
+        self.call(self.env.render)
+
+    @precondition(lambda self: self.env is not None)
+    @rule()
+    def close(self):
+        self.call(self.env.close)
+
+
+def fuzz(examples, number=0):
+    """Run so many random life cycles, others for each number; return how many calls were made."""
+    LifeCycle.calls = 0
+    run_state_machine_as_test(
+        hypothesis.seed(number)(LifeCycle),
+        settings=settings(max_examples=examples, stateful_step_count=40, deadline=None),
+    )
+    return LifeCycle.calls
+
+
+@pytest.mark.filterwarnings("ignore")  # Gymnasium's own, about what is done to its environments
+def test_calls_in_any_order_are_answered_or_refused_as_declared():
+    assert fuzz(150) > CALLS

@@ -1,0 +1,117 @@
+"""The package keeps to itself: no network, no home, no terminal, nothing written elsewhere."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import npend_gym
+
+WATCHED = """
+import os, sys
+allowed = {allowed!r}
+def watch(event, arguments):
+    if event.startswith(("socket.connect", "socket.getaddrinfo", "socket.bind", "socket.sendto")):
+        os.write(2, f"NETWORK {{event}} {{arguments}}\\n".encode())
+    if event == "open" and isinstance(arguments[0], str):
+        writes = arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+        place = os.path.realpath(arguments[0])
+        if writes and not place.startswith(tuple(allowed)):
+            os.write(2, f"WRITTEN {{place}}\\n".encode())
+sys.addaudithook(watch)
+"""
+
+WORK = """
+import gymnasium as gym, numpy as np
+import npend_gym
+from npend_gym.cli import main
+assert main(["release", "--n", "1,2", "--trials", "1", "--out", "results"]) == 0
+for make in (gym.make, gym.make_vec):
+    env = make("NPendulum-v0", n=2, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    env.render()
+    env.close()
+npend_gym.simulate(npend_gym.Chain.uniform(2), 0.1, 0.0, [0.0, 1.0]).save("path.npz")
+npend_gym.Trajectory.load("path.npz")
+"""
+
+
+def run(code, folder, **environment):
+    """Run code in another process, in `folder`, with little of an environment."""
+    kept = ("PATH", "LD_LIBRARY_PATH", "SYSTEMROOT", "NUMBA_CACHE_DIR")
+    around = {name: os.environ[name] for name in kept if name in os.environ}
+    around["PYTHONPATH"] = str(Path(npend_gym.__file__).parent.parent)
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        stdin=subprocess.DEVNULL,
+        env=around | environment,
+    )
+
+
+def test_no_connection_is_opened_and_nothing_is_written_outside_the_output(tmp_path):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("pygame")
+    kernels = Path(npend_gym.__file__).parent / "physics" / "kernels" / "__pycache__"
+    caches = [str(kernels), os.environ.get("NUMBA_CACHE_DIR", str(kernels)), "/dev"]
+    allowed = [str(tmp_path), *caches]
+    # matplotlib has a cache of fonts and a folder for its settings
+    settings = {"MPLCONFIGDIR": str(tmp_path / "mpl"), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = run(WATCHED.format(allowed=allowed) + WORK, tmp_path, **settings)
+    assert done.returncode == 0, done.stderr
+    assert "NETWORK" not in done.stderr
+    assert "WRITTEN" not in done.stderr
+    assert {part.name for part in tmp_path.iterdir()} <= {"results", "path.npz", "mpl"}
+
+
+def test_the_watch_itself_sees_a_connection_and_a_file(tmp_path):
+    code = WATCHED.format(allowed=[]) + (
+        "import socket\n"
+        "open('x', 'w').close()\n"
+        "try: socket.create_connection(('127.0.0.1', 9), 0.1)\n"
+        "except OSError: pass\n"
+    )
+    done = run(code, tmp_path)
+    assert "NETWORK socket.connect" in done.stderr
+    assert "WRITTEN" in done.stderr
+
+
+READ_ONLY = """
+set -e
+mount -t tmpfs none "$1"
+cp -r "$2" "$1"
+find "$1" -name __pycache__ -exec rm -r {} +
+mount -o remount,ro "$1"
+cd /
+exec "$3" -c "$4"
+"""
+
+
+def test_a_read_only_installation_works_without_a_home(tmp_path, mounting):
+    site, cache = tmp_path / "site", tmp_path / "cache"
+    site.mkdir()
+    code = (
+        "import os, npend_gym\n"
+        f"assert npend_gym.__file__.startswith({str(site)!r})\n"
+        "assert not os.access(npend_gym.__path__[0], os.W_OK)\n"
+        "from npend_gym.physics.kernels.sincos import sincos\n"
+        "print(sincos(0.0))\n"
+    )
+    package = Path(npend_gym.__file__).parent
+    around = {"PATH": os.environ["PATH"], "PYTHONPATH": str(site), "XDG_CACHE_HOME": str(cache)}
+    done = subprocess.run(
+        [*mounting, "sh", "-c", READ_ONLY, "sh", site, package, sys.executable, code],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=around,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "(0.0, 1.0)"
+    assert list(cache.rglob("*.nbi"))

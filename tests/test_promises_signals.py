@@ -1,0 +1,138 @@
+"""Ctrl-C is heard within two seconds, whatever is being computed; no process is left behind."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import gymnasium as gym
+import numpy as np
+import psutil
+import pytest
+
+from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym.cli import main
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
+PATIENCE = 2.0  # s
+
+
+class Interrupt:
+    """Send this process a SIGINT after a while, and note when."""
+
+    def __init__(self, after=0.7):
+        self.sent = None
+        self._timer = threading.Timer(after, self._send)
+
+    def _send(self):
+        self.sent = time.perf_counter()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def __enter__(self):
+        self._timer.start()
+        return self
+
+    def __exit__(self, *_):
+        self._timer.cancel()
+        assert self.sent is not None, "the work was over before the signal came"
+        assert time.perf_counter() - self.sent < PATIENCE
+
+
+ENDLESS = {
+    "rk4 in one interval": lambda: simulate(
+        Chain.uniform(5), 0.1, 0.0, [0.0, 1e4], method="rk4", dt=1e-6
+    ),
+    "dop853": lambda: simulate(Chain.uniform(50), 1.5, 0.0, [0.0, 1e6]),
+    "pseudo-periods": lambda: pseudo_periods(Chain.uniform(2000), 0.7),
+    "many pseudo-periods in threads": lambda: pseudo_periods(
+        Chain.uniform(300), np.full((64, 300), 0.7), threads=2
+    ),
+}
+
+
+@pytest.mark.parametrize("work", ENDLESS.values(), ids=ENDLESS)
+def test_endless_computations_hear_ctrl_c(work):
+    simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 0.1])  # compiled
+    simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 0.1], method="rk4", dt=0.1)
+    with Interrupt(), pytest.raises(KeyboardInterrupt):
+        work()
+
+
+@pytest.mark.parametrize(("lanes", "threads"), [(None, 1), (40, 1), (40, 2)])
+def test_a_step_that_takes_for_ever_hears_ctrl_c_and_wants_a_reset(lanes, threads):
+    options = {"n": 300, "dt": 1e-3, "substeps": 100_000}
+    if lanes is None:
+        env, action = gym.make("NPendulum-v0", **options).unwrapped, np.zeros(1)
+    else:
+        env = gym.make_vec("NPendulum-v0", num_envs=lanes, threads=threads, **options)
+        action = np.zeros((lanes, 1))
+    env.reset(seed=0)
+    gym.make("NPendulum-v0", n=1, substeps=1).reset()
+    with Interrupt(), pytest.raises(KeyboardInterrupt):
+        env.step(action)
+    with pytest.raises(RuntimeError, match=r"call reset\(\)"):
+        env.step(action)
+    env.reset(seed=0)
+    began = time.perf_counter()
+    env.close()
+    assert time.perf_counter() - began < PATIENCE
+
+
+@pytest.mark.parametrize(
+    "line", ["paper --only chaos", "release --n 3000", "bench --only dynamics"]
+)
+def test_commands_hear_ctrl_c_and_leave_with_130(line, capsys):
+    main(["release", "--n", "1", "--trials", "1"])  # imported, compiled
+    with Interrupt(1.5):
+        assert main(line.split()) == 130
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_sigterm_ends_the_process_and_leaves_no_orphan():
+    code = (
+        "import gymnasium as gym, numpy as np, npend_gym, sys\n"
+        "from gymnasium.vector import AsyncVectorEnv\n"
+        "env = AsyncVectorEnv([lambda: gym.make('npend_gym:NPendulum-v0')] * 2)\n"
+        "env.reset(); print('ready', flush=True)\n"
+        "while True: env.step(env.action_space.sample())\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    children = psutil.Process(process.pid).children(recursive=True)
+    assert len(children) >= 2
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=10) == -signal.SIGTERM
+    _, alive = psutil.wait_procs(children, timeout=10)
+    process.stdout.close()
+    for child in alive:
+        child.kill()
+    assert not alive
+
+
+@pytest.mark.filterwarnings("ignore")  # Gymnasium's own, about the worker that is gone
+def test_a_killed_worker_of_a_vector_env_is_an_error_and_no_hang():
+    env = gym.vector.AsyncVectorEnv([lambda: gym.make("npend_gym:NPendulum-v0")] * 2)
+    env.reset(seed=0)
+    os.kill(env.processes[1].pid, signal.SIGKILL)
+    began = time.perf_counter()
+    with pytest.raises((OSError, EOFError)):
+        env.step(np.zeros((2, 1), np.float32))
+    assert time.perf_counter() - began < 10.0
+    with contextlib.suppress(Exception):
+        env.close(terminate=True)
+
+
+def test_a_closed_pipe_is_a_failure_without_a_traceback():
+    process = subprocess.Popen(
+        [sys.executable, "-m", "npend_gym", "paper", "--list"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    process.stdout.close()
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert error == "npend paper: the output was closed before its end\n"
