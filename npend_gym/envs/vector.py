@@ -194,6 +194,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             batch.step(action)
         except BaseException:
             self._done = None  # interrupted half-way
+            batch.active[:] = 1.0
             raise
         self._steps += 1
         if some_wait:  # autoreset of NEXT_STEP
