@@ -127,4 +127,7 @@ def fuzz(examples, number=0):
 
 @pytest.mark.filterwarnings("ignore")  # Gymnasium's own, about what is done to its environments
 def test_calls_in_any_order_are_answered_or_refused_as_declared():
-    assert fuzz(150) > CALLS
+    calls = number = 0
+    while calls < CALLS:
+        calls += fuzz(50, number)
+        number += 1
