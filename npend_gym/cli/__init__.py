@@ -23,7 +23,7 @@ from npend_gym.cli import (
     release,
     verify,
 )
-from npend_gym.cli.common import FAILED, INTERRUPTED, Parser
+from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, tell_first_use
 
 _EXAMPLES = """\
 examples:
@@ -62,6 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         module.add_arguments(commands.add_parser(name, help=module.SUMMARY))
     given = vars(parser.parse_args(argv))
     name = given.pop("command")
+    tell_first_use()
     return _carried_out(modules[name], given, commands.choices[name])
 
 

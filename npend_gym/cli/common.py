@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
@@ -22,6 +23,16 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Leave with exit code 2."""
         self.exit(BAD_ARGUMENTS, f"{self.prog}: error: {message}\n")
+
+
+def tell_first_use() -> None:
+    """Say on a terminal, where nothing has been compiled yet, why the first run takes longer."""
+    from npend_gym.physics.kernels import jit
+
+    chosen = os.environ.get("NUMBA_CACHE_DIR", "")
+    folder = jit.cache_folder(Path(jit.__file__).parent, chosen)
+    if sys.stderr.isatty() and not folder.exists():
+        print("compiling for this machine, once: some twenty seconds", file=sys.stderr)
 
 
 def _numbers(text: str) -> float | list[float]:
