@@ -1,6 +1,7 @@
 """Fixtures and strategies that several test files share."""
 
 import shutil
+import signal
 import subprocess
 
 import numpy as np
@@ -9,6 +10,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from npend_gym import Chain
+
+# Begun in the background by a shell, this process and so those of the tests would ignore Ctrl-C
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("fixed", derandomize=True, deadline=None, max_examples=100)
 settings.load_profile("fixed")
