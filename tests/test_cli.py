@@ -34,6 +34,21 @@ def test_release_prints_the_table_and_writes_the_files(tmp_path, capsys):
     assert {p.name for p in out.iterdir()} >= {"periods.csv", "manifest.json"}
 
 
+def test_names_cannot_give_orders_to_the_terminal(tmp_path, capsys):
+    evil = "\x1b]0;owned\x07\x1b[2J\rname\x9b31m"
+    out = tmp_path / evil
+    assert main(["release", "--n", "1", "--trials", "1", "--out", str(out)]) == 0
+    assert main(["page", "--n", "1", "--trials", "1", "--out", str(out / "a.html")]) == 0
+    for bad in (["release", "--out", str(out / "periods.csv")], ["analyse", str(out)]):
+        with pytest.raises(SystemExit):
+            main(bad)
+    said = capsys.readouterr()
+    assert "\\x1b]0;owned" in said.out
+    assert "\\x1b]0;owned" in said.err
+    for text in (said.out, said.err):
+        assert all(c.isprintable() or c == "\n" for c in text)
+
+
 def test_release_takes_every_option(capsys):
     arguments = "release --n 2 --trials 2 --amplitude 0.3 --spread 0.01 --seed 5 --duration 8 "
     arguments += "--reading link --masses 1,2 --lengths 1,0.5 --gravity 9.8 --damping 0.001"

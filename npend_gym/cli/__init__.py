@@ -23,7 +23,7 @@ from npend_gym.cli import (
     release,
     verify,
 )
-from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, tell_first_use
+from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, tell, tell_first_use
 
 _EXAMPLES = """\
 examples:
@@ -76,13 +76,13 @@ def _carried_out(module: Any, given: dict[str, Any], parser: Any) -> int:
     except OSError as error:
         return _without_output(f"{parser.prog}: {error}")
     except KeyboardInterrupt:
-        print(f"{parser.prog}: interrupted", file=sys.stderr)
+        tell(f"{parser.prog}: interrupted")
         return INTERRUPTED
     return code
 
 
 def _without_output(trouble: str) -> int:
-    print(trouble, file=sys.stderr)
+    tell(trouble)
     try:
         sys.stdout.flush()
     except OSError:  # nothing more can be printed: the interpreter need not try at its exit

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import FAILED, OK, can_draw, show_written
+from npend_gym.cli.common import FAILED, OK, can_draw, show_written, tell
 
 SUMMARY = "fit the law of the pseudo-period to a campaign, list outliers, write a report"
 _ABOUT = """\
@@ -40,12 +39,12 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         text = result.found.text()
         print(analysis_text(result))
         if text:
-            print(text, file=sys.stderr)
+            tell(text)
         out = given["out"] or result.out / "analysis"
         show_written(write_analysis(result, out, figures=can_draw()))
     except (ValueError, TypeError) as error:
         parser.error(str(error))
     except ImportError as error:
-        print(f"npend analyse: {error}", file=sys.stderr)
+        tell(f"npend analyse: {error}")
         return FAILED
     return OK

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,9 @@ from npend_gym.cli.common import (
     OK,
     add_release_options,
     prepare_file,
+    printable,
     progress,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -70,13 +71,13 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except (ValueError, TypeError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
-        print("interrupted: nothing was written", file=sys.stderr)
+        tell("interrupted: nothing was written")
         return INTERRUPTED
     except (ImportError, IntegrationError, OSError) as error:
-        print(f"npend animate: {error}", file=sys.stderr)
+        tell(f"npend animate: {error}")
         return FAILED
     seconds, size = len(whole) / whole.fps, out.stat().st_size
-    print(f"{out}: {len(whole)} pictures, {seconds:.1f} s, {size / 1e6:.2f} MB")
+    print(printable(str(out)) + f": {len(whole)} pictures, {seconds:.1f} s, {size / 1e6:.2f} MB")
     return OK
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from npend_gym.bench import SUITES
-from npend_gym.cli.common import INTERRUPTED, OK, can_draw, show_written
+from npend_gym.cli.common import INTERRUPTED, OK, can_draw, show_written, tell
 
 if TYPE_CHECKING:
     from npend_gym.bench.accuracy import Point
@@ -70,7 +70,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         if out is not None and done:
             written += report.write(suite, done, out, figures=can_draw())
         if code == INTERRUPTED:
-            print("interrupted: the rows above are complete, the rest is missing", file=sys.stderr)
+            tell("interrupted: the rows above are complete, the rest is missing")
             break
     if given["json"]:
         print(outputs.json_text({"only": given["only"]}, **tables))

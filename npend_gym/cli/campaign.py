@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, printable, tell
 
 if TYPE_CHECKING:
     from npend_gym.experiments.campaign import Campaign, Plan
@@ -101,9 +101,9 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except (ValueError, TypeError) as error:
         parser.error(str(error))
     except (BusyError, DiskError, WorkersLostError, ImportError) as error:
-        print(f"npend campaign: {error}", file=sys.stderr)
+        tell(f"npend campaign: {error}")
         if isinstance(error, (DiskError, WorkersLostError)):
-            print("what is done is kept: the same command goes on with it", file=sys.stderr)
+            tell("what is done is kept: the same command goes on with it")
         return FAILED
 
 
@@ -139,11 +139,11 @@ def _carried_out(campaign: Campaign, workers: tuple[str, int | None, str | None]
             for task, record in running:
                 if not record.done:
                     failed += 1
-                    tqdm.write(f"task {task.id} failed: {record.error}", file=sys.stderr)
+                    tqdm.write(printable(f"task {task.id} failed: {record.error}"), file=sys.stderr)
                 bar.set_postfix(failed=failed, refresh=False)
                 bar.update(task.releases)
     except KeyboardInterrupt:
-        print("interrupted: what is done is kept, the same command goes on", file=sys.stderr)
+        tell("interrupted: what is done is kept, the same command goes on")
         code = INTERRUPTED
     finally:
         running.close()  # pyright: ignore[reportAttributeAccessIssue]

@@ -22,7 +22,17 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Leave with exit code 2."""
-        self.exit(BAD_ARGUMENTS, f"{self.prog}: error: {message}\n")
+        self.exit(BAD_ARGUMENTS, f"{self.prog}: error: {printable(message)}\n")
+
+
+def printable(text: str) -> str:
+    """Return `text` with what a terminal would obey spelt out: escapes in a file's name, say."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def tell(text: str) -> None:
+    """Print a line of trouble."""
+    print(printable(text), file=sys.stderr)
 
 
 def tell_first_use() -> None:
@@ -32,7 +42,7 @@ def tell_first_use() -> None:
     chosen = os.environ.get("NUMBA_CACHE_DIR", "")
     folder = jit.cache_folder(Path(jit.__file__).parent, chosen)
     if sys.stderr.isatty() and not folder.exists():
-        print("compiling for this machine, once: some twenty seconds", file=sys.stderr)
+        tell("compiling for this machine, once: some twenty seconds")
 
 
 def _numbers(text: str) -> float | list[float]:
@@ -105,6 +115,6 @@ def can_draw() -> bool:
 
 def show_written(written: Sequence[Path]) -> None:
     """Print which files were written, and why there are no figures."""
-    print("\nwritten:", *(str(path) for path in written), sep="\n  ")
+    print("\nwritten:", *(printable(str(path)) for path in written), sep="\n  ")
     if not can_draw():
-        print('no figures: they need matplotlib, pip install "npend-gym[plot]"', file=sys.stderr)
+        tell('no figures: they need matplotlib, pip install "npend-gym[plot]"')

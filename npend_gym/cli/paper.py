@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, tell
 
 if TYPE_CHECKING:
     from npend_gym.experiments.paper import Finding
@@ -90,5 +89,5 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         if not given["json"]:
             show_written(written)
     if trouble:
-        print(trouble, file=sys.stderr)
+        tell(trouble)
     return code

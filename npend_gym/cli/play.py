@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from typing import Any
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, tell
 
 SUMMARY = "push a chain about in a window, and see its pseudo-periods"
 _ABOUT = """\
@@ -45,13 +44,13 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except (ValueError, TypeError) as error:
         parser.error(str(error))
     except ImportError as error:
-        print(f"npend play: {error}", file=sys.stderr)
+        tell(f"npend play: {error}")
         return FAILED
     try:
         play(game)
     except KeyboardInterrupt:
         return INTERRUPTED
     except RuntimeError as error:  # pygame's own, where there is no display
-        print(f"npend play: no window can be opened: {error}", file=sys.stderr)
+        tell(f"npend play: no window can be opened: {error}")
         return FAILED
     return OK

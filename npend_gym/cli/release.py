@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from npend_gym.cli.common import (
     add_release_options,
     can_draw,
     show_written,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except KeyboardInterrupt:
         interrupted = True
     except (IntegrationError, ValueError) as error:
-        print(f"npend release: {error}", file=sys.stderr)
+        tell(f"npend release: {error}")
         return FAILED
     if runs:
         print(report.summary_json(plan, runs) if as_json else report.summary_text(plan, runs))
@@ -80,6 +80,6 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         if not as_json:
             show_written(written)
     if interrupted:
-        print("interrupted: the runs above are complete, the rest is missing", file=sys.stderr)
+        tell("interrupted: the runs above are complete, the rest is missing")
         return INTERRUPTED
     return OK

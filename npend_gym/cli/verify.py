@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from typing import Any
 
-from npend_gym.cli.common import FAILED, OK
+from npend_gym.cli.common import FAILED, OK, tell
 
 SUMMARY = "check that this machine computes the very same bits"
 _ABOUT = """\
@@ -47,5 +46,5 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     else:
         print(f"\n{len(done) - len(differing)} of {len(done)} the same; {machine()}")
     if differing:
-        print(f"npend verify: these differ: {'; '.join(differing)}", file=sys.stderr)
+        tell(f"npend verify: these differ: {'; '.join(differing)}")
     return FAILED if differing else OK

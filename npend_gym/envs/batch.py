@@ -271,40 +271,33 @@ class Batch:
         """Lanes whose state has left all bounds; they keep their last sound state."""
         return self._rows[kernels.DIVERGED] != 0.0
 
-    def quantities(self) -> Quantities[FloatArray]:
-        """Return what a mode judges by, an entry for every lane."""
-        scalars, per_rod = self._parts()
-        q = scalars  # the first rows are the fields of Quantities, in order
-        return Quantities(q[0], q[1], q[2], q[3], q[4], q[5], per_rod[1], per_rod[2])
+    def every_lane(self) -> tuple[Quantities[FloatArray], dict[str, Any]]:
+        """Return quantities and info of all lanes, arrays (B, ...) made by the last step or start.
 
-    def _parts(self) -> tuple[FloatArray, FloatArray]:
-        """Return what is seen: scalars (SCALARS, B), and periods, theta and omega (3, B, n)."""
+        The info's are handed out: they are not written again once the next step has begun.
+        """
         lanes, n = self._sizes[0][0], self.config.chain.n
         split, count = _SCALARS * lanes, self.count
-        return (
-            self._out[:split].reshape(_SCALARS, lanes)[:, :count],
-            self._out[split:].reshape(3, lanes, n)[:, :count],
-        )
-
-    def info(self) -> dict[str, Any]:
-        """Return the info of every lane: arrays with a leading lane axis, all of them fresh."""
-        scalars, per_rod = self._parts()
-        return {
-            "time": scalars[kernels.SEEN_TIME],
-            "energy": scalars[kernels.SEEN_JOULES],
-            "energy_error": scalars[kernels.SEEN_DRIFT],
-            "bobs_completed": scalars[kernels.SEEN_COMPLETED].astype(np.int64),
-            "pseudo_period": scalars[kernels.SEEN_PERIOD],
-            "pseudo_periods": per_rod[0],
+        rows: list[FloatArray] = list(self._out[:split].reshape(_SCALARS, lanes)[:, :count])
+        periods, theta, omega = self._out[split:].reshape(3, lanes, n)[:, :count]
+        quantities = Quantities(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], theta, omega)
+        info = {
+            "time": rows[kernels.SEEN_TIME],
+            "energy": rows[kernels.SEEN_JOULES],
+            "energy_error": rows[kernels.SEEN_DRIFT],
+            "bobs_completed": rows[kernels.SEEN_COMPLETED].astype(np.int64),
+            "pseudo_period": rows[kernels.SEEN_PERIOD],
+            "pseudo_periods": periods,
             "ideal_period": self._ideal.copy(),
-            "tip_height": scalars[kernels.SEEN_TIP_METRES],
-            "theta": per_rod[1],
-            "omega": per_rod[2],
+            "tip_height": rows[kernels.SEEN_TIP_METRES],
+            "theta": theta,
+            "omega": omega,
             "diverged": self.diverged,
         }
+        return quantities, info
 
     def only_lane(self) -> tuple[Quantities[float], dict[str, Any]]:
-        """Return quantities and info of a batch of one lane, as plain numbers: the quick way."""
+        """Return what `every_lane` does, of a batch of one, as plain numbers: the quick way."""
         out, n = self._out, self._fixed[5]
         row: list[float] = out[:_SCALARS].tolist()
         theta, omega = out[_SCALARS + n : _SCALARS + 2 * n], out[_SCALARS + 2 * n :]

@@ -47,7 +47,7 @@ class Camera:
                 'there is nothing to render to: make the environment with render_mode="rgb_array" '
                 'or "human"'
             )
-        info = batch.info()
+        _, info = batch.every_lane()
         frames = tuple(
             self._painter.paint(self._scene(batch, info, lane)) for lane in range(batch.count)
         )

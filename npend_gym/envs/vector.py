@@ -162,7 +162,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._begin(mask, checked)
         done = np.zeros(self.num_envs, np.bool_) if self._done is None else self._done & ~mask
         self._done = done
-        return self._batch.observation, self._info(mask)
+        return self._batch.observation, self._info(self._batch.every_lane()[1], mask)
 
     def step(self, actions: Any) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, Info]:
         """Advance every lane by `dt`; actions beyond the box are clipped.
@@ -187,7 +187,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             )
         batch = self._batch
         action = clean_action(actions, (self.num_envs, self.config.joints.size))
-        some_wait = bool(waiting.any())
+        some_wait = np.count_nonzero(waiting) > 0
         if some_wait:
             batch.active[waiting] = 0.0
         try:
@@ -200,7 +200,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if some_wait:  # autoreset of NEXT_STEP
             batch.active[waiting] = 1.0
             self._begin(waiting, {}, anew=False)
-        quantities = batch.quantities()
+        quantities, said = batch.every_lane()
         # new arrays, even where a mode returns one number, or one of the quantities as it is
         reward, terminated = np.empty(self.num_envs), np.empty(self.num_envs, np.bool_)
         reward[:] = self.config.mode.reward(quantities)
@@ -214,16 +214,16 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if self.max_episode_steps is not None:
             truncated |= self._steps >= self.max_episode_steps
         done = self._done = terminated | truncated
-        info = self._after_step(done) if done.any() else self._info()
+        info = self._after_step(said, done)
         if self.render_mode is not None:
             self.camera.follow(batch)
         return batch.observation, reward, terminated, truncated, info
 
-    def _after_step(self, done: BoolArray) -> Info:
+    def _after_step(self, said: Info, done: BoolArray) -> Info:
         """Return the info, lanes that are done having been reset where the mode says so."""
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            return self._info()
-        last = self._info(done)
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP or np.count_nonzero(done) == 0:
+            return self._info(said)
+        last = self._info(said, done)
         observation = self._batch.observation
         finals = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(done).tolist():
@@ -234,7 +234,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         }
         self._begin(done, {}, anew=False)
         self._done = np.zeros(self.num_envs, np.bool_)
-        return self._info() | {
+        return self._info(self._batch.every_lane()[1]) | {
             "final_obs": finals,
             "_final_obs": done.copy(),
             "final_info": final_info,
@@ -284,15 +284,15 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         """Begin a new episode in some lanes; what is seen goes to new arrays where `anew`."""
         self._batch.start(lanes, options, anew=anew)
         self._steps[lanes] = 0
-        achieved = self.config.mode.achieved(self._batch.quantities())
+        achieved = self.config.mode.achieved(self._batch.every_lane()[0])
         self._met[lanes] = np.broadcast_to(achieved, lanes.shape)[lanes]
         self.camera.forget(lanes)
 
-    def _info(self, mask: BoolArray | None = None) -> Info:
-        """Return the batch's info with a mask for every key; `mask` says which lanes it is of."""
-        info = self._batch.info() | {"success": self._met > self._hold_steps}
+    def _info(self, said: Info, mask: BoolArray | None = None) -> Info:
+        """Return what the batch has said, with a mask for every key: `mask`, or all lanes."""
+        said["success"] = self._met > self._hold_steps
         there = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
-        info |= dict.fromkeys([f"_{key}" for key in info], there)
-        info["_pseudo_period"] = there & (info["bobs_completed"] > 0)
-        info["_pseudo_periods"] = info["_pseudo_period"].copy()
-        return info
+        measured = there & (said["bobs_completed"] > 0)
+        said |= dict.fromkeys([f"_{key}" for key in said], there)
+        said["_pseudo_period"], said["_pseudo_periods"] = measured, measured.copy()
+        return said
