@@ -433,7 +433,7 @@ def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys):
         ("campaign --out OUT --n 0", "n must be at least 1"),
         ("campaign --out OUT --n two", "--n"),
         ("campaign --out OUT --n 3 --masses 1:2", "masses must be one number or 3"),
-        ("campaign --out OUT --n 2 --backend mpi", "--backend"),
+        ("campaign --out OUT --n 2 --backend mpi", "backend must be one of"),
         ("campaign --out OUT --n 2 --workers 0", "workers must be at least 1"),
         ("campaign --out OUT --n 2 --address auto", "address must be left out"),
         ("campaign --out /dev/null/x --n 2", "out must be a folder"),

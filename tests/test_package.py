@@ -32,6 +32,55 @@ def test_importing_the_package_imports_nothing_heavy():
     assert python(code) == "[]"
 
 
+WITHOUT_EXTRAS = """
+import sys
+from importlib.machinery import PathFinder
+from npend_gym.cli import main
+
+EXTRAS = {
+    "PIL", "filelock", "imageio", "imageio_ffmpeg", "jinja2", "joblib", "matplotlib", "mujoco",
+    "pyarrow", "pygame", "sb3_contrib", "stable_baselines3", "sympy", "torch", "yaml",
+}
+
+class Finder(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        absent = name.partition(".")[0] in EXTRAS
+        return None if absent else super().find_spec(name, path, target)
+
+sys.meta_path[sys.meta_path.index(PathFinder)] = Finder
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "extra"),
+    [
+        ("release --n 1 --trials 1 --out results", "plot"),
+        ("page --n 1 --trials 1 --out page.html", None),
+        ("paper --only one-radian --out paper", "plot"),
+        ("animate --n 1 --out film.gif", "plot"),
+        ("play", "render"),
+        ("paper --only eom", "kane"),
+        ("campaign --n 1 --out campaign", "campaign"),
+        ("analyse campaign", "campaign"),
+    ],
+)
+def test_without_the_extras_each_command_works_or_names_the_one_it_needs(command, extra, tmp_path):
+    arguments = command.split()
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_EXTRAS, *arguments],
+        capture_output=True, text=True, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    wrote = any(tmp_path.iterdir())
+    assert done.returncode == (0 if wrote else 1), done.stderr
+    if extra is None:
+        assert done.stderr == ""
+    else:
+        assert done.stderr.count("\n") == 1
+        assert f'pip install "npend-gym[{extra}]"' in done.stderr
+
+
 def test_every_public_name_is_there():
     for name in npend_gym.__all__:
         assert getattr(npend_gym, name) is not None

@@ -69,8 +69,6 @@ _OPTIONS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend campaign`."""
-    from npend_gym.experiments.campaign.engine import BACKENDS
-
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = _ABOUT, _EXAMPLES
     text = "a TOML, YAML or JSON file with any of the values below, by name; options go before it"
@@ -79,8 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=text)
     for name, kind, placeholder, text in _OPTIONS:
         parser.add_argument(f"--{name}", type=kind, metavar=placeholder, help=text)
-    text = "local processes (loky), local threads, or a cluster (loky)"
-    parser.add_argument("--backend", choices=BACKENDS, default="loky", help=text)
+    text = "loky, local processes; threading, local threads; ray or dask, a cluster (loky)"
+    parser.add_argument("--backend", default="loky", metavar="NAME", help=text)
     text = "of a running Ray or Dask cluster (one is started on this machine)"
     parser.add_argument("--address", help=text)
     text = "workers (one for each core)"
@@ -89,9 +87,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Carry out the campaign, or what is left of it; return the exit code."""
-    from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, WorkersLostError
-    from npend_gym.experiments.campaign.engine import check_workers
-
+    try:
+        from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, WorkersLostError
+        from npend_gym.experiments.campaign.engine import check_workers
+    except ImportError as error:
+        tell(f"npend campaign: {error}")
+        return FAILED
     workers = given["backend"], given["workers"], given["address"]
     try:
         check_workers(*workers)

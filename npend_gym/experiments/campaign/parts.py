@@ -18,13 +18,8 @@ from npend_gym._version import __version__
 from npend_gym.experiments.campaign.plan import Plan, Task
 from npend_gym.experiments.release import Release
 
-try:
-    pa: Any = import_module("pyarrow")  # it has no types
-    pq: Any = import_module("pyarrow.parquet")
-except ImportError as error:
-    raise ImportError(
-        'campaigns need pyarrow: install it with pip install "npend-gym[campaign]"'
-    ) from error
+pa: Any = import_module("pyarrow")  # it has no types
+pq: Any = import_module("pyarrow.parquet")
 
 RELEASES, BOBS = "releases", "bobs"
 TABLES = (RELEASES, BOBS)
