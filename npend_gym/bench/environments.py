@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -123,13 +124,28 @@ def beside_peers(lanes: int | None) -> Iterator[Row]:
 
 
 def two_threads() -> Iterator[Row]:
-    """Yield the row of two threads beside one, by time on the wall."""
+    """Yield the rows of two threads beside one, by time on the wall, and what there is to gain."""
     lanes = 4096
-    options: dict[str, Any] = {"max_episode_steps": None, "mode": "calm", "dt": 0.002}
-    jobs = {f"{k} threads": ours(lanes, k, **options) for k in (1, 2)}
-    best = rates({name: job._replace(wall=True) for name, job in jobs.items()})
-    name = f"gym.make_vec, {lanes} lanes, N = 2, two threads"
-    yield Row(name, "itself on one thread", best["2 threads"], best["1 threads"])
+    for n in (2, 20):
+        options: dict[str, Any] = {"max_episode_steps": None, "n": n}
+        alone = ours(lanes, **options)
+        jobs = {"one": alone, "two": ours(lanes, 2, **options)}
+        jobs["apart"] = side_by_side(alone, ours(lanes, **options))
+        best = rates({name: job._replace(wall=True) for name, job in jobs.items()})
+        name, peer = f"gym.make_vec, {lanes} lanes, N = {n}, two threads", "itself on one thread"
+        note = f"two of one thread each, side by side: {best['apart'] / best['one']:.2f} x"
+        yield Row(name, peer, best["two"], best["one"], note)
+
+
+def side_by_side(first: Job, second: Job) -> Job:
+    """Return the job of doing both at the same time, each in a thread of its own."""
+    pool = ThreadPoolExecutor(2)
+
+    def take(calls: int) -> None:
+        for done in [pool.submit(job.take, calls) for job in (first, second)]:
+            done.result()
+
+    return Job(take, first.units + second.units)
 
 
 def along_n() -> Iterator[Row]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ BoolArray = NDArray[np.bool_]
 CHAIN_OPTIONS = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
 START_OPTIONS = ("theta", "omega", "amplitude")
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
+_PIECES = 4  # of a thread's share in a step: fewer, and all wait longer for the last one
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": kernels.MAX_SPEED}
 _SCALARS = kernels.SEEN_ROWS
 _BEGUN = [
@@ -71,7 +71,8 @@ class Batch:
         self._pool: ThreadPoolExecutor | None = None
         self._halted = False
         piece = max(1, _RODS_PER_CALL // (n * self._width))  # substeps of a group
-        self._per_call = max(1, piece // config.substeps), min(piece, config.substeps)
+        share = self._groups if threads == 1 else -(-self._groups // (_PIECES * threads))
+        self._per_call = max(1, min(piece // config.substeps, share)), min(piece, config.substeps)
         self._look_anew()
 
     def _name_parts(self) -> None:
@@ -223,41 +224,42 @@ class Batch:
         elif action is not None:
             self._actions[:] = action
         self._look_anew()
-        if self.threads == 1:
-            self._advance_share(0, self._groups, self._scratch[0])
+        pieces = iter(range(0, self._groups, self._per_call[0]))
+        if self.threads == 1 or self._groups == 1:
+            self._advance_pieces(pieces, self._scratch[0])
             return
         if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, "npend_gym")
-        workers = min(self.threads, self._groups)
-        edges = [self._groups * k // workers for k in range(workers + 1)]
+            self._pool = ThreadPoolExecutor(self.threads - 1, "npend_gym")
         self._halted = False
-        jobs = [
-            self._pool.submit(self._advance_share, *share, scratch)
-            for share, scratch in zip(pairwise(edges), self._scratch, strict=False)
+        helpers = [
+            self._pool.submit(self._advance_pieces, pieces, scratch)
+            for scratch in self._scratch[1 : self._groups]
         ]
         try:
-            for job in jobs:
-                job.result()
-        finally:
-            self._halted = True  # where this was interrupted, the others need not go on
+            self._advance_pieces(pieces, self._scratch[0])
+            for helper in helpers:
+                if not helper.cancel():  # it is at work; what is not awake yet comes too late
+                    helper.result()
+        except BaseException:
+            self._halted = True  # the others need not go on
+            wait(helpers)
+            raise
 
-    def _advance_share(self, first: int, last: int, scratch: FloatArray) -> None:
-        """Advance some groups in calls so short that Ctrl-C is heard between them."""
-        substeps = self.config.substeps
-        groups, piece = self._per_call
-        if piece == substeps and last - first <= groups:
-            self._advance(
-                self._floats, *self._fixed, first, last, 0, substeps, self._seen, self._out, scratch
-            )
-            return
-        for group in range(first, last, groups):
+    def _advance_pieces(self, pieces: Iterator[int], scratch: FloatArray) -> None:
+        """Advance the groups from each of `pieces` on, as long as there are any.
+
+        Threads share the iterator. Calls are so short that Ctrl-C is heard between them.
+        """
+        groups, piece, substeps = *self._per_call, self.config.substeps
+        for first in pieces:
+            last = min(first + groups, self._groups)
             for begin in range(0, substeps, piece):
-                if self.threads > 1 and self._halted:
-                    return
                 self._advance(
-                    self._floats, *self._fixed, group, min(group + groups, last), begin,
-                    min(begin + piece, substeps), self._seen, self._out, scratch,
+                    self._floats, *self._fixed, first, last, begin, min(begin + piece, substeps),
+                    self._seen, self._out, scratch,
                 )  # fmt: skip
+                if self._halted:
+                    return
 
     # -- looking ----------------------------------------------------------------------------
 
