@@ -471,3 +471,42 @@ def test_rendering_without_a_render_mode_says_what_to_do():
     env.reset(seed=0)
     with pytest.raises(RuntimeError, match='render_mode="rgb_array"'):
         env.render()
+
+
+@pytest.mark.parametrize(("n", "bound"), [(1, 3e-5), (2, 1e-4), (5, 1e-4), (10, 3e-4)])
+def test_the_energy_of_chains_that_chance_whirls_is_kept(n, bound):
+    envs = gym.make_vec("NPendulum-v0", num_envs=32, n=n, mode="swingup")
+    envs.reset(seed=0)
+    draw = np.random.default_rng(0)
+    fastest = 0.0
+    for _ in range(1000):
+        info = envs.step(draw.uniform(-1.0, 1.0, (32, 1)))[-1]
+        fastest = max(fastest, np.abs(info["omega"]).max())
+    assert np.abs(info["energy_error"]).max() < bound
+    assert fastest > {1: 5.0, 2: 15.0, 5: 60.0, 10: 150.0}[n]
+
+
+def test_a_given_number_of_substeps_is_kept_to_however_fast_the_chain():
+    chain = Chain.uniform(2)
+    start = np.array([1.0, -0.5]), np.array([40.0, -30.0])
+    exact = simulate(chain, *start, [0.0, 0.05], method="rk4", dt=0.01)
+    coarse = bare(n=2, mode="calm", substeps=5, max_torque=0.0)
+    fine = bare(n=2, mode="calm", max_torque=0.0)
+    ends = []
+    for env in (coarse, fine):
+        env.reset(options={"theta": start[0], "omega": start[1]})
+        ends.append(env.step(np.zeros(1, np.float32))[-1]["theta"])
+    np.testing.assert_allclose(ends[0], exact.theta[-1], rtol=0, atol=1e-12)
+    truth = simulate(chain, *start, [0.0, 0.05], rtol=1e-12, atol=1e-13).theta[-1]
+    assert np.abs(ends[1] - truth).max() < 1e-2 * np.abs(ends[0] - truth).max()
+
+
+def test_pseudo_periods_of_a_fast_release_are_those_of_the_adaptive_method():
+    theta, omega = np.array([1.2, 1.0, 0.8]), np.array([-14.0, -9.0, 6.0])
+    env = bare(n=3, mode="passive")
+    env.reset(options={"theta": theta, "omega": omega})
+    for _ in range(1000):
+        info = env.step(0)[-1]
+    expected = pseudo_periods(Chain.uniform(3), theta, omega=omega)
+    assert np.isfinite(expected).all()
+    np.testing.assert_allclose(info["pseudo_periods"], expected, rtol=0, atol=1e-6)

@@ -51,6 +51,30 @@ def lane(value, k):
     return value[k]
 
 
+@pytest.mark.parametrize("mode", ["passive", "calm"])
+def test_lanes_that_whirl_change_no_bit_of_others_and_are_the_single_env_too(mode):
+    count, n = 20, 3
+    omega = np.zeros((count, n))
+    omega[3], omega[7], omega[18] = 60.0, -25.0, 9.0  # cut into 8, 4 and 2 parts at the start
+    theta = np.linspace(-1.5, 1.5, count * n).reshape(count, n)
+    envs = make_vec(count, n=n, mode=mode, damping=0.003, drag=0.01)
+    seen = [envs.reset(seed=0, options={"theta": theta, "omega": omega})]
+    rng = np.random.default_rng(1)
+    actions = rng.uniform(-1.0, 1.0, (60, count, 1))
+    if mode == "passive":
+        actions = np.zeros((60, count), int)
+    seen += [envs.step(action) for action in actions]
+    for k in (0, 3, 4, 7, 16, 18, 19):
+        alone = gym.make("NPendulum-v0", n=n, mode=mode, damping=0.003, drag=0.01)
+        start = alone.reset(seed=k, options={"theta": theta[k], "omega": omega[k]})
+        assert_same(lane(seen[0][0], k), start[0])
+        for (observation, reward, _, _, info), action in zip(seen[1:], actions, strict=True):
+            mine = alone.step(action[k])
+            assert_same(observation[k], mine[0])
+            assert_same(reward[k], mine[1])
+            assert_same(lane(info, k), mine[4])
+
+
 @pytest.mark.parametrize("mode", ALL_MODES)
 @pytest.mark.parametrize("autoreset", list(AutoresetMode)[:2])
 def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(mode, autoreset):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
@@ -19,7 +20,7 @@ from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels import lanes as kernels
 from npend_gym.physics.kernels.dynamics import pack_rods
 from npend_gym.physics.kernels.sincos import MAX_ANGLE
-from npend_gym.physics.kernels.stepping import advance_many, advance_one
+from npend_gym.physics.kernels.stepping import MAX_PARTS, advance_many, advance_one
 
 BoolArray = NDArray[np.bool_]
 
@@ -61,7 +62,8 @@ class Batch:
             else (advance_many, kernels.describe_many)
         )
         self._fixed = (
-            config.joints, config.max_torque, config.dt, config.substeps, self._groups, n,
+            config.joints, config.max_torque, config.dt, config.substeps, 1.0 / config.turn,
+            self._groups, n,
         )  # fmt: skip
         self._ideal = np.empty(count)  # s
         self._chains: dict[int, Chain] = {}  # of lanes that have one of their own
@@ -70,7 +72,8 @@ class Batch:
         self._scratch = [kernels.new_scratch(n, self._width) for _ in range(threads)]
         self._pool: ThreadPoolExecutor | None = None
         self._halted = False
-        piece = max(1, _RODS_PER_CALL // (n * self._width))  # substeps of a group
+        most = n * self._width * (1 if math.isinf(config.turn) else int(MAX_PARTS))
+        piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
         share = self._groups if threads == 1 else -(-self._groups // (_PIECES * threads))
         self._per_call = max(1, min(piece // config.substeps, share)), min(piece, config.substeps)
         self._look_anew()
@@ -300,7 +303,7 @@ class Batch:
 
     def only_lane(self) -> tuple[Quantities[float], dict[str, Any]]:
         """Return what `every_lane` does, of a batch of one, as plain numbers: the quick way."""
-        out, n = self._out, self._fixed[5]
+        out, n = self._out, self._fixed[-1]
         row: list[float] = out[:_SCALARS].tolist()
         theta, omega = out[_SCALARS + n : _SCALARS + 2 * n], out[_SCALARS + 2 * n :]
         quantities = Quantities(row[0], row[1], row[2], row[3], row[4], row[5], theta, omega)

@@ -120,9 +120,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     dt : float, optional
         Time of a step [s].
     substeps : int, optional
-        Runge-Kutta steps a step; by default so many that the fastest normal mode turns by at most
-        1/16 rad in each. A chain whirled round much faster than it swings wants more: watch
-        ``info["energy_error"]``.
+        Runge-Kutta steps a step, that many always; by default so many that in each the fastest
+        normal mode turns by at most 1/16 rad, and more where a rod would turn by more than 1/20
+        rad. ``info["energy_error"]`` tells how well the energy is kept.
     observation : {"angles", "sincos"}
     amplitude, spread : float
         Of the release [rad].

@@ -44,15 +44,15 @@ GOLDEN: dict[str, str] = {
     "environment, passive":
         "603f7847c378f72a9fb528df5fdd20a3083f62a81031975cb4fcbd7f7464ea61",
     "environment, swingup":
-        "0652e6d6bbcaa8c0dbdf61e263dd69741cbeae28ff968dd4907e8965b7ebfebc",
+        "a180836850c9f6a5a31eae2ffbf4cf8441a32bd4e5ec833a3d87b82177150e41",
     "environment, balance":
-        "065f82f6c6b8a975840103d505c02680f5b241b151614e19ee57dcd2dbe65f9c",
+        "c96690f76702a397bf835f9394637b02e7497b0d6747831c28ba6c278389de18",
     "environment, calm":
-        "28f8d1787bc247d55b7e5d967d1793a554e57e8ddcdbaf376c86a0f8f2ac0162",
+        "0912e6d85ad36dc6164a4e5e205fc522a3f8b52f396af63a3a4b14f0725566dc",
     "vector environment, passive":
         "abef9d90dd079307838376da6fb5bdb89cc2d6ede7d8dad9548ffb9918189952",
     "vector environment, swingup":
-        "76b70bff733f1eb1e64626e0d7387765c982c60963f4e02be80812265efdbcfe",
+        "0038ab5cea8dc53fa81f8b023e6b9b30bbca55819857afdace998afb2620f38b",
     "vector environment, balance":
         "def3db74709a5d5d7c69c905838d99f48665e3469b0817873d99c823e15c0aa8",
     "vector environment, calm":

@@ -10,6 +10,7 @@ Glück, Eder, Kugi, Automatica 49 (2013), 801-808.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -249,7 +250,8 @@ class _Stepper:
         self.envs = NPendulumVectorEnv(
             count, n=chain.n, mode=_Placed(), masses=chain.masses, lengths=chain.lengths,
             gravity=chain.gravity, damping=chain.damping, actuated=config.joints.tolist(),
-            max_torque=config.max_torque, dt=config.dt, substeps=config.substeps,
+            max_torque=config.max_torque, dt=config.dt,
+            substeps=None if math.isfinite(config.turn) else config.substeps,
         )  # fmt: skip
         self.envs.reset(seed=0)
 

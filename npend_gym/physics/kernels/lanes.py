@@ -49,8 +49,8 @@ SEEN_DIVERGED, SEEN_ROWS = 12, 13
 # Rows of the scratch of one group
 SIN, COS, TORQUE, THETA_0, OMEGA_0, THETA_1, OMEGA_1, VELOCITY_1 = range(8)  # 0: at the step's,
 SLOPE_1, SLOPE_2, ALPHA, MARKED, WRAPPED = range(8, 13)  # 1: at the substep's start, 2: at its end
-LOST = 13  # J that damping and drag have taken in the step so far
-STAGES, WORK, ROWS = 14, 14 + STAGE_ROWS, 14 + STAGE_ROWS + WORK_ROWS
+LOST, SINCE, H = 13, 14, 15  # J that damping and drag have taken in the step; s, of the substep
+STAGES, WORK, ROWS = 16, 16 + STAGE_ROWS, 16 + STAGE_ROWS + WORK_ROWS
 
 _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
 _PI_32 = np.float32(np.pi)

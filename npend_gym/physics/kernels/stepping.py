@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, pack
 from npend_gym.physics.kernels.reversals import bob_accelerations, follow
 from npend_gym.physics.kernels.rk4 import rk4_step
 from npend_gym.physics.kernels.sincos import MAX_ANGLE
+
+MAX_PARTS = 32.0  # of a substep
+_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
 
 
 @inlined_kernel
@@ -107,10 +111,10 @@ def _mark_turned(group: Group, threshold: FloatArray, scratch: FloatArray) -> bo
 
 @inner_kernel
 def _follow_marked(
-    floats: FloatArray, part: FloatArray, lanes: int, first: int, width: int, n: int, since: float,
-    h: float, scratch: FloatArray,
+    floats: FloatArray, part: FloatArray, lanes: int, first: int, width: int, n: int,
+    scratch: FloatArray,
 ) -> bool:  # fmt: skip
-    """Follow the marked bobs through a substep that began `since` the step did.
+    """Follow the marked bobs through a substep.
 
     Return whether any bob of the group is yet to complete its pseudo-period.
     """
@@ -123,11 +127,12 @@ def _follow_marked(
         if floats[row.ACTIVE * lanes + lane] == 0.0:
             continue
         complete = 0
-        t, threshold = floats[row.TIME * lanes + lane] + since, floats[row.THRESHOLD * lanes + lane]
+        t, h = floats[row.TIME * lanes + lane] + scratch[row.SINCE][k], scratch[row.H][k]
+        threshold = floats[row.THRESHOLD * lanes + lane]
         for i in range(n):
             r = i * width + k
             side, g = turns.orientation[r], velocity[r]
-            if marked[r] == 1.0 and math.isfinite(g):
+            if marked[r] == 1.0 and h > 0.0 and math.isfinite(g):
                 follow(
                     turns, r, t, h, side * velocity_1[r], side * slope_1[r], side * g,
                     side * slope_2[r], threshold,
@@ -139,12 +144,29 @@ def _follow_marked(
     return pending
 
 
+@inlined_kernel
+def _parts(omega: FloatArray, h: float, per_turn: float) -> Any:
+    """Return into how many parts a substep is cut, so that no rod turns by more than 1/per_turn."""
+    fastest = abs(omega[0])
+    for i in range(1, omega.size):
+        speed = abs(omega[i])
+        fastest = where(speed > fastest, speed, fastest)
+    wanted = fastest * (h * per_turn)
+    wanted = where(wanted > 1.0, wanted, 1.0)
+    wanted = where(wanted < MAX_PARTS, wanted, MAX_PARTS)
+    whole = (wanted + _ROUND) - _ROUND
+    return where(whole < wanted, whole + 1.0, whole)
+
+
 @spliced_kernel
 def _substeps(
-    view: NumbersOf, width: int, floats: FloatArray, groups: int, g: int, group: Group, h: float,
-    begin: int, end: int, substeps: int, careful: bool, scratch: FloatArray,
+    view: NumbersOf, width: int, floats: FloatArray, groups: int, g: int, group: Group, dt: float,
+    per_turn: float, begin: int, end: int, substeps: int, careful: bool, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    """Advance a group by some of its `substeps` of `h` seconds; note what is lost [J]."""
+    """Advance a group by some of its `substeps`; note what is lost [J].
+
+    Lanes whose rods turn fast take a substep in several parts, while the others wait.
+    """
     theta, omega, length = group.theta, group.omega, group.rods.length
     n, lanes = theta.size, groups * width
     numbers, rest = view(floats), view(scratch)
@@ -154,36 +176,48 @@ def _substeps(
     pending = any_of(waiting)
     damped = any_positive(group.rods.damping)
     lost = rest[row.LOST][0]
+    whole = dt / substeps
     for substep in range(begin, end):
-        if pending:
-            copy(group.velocity, rest[row.VELOCITY_1])
-            copy(theta, theta_1)
-            copy(omega, omega_1)
-        if damped:
-            lost = lost + (h / 6.0) * _damping_power(omega, group.rods.damping)
-        lost = lost + rk4_step(theta, omega, h, torque, group.rods, work, stages)
-        if damped:
-            for stage in range(4, 7):
-                weight = h / 6.0 if stage == 6 else h / 3.0
-                lost = lost + weight * _damping_power(stages[stage][:n], group.rods.damping)
-        if pending or substep == substeps - 1:
-            bob_velocities(theta, omega, length, rest[row.SIN], rest[row.COS], group.velocity)
-        if pending:
-            threshold = numbers[row.THRESHOLD * groups + g]
-            # slopes take an evaluation of the dynamics
-            found = careful or _count_signs(group, threshold, rest)
-            if found:
-                alpha = rest[row.ALPHA][:n]
-                accelerations(theta, omega, torque, group.rods, work, alpha)
-                bob_accelerations(theta_1, omega_1, stages[0], length, rest[row.SLOPE_1])
-                bob_accelerations(theta, omega, alpha, length, rest[row.SLOPE_2])
-            if careful:
-                found = _mark_turned(group, threshold, rest)
-            if found:
-                part, first = floats_of(floats, width, groups, g, n), g * width
-                pending = _follow_marked(
-                    floats, part, lanes, first, width, n, substep * h, h, scratch
-                )
+        parts = _parts(omega, whole, per_turn)
+        some_wait, part, more = any_of(parts > 1.0), 0, True
+        while more:
+            h = where(parts > part, whole / parts, 0.0)
+            rest[row.H][0] = h
+            rest[row.SINCE][0] = substep * whole + part * h
+            part += 1
+            more = any_of(parts > part)
+            if pending:
+                copy(group.velocity, rest[row.VELOCITY_1])
+            if pending or some_wait:
+                copy(theta, theta_1)
+                copy(omega, omega_1)
+            if damped:
+                lost = lost + (h / 6.0) * _damping_power(omega, group.rods.damping)
+            lost = lost + rk4_step(theta, omega, h, torque, group.rods, work, stages)
+            if damped:
+                for stage in range(4, 7):
+                    weight = h / 6.0 if stage == 6 else h / 3.0
+                    lost = lost + weight * _damping_power(stages[stage][:n], group.rods.damping)
+            if some_wait:
+                for i in range(n):
+                    theta[i] = where(h > 0.0, theta[i], theta_1[i])
+                    omega[i] = where(h > 0.0, omega[i], omega_1[i])
+            if pending or (substep == substeps - 1 and not more):
+                bob_velocities(theta, omega, length, rest[row.SIN], rest[row.COS], group.velocity)
+            if pending:
+                threshold = numbers[row.THRESHOLD * groups + g]
+                # slopes take an evaluation of the dynamics
+                found = careful or _count_signs(group, threshold, rest)
+                if found:
+                    alpha = rest[row.ALPHA][:n]
+                    accelerations(theta, omega, torque, group.rods, work, alpha)
+                    bob_accelerations(theta_1, omega_1, stages[0], length, rest[row.SLOPE_1])
+                    bob_accelerations(theta, omega, alpha, length, rest[row.SLOPE_2])
+                if careful:
+                    found = _mark_turned(group, threshold, rest)
+                if found:
+                    of_group, first = floats_of(floats, width, groups, g, n), g * width
+                    pending = _follow_marked(floats, of_group, lanes, first, width, n, scratch)
     rest[row.LOST][0] = lost
 
 
@@ -218,8 +252,9 @@ def _take_over(
 @spliced_kernel
 def _advance(
     view: NumbersOf, width: int, floats: FloatArray, joints: NDArray[np.int64], limit: float,
-    dt: float, substeps: int, groups: int, n: int, first_group: int, last_group: int, begin: int,
-    end: int, observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
+    dt: float, substeps: int, per_turn: float, groups: int, n: int, first_group: int,
+    last_group: int, begin: int, end: int, observation: NDArray[np.float32], out: FloatArray,
+    scratch: FloatArray,
 ) -> None:  # fmt: skip
     lanes = groups * width
     floats, joints, out = bare(floats), bare(joints), bare(out)
@@ -228,7 +263,6 @@ def _advance(
     actions = numbers[numbers.size - groups * actuated :]
     scalars, per_rod = view(out[: row.SEEN_ROWS * lanes]), out[row.SEEN_ROWS * lanes :]
     careful = actuated == 0
-    h = dt / substeps
     for g in range(first_group, last_group):
         group = group_of(numbers, groups, g, n)
         if begin == 0:
@@ -238,7 +272,10 @@ def _advance(
             copy(group.theta, rest[row.THETA_0])
             copy(group.omega, rest[row.OMEGA_0])
             rest[row.LOST][0] = 0.0 * numbers[row.TIME * groups + g]
-        _substeps(view, width, floats, groups, g, group, h, begin, end, substeps, careful, scratch)
+        _substeps(
+            view, width, floats, groups, g, group, dt, per_turn, begin, end, substeps, careful,
+            scratch,
+        )  # fmt: skip
         if end < substeps:
             continue
         _take_over(numbers, groups, g, group, dt, rest)
@@ -251,31 +288,32 @@ def _advance(
 @kernel
 def advance_one(
     floats: FloatArray, joints: NDArray[np.int64], limit: float, dt: float, substeps: int,
-    groups: int, n: int, first_group: int, last_group: int, begin: int, end: int,
+    per_turn: float, groups: int, n: int, first_group: int, last_group: int, begin: int, end: int,
     observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Advance one chain; see `advance_many`."""
     _advance(
-        bare, 1, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
-        begin, end, observation, out, scratch,
+        bare, 1, floats, joints, limit, dt, substeps, per_turn, groups, n, first_group,
+        last_group, begin, end, observation, out, scratch,
     )  # fmt: skip
 
 
 @kernel
 def advance_many(
     floats: FloatArray, joints: NDArray[np.int64], limit: float, dt: float, substeps: int,
-    groups: int, n: int, first_group: int, last_group: int, begin: int, end: int,
+    per_turn: float, groups: int, n: int, first_group: int, last_group: int, begin: int, end: int,
     observation: NDArray[np.float32], out: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Advance the active lanes of some groups by `dt` seconds in equal substeps.
 
-    Those from `begin` to `end` are taken. A step taken in pieces, which must be of one group and
-    with the same scratch, is the same to the last bit.
+    Where a rod would turn by more than 1 / `per_turn` in a substep, its lane takes it in equal
+    parts, MAX_PARTS at most. The substeps from `begin` to `end` are taken. A step taken in
+    pieces, which must be of one group and with the same scratch, is the same to the last bit.
 
     The action, clipped to [-1, 1] and times `limit` [N m], acts at the joints all the while.
     What is seen of every lane is written.
     """
     _advance(
-        packs, WIDTH, floats, joints, limit, dt, substeps, groups, n, first_group, last_group,
-        begin, end, observation, out, scratch,
+        packs, WIDTH, floats, joints, limit, dt, substeps, per_turn, groups, n, first_group,
+        last_group, begin, end, observation, out, scratch,
     )  # fmt: skip
