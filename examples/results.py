@@ -21,6 +21,7 @@ import gymnasium as gym
 import numpy as np
 import train_cleanrl
 import train_es
+import train_imitation
 from evaluate import PLANS
 
 from npend_gym.rl import controllers
@@ -29,7 +30,8 @@ from npend_gym.rl.planning import planned_swing_up
 from npend_gym.rl.policies import PRETRAINED, Policy
 
 DOCS = Path(__file__).parents[1] / "docs"
-TRAINERS = {"PPO": train_cleanrl, "ES": train_es}
+TRAINERS = {"PPO": train_cleanrl, "ES": train_es, "imitation": train_imitation}
+CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "balance", "calm")
 TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
 
@@ -109,7 +111,7 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
             rows.append({"task": task, "agent": agent, "seed": seed} | end | score)
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
                 curves += [
-                    {"task": task, "agent": agent, "seed": seed} | row
+                    {"task": task, "agent": agent, "seed": seed} | {key: row[key] for key in CURVE}
                     for row in csv.DictReader(file)
                 ]
     return rows, curves
@@ -156,7 +158,7 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
             axes.plot(
                 [float(row["steps"]) / 1e6 for row in line],
                 [float(row["success"]) for row in line],
-                "-" if agent == "PPO" else "--",
+                {"PPO": "-", "ES": "--", "imitation": ":"}[agent],
                 color=colors[task],
                 label=f"N = {task.rsplit('-', 1)[1]}, {agent}" if seed == 0 else None,
                 lw=1,

@@ -52,6 +52,18 @@ def test_train_es_improves_on_doing_nothing(tmp_path):
     assert "'steps': 1280000" in out
 
 
+def test_imitation_hands_the_swing_up_of_the_plan_to_a_policy_without_a_clock(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    from train_imitation import settings_of, train
+
+    quick = {"plan": {"tries": 2}, "num_envs": 64, "rounds": 3, "hidden": 64}
+    policy, curve = train(settings_of("swingup-1", **quick))
+    assert len(curve) == 3
+    assert curve[-1]["distance"] < 0.1
+    assert evaluate(policy, policy.provenance["env"], episodes=20).rate > 0.9
+
+
 def test_train_sb3_trains_resumes_and_writes_a_card(tmp_path):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("yaml")

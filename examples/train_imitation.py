@@ -1,0 +1,235 @@
+"""Imitation: a network that swings up three rods, taught by a controller that knows the plan.
+
+Run it with `python examples/train_imitation.py swingup-3`: it writes `swingup-3.npz`, a policy of
+plain numbers for `examples/evaluate.py`, and `swingup-3.csv`, its learning curve. The teacher
+(`npend_gym.rl.planning`) computes a swing-up, knows the clock and follows it by time-varying
+feedback; the pupil sees the chain alone. Ross, Gordon, Bagnell, arXiv:1011.0686 (DAgger): the pupil
+acts, the teacher says what it would have done. Noise on the actions shows more of the
+neighbourhood of the path (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import torch
+from torch import nn
+from tqdm import tqdm
+from train_cleanrl import network
+
+import npend_gym
+from npend_gym.envs.config import Config
+from npend_gym.rl.planning import Follower, planned_swing_up
+from npend_gym.rl.policies import Policy
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a training run is made of; every result is a function of this."""
+
+    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of gym.make_vec
+    seed: int = 0
+    seconds: float = 4.5  # of the plan
+    guesses: int = 24  # from which plans are made
+    demonstrations: int = 4  # episodes of the teacher in every lane
+    rounds: int = 4  # the pupil acts in most lanes
+    num_envs: int = 512
+    teacher_share: float = 0.3  # of the lanes
+    noise: float = 0.1  # largest standard deviation on the teacher's actions
+    standing: int = 120  # steps after the plan: the goal is to be met for 100
+    tube: float = 0.6  # rad, and rad/s; the teacher is not asked about states further off
+    keep: int = 800_000  # states
+    first_epochs: int = 24  # over the demonstrations
+    epochs: int = 6  # of a round
+    minibatch: int = 1024
+    learning_rate: float = 2e-3  # falls to zero in every round, along a cosine
+    hidden: int = 192
+    scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines and speeds [rad/s]
+
+
+TASKS: dict[str, dict[str, Any]] = {"swingup-3": {}, "swingup-4": {"seconds": 7.0}}
+
+
+def settings_of(task: str, **changes: Any) -> Settings:
+    """Return the settings for a task such as "swingup-3"."""
+    mode, n = task.rsplit("-", 1)
+    env = {"n": int(n), "mode": mode, "observation": "sincos"}
+    return Settings(env=env, **(TASKS.get(task, {}) | changes))
+
+
+class Lesson(NamedTuple):
+    """States that were met, and what the teacher would have done there."""
+
+    seen: torch.Tensor  # (states, k)
+    actions: torch.Tensor  # (states, joints), clipped a little outside the box
+
+
+class School:
+    """The environments, the teacher and the pupil."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.envs = gym.make_vec(
+            "NPendulum-v0", num_envs=settings.num_envs, max_episode_steps=None, **settings.env
+        )
+        config = self.envs.unwrapped.config
+        self.teacher = self.steadiest(config)
+        self.scale = torch.tensor(settings.scale).repeat_interleave(config.chain.n)
+        self.pupil = network(3 * config.chain.n, config.joints.size, settings.hidden, last_gain=0.1)
+        self.shuffler = torch.Generator().manual_seed(settings.seed)
+
+    def steadiest(self, config: Config) -> Follower:
+        """Return, of teachers with other plans, the one that noise on the actions throws off least.
+
+        The pupil's mistakes are such noise.
+        """
+        teachers: list[tuple[float, Follower]] = []
+        for guess in range(self.settings.guesses):
+            seed = self.settings.guesses * self.settings.seed + guess
+            with suppress(RuntimeError):  # no plan comes of this guess
+                teacher = planned_swing_up(config, self.settings.seconds, tries=1, seed=seed)
+                teachers.append((self.steadiness(teacher), teacher))
+        return max(teachers, key=lambda pair: pair[0])[1]
+
+    def steadiness(self, teacher: Follower) -> float:
+        """Return in which share of the lanes the chain stands in spite of noise."""
+        rng = np.random.default_rng(self.settings.seed)
+        observation, info = self.envs.reset(seed=100_000 * self.settings.seed)
+        for _ in range(len(teacher.gains) + 20):
+            action = teacher(observation, info)
+            action = action + 2.0 * self.settings.noise * rng.normal(size=action.shape)
+            observation, _, _, _, info = self.envs.step(action.clip(-1.0, 1.0))
+        return float(np.mean(np.cos(info["theta"]).max(axis=1) < -0.9))
+
+    @torch.no_grad()
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Return what the pupil does."""
+        return self.pupil(torch.from_numpy(observation) / self.scale).numpy()
+
+    def play(self, episode: int, teacher_share: float) -> tuple[Lesson, dict[str, float]]:
+        """Play an episode in every lane; return what can be learned, and how the pupil did."""
+        settings, path = self.settings, self.teacher.plan.states
+        rng = np.random.default_rng([settings.seed, episode])
+        # these seeds are for training, those from 10^6 on for evaluation
+        seed = 100_000 * settings.seed + settings.num_envs * episode
+        observation, info = self.envs.reset(seed=seed)
+        lanes, returns = np.arange(settings.num_envs), np.zeros(settings.num_envs)
+        taught = lanes < teacher_share * lanes.size
+        noise = (settings.noise * taught * rng.permutation(lanes) / lanes.size)[:, None]
+        near = np.ones(lanes.size, bool)
+        seen, wanted = [], []
+        for step in range(len(path) + settings.standing):
+            advice = self.teacher(observation, info)
+            theta, omega = np.split(path[min(step, len(path) - 1)], 2)
+            near &= np.abs(info["theta"] - theta).max(axis=1) < settings.tube
+            near &= np.abs(info["omega"] - omega).max(axis=1) < settings.tube
+            seen.append(observation[near])
+            wanted.append(advice[near].clip(-1.5, 1.5))
+            action = np.where(taught[:, None], advice, self.act(observation))
+            action = action + noise * rng.normal(size=action.shape)
+            observation, reward, _, _, info = self.envs.step(action.clip(-1.0, 1.0))
+            returns += reward
+        lesson = Lesson(
+            torch.from_numpy(np.concatenate(seen)),
+            torch.from_numpy(np.concatenate(wanted).astype(np.float32)),
+        )
+        own = {"return": returns[~taught], "success": info["success"][~taught]}
+        return lesson, {name: round(float(v.mean()), 4) for name, v in own.items() if v.size}
+
+    def learn(self, lesson: Lesson, epochs: int) -> float:
+        """Fit the pupil to the lesson; return the mean distance from the teacher's actions."""
+        settings, count = self.settings, len(lesson.seen)
+        optimizer = torch.optim.Adam(self.pupil.parameters(), fused=True)
+        batches = math.ceil(count / settings.minibatch) * epochs
+        done, total = 0, 0.0
+        for _ in range(epochs):
+            for rows in torch.randperm(count, generator=self.shuffler).split(settings.minibatch):
+                rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * done / batches))
+                optimizer.param_groups[0]["lr"] = rate
+                told = self.pupil(lesson.seen[rows] / self.scale)
+                loss = nn.functional.smooth_l1_loss(told, lesson.actions[rows], beta=0.2)
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                done += 1
+                total += float((told.detach() - lesson.actions[rows]).abs().mean())
+        return total / done
+
+
+def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list[dict[str, Any]]]:
+    """Return the trained policy and its learning curve, a row for every round."""
+    torch.set_num_threads(1)  # two are slower for networks this small
+    torch.manual_seed(settings.seed)
+    begun = time.perf_counter()
+    school = School(settings)
+    known = Lesson(*map(torch.cat, zip(*(
+        school.play(k, 1.0)[0] for k in range(settings.demonstrations)
+    ), strict=True)))  # fmt: skip
+    school.learn(known, settings.first_epochs)
+    curve: list[dict[str, Any]] = []
+    for round_ in tqdm(range(settings.rounds), progress, disable=None, unit="round"):
+        episode = settings.demonstrations + round_
+        lesson, score = school.play(episode, settings.teacher_share)
+        known = Lesson(*map(torch.cat, zip(known, lesson, strict=True)))
+        if len(known.seen) > settings.keep:
+            kept = torch.randperm(len(known.seen), generator=school.shuffler)[: settings.keep]
+            known = Lesson(known.seen[kept], known.actions[kept])
+        distance = school.learn(known, settings.epochs)
+        steps = (len(school.teacher.plan.states) + settings.standing) * settings.num_envs
+        end = {"steps": (episode + 1) * steps, "seconds": round(time.perf_counter() - begun, 2)}
+        curve.append(end | score | {"distance": round(distance, 4)})
+    school.envs.close()
+    return as_policy(school, curve[-1]), curve
+
+
+def as_policy(school: School, last: dict[str, Any]) -> Policy:
+    """Return the pupil as plain arrays, with where it comes from."""
+    linear = [layer for layer in school.pupil if isinstance(layer, nn.Linear)]
+    return Policy(
+        scale=school.scale.numpy(),
+        weights=[layer.weight.detach().numpy() for layer in linear],
+        biases=[layer.bias.detach().numpy() for layer in linear],
+        provenance={
+            "trained_by": "examples/train_imitation.py",
+            "npend_gym": npend_gym.__version__,
+            "torch": torch.__version__,
+            "env": school.settings.env,
+            "settings": asdict(school.settings),
+            "training": last,
+        },
+    )
+
+
+def main() -> None:
+    """Train one policy and write it down."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", help='mode and number of rods, as in "swingup-3"')
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rounds", type=int, help="of acting and learning")
+    parser.add_argument("--num-envs", type=int, help="environments side by side")
+    parser.add_argument("--out", type=Path, default=Path())
+    arguments = parser.parse_args()
+    changes = {k: getattr(arguments, k) for k in ("rounds", "num_envs") if getattr(arguments, k)}
+    policy, curve = train(
+        settings_of(arguments.task, seed=arguments.seed, **changes), arguments.task
+    )
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    policy.save(arguments.out / f"{arguments.task}.npz")
+    with (arguments.out / f"{arguments.task}.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(curve[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(curve)
+    print(f"{arguments.out / arguments.task}.npz: {curve[-1]}")
+
+
+if __name__ == "__main__":
+    main()
