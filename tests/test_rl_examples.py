@@ -57,7 +57,7 @@ def test_imitation_hands_the_swing_up_of_the_plan_to_a_policy_without_a_clock(mo
     monkeypatch.syspath_prepend(EXAMPLES)
     from train_imitation import settings_of, train
 
-    quick = {"plan": {"tries": 2}, "num_envs": 64, "rounds": 3, "hidden": 64}
+    quick = {"guesses": 2, "num_envs": 64, "rounds": 3, "hidden": 64}
     policy, curve = train(settings_of("swingup-1", **quick))
     assert len(curve) == 3
     assert curve[-1]["distance"] < 0.1
