@@ -76,8 +76,7 @@ def peers(lanes: int) -> dict[str, Job]:
     cartpole = gym.make_vec("CartPole-v1", num_envs=lanes)  # Gymnasium's own, in NumPy
     jobs = {"Gymnasium CartPole-v1": vector(cartpole, lanes, choices % 2)}
     try:
-        import envpool
-
+        envpool: Any = import_module("envpool")
         acrobot = envpool.make_gymnasium("Acrobot-v1", num_envs=lanes, num_threads=1)
         jobs["envpool Acrobot-v1"] = vector(acrobot, lanes, choices % 3)
     except Exception as error:  # noqa: BLE001  not there, or not for this Gymnasium
