@@ -13,7 +13,6 @@ just then. Memory is the largest sum over driver and workers, and the largest of
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import subprocess
 import sys
@@ -28,6 +27,7 @@ import numpy as np
 from npend_gym import Chain, pseudo_periods
 from npend_gym.experiments.campaign import Plan
 from npend_gym.experiments.campaign.measuring import carry_out, measured
+from npend_gym.report.outputs import write_csv
 
 N, ROUNDS = 5, 3
 HERE = Path(__file__).parent
@@ -181,7 +181,4 @@ if __name__ == "__main__":
     given = parser.parse_args()
     ROUNDS = given.rounds
     done = [row("releases", given.releases, f"N = {N}"), *ratios(given.releases)]
-    with (HERE / "results" / "campaign.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(done[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(done)
+    write_csv(HERE / "results" / "campaign.csv", done)

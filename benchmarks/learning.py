@@ -12,7 +12,6 @@ the policy, "learning" all of it, "share" what the environment's `step` takes of
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +25,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.bench.timing import machine
+from npend_gym.report.outputs import write_csv
 from npend_gym.rl.adapter import SB3VecEnv
 
 COUNT = 64
@@ -125,11 +125,7 @@ def main() -> None:
             }
             rows.append(row | {"machine": machine()})
             print("|", *(f"{cell} |" for cell in row.values()), flush=True)
-    target = Path(__file__).parent / "results" / "learning.csv"
-    with target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_csv(Path(__file__).parent / "results" / "learning.csv", rows)
 
 
 if __name__ == "__main__":

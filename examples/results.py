@@ -12,7 +12,6 @@ import argparse
 import csv
 import re
 import shutil
-from collections.abc import Iterable
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import train_es
 import train_imitation
 from evaluate import PLANS
 
+from npend_gym.report.outputs import write_csv
 from npend_gym.rl import controllers
 from npend_gym.rl.evaluation import Agent, evaluate
 from npend_gym.rl.planning import planned_swing_up
@@ -82,15 +82,6 @@ def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     write_csv(path.with_suffix(".csv"), curve)
     policy.save(path)
     print(f"{path.stem}: {score}", flush=True)
-
-
-def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write rows that all have the keys of the first."""
-    rows = list(rows)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

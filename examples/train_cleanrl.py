@@ -7,7 +7,6 @@ plain numbers for `examples/evaluate.py`, and `swingup-2.csv`, its learning curv
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import time
 from dataclasses import asdict, dataclass, field
@@ -21,6 +20,7 @@ from torch import nn
 from tqdm import tqdm
 
 import npend_gym
+from npend_gym.report.outputs import write_csv
 from npend_gym.rl.policies import Policy
 
 
@@ -161,7 +161,13 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
                 "spread": round(float(actor.log_spread.detach().exp().mean()), 4),
             })  # fmt: skip
     envs.close()
-    return as_policy(actor, settings, curve[-1]), curve
+    about = {
+        "trained_by": "examples/train_cleanrl.py",
+        "env": {k: v for k, v in settings.env.items() if k != "max_episode_steps"},
+        "settings": asdict(settings),
+        "training": curve[-1],
+    }
+    return as_policy(actor.mean, actor.scale, about), curve
 
 
 def learn(
@@ -203,21 +209,14 @@ def advantages(
     return gains, gains + values
 
 
-def as_policy(actor: Actor, settings: Settings, last: dict[str, Any]) -> Policy:
-    """Return the mean action as plain arrays, with where it comes from."""
-    linear = [layer for layer in actor.mean if isinstance(layer, nn.Linear)]
+def as_policy(mean: nn.Sequential, scale: torch.Tensor, about: dict[str, Any]) -> Policy:
+    """Return a network for the mean action as plain arrays, with where it comes from."""
+    linear = [layer for layer in mean if isinstance(layer, nn.Linear)]
     return Policy(
-        scale=actor.scale.numpy(),
+        scale=scale.numpy(),
         weights=[layer.weight.detach().numpy() for layer in linear],
         biases=[layer.bias.detach().numpy() for layer in linear],
-        provenance={
-            "trained_by": "examples/train_cleanrl.py",
-            "npend_gym": npend_gym.__version__,
-            "torch": torch.__version__,
-            "env": {k: v for k, v in settings.env.items() if k != "max_episode_steps"},
-            "settings": asdict(settings),
-            "training": last,
-        },
+        provenance={"npend_gym": npend_gym.__version__, "torch": torch.__version__} | about,
     )
 
 
@@ -263,10 +262,7 @@ def main() -> None:
     policy, curve = train(settings, arguments.task)
     arguments.out.mkdir(parents=True, exist_ok=True)
     policy.save(arguments.out / f"{arguments.task}.npz")
-    with (arguments.out / f"{arguments.task}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, curve[0].keys())
-        writer.writeheader()
-        writer.writerows(curve)
+    write_csv(arguments.out / f"{arguments.task}.csv", curve)
     print(f"{arguments.task}: {curve[-1]}")
 
 

@@ -13,7 +13,6 @@ cosines stay zero: a third fewer to find, and no torque is left at rest.
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 from tqdm import tqdm
 
 import npend_gym
+from npend_gym.report.outputs import write_csv
 from npend_gym.rl.policies import Policy
 
 
@@ -132,10 +132,7 @@ def main() -> None:
     policy, curve = train(settings, arguments.task)
     arguments.out.mkdir(parents=True, exist_ok=True)
     policy.save(arguments.out / f"{arguments.task}.npz")
-    with (arguments.out / f"{arguments.task}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, curve[0].keys())
-        writer.writeheader()
-        writer.writerows(curve)
+    write_csv(arguments.out / f"{arguments.task}.csv", curve)
     print(f"{arguments.task}: {curve[-1]}")
 
 

@@ -11,7 +11,6 @@ neighbourhood of the path (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327)
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import time
 from contextlib import suppress
@@ -24,10 +23,10 @@ import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
-from train_cleanrl import network
+from train_cleanrl import as_policy, network
 
-import npend_gym
 from npend_gym.envs.config import Config
+from npend_gym.report.outputs import write_csv
 from npend_gym.rl.planning import Follower, planned_swing_up
 from npend_gym.rl.policies import Policy
 
@@ -190,25 +189,13 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
         end = {"steps": (episode + 1) * steps, "seconds": round(time.perf_counter() - begun, 2)}
         curve.append(end | score | {"distance": round(distance, 4)})
     school.envs.close()
-    return as_policy(school, curve[-1]), curve
-
-
-def as_policy(school: School, last: dict[str, Any]) -> Policy:
-    """Return the pupil as plain arrays, with where it comes from."""
-    linear = [layer for layer in school.pupil if isinstance(layer, nn.Linear)]
-    return Policy(
-        scale=school.scale.numpy(),
-        weights=[layer.weight.detach().numpy() for layer in linear],
-        biases=[layer.bias.detach().numpy() for layer in linear],
-        provenance={
-            "trained_by": "examples/train_imitation.py",
-            "npend_gym": npend_gym.__version__,
-            "torch": torch.__version__,
-            "env": school.settings.env,
-            "settings": asdict(school.settings),
-            "training": last,
-        },
-    )
+    about = {
+        "trained_by": "examples/train_imitation.py",
+        "env": settings.env,
+        "settings": asdict(settings),
+        "training": curve[-1],
+    }
+    return as_policy(school.pupil, school.scale, about), curve
 
 
 def main() -> None:
@@ -226,10 +213,7 @@ def main() -> None:
     )
     arguments.out.mkdir(parents=True, exist_ok=True)
     policy.save(arguments.out / f"{arguments.task}.npz")
-    with (arguments.out / f"{arguments.task}.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(curve[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(curve)
+    write_csv(arguments.out / f"{arguments.task}.csv", curve)
     print(f"{arguments.out / arguments.task}.npz: {curve[-1]}")
 
 
