@@ -19,10 +19,12 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 from npend_gym import Chain, pseudo_periods
 from npend_gym.experiments.campaign import Plan
@@ -91,33 +93,17 @@ class Peaks(threading.Thread):
     def run(self) -> None:
         """Sample four times a second."""
         while not self._stopped.wait(0.25):
-            sizes = [resident(pid) for pid in (self.pid, *descendants(self.pid))]
-            self.together = max(self.together, sum(sizes))
-            self.one = max(self.one, *sizes)
+            with suppress(psutil.NoSuchProcess):  # one has ended meanwhile
+                driver = psutil.Process(self.pid)
+                family = (driver, *driver.children(recursive=True))
+                sizes = [process.memory_info().rss / 2**20 for process in family]
+                self.together = max(self.together, sum(sizes))
+                self.one = max(self.one, *sizes)
 
     def stop(self) -> None:
         """End the sampling."""
         self._stopped.set()
         self.join()
-
-
-def descendants(pid: int) -> list[int]:
-    """Return the processes below `pid`."""
-    try:
-        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
-    except OSError:
-        return []
-    children = [int(child) for child in text.split()]
-    return children + [below for child in children for below in descendants(child)]
-
-
-def resident(pid: int) -> float:
-    """Return the resident memory [MiB], 0 where the process has ended."""
-    try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    except OSError:
-        return 0.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def task_ratio() -> float:

@@ -14,17 +14,16 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import random
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
-from campaign import descendants
+import psutil
 
 PLAN = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "3000", "--batch", "150"]
 
@@ -46,17 +45,19 @@ def digest(out: Path) -> str:
     return found.hexdigest()
 
 
-def worker_processes(driver: int) -> list[int]:
+def worker_processes(driver: int) -> list[psutil.Process]:
     """Return the worker processes of a driver."""
-    return [pid for pid in descendants(driver) if b"popen_loky" in command_line(pid)]
+    with suppress(psutil.NoSuchProcess):
+        below = psutil.Process(driver).children(recursive=True)
+        return [process for process in below if is_worker(process)]
+    return []
 
 
-def command_line(pid: int) -> bytes:
-    """Return the command line of a process, nothing where it has ended."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return b""
+def is_worker(process: psutil.Process) -> bool:
+    """Return whether a process carries out tasks; not where it has ended."""
+    with suppress(psutil.NoSuchProcess):
+        return any("popen_loky" in word for word in process.cmdline())
+    return False
 
 
 def disturb(process: subprocess.Popen[bytes], chance: random.Random, longest: float) -> str:
@@ -66,7 +67,8 @@ def disturb(process: subprocess.Popen[bytes], chance: random.Random, longest: fl
     except subprocess.TimeoutExpired:
         some = worker_processes(process.pid)
         if some and chance.random() < 0.5:
-            os.kill(chance.choice(some), signal.SIGKILL)
+            with suppress(psutil.NoSuchProcess):
+                chance.choice(some).kill()
             return "worker killed"
         process.kill()
         process.wait()

@@ -33,6 +33,7 @@ from npend_gym import Chain, Trajectory, simulate
 COUNTS = (1, 2, 5, 10, 50)  # rods
 SEEDS = 100
 MAX_GROWTH = 8.0  # MiB after the first fifth
+TESTS = str(Path(__file__).parent.parent / "tests")
 _ENV = "npend_gym:NPendulum-v0"
 
 
@@ -84,7 +85,7 @@ def bits(steps: int) -> tuple[bool, str]:
 
 def fuzz(calls: int) -> tuple[bool, str]:
     """Make random calls in random order; an undeclared error ends the run with its example."""
-    sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+    sys.path.insert(0, TESTS)
     import test_promises_fuzz as fuzzing
 
     warnings.simplefilter("ignore")
@@ -169,15 +170,16 @@ def make(amount: int) -> tuple[bool, str]:
 
 def files(flips: int) -> tuple[bool, str]:
     """Flip single bits of a trajectory's file; each must be refused, or change nothing read."""
+    sys.path.insert(0, TESTS)
+    from damage import flipped
+
     path = simulate(Chain.uniform(3), 1.0, 0.0, np.linspace(0.0, 5.0, 50))
     rng, refused, lies = np.random.default_rng(0), 0, 0
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "path.npz"
         path.save(file)
         whole = file.read_bytes()
-        for position in rng.integers(0, 8 * len(whole), flips).tolist():
-            damaged = bytearray(whole)
-            damaged[position // 8] ^= 1 << (position % 8)
+        for damaged in flipped(whole, rng.integers(0, 8 * len(whole), flips).tolist()):
             file.write_bytes(damaged)
             try:
                 read = Trajectory.load(file)

@@ -10,6 +10,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from damage import flipped
 
 from npend_gym import Chain, Trajectory, simulate
 from npend_gym._files import replacing
@@ -46,9 +47,7 @@ def test_a_file_cut_anywhere_is_refused_by_its_path(file):
 def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_read(path, file):
     whole, rng = file.read_bytes(), np.random.default_rng(0)
     refused = 0
-    for position in rng.choice(8 * len(whole), 1000, replace=False).tolist():
-        damaged = bytearray(whole)
-        damaged[position // 8] ^= 1 << (position % 8)
+    for damaged in flipped(whole, rng.choice(8 * len(whole), 1000, replace=False).tolist()):
         file.write_bytes(damaged)
         try:
             read = Trajectory.load(file)
@@ -71,9 +70,7 @@ def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
         file.write_bytes(whole[: len(whole) * percent // 100])
         with pytest.raises(ValueError, match=r"a\.npz is no policy"):
             Policy.load(file)
-    for position in rng.choice(8 * len(whole), 300, replace=False).tolist():
-        damaged = bytearray(whole)
-        damaged[position // 8] ^= 1 << (position % 8)
+    for damaged in flipped(whole, rng.choice(8 * len(whole), 300, replace=False).tolist()):
         file.write_bytes(damaged)
         try:
             read = Policy.load(file)
