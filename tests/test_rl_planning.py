@@ -19,19 +19,30 @@ def triple():
     return planned_swing_up(config_of(n=3, mode="swingup"), seconds=5.0, tries=3)
 
 
+def check_motion(config, plan):
+    """Check steps of the plan by the adaptive method, which is not the environment's."""
+    states, actions = plan
+    for k in range(0, len(actions), 7):
+        motion = simulate(
+            config.chain, *np.split(states[k], 2), [0.0, config.dt],
+            torque=float(actions[k, 0]) * config.max_torque,
+        )  # fmt: skip
+        reached = np.concatenate([motion.theta[1], motion.omega[1]])
+        np.testing.assert_allclose(reached, states[k + 1], atol=1e-5)
+
+
 def test_a_plan_is_a_motion_of_the_chain_from_hanging_to_upright(triple):
     config, (states, actions) = config_of(n=3, mode="swingup"), triple.plan
     assert np.abs(actions).max() <= LIMIT
     np.testing.assert_array_equal(states[0], 0.0)
     np.testing.assert_allclose(np.cos(states[-1, :3]), -1.0)
     np.testing.assert_array_equal(states[-1, 3:], 0.0)
-    for k in range(0, len(actions), 7):  # by the adaptive method, not the environment's
-        motion = simulate(
-            config.chain, states[k, :3], states[k, 3:], [0.0, config.dt],
-            torque=float(actions[k, 0]) * config.max_torque,
-        )  # fmt: skip
-        reached = np.concatenate([motion.theta[1], motion.omega[1]])
-        np.testing.assert_allclose(reached, states[k + 1], atol=1e-5)
+    check_motion(config, triple.plan)
+
+
+def test_a_plan_for_a_chain_in_air_has_the_drag_in_it():
+    config = config_of(n=1, mode="swingup", drag=0.05, quadratic_drag=0.05)
+    check_motion(config, planned_swing_up(config, seconds=4.0, tries=2).plan)
 
 
 def test_three_rods_swung_up_by_the_base_alone_stand_in_held_out_episodes(triple):

@@ -10,8 +10,7 @@ Glück, Eder, Kugi, Automatica 49 (2013), 801-808.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,9 +20,9 @@ from tqdm import tqdm
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.envs.batch import Batch
 from npend_gym.envs.config import Config
-from npend_gym.envs.modes import Mode, Quantities
-from npend_gym.envs.vector import NPendulumVectorEnv
+from npend_gym.envs.modes import Mode
 from npend_gym.rl.controllers import Info, StateFeedback, lqr, riccati, running_cost
 
 LIMIT = 0.9  # of the torque, for the path: the rest is for tracking
@@ -236,28 +235,19 @@ class _Placed(Mode):
         del rng, amplitude, spread
         return np.zeros(n), np.zeros(n)
 
-    def reward(self, seen: Quantities[Any]) -> Any:
-        """Return 0."""
-        return 0.0 * seen.tip
-
 
 class _Stepper:
     """Steps of the environment from any states, all side by side."""
 
     def __init__(self, config: Config, count: int) -> None:
-        chain = config.chain
-        self.n = chain.n
-        self.envs = NPendulumVectorEnv(
-            count, n=chain.n, mode=_Placed(), masses=chain.masses, lengths=chain.lengths,
-            gravity=chain.gravity, damping=chain.damping, actuated=config.joints.tolist(),
-            max_torque=config.max_torque, dt=config.dt,
-            substeps=None if math.isfinite(config.turn) else config.substeps,
-        )  # fmt: skip
-        self.envs.reset(seed=0)
+        self.batch = Batch(replace(config, mode=_Placed()), count)
+        self.batch.rngs = [np.random.default_rng(0)] * count  # not drawn from
+        self.everywhere = np.ones(count, np.bool_)
 
     def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
         """Return the states, (B, 2n), after a step under the actions, (B, joints)."""
         theta, omega = np.split(states, 2, axis=1)
-        self.envs.reset(options={"theta": theta, "omega": omega})
-        info = self.envs.step(actions)[-1]
+        self.batch.start(self.everywhere, {"theta": theta, "omega": omega})
+        self.batch.step(actions)
+        info = self.batch.every_lane()[1]
         return np.hstack([info["theta"], info["omega"]])
