@@ -18,7 +18,7 @@ from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
 from npend_gym.physics.kernels.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS
-from npend_gym.physics.kernels.sincos import sincos
+from npend_gym.physics.kernels.sincos import ROUND, sincos
 from npend_gym.physics.kernels.turning import Turns
 
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
@@ -54,7 +54,6 @@ STAGES, WORK, ROWS = 16, 16 + STAGE_ROWS, 16 + STAGE_ROWS + WORK_ROWS
 
 _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
 _PI_32 = np.float32(np.pi)
-_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
 
 
 class Group(NamedTuple):
@@ -246,7 +245,7 @@ def wrap(theta: FloatArray, wrapped: FloatArray) -> None:
     """Write the angles, whole turns taken off, in [-pi, pi)."""
     for i in range(theta.size):
         turns = (theta[i] + _PI) * _INVERSE_TWO_PI
-        whole = (turns + _ROUND) - _ROUND
+        whole = (turns + ROUND) - ROUND
         whole = where(whole > turns, whole - 1.0, whole)
         wrapped[i] = theta[i] - _TWO_PI * whole
 

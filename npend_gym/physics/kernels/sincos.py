@@ -12,7 +12,7 @@ from npend_gym.physics.kernels.packs import where
 
 MAX_ANGLE = 1e5  # rad; up to here the error is below 1 ulp (largest seen 0.74)
 
-_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
+ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
 _TWO_OVER_PI = 6.36619772367581382433e-01
 # pi/2 in pieces of 33 bits, so that q times a piece is exact, and what each pair leaves over.
 _PIO2_1 = 1.57079632673412561417e00
@@ -28,8 +28,8 @@ _C4, _C5, _C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.1359
 def sincos(x: float) -> tuple[float, float]:
     """Return sin x and cos x, each within 1 ulp for |x| <= 1e5."""
     # x = q pi/2 + y + y_low with |y| <= pi/4; y_low is what rounding y left over
-    shifted = x * _TWO_OVER_PI + _ROUND
-    q = shifted - _ROUND
+    shifted = x * _TWO_OVER_PI + ROUND
+    q = shifted - ROUND
     first = x - q * _PIO2_1
     w = q * _PIO2_2
     r = first - w
@@ -48,9 +48,9 @@ def sincos(x: float) -> tuple[float, float]:
     # q mod 4 is the quadrant: an odd q swaps the two, an odd q // 2 turns the sign of the sine, and
     # one of the two alone that of the cosine. A number is odd if its half is no integer.
     half = 0.5 * q
-    swap = (half + _ROUND) - _ROUND != half
+    swap = (half + ROUND) - ROUND != half
     quarter = 0.5 * where(swap, half - 0.5, half)
-    turn = (quarter + _ROUND) - _ROUND != quarter
+    turn = (quarter + ROUND) - ROUND != quarter
     sin_x, cos_x = where(swap, cos_y, sin_y), where(swap, sin_y, cos_y)
     return where(turn, -sin_x, sin_x), where(turn ^ swap, -cos_x, cos_x)
 

@@ -26,10 +26,9 @@ from npend_gym.physics.kernels.lanes import (
 from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.physics.kernels.reversals import bob_accelerations, follow
 from npend_gym.physics.kernels.rk4 import rk4_step
-from npend_gym.physics.kernels.sincos import MAX_ANGLE
+from npend_gym.physics.kernels.sincos import MAX_ANGLE, ROUND
 
 MAX_PARTS = 32.0  # of a substep
-_ROUND = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer
 
 
 @inlined_kernel
@@ -154,7 +153,7 @@ def _parts(omega: FloatArray, h: float, per_turn: float) -> Any:
     wanted = fastest * (h * per_turn)
     wanted = where(wanted > 1.0, wanted, 1.0)
     wanted = where(wanted < MAX_PARTS, wanted, MAX_PARTS)
-    whole = (wanted + _ROUND) - _ROUND
+    whole = (wanted + ROUND) - ROUND
     return where(whole < wanted, whole + 1.0, whole)
 
 
