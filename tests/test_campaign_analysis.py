@@ -103,7 +103,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
 
     out = tmp_path / "<b>&amp;'\"ä"
     result = carried_out(Plan(n=[2, 3], trials=2), out, monkeypatch, failing)
-    page = report.page(result, [])
+    page = report.page(result, report.tables(result), [])
     assert "<script" not in page
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
     assert "<b>" not in page
@@ -131,7 +131,7 @@ def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, cap
 def test_a_single_cell_has_no_law_and_says_so(tmp_path, monkeypatch):
     result = carried_out(Plan(n=[5], trials=3), tmp_path, monkeypatch, planted)
     assert result.groups[0].laws == result.groups[0].exponents == ()
-    assert "No law is fitted" in report.page(result, [])
+    assert "No law is fitted" in report.page(result, report.tables(result), [])
 
 
 def test_nothing_done_is_nothing_to_analyse(tmp_path):

@@ -16,6 +16,7 @@ from npend_gym.experiments.campaign import Campaign
 from npend_gym.experiments.campaign.analysis import Analysis, Group
 from npend_gym.experiments.campaign.folder import CELLS, JOURNAL, PLAN
 from npend_gym.experiments.campaign.journal import read_journal
+from npend_gym.experiments.campaign.parts import finite_or_none
 from npend_gym.experiments.campaign.statistics import FAR
 from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
 
@@ -119,7 +120,7 @@ def cell_rows(analysis: Analysis) -> list[dict[str, Any]]:
             "releases": int(numbers.releases[k]),
             "completed": int(numbers.completed[k]),
             "bobs": int(numbers.releases[k]) * plan.cell(k)["n"],
-            **{name: _or_none(float(values[k])) for name, values in means.items()},
+            **{name: finite_or_none(float(values[k])) for name, values in means.items()},
         }
         for k in np.flatnonzero(numbers.releases).tolist()
     ]
@@ -129,30 +130,30 @@ def _text(value: Any) -> Any:
     return " ".join(map(str, value)) if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
 
 
-def _or_none(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def failure_rows(analysis: Analysis) -> list[dict[str, Any]]:
     """Return a row for every failed task, with its error."""
     return [{"task": key, "error": r.error} for key, r in analysis.found.failed.items()]
 
 
-def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path]:
-    """Write tables, figures, the page and a manifest into `out`; return what was written."""
-    prepare_folder(out)
-    outliers = [asdict(outlier) for outlier in analysis.statistics.outliers]
-    tables = {
+def tables(analysis: Analysis) -> dict[str, list[dict[str, Any]]]:
+    """Return the rows of all tables, by the table's name."""
+    return {
         "cells": cell_rows(analysis),
         "fits": fit_rows(analysis),
         "residuals": residual_rows(analysis),
-        "outliers": outliers,
+        "outliers": [asdict(outlier) for outlier in analysis.statistics.outliers],
         "failures": failure_rows(analysis),
     }
-    written = [write_csv(out / f"{name}.csv", rows) for name, rows in tables.items() if rows]
+
+
+def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path]:
+    """Write tables, figures, the page and a manifest into `out`; return what was written."""
+    prepare_folder(out)
+    found = tables(analysis)
+    written = [write_csv(out / f"{name}.csv", rows) for name, rows in found.items() if rows]
     pictures = _figures(analysis, out) if figures else []
     with _files.replacing(out / "report.html") as file:
-        file.write(page(analysis, pictures))
+        file.write(page(analysis, found, pictures))
     written += [*pictures, out / "report.html"]
     complete = len(analysis.found.records) == analysis.plan.task_count
     arguments = analysis.plan.as_dict()
@@ -173,8 +174,8 @@ def _figures(analysis: Analysis, out: Path) -> list[Path]:
     return [write_figure(out / f"{name}.png", figure) for name, figure in drawn.items()]
 
 
-def page(analysis: Analysis, pictures: list[Path]) -> str:
-    """Return the HTML page; whatever comes from a file or the user is escaped."""
+def page(analysis: Analysis, rows: dict[str, list[dict[str, Any]]], pictures: list[Path]) -> str:
+    """Return the HTML page of the `tables`; whatever comes from a file or the user is escaped."""
     from jinja2 import Environment  # extra "campaign"
 
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
@@ -186,11 +187,8 @@ def page(analysis: Analysis, pictures: list[Path]) -> str:
         version=__version__,
         measured=int(analysis.statistics.releases.sum()),
         missing=analysis.plan.task_count - len(found.records) - len(found.failed),
-        fits=fit_rows(analysis),
         far=f"{FAR:g}",
-        outliers=[asdict(outlier) for outlier in analysis.statistics.outliers],
-        failures=failure_rows(analysis),
-        cells=cell_rows(analysis),
+        **rows,
         pictures={p.stem: base64.b64encode(p.read_bytes()).decode() for p in pictures},
     )
 

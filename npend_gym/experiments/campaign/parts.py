@@ -131,12 +131,13 @@ def _chain_columns(n: int, masses: Any, lengths: Any, gravity: float, damping: f
         "lengths_m": chain.lengths.tolist(),
         "gravity_m_s2": gravity,
         "damping_nms": damping,
-        "fundamental_s": _or_none(theory.fundamental_period(chain)),
-        "ideal_s": _or_none(theory.ideal_period(chain)),
+        "fundamental_s": finite_or_none(theory.fundamental_period(chain)),
+        "ideal_s": finite_or_none(theory.ideal_period(chain)),
     }
 
 
-def _or_none(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """Return `value`, or None where it is not a number."""
     return value if np.isfinite(value) else None
 
 
