@@ -67,13 +67,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _carried_out(module: Any, given: dict[str, Any], parser: Any) -> int:
-    """Return the exit code of a command; what the system refuses is said in one line."""
+    """Return the exit code of a command; what is refused or not installed is said in one line."""
     try:
         code: int = module.run(given, parser)
         sys.stdout.flush()  # what cannot be printed fails here, not at the exit
     except BrokenPipeError:
         return _without_output(f"{parser.prog}: the output was closed before its end")
-    except OSError as error:
+    except (ImportError, OSError) as error:
         return _without_output(f"{parser.prog}: {error}")
     except KeyboardInterrupt:
         tell(f"{parser.prog}: interrupted")

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import FAILED, OK, can_draw, show_written, tell
+from npend_gym.cli.common import OK, can_draw, show_written, tell
 
 SUMMARY = "fit the law of the pseudo-period to a campaign, list outliers, write a report"
 _ABOUT = """\
@@ -44,7 +44,4 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         show_written(write_analysis(result, out, figures=can_draw()))
     except (ValueError, TypeError) as error:
         parser.error(str(error))
-    except ImportError as error:
-        tell(f"npend analyse: {error}")
-        return FAILED
     return OK

@@ -73,7 +73,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except KeyboardInterrupt:
         tell("interrupted: nothing was written")
         return INTERRUPTED
-    except (ImportError, IntegrationError, OSError) as error:
+    except IntegrationError as error:
         tell(f"npend animate: {error}")
         return FAILED
     seconds, size = len(whole) / whole.fps, out.stat().st_size

@@ -87,12 +87,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Carry out the campaign, or what is left of it; return the exit code."""
-    try:
-        from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, WorkersLostError
-        from npend_gym.experiments.campaign.engine import check_workers
-    except ImportError as error:
-        tell(f"npend campaign: {error}")
-        return FAILED
+    from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, WorkersLostError
+    from npend_gym.experiments.campaign.engine import check_workers
+
     workers = given["backend"], given["workers"], given["address"]
     try:
         check_workers(*workers)
@@ -101,7 +98,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
             return _carried_out(campaign, workers)
     except (ValueError, TypeError) as error:
         parser.error(str(error))
-    except (BusyError, DiskError, WorkersLostError, ImportError) as error:
+    except (BusyError, DiskError, WorkersLostError) as error:
         tell(f"npend campaign: {error}")
         if isinstance(error, (DiskError, WorkersLostError)):
             tell("what is done is kept: the same command goes on with it")

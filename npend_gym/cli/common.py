@@ -37,11 +37,12 @@ def tell(text: str) -> None:
 
 def tell_first_use() -> None:
     """Say on a terminal, where nothing has been compiled yet, why the first run takes longer."""
+    if not sys.stderr.isatty():
+        return
     from npend_gym.physics.kernels import jit
 
     chosen = os.environ.get("NUMBA_CACHE_DIR", "")
-    folder = jit.cache_folder(Path(jit.__file__).parent, chosen)
-    if sys.stderr.isatty() and not folder.exists():
+    if not jit.cache_folder(Path(jit.__file__).parent, chosen).exists():
         tell("compiling for this machine, once: some twenty seconds")
 
 

@@ -59,7 +59,7 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except KeyboardInterrupt:
         tell("interrupted: nothing was written")
         return INTERRUPTED
-    except (IntegrationError, OSError) as error:
+    except IntegrationError as error:
         tell(f"npend page: {error}")
         return FAILED
     print(printable(str(out)) + f": {out.stat().st_size / 1e6:.2f} MB")

@@ -43,9 +43,6 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         game = Game(**given)
     except (ValueError, TypeError) as error:
         parser.error(str(error))
-    except ImportError as error:
-        tell(f"npend play: {error}")
-        return FAILED
     try:
         play(game)
     except KeyboardInterrupt:

@@ -175,12 +175,9 @@ class Batch:
         for name, value in given.items():
             shape = () if name in ("amplitude", "gravity") else (n,)
             full = shape if single else (self.count, *shape)
-            checked[name] = _checks.broadcast(f"options[{name!r}]", value, full)
-            limit = _LIMITS.get(name, np.inf)
-            if np.any(np.abs(checked[name]) > limit):
-                raise ValueError(
-                    f"options[{name!r}] must lie within {limit:g}, got {_checks.show(value)}"
-                )
+            label = f"options[{name!r}]"
+            checked[name] = _checks.broadcast(label, value, full)
+            _checks.within(label, checked[name], _LIMITS.get(name, np.inf))
             if single:
                 checked[name] = checked[name][None]
         for k in range(self.count if set(checked) & set(CHAIN_OPTIONS) else 0):
