@@ -27,3 +27,15 @@ def test_torchrl_spec_check_is_content(mode):
         from torchrl.envs.utils import check_env_specs
 
         check_env_specs(GymEnv("NPendulum-v0", n=2, mode=mode, device="cpu"))
+
+
+@pytest.mark.parametrize("autoreset", ["DISABLED", "SAME_STEP"])
+def test_torchrl_spec_check_is_content_with_the_vector_environment(autoreset):
+    pytest.importorskip("torchrl")
+    envs = gym.make_vec("NPendulum-v0", num_envs=3, n=2, mode="balance", autoreset_mode=autoreset)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # TorchRL warns of itself
+        from torchrl.envs import GymWrapper
+        from torchrl.envs.utils import check_env_specs
+
+        check_env_specs(GymWrapper(envs, device="cpu"))

@@ -126,6 +126,19 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
+def test_train_torchrl_writes_a_policy_that_evaluate_judges(tmp_path):
+    pytest.importorskip("torchrl")
+    arguments = ["swingup-1", "--steps", 8192, "--out", "."]
+    out = run("-W", "ignore", EXAMPLES / "train_torchrl.py", *arguments, cwd=tmp_path)
+    assert "the last episodes returned" in out
+    policy = Policy.load(tmp_path / "swingup-1.npz")
+    assert policy.scale.tolist() == [1.0, 1.0, 5.0]
+    assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
+    judged = run(EXAMPLES / "evaluate.py", "--policy", "swingup-1.npz", "--episodes", 5,
+                 cwd=tmp_path)  # fmt: skip
+    assert rate_of(judged)[1] == "5"
+
+
 def test_train_rllib_takes_an_iteration(tmp_path):
     pytest.importorskip("ray.rllib")
     arguments = ["--iterations", 1, "--runners", 1, "--batch", 512]
