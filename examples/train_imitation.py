@@ -25,7 +25,6 @@ from torch import nn
 from tqdm import tqdm
 from train_cleanrl import as_policy, network
 
-from npend_gym.envs.config import Config
 from npend_gym.report.outputs import write_csv
 from npend_gym.rl.planning import Follower, planned_swing_up
 from npend_gym.rl.policies import Policy
@@ -39,7 +38,8 @@ class Settings:
     seed: int = 0
     seconds: float = 4.5  # of the plan
     guesses: int = 24  # from which plans are made
-    demonstrations: int = 4  # episodes of the teacher in every lane
+    teachers: int = 3  # with other plans, each with a pupil of its own until the first round
+    demonstrations: int = 4  # episodes of a teacher in every lane
     rounds: int = 4  # the pupil acts in most lanes
     num_envs: int = 512
     teacher_share: float = 0.3  # of the lanes
@@ -72,44 +72,46 @@ class Lesson(NamedTuple):
     actions: torch.Tensor  # (states, joints), clipped a little outside the box
 
 
-class School:
-    """The environments, the teacher and the pupil."""
+def steadiest(settings: Settings, envs: gym.vector.VectorEnv) -> list[Follower]:
+    """Return the teachers that noise on the actions throws off least, the steadiest first.
 
-    def __init__(self, settings: Settings) -> None:
-        self.settings = settings
-        self.envs = gym.make_vec(
-            "NPendulum-v0", num_envs=settings.num_envs, max_episode_steps=None, **settings.env
-        )
-        config = self.envs.unwrapped.config
-        self.teacher = self.steadiest(config)
+    A pupil's mistakes are such noise.
+    """
+    found: list[tuple[float, Follower]] = []
+    for guess in range(settings.guesses):
+        seed = settings.guesses * settings.seed + guess
+        with suppress(RuntimeError):  # no plan comes of this guess
+            teacher = planned_swing_up(envs.unwrapped.config, settings.seconds, tries=1, seed=seed)
+            found.append((steadiness(teacher, settings, envs), teacher))
+    if not found:
+        raise RuntimeError("no guess became a plan: give it more seconds or guesses")
+    found.sort(key=lambda pair: -pair[0])
+    return [teacher for _, teacher in found[: settings.teachers]]
+
+
+def steadiness(teacher: Follower, settings: Settings, envs: gym.vector.VectorEnv) -> float:
+    """Return in which share of the lanes the chain stands in spite of noise."""
+    rng = np.random.default_rng(settings.seed)
+    observation, info = envs.reset(seed=100_000 * settings.seed)
+    for _ in range(len(teacher.gains) + 20):
+        action = teacher(observation, info)
+        action = action + 2.0 * settings.noise * rng.normal(size=action.shape)
+        observation, _, _, _, info = envs.step(action.clip(-1.0, 1.0))
+    return float(np.mean(np.cos(info["theta"]).max(axis=1) < -0.9))
+
+
+class School:
+    """A teacher, and a pupil with all that it has been taught."""
+
+    def __init__(self, settings: Settings, envs: gym.vector.VectorEnv, teacher: Follower) -> None:
+        self.settings, self.envs, self.teacher = settings, envs, teacher
+        config = envs.unwrapped.config
         self.scale = torch.tensor(settings.scale).repeat_interleave(config.chain.n)
         self.pupil = network(3 * config.chain.n, config.joints.size, settings.hidden, last_gain=0.1)
         self.shuffler = torch.Generator().manual_seed(settings.seed)
-
-    def steadiest(self, config: Config) -> Follower:
-        """Return, of teachers with other plans, the one that noise on the actions throws off least.
-
-        The pupil's mistakes are such noise.
-        """
-        teachers: list[tuple[float, Follower]] = []
-        for guess in range(self.settings.guesses):
-            seed = self.settings.guesses * self.settings.seed + guess
-            with suppress(RuntimeError):  # no plan comes of this guess
-                teacher = planned_swing_up(config, self.settings.seconds, tries=1, seed=seed)
-                teachers.append((self.steadiness(teacher), teacher))
-        if not teachers:
-            raise RuntimeError("no guess became a plan: give it more seconds or guesses")
-        return max(teachers, key=lambda pair: pair[0])[1]
-
-    def steadiness(self, teacher: Follower) -> float:
-        """Return in which share of the lanes the chain stands in spite of noise."""
-        rng = np.random.default_rng(self.settings.seed)
-        observation, info = self.envs.reset(seed=100_000 * self.settings.seed)
-        for _ in range(len(teacher.gains) + 20):
-            action = teacher(observation, info)
-            action = action + 2.0 * self.settings.noise * rng.normal(size=action.shape)
-            observation, _, _, _, info = self.envs.step(action.clip(-1.0, 1.0))
-        return float(np.mean(np.cos(info["theta"]).max(axis=1) < -0.9))
+        shown = [self.play(k, 1.0)[0] for k in range(settings.demonstrations)]
+        self.known = Lesson(*map(torch.cat, zip(*shown, strict=True)))
+        self.learn(settings.first_epochs)
 
     @torch.no_grad()
     def act(self, observation: np.ndarray) -> np.ndarray:
@@ -146,9 +148,16 @@ class School:
         own = {"return": returns[~taught], "success": info["success"][~taught]}
         return lesson, {name: round(float(v.mean()), 4) for name, v in own.items() if v.size}
 
-    def learn(self, lesson: Lesson, epochs: int) -> float:
-        """Fit the pupil to the lesson; return the mean distance from the teacher's actions."""
-        settings, count = self.settings, len(lesson.seen)
+    def take_in(self, lesson: Lesson) -> float:
+        """Add a lesson to what is known and learn that; return the mean distance."""
+        seen, actions = map(torch.cat, zip(self.known, lesson, strict=True))
+        kept = torch.randperm(len(seen), generator=self.shuffler)[: self.settings.keep]
+        self.known = Lesson(seen[kept], actions[kept])
+        return self.learn(self.settings.epochs)
+
+    def learn(self, epochs: int) -> float:
+        """Fit the pupil to what is known; return the mean distance from the teacher's actions."""
+        settings, lesson, count = self.settings, self.known, len(self.known.seen)
         optimizer = torch.optim.Adam(self.pupil.parameters(), fused=True)
         batches = math.ceil(count / settings.minibatch) * epochs
         done, total = 0, 0.0
@@ -171,24 +180,24 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
     begun = time.perf_counter()
-    school = School(settings)
-    known = Lesson(*map(torch.cat, zip(*(
-        school.play(k, 1.0)[0] for k in range(settings.demonstrations)
-    ), strict=True)))  # fmt: skip
-    school.learn(known, settings.first_epochs)
+    envs = gym.make_vec(
+        "NPendulum-v0", num_envs=settings.num_envs, max_episode_steps=None, **settings.env
+    )
+    schools = [School(settings, envs, teacher) for teacher in steadiest(settings, envs)]
+    trials = [school.play(settings.demonstrations, settings.teacher_share) for school in schools]
+    best = max(range(len(trials)), key=lambda k: trials[k][1]["success"])
+    school, (lesson, score) = schools[best], trials[best]
+    episodes = len(schools) * (settings.demonstrations + 1)
+    steps = (len(school.teacher.plan.states) + settings.standing) * settings.num_envs
     curve: list[dict[str, Any]] = []
     for round_ in tqdm(range(settings.rounds), progress, disable=None, unit="round"):
-        episode = settings.demonstrations + round_
-        lesson, score = school.play(episode, settings.teacher_share)
-        known = Lesson(*map(torch.cat, zip(known, lesson, strict=True)))
-        if len(known.seen) > settings.keep:
-            kept = torch.randperm(len(known.seen), generator=school.shuffler)[: settings.keep]
-            known = Lesson(known.seen[kept], known.actions[kept])
-        distance = school.learn(known, settings.epochs)
-        steps = (len(school.teacher.plan.states) + settings.standing) * settings.num_envs
-        end = {"steps": (episode + 1) * steps, "seconds": round(time.perf_counter() - begun, 2)}
+        if round_ > 0:
+            lesson, score = school.play(settings.demonstrations + round_, settings.teacher_share)
+        distance = school.take_in(lesson)
+        seconds = round(time.perf_counter() - begun, 2)
+        end = {"steps": (episodes + round_) * steps, "seconds": seconds}
         curve.append(end | score | {"distance": round(distance, 4)})
-    school.envs.close()
+    envs.close()
     about = {
         "trained_by": "examples/train_imitation.py",
         "env": settings.env,
