@@ -161,13 +161,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
                 "spread": round(float(actor.log_spread.detach().exp().mean()), 4),
             })  # fmt: skip
     envs.close()
-    about = {
-        "trained_by": "examples/train_cleanrl.py",
-        "env": {k: v for k, v in settings.env.items() if k != "max_episode_steps"},
-        "settings": asdict(settings),
-        "training": curve[-1],
-    }
-    return as_policy(actor.mean, actor.scale, about), curve
+    return as_policy(actor.mean, actor.scale, "train_cleanrl.py", settings, curve[-1]), curve
 
 
 def learn(
@@ -209,14 +203,26 @@ def advantages(
     return gains, gains + values
 
 
-def as_policy(mean: nn.Sequential, scale: torch.Tensor, about: dict[str, Any]) -> Policy:
-    """Return a network for the mean action as plain arrays, with where it comes from."""
+def as_policy(
+    mean: nn.Sequential, scale: torch.Tensor, script: str, settings: Any, end: dict[str, Any]
+) -> Policy:
+    """Return a network for the mean action as plain arrays, with what made it.
+
+    `end` says how training ended.
+    """
     linear = [layer for layer in mean if isinstance(layer, nn.Linear)]
     return Policy(
         scale=scale.numpy(),
         weights=[layer.weight.detach().numpy() for layer in linear],
         biases=[layer.bias.detach().numpy() for layer in linear],
-        provenance={"npend_gym": npend_gym.__version__, "torch": torch.__version__} | about,
+        provenance={
+            "npend_gym": npend_gym.__version__,
+            "torch": torch.__version__,
+            "trained_by": f"examples/{script}",
+            "env": {k: v for k, v in settings.env.items() if k != "max_episode_steps"},
+            "settings": asdict(settings),
+            "training": end,
+        },
     )
 
 

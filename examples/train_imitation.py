@@ -14,7 +14,7 @@ import argparse
 import math
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -198,13 +198,10 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
         end = {"steps": (episodes + round_) * steps, "seconds": seconds}
         curve.append(end | score | {"distance": round(distance, 4)})
     envs.close()
-    about = {
-        "trained_by": "examples/train_imitation.py",
-        "env": settings.env,
-        "settings": asdict(settings),
-        "training": curve[-1],
-    }
-    return as_policy(school.pupil, school.scale, about), curve
+    return (
+        as_policy(school.pupil, school.scale, "train_imitation.py", settings, curve[-1]),
+        curve,
+    )
 
 
 def main() -> None:

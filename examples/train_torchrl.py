@@ -7,7 +7,6 @@ plain numbers for `examples/evaluate.py`. It wants `pip install "npend-gym[rl]" 
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 
 import gymnasium as gym
@@ -55,8 +54,8 @@ def scale(settings: Settings) -> torch.Tensor:
     return torch.tensor(settings.scale).repeat_interleave(settings.env["n"])
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, float]:
-    """Return the trained policy and the mean return of the episodes that ended last."""
+def train(settings: Settings, progress: str | None = None) -> Policy:
+    """Return the trained policy."""
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
     env = make_env(settings)
@@ -90,7 +89,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, floa
         batch_size=settings.minibatch,
     )
     collector = Collector(env, actor, frames_per_batch=batch, total_frames=updates * batch)
-    last = float("nan")  # until an episode ends
+    last: float | None = None  # mean return of the episodes that ended last
     for seen in tqdm(collector, progress, updates, disable=None, unit="update"):
         judge(seen)
         memory.extend(seen.reshape(-1))
@@ -103,14 +102,10 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, floa
                 optimizer.step()
         slower.step()
         ended = seen["next", "episode_reward"][seen["next", "done"]]
-        last = float(ended.mean()) if len(ended) > 0 else last
+        last = round(float(ended.mean()), 4) if len(ended) > 0 else last
     collector.shutdown()
-    about = {
-        "trained_by": "examples/train_torchrl.py",
-        "env": {k: v for k, v in settings.env.items() if k != "max_episode_steps"},
-        "settings": asdict(settings),
-    }
-    return as_policy(mean, scale(settings), about), last
+    end = {"steps": updates * batch, "return": last}
+    return as_policy(mean, scale(settings), "train_torchrl.py", settings, end)
 
 
 def main() -> None:
@@ -123,10 +118,10 @@ def main() -> None:
     arguments = parser.parse_args()
     changes = {} if arguments.steps is None else {"total_steps": arguments.steps}
     settings = settings_of(arguments.task, seed=arguments.seed, **changes)
-    policy, last = train(settings, arguments.task)
+    policy = train(settings, arguments.task)
     arguments.out.mkdir(parents=True, exist_ok=True)
     policy.save(arguments.out / f"{arguments.task}.npz")
-    print(f"{arguments.task}: the last episodes returned {last:.1f}")
+    print(f"{arguments.task}: {policy.provenance['training']}")
 
 
 if __name__ == "__main__":

@@ -130,7 +130,7 @@ def test_train_torchrl_writes_a_policy_that_evaluate_judges(tmp_path):
     pytest.importorskip("torchrl")
     arguments = ["swingup-1", "--steps", 8192, "--out", "."]
     out = run("-W", "ignore", EXAMPLES / "train_torchrl.py", *arguments, cwd=tmp_path)
-    assert "the last episodes returned" in out
+    assert "'steps': 8192, 'return': " in out
     policy = Policy.load(tmp_path / "swingup-1.npz")
     assert policy.scale.tolist() == [1.0, 1.0, 5.0]
     assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
