@@ -1,4 +1,4 @@
-"""Imitation: a network that swings up three rods, taught by a controller that knows the plan.
+"""Imitation: a network that swings up three or four rods, taught by one that knows a plan.
 
 Run it with `python examples/train_imitation.py swingup-3`: it writes `swingup-3.npz`, a policy of
 plain numbers for `examples/evaluate.py`, and `swingup-3.csv`, its learning curve. The teacher
@@ -55,7 +55,10 @@ class Settings:
     scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines and speeds [rad/s]
 
 
-TASKS: dict[str, dict[str, Any]] = {"swingup-3": {}}
+TASKS: dict[str, dict[str, Any]] = {
+    "swingup-3": {},
+    "swingup-4": {"seconds": 8.0, "noise": 0.05, "rounds": 10},
+}
 
 
 def settings_of(task: str, **changes: Any) -> Settings:
@@ -185,7 +188,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
     )
     schools = [School(settings, envs, teacher) for teacher in steadiest(settings, envs)]
     trials = [school.play(settings.demonstrations, settings.teacher_share) for school in schools]
-    best = max(range(len(trials)), key=lambda k: trials[k][1]["success"])
+    best = max(range(len(trials)), key=lambda k: (trials[k][1]["success"], trials[k][1]["return"]))
     school, (lesson, score) = schools[best], trials[best]
     episodes = len(schools) * (settings.demonstrations + 1)
     steps = (len(school.teacher.plan.states) + settings.standing) * settings.num_envs

@@ -44,6 +44,11 @@ def test_a_saved_policy_comes_back_with_its_provenance(tmp_path):
     assert again.provenance == json.loads((tmp_path / "a.json").read_text()) == policy.provenance
 
 
+def test_a_policy_is_saved_and_loaded_by_a_string_too(tmp_path):
+    small_policy().save(str(tmp_path / "a.npz"))
+    assert Policy.load(str(tmp_path / "a.npz")).provenance == small_policy().provenance
+
+
 class Malice:
     """Runs code when it is unpickled."""
 

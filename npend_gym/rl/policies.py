@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,9 @@ class Policy:
             signal = np.tanh(signal @ weight.T + bias)
         return np.clip(signal @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the numbers to `path` (.npz) and the provenance beside it (.json)."""
+        path = Path(path)
         arrays: dict[str, Any] = {"scale": self.scale}
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight{k}": weight, f"bias{k}": bias}
@@ -58,7 +60,7 @@ class Policy:
             file.write(json.dumps(self.provenance, indent=2, allow_nan=False) + "\n")
 
     @classmethod
-    def load(cls, path: Path) -> Policy:
+    def load(cls, path: str | PathLike[str]) -> Policy:
         """Read what `save` wrote. Pickles and whatever else could run code are refused.
 
         Raises
@@ -66,6 +68,7 @@ class Policy:
         ValueError
             If the file is no policy: pickled, too large, of other names, kinds or shapes.
         """
+        path = Path(path)
         try:
             arrays: dict[str, Weights] = read_arrays(path, MAX_BYTES)
         except ValueError as error:
