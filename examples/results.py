@@ -79,8 +79,7 @@ def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     policy, curve = trainer.train(trainer.settings_of(task, seed=seed), path.stem)
     score = evaluate(policy, keywords_of(task)).as_row()
     policy.provenance["evaluation"] = score
-    write_csv(path.with_suffix(".csv"), curve)
-    policy.save(path)
+    train_cleanrl.keep(policy, curve, path)
     print(f"{path.stem}: {score}", flush=True)
 
 

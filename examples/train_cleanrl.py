@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -243,6 +244,9 @@ TASKS: dict[str, dict[str, Any]] = {
 }
 
 
+Trainer = Callable[[Settings, str | None], tuple[Policy, list[dict[str, Any]]]]
+
+
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "swingup-2"."""
     mode, n = task.rsplit("-", 1)
@@ -255,9 +259,16 @@ def settings_of(task: str, **changes: Any) -> Settings:
     return Settings(env=env, **(TASKS.get(task, {}) | changes))
 
 
-def main() -> None:
+def keep(policy: Policy, curve: list[dict[str, Any]], path: Path) -> None:
+    """Write a policy to `path` (.npz), after its learning curve beside it (.csv)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_csv(path.with_suffix(".csv"), curve)
+    policy.save(path)
+
+
+def main(train: Trainer = train, description: str | None = __doc__) -> None:
     """Train one policy and write it down."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("task", help='mode and number of rods, as in "swingup-2"')
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, help="environment steps in all")
@@ -266,9 +277,7 @@ def main() -> None:
     changes = {} if arguments.steps is None else {"total_steps": arguments.steps}
     settings = settings_of(arguments.task, seed=arguments.seed, **changes)
     policy, curve = train(settings, arguments.task)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    policy.save(arguments.out / f"{arguments.task}.npz")
-    write_csv(arguments.out / f"{arguments.task}.csv", curve)
+    keep(policy, curve, arguments.out / f"{arguments.task}.npz")
     print(f"{arguments.task}: {curve[-1]}")
 
 

@@ -23,9 +23,8 @@ import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
-from train_cleanrl import as_policy, network
+from train_cleanrl import as_policy, keep, network
 
-from npend_gym.report.outputs import write_csv
 from npend_gym.rl.planning import Follower, planned_swing_up
 from npend_gym.rl.policies import Policy
 
@@ -201,10 +200,8 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list
         end = {"steps": (episodes + round_) * steps, "seconds": seconds}
         curve.append(end | score | {"distance": round(distance, 4)})
     envs.close()
-    return (
-        as_policy(school.pupil, school.scale, "train_imitation.py", settings, curve[-1]),
-        curve,
-    )
+    policy = as_policy(school.pupil, school.scale, "train_imitation.py", settings, curve[-1])
+    return policy, curve
 
 
 def main() -> None:
@@ -220,10 +217,9 @@ def main() -> None:
     policy, curve = train(
         settings_of(arguments.task, seed=arguments.seed, **changes), arguments.task
     )
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    policy.save(arguments.out / f"{arguments.task}.npz")
-    write_csv(arguments.out / f"{arguments.task}.csv", curve)
-    print(f"{arguments.out / arguments.task}.npz: {curve[-1]}")
+    path = arguments.out / f"{arguments.task}.npz"
+    keep(policy, curve, path)
+    print(f"{path}: {curve[-1]}")
 
 
 if __name__ == "__main__":

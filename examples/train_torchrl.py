@@ -1,13 +1,13 @@
 """PPO by TorchRL, on the native vector environment.
 
 Run it with `python examples/train_torchrl.py swingup-1`: it writes `swingup-1.npz`, a policy of
-plain numbers for `examples/evaluate.py`. It wants `pip install "npend-gym[rl]" torchrl`.
+plain numbers for `examples/evaluate.py`, and `swingup-1.csv`, its learning curve. It wants
+`pip install "npend-gym[rl]" torchrl`.
 """
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import torch
@@ -27,7 +27,7 @@ from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 from tqdm import tqdm
-from train_cleanrl import Settings, as_policy, network, settings_of
+from train_cleanrl import Settings, as_policy, main, network
 
 from npend_gym.rl.policies import Policy
 
@@ -54,8 +54,8 @@ def scale(settings: Settings) -> torch.Tensor:
     return torch.tensor(settings.scale).repeat_interleave(settings.env["n"])
 
 
-def train(settings: Settings, progress: str | None = None) -> Policy:
-    """Return the trained policy."""
+def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list[dict[str, Any]]]:
+    """Return the trained policy and its learning curve, a row for every update."""
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
     env = make_env(settings)
@@ -89,6 +89,7 @@ def train(settings: Settings, progress: str | None = None) -> Policy:
         batch_size=settings.minibatch,
     )
     collector = Collector(env, actor, frames_per_batch=batch, total_frames=updates * batch)
+    curve: list[dict[str, Any]] = []
     last: float | None = None  # mean return of the episodes that ended last
     for seen in tqdm(collector, progress, updates, disable=None, unit="update"):
         judge(seen)
@@ -103,26 +104,10 @@ def train(settings: Settings, progress: str | None = None) -> Policy:
         slower.step()
         ended = seen["next", "episode_reward"][seen["next", "done"]]
         last = round(float(ended.mean()), 4) if len(ended) > 0 else last
+        curve.append({"steps": (len(curve) + 1) * batch, "return": last})
     collector.shutdown()
-    end = {"steps": updates * batch, "return": last}
-    return as_policy(mean, scale(settings), "train_torchrl.py", settings, end)
-
-
-def main() -> None:
-    """Train one policy and write it down."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("task", help='mode and number of rods, as in "swingup-1"')
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, help="environment steps in all")
-    parser.add_argument("--out", type=Path, default=Path())
-    arguments = parser.parse_args()
-    changes = {} if arguments.steps is None else {"total_steps": arguments.steps}
-    settings = settings_of(arguments.task, seed=arguments.seed, **changes)
-    policy = train(settings, arguments.task)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    policy.save(arguments.out / f"{arguments.task}.npz")
-    print(f"{arguments.task}: {policy.provenance['training']}")
+    return as_policy(mean, scale(settings), "train_torchrl.py", settings, curve[-1]), curve
 
 
 if __name__ == "__main__":
-    main()
+    main(train, __doc__)
