@@ -31,10 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Analyse, print and write; return the exit code."""
-    try:
-        from npend_gym.experiments.campaign.analysis import analyse
-        from npend_gym.report.campaign import analysis_text, write_analysis
+    from npend_gym.experiments.campaign.analysis import analyse
+    from npend_gym.report.campaign import analysis_text, write_analysis
 
+    try:
         result = analyse(given["folder"])
         text = result.found.text()
         print(analysis_text(result))

@@ -58,12 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Record and film; return the exit code."""
     from npend_gym.physics.simulate import IntegrationError
+    from npend_gym.report import animation
 
     out: Path = given.pop("out")
     film = {name: given.pop(name) for name in ("fps", "speed", "size")}
     try:
-        from npend_gym.report import animation
-
         prepare_file(out, animation.SUFFIXES)
         recording, film["fps"] = _recording(given, film["fps"], film["speed"], parser)
         whole = animation.Film(recording, **film)
