@@ -1,5 +1,6 @@
 """Fixtures and strategies that several test files share."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -13,6 +14,15 @@ from npend_gym import Chain
 
 # Begun in the background by a shell, this process and so those of the tests would ignore Ctrl-C
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config):
+    """Give the whole suite a worker per core, four at most; named files or tests run here."""
+    if config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return 0
+    return min(4, os.cpu_count() or 1)
+
 
 settings.register_profile("fixed", derandomize=True, deadline=None, max_examples=100)
 settings.load_profile("fixed")

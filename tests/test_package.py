@@ -134,6 +134,7 @@ def test_results_are_the_same_bits_on_every_machine():
     assert fingerprint() == GOLDEN
 
 
+@pytest.mark.long
 def test_results_are_the_same_bits_when_compiled_for_the_plainest_processor(tmp_path):
     code = "from test_package import fingerprint; print(fingerprint())"
     environment = {
