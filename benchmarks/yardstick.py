@@ -20,8 +20,8 @@ import numba
 import numpy as np
 
 from npend_gym.bench.timing import machine
+from npend_gym.compiled.packs import WIDTH, bare, packs
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
-from npend_gym.physics.kernels.packs import WIDTH, bare, packs
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
 
 LANES, STEPS, H, GRAVITY = 256, 20, 1e-3, 9.81

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.compiled.packs import WIDTH
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels.dop853 import new_solver
 from npend_gym.physics.kernels.dynamics import innermost, pack_rods
 from npend_gym.physics.kernels.lanes import MAX_SPEED
 from npend_gym.physics.kernels.listing import listing_gaps
-from npend_gym.physics.kernels.packs import WIDTH
-from npend_gym.physics.kernels.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.turning import (
     BOB,
     HEIGHT,

@@ -4,14 +4,12 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 from npend_gym.cli import main
 from npend_gym.cli.common import tell_first_use
-from npend_gym.physics.kernels import jit
-from npend_gym.physics.kernels.jit import cache_folder
+from npend_gym.compiled.jit import PACKAGE, cache_folder
 
 
 def run(*arguments, **options):
@@ -153,6 +151,6 @@ def test_the_first_use_on_a_terminal_says_why_it_takes_longer(tmp_path, capsys, 
         tell_first_use()
         said.append(capsys.readouterr().err)
     assert said == ["", "compiling for this machine, once: some twenty seconds\n"]
-    cache_folder(Path(jit.__file__).parent, str(tmp_path)).mkdir()
+    cache_folder(PACKAGE, str(tmp_path)).mkdir()
     tell_first_use()
     assert capsys.readouterr().err == ""

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from numba import njit
 
 from npend_gym import Chain
+from npend_gym.compiled.packs import WIDTH, any_of, packs, where
+from npend_gym.compiled.sincos import MAX_ANGLE, sincos
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.dynamics import (
     WORK_ROWS,
@@ -17,8 +19,6 @@ from npend_gym.physics.kernels.dynamics import (
     new_work,
     pack_rods,
 )
-from npend_gym.physics.kernels.packs import WIDTH, any_of, packs, where
-from npend_gym.physics.kernels.sincos import MAX_ANGLE, sincos
 
 
 def accelerate(chain, theta, omega, torque=None):

@@ -12,7 +12,7 @@ import pytest
 
 import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.physics.kernels.jit import cache_folder
+from npend_gym.compiled.jit import cache_folder
 
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
@@ -90,12 +90,13 @@ def test_every_public_name_is_there():
 
 
 def test_machine_code_is_kept_apart_for_every_state_of_the_sources(tmp_path):
-    (tmp_path / "a.py").write_text("TILE = 16")
-    (tmp_path / "b.py").write_text("from a import TILE")
+    (tmp_path / "compiled").mkdir()
+    (tmp_path / "compiled" / "a.py").write_text("TILE = 16")
+    (tmp_path / "compiled" / "b.py").write_text("from a import TILE")
     before = cache_folder(tmp_path, "")
     assert before.parent == tmp_path / "__pycache__"
     assert cache_folder(tmp_path, "") == before
-    (tmp_path / "a.py").write_text("TILE = 32")
+    (tmp_path / "compiled" / "a.py").write_text("TILE = 32")
     assert cache_folder(tmp_path, "") != before
     assert cache_folder(tmp_path, "/elsewhere").parent == Path("/elsewhere")
 

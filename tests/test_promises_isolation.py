@@ -100,7 +100,7 @@ def test_a_read_only_installation_works_without_a_home(tmp_path, mounting):
         "import os, npend_gym\n"
         f"assert npend_gym.__file__.startswith({str(site)!r})\n"
         "assert not os.access(npend_gym.__path__[0], os.W_OK)\n"
-        "from npend_gym.physics.kernels.sincos import sincos\n"
+        "from npend_gym.compiled.sincos import sincos\n"
         "print(sincos(0.0))\n"
     )
     package = Path(npend_gym.__file__).parent

@@ -13,6 +13,8 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym.bench.timing import Job, Row, rates
 from npend_gym.chain import Chain
+from npend_gym.compiled.jit import kernel
+from npend_gym.compiled.packs import WIDTH, packs
 from npend_gym.physics.kernels.dynamics import (
     WORK_ROWS,
     Rods,
@@ -21,8 +23,6 @@ from npend_gym.physics.kernels.dynamics import (
     new_work,
     pack_rods,
 )
-from npend_gym.physics.kernels.jit import kernel
-from npend_gym.physics.kernels.packs import WIDTH, packs
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
 
 _H = 1e-6  # s; so short that the motion stays what it is

@@ -39,10 +39,10 @@ def tell_first_use() -> None:
     """Say on a terminal, where nothing has been compiled yet, why the first run takes longer."""
     if not sys.stderr.isatty():
         return
-    from npend_gym.physics.kernels import jit
+    from npend_gym.compiled import jit
 
     chosen = os.environ.get("NUMBA_CACHE_DIR", "")
-    if not jit.cache_folder(Path(jit.__file__).parent, chosen).exists():
+    if not jit.cache_folder(jit.PACKAGE, chosen).exists():
         tell("compiling for this machine, once: some twenty seconds")
 
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import Config
 from npend_gym.envs.modes import Quantities, lifting_energy
 from npend_gym.period import counted_speed
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels import lanes as kernels
 from npend_gym.physics.kernels.dynamics import pack_rods
-from npend_gym.physics.kernels.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.stepping import MAX_PARTS, advance_many, advance_one
 
 BoolArray = NDArray[np.bool_]

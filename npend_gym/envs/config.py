@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks, theory
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.modes import MODES, Mode, lifting_energy
 from npend_gym.physics.kernels.lanes import MAX_SPEED
-from npend_gym.physics.kernels.sincos import MAX_ANGLE
 
 OBSERVATIONS = ("angles", "sincos")
 MAX_SUBSTEPS = 100_000

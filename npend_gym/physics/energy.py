@@ -6,7 +6,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.physics.kernels.sincos import sincos_all
+from npend_gym.compiled.sincos import sincos_all
 
 
 def positions(chain: Chain, theta: FloatArray) -> FloatArray:

@@ -15,12 +15,12 @@ from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym._version import __version__
 from npend_gym.chain import Chain
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import Rods, new_work
 from npend_gym.physics.kernels.lanes import MAX_SPEED
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
-from npend_gym.physics.kernels.sincos import MAX_ANGLE
 from npend_gym.physics.pivot import cart_motion, checked_pivot, rods_on
 
 METHODS = ("dop853", "rk4")

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
+from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.dynamics import Rods, copy, derivative, new_work
-from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel
-from npend_gym.physics.kernels.packs import any_of, where
 
 STAGES = 12
 _ROWS = 16  # 12 stages, the derivative at the new point, 3 more for dense output

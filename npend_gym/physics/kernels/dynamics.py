@@ -40,8 +40,8 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel
-from npend_gym.physics.kernels.sincos import sincos
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
+from npend_gym.compiled.sincos import sincos
 
 WORK_ROWS = 7
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.sincos import ROUND, sincos
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
-from npend_gym.physics.kernels.jit import inlined_kernel, kernel, spliced_kernel
-from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS
-from npend_gym.physics.kernels.sincos import ROUND, sincos
 from npend_gym.physics.kernels.turning import Turns
 
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym.physics.kernels.jit import kernel
+from npend_gym.compiled.jit import kernel
 
 
 @kernel

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from npend_gym._checks import FloatArray
-from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel
-from npend_gym.physics.kernels.sincos import sincos
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel
+from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.turning import BOB, Turns, count_sign
 
 _ROOT_TOLERANCE = 1e-13  # of a substep

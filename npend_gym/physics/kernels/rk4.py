@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.physics.kernels.dynamics import Rods, accelerations, copy
-from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel
 
 STAGE_ROWS = 8
 

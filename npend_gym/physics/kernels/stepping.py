@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.sincos import MAX_ANGLE, ROUND
 from npend_gym.physics.kernels import lanes as row
 from npend_gym.physics.kernels.dynamics import accelerations, copy
-from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.lanes import (
     Group,
     any_positive,
@@ -23,10 +25,8 @@ from npend_gym.physics.kernels.lanes import (
     turns_of,
     wrap,
 )
-from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.physics.kernels.reversals import bob_accelerations, follow
 from npend_gym.physics.kernels.rk4 import rk4_step
-from npend_gym.physics.kernels.sincos import MAX_ANGLE, ROUND
 
 MAX_PARTS = 32.0  # of a substep
 

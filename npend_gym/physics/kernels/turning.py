@@ -23,11 +23,11 @@ from typing import NamedTuple
 import numpy as np
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dop853 import Solver, attempt, prepare_dense, start
 from npend_gym.physics.kernels.dynamics import Rods
-from npend_gym.physics.kernels.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
-from npend_gym.physics.kernels.packs import WIDTH, NumbersOf, any_of, bare, packs, where
-from npend_gym.physics.kernels.sincos import sincos
 
 BOB, LINK, HEIGHT = 0, 1, 2
 T_END, THRESHOLD, STATUS = range(3)  # rows of what belongs to a release

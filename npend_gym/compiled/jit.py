@@ -12,17 +12,24 @@ from typing import TYPE_CHECKING, TypeVar
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
+PACKAGE = Path(__file__).parent.parent
 
-def sources_digest(folder: Path) -> str:
-    """Return a digest of all sources in `folder`."""
+
+# Everything that is compiled, relative to the package
+_SOURCES = ("compiled/*.py", "physics/kernels/*.py", "envs/kernels.py")
+
+
+def sources_digest(package: Path) -> str:
+    """Return a digest of all compiled sources of the package in the folder `package`."""
     digest = sha256()
-    for file in sorted(folder.glob("*.py")):
-        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    for pattern in _SOURCES:
+        for file in sorted(package.glob(pattern)):
+            digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 
-def cache_folder(folder: Path, chosen: str) -> Path:
-    """Return where the machine code made from the sources in `folder` is kept.
+def cache_folder(package: Path, chosen: str) -> Path:
+    """Return the folder that keeps the machine code made from the sources in `package`.
 
     Numba looks at the file that a function stands in, not at the files of the functions that it
     calls: an edit or an upgrade of one kernel file would leave stale machine code of another in
@@ -32,13 +39,13 @@ def cache_folder(folder: Path, chosen: str) -> Path:
     """
     if chosen:
         base = Path(chosen)
-    elif os.access(folder, os.W_OK):
-        base = folder / "__pycache__"
+    elif os.access(package, os.W_OK):
+        base = package / "__pycache__"
     else:
         base = Path(tempfile.gettempdir())
         with suppress(RuntimeError):  # there is no home
             base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / f"npend_gym-{sources_digest(folder)}"
+    return base / f"npend_gym-{sources_digest(package)}"
 
 
 if TYPE_CHECKING:
@@ -65,7 +72,7 @@ if TYPE_CHECKING:
 else:
     from numba import config, njit
 
-    _FOLDER = cache_folder(Path(__file__).parent, config.CACHE_DIR)
+    _FOLDER = cache_folder(PACKAGE, config.CACHE_DIR)
 
     def kernel(function):
         """Compile `function` with Numba."""

@@ -7,8 +7,8 @@ Reduction and polynomials are those of FreeBSD's msun (fdlibm ``e_rem_pio2.c``, 
 from __future__ import annotations
 
 from npend_gym._checks import FloatArray
-from npend_gym.physics.kernels.jit import kernel
-from npend_gym.physics.kernels.packs import where
+from npend_gym.compiled.jit import kernel
+from npend_gym.compiled.packs import where
 
 MAX_ANGLE = 1e5  # rad; up to here the error is below 1 ulp (largest seen 0.74)
 
