@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from npend_gym.experiments.law import fit_law, scan
 from npend_gym.experiments.paper.chaos import growth
 from npend_gym.experiments.paper.figure_data import SOURCES, figure2, series
 from npend_gym.experiments.paper.grid import grid
 from npend_gym.experiments.paper.integrators import STEPS, runge_kutta_errors
-from npend_gym.experiments.paper.scan import fit_law, scan
 from npend_gym.report.paper_figures import FIGURES, write_figures
 
 

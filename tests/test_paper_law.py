@@ -3,9 +3,7 @@ import pytest
 from scipy.optimize import brentq
 
 from npend_gym import Chain, pseudo_periods, theory
-from npend_gym.experiments.paper import law
-from npend_gym.experiments.paper.finding import Verdict
-from npend_gym.experiments.paper.scan import (
+from npend_gym.experiments.law import (
     Scan,
     count_exponent,
     fit_exponent,
@@ -14,6 +12,8 @@ from npend_gym.experiments.paper.scan import (
     rope_ratios,
     scan,
 )
+from npend_gym.experiments.paper import law
+from npend_gym.experiments.paper.finding import Verdict
 
 COUNTS, ANGLES = (2, 10, 20, 50), (0.01, 0.3, np.pi / 4, 1.0, 1.2)
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
 from npend_gym import theory
-from npend_gym.experiments.paper.scan import Law, Scan
+from npend_gym.experiments.law import Law, Scan
 from npend_gym.report.figures import styled
 from npend_gym.report.palette import BLACK, FAINT, GREEN, ORANGE, PINK, TRIALS, panels, shade
 
@@ -20,29 +20,33 @@ def law_against_n(data: tuple[Scan, Law]) -> Figure:
     scan, law = data
     figure = Figure(figsize=(7.2, 5.6))
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
-    counts = np.unique(np.geomspace(1, int(scan.counts[-1]), 60).astype(np.int64))
+    counts = np.unique(np.geomspace(1, int(scan.n_values[-1]), 60).astype(np.int64))
     ideal = theory.single_period() * np.sqrt(counts)
     top.plot(counts, ideal, color=ORANGE, label=r"the paper's $2\pi\sqrt{Nl/g}$, any angle")
-    shown = [int(np.argmin(np.abs(scan.angles - a))) for a in (0.01, np.pi / 4, 1.2)]
+    shown = [int(np.argmin(np.abs(scan.amplitudes - a))) for a in (0.01, np.pi / 4, 1.2)]
     for row, (marker, color) in zip(shown, TRIALS, strict=True):
-        angle = scan.angles[row]
+        angle = scan.amplitudes[row]
         label = f"measured, median over the bobs, {angle:.3g} rad"
-        top.plot(scan.counts, scan.median[row] * scan.fundamental, marker, color=color, label=label)
+        top.plot(
+            scan.n_values, scan.median[row] * scan.fundamental, marker, color=color, label=label
+        )
         periods = [theory.large_n_period(int(n)) * law.ratio(angle) for n in counts]
         top.plot(counts, periods, color=color, linewidth=0.9)
         expected = law.ratio(angle)
-        bottom.plot(scan.counts, scan.median[row] / expected - 1.0, marker + "-", color=color,
+        bottom.plot(scan.n_values, scan.median[row] / expected - 1.0, marker + "-", color=color,
                     linewidth=0.9, markersize=5)  # fmt: skip
-    top.plot([], [], color=BLACK, linewidth=0.9, label=f"the law, from N = {law.counts[0]}")
-    exact = theory.single_period() * np.sqrt(scan.counts) / scan.fundamental
-    bottom.plot(scan.counts, exact / law.ratio(scan.angles[shown[1]]) - 1.0, "x-", color=ORANGE,
-                label="the paper's, at 45°")  # fmt: skip
+    top.plot([], [], color=BLACK, linewidth=0.9, label=f"the law, from N = {law.n_values[0]}")
+    exact = theory.single_period() * np.sqrt(scan.n_values) / scan.fundamental
+    bottom.plot(scan.n_values, exact / law.ratio(scan.amplitudes[shown[1]]) - 1.0, "x-",
+                color=ORANGE, label="the paper's, at 45°")  # fmt: skip
     bottom.legend(loc="center right")
     bottom.axhline(0.0, color=BLACK, linewidth=0.6)
     top.set(yscale="log", ylabel="pseudo-period [s]", title="Rods of 1 m, released straight")
     bottom.set(xscale="log", xlabel="number of pendulums N", ylabel="over the law, less 1")
     bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    bottom.xaxis.set(major_locator=FixedLocator(scan.counts.tolist()), minor_locator=NullLocator())
+    bottom.xaxis.set(
+        major_locator=FixedLocator(scan.n_values.tolist()), minor_locator=NullLocator()
+    )
     bottom.xaxis.set_major_formatter(ScalarFormatter())
     _plain_seconds(top)
     top.legend()
@@ -55,25 +59,25 @@ def law_against_angle(data: tuple[Scan, Law]) -> Figure:
     scan, law = data
     figure = Figure(figsize=(7.2, 6.2))
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.4, 1.0))
-    angle = np.linspace(0.0, float(scan.angles[-1]), 300)
+    angle = np.linspace(0.0, float(scan.amplitudes[-1]), 300)
     pendulum = 1.0 + theory.amplitude_correction(angle)
-    n = scan.counts[-1]
+    n = scan.n_values[-1]
     high = theory.single_period() * np.sqrt(n) / scan.fundamental[-1]
     top.plot(angle, high * pendulum, color=ORANGE, label=f"the paper's $T(N,a)$, N = {n}")
     top.plot(angle, pendulum, color=GREEN, label="$T_1$ with one pendulum's series")
-    inside = angle[angle <= law.angles[-1]]
+    inside = angle[angle <= law.amplitudes[-1]]
     top.plot(inside, law.ratio(inside), color=BLACK, label="the law fitted here")
-    large = np.flatnonzero(scan.counts >= law.counts[0])
+    large = np.flatnonzero(scan.n_values >= law.n_values[0])
     markers = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
     for column, marker in zip(large.tolist(), markers, strict=False):
         color = shade((column - large[0]) / max(1, large.size - 1))
-        label = f"measured, median, N = {scan.counts[column]}"
-        top.plot(scan.angles, scan.median[:, column], marker, color=color, markersize=4.5,
+        label = f"measured, median, N = {scan.n_values[column]}"
+        top.plot(scan.amplitudes, scan.median[:, column], marker, color=color, markersize=4.5,
                  label=label)  # fmt: skip
-        bottom.plot(law.angles, law.residuals[:, column - large[0]], marker, color=color,
+        bottom.plot(law.amplitudes, law.residuals[:, column - large[0]], marker, color=color,
                     markersize=4.5)  # fmt: skip
     mean = scan.mean[:, large[-1]]
-    top.plot(scan.angles, mean, "+", color=PINK, label=f"measured, mean, N = {n}")
+    top.plot(scan.amplitudes, mean, "+", color=PINK, label=f"measured, mean, N = {n}")
     top.axvline(np.pi / 4, color=FAINT, linewidth=0.9, zorder=0)
     top.annotate(r"$\pi/4$", (np.pi / 4, 0.66), xytext=(3, 0), textcoords="offset points")
     bottom.axhline(0.0, color=BLACK, linewidth=0.6)

@@ -195,11 +195,11 @@ def _figure_data(kane_n: int) -> dict[str, Callable[[], Any]]:
 
 
 def _table_rows(kane_n: int) -> dict[str, Callable[[], list[dict[str, Any]]]]:
+    from npend_gym.experiments.law import scan, scan_rows
     from npend_gym.experiments.paper.chaos import growth_rows
     from npend_gym.experiments.paper.grid import grid, grid_rows
     from npend_gym.experiments.paper.kane import cost_rows
     from npend_gym.experiments.paper.periods import digit_rows
-    from npend_gym.experiments.paper.scan import scan, scan_rows
 
     return {
         "errors_by_reading": lambda: grid_rows(grid()),

@@ -28,7 +28,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.experiments.campaign.folder import Found, folder_of, inspect, read_plan
 from npend_gym.experiments.campaign.plan import Plan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
-from npend_gym.experiments.paper.scan import (
+from npend_gym.experiments.law import (
     LAW_FROM,
     LAW_UP_TO,
     Estimate,

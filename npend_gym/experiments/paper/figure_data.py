@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.experiments.law import Law, Scan, fit_law, scan
 from npend_gym.experiments.paper import KANE_N
 from npend_gym.experiments.paper.chaos import Growth, runs_from
 from npend_gym.experiments.paper.fits import exponent
@@ -20,7 +21,6 @@ from npend_gym.experiments.paper.integrators import STEPS, runge_kutta_errors
 from npend_gym.experiments.paper.kane import OUR_COUNTS, kane_costs, our_seconds
 from npend_gym.experiments.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.experiments.paper.periods import listing_bars
-from npend_gym.experiments.paper.scan import Law, Scan, fit_law, scan
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N
 from npend_gym.period import LISTING_DURATION
 from npend_gym.physics.simulate import Trajectory, simulate

@@ -9,15 +9,15 @@ from scipy.special import jn_zeros
 
 from npend_gym import theory
 from npend_gym.chain import Chain
-from npend_gym.experiments.paper import scan
+from npend_gym.experiments import law as scan
+from npend_gym.experiments.law import AMPLITUDES, N_VALUES, Law, Scan
 from npend_gym.experiments.paper.finding import Finding, Verdict
-from npend_gym.experiments.paper.scan import ANGLES, COUNTS, Law, Scan
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_SPREAD
 from npend_gym.period import pseudo_periods
 
 
 def findings(
-    counts: tuple[int, ...] = COUNTS, angles: tuple[float, ...] = ANGLES
+    counts: tuple[int, ...] = N_VALUES, angles: tuple[float, ...] = AMPLITUDES
 ) -> Iterator[Finding]:
     """Yield what the audit says about the law, from releases on the given grid."""
     data = scan.scan(counts, angles)
@@ -34,11 +34,11 @@ def findings(
 
 
 def _row(data: Scan, angle: float) -> int:
-    return int(np.argmin(np.abs(data.angles - angle)))
+    return int(np.argmin(np.abs(data.amplitudes - angle)))
 
 
 def _scaling(data: Scan) -> Finding:
-    rows = [i for i, angle in enumerate(data.angles) if angle <= scan.LAW_UP_TO]
+    rows = [i for i, angle in enumerate(data.amplitudes) if angle <= scan.LAW_UP_TO]
     found = [scan.count_exponent(data, "median", i) for i in rows]
     values = [estimate.value for estimate in found]
     widest = max(estimate.error for estimate in found)
@@ -47,14 +47,14 @@ def _scaling(data: Scan) -> Finding:
         "exponent 1/2",
         f"exponent of N + 1/2 between {min(values):.4f} and {max(values):.4f} (+- {widest:.4f})",
         Verdict.of(max(abs(v - 0.5) for v in values) < 0.005),
-        f"Median over the bobs, N = {scan.LAW_FROM} to {data.counts[-1]}, {data.angles[0]} to "
-        f"{scan.LAW_UP_TO} rad, 95 % intervals.",
+        f"Median over the bobs, N = {scan.LAW_FROM} to {data.n_values[-1]}, "
+        f"{data.amplitudes[0]} to {scan.LAW_UP_TO} rad, 95 % intervals.",
     )  # fmt: skip
 
 
 def _factor(data: Scan, fitted: Law) -> Finding:
     mode = 2.0 / float(jn_zeros(0, 1)[0])
-    n = int(data.counts[-1])
+    n = int(data.n_values[-1])
     ideal = theory.ideal_period(Chain.uniform(n))
     measured = float(data.median[0, -1] * data.fundamental[-1] / ideal)
     return Finding(
@@ -76,15 +76,16 @@ def _law(fitted: Law) -> Finding:
         f"T = {fitted.limit:.4f} T1(N) [1 + b a^2/(1 + d a^2)], b = {fitted.b}, d = {fitted.d}, "
         f"residuals at most {worst:.2%}",
         Verdict.of(abs(fitted.b.value - 1.0 / 16.0) <= fitted.b.error),
-        f"Median over the bobs, N = {fitted.counts[0]} to {fitted.counts[-1]}, "
-        f"{fitted.angles[0]} to {fitted.angles[-1]:.3g} rad; T1 ~ (2/j01) 2 pi sqrt((N + 1/2) l/g)"
-        f". The period grows {16.0 * fitted.b.value:.1f} times as fast with a^2 as one pendulum's.",
+        f"Median over the bobs, N = {fitted.n_values[0]} to {fitted.n_values[-1]}, "
+        f"{fitted.amplitudes[0]} to {fitted.amplitudes[-1]:.3g} rad; T1 ~ (2/j01) 2 pi "
+        f"sqrt((N + 1/2) l/g). The period grows {16.0 * fitted.b.value:.1f} times as fast with "
+        "a^2 as one pendulum's.",
     )  # fmt: skip
 
 
 def _coincidence(data: Scan, fitted: Law) -> Finding:
-    column = data.counts >= scan.LAW_FROM
-    angles = [data.angles[0], PAPER_AMPLITUDE, scan.LAW_UP_TO]
+    column = data.n_values >= scan.LAW_FROM
+    angles = [data.amplitudes[0], PAPER_AMPLITUDE, scan.LAW_UP_TO]
     pendulum = 1.0 + theory.amplitude_correction(np.array(angles))
     measured = np.array([data.median[_row(data, a), column].mean() for a in angles])
     off = pendulum / measured - 1.0
@@ -108,13 +109,13 @@ def _crossing(fitted: Law) -> float:
 def _statistics(data: Scan) -> Finding:
     row = _row(data, PAPER_AMPLITUDE)
     shown = {
-        name: np.ptp(getattr(data, name)[row, data.counts >= scan.LAW_FROM])
+        name: np.ptp(getattr(data, name)[row, data.n_values >= scan.LAW_FROM])
         for name in scan.STATISTICS
     }
     text = ", ".join(f"{name} {value:.4f}" for name, value in shown.items())
     return Finding(
         "which-average", "procedure (v)", "The average over the bobs is the pseudo-period", "mean",
-        f"range of T/T1 over N = {scan.LAW_FROM} to {data.counts[-1]} at pi/4: {text}",
+        f"range of T/T1 over N = {scan.LAW_FROM} to {data.n_values[-1]} at pi/4: {text}",
         Verdict.of(bool(shown["mean"] <= 2.0 * shown["median"])),
         "The median keeps one ratio to T1 for all N; the mean does not, for bobs near the pivot "
         "turn with the wave that runs down the chain.",
@@ -157,14 +158,14 @@ def _trial_equation() -> Finding:
 
 
 def _small_angles(data: Scan) -> Finding:
-    column = int(np.flatnonzero(data.counts >= scan.LAW_FROM)[0])
-    n = int(data.counts[column])
+    column = int(np.flatnonzero(data.n_values >= scan.LAW_FROM)[0])
+    n = int(data.n_values[column])
     ratio = (
         data.median[0, column] * data.fundamental[column] / theory.ideal_period(Chain.uniform(n))
     )
     return Finding(
         "small-angles", "text after Figures 4-7", "The model is suitable for small angles", "T0",
-        f"median over T0 = {ratio:.3f} at {data.angles[0]} rad, N = {n}",
+        f"median over T0 = {ratio:.3f} at {data.amplitudes[0]} rad, N = {n}",
         Verdict.of(abs(ratio - 1.0) < 0.02),
         "The exact limit of small angles is another: the linearised equations couple the rods.",
     )  # fmt: skip
@@ -174,7 +175,7 @@ def _verified(data: Scan) -> Finding:
     row = _row(data, PAPER_AMPLITUDE)
     errors = {
         int(n): abs(theory.ideal_period(Chain.uniform(int(n))) / (ratio * t1) - 1.0)
-        for n, ratio, t1 in zip(data.counts, data.mean[row], data.fundamental, strict=True)
+        for n, ratio, t1 in zip(data.n_values, data.mean[row], data.fundamental, strict=True)
     }
     shown = ", ".join(f"{e:.1%} at N = {n}" for n, e in errors.items() if n in (1, 2, 5, 100))
     return Finding(

@@ -29,9 +29,11 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.period import pseudo_periods
 
-COUNTS = (1, 2, 3, 5, 10, 20, 50, 100, 200)
-ANGLES = (0.01, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, math.pi / 4, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6,
-          1.8, 2.0)  # fmt: skip
+N_VALUES = (1, 2, 3, 5, 10, 20, 50, 100, 200)
+AMPLITUDES = (
+    0.01, 0.03, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, math.pi / 4, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6, 1.8,
+    2.0,
+)  # rad  # fmt: skip
 LAW_FROM, LAW_UP_TO = 10, 1.2  # bobs, rad: where the law is fitted and holds
 STATISTICS = ("mean", "median", "tip")
 _RTOL = 1e-8
@@ -41,23 +43,24 @@ _WINDOW = 1.5  # periods of the slowest mode, in which every bob of a small rele
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Pseudo-periods over number of pendulums and starting angle, over T1.
+    """Pseudo-periods of equal rods over N and amplitude, divided by T1.
 
     Attributes
     ----------
-    counts : ndarray, shape (C,)
-    angles : ndarray, shape (A,)
-        Starting angles [rad].
+    n_values : ndarray, shape (C,)
+        Numbers of rods, the columns.
+    amplitudes : ndarray, shape (A,)
+        Starting angles of all rods [rad], the rows.
     mean, median, tip : ndarray, shape (A, C)
         Of the bobs that complete, over the period of the slowest mode; the tip is the last bob.
     completed : ndarray, shape (A, C)
-        Share of the bobs that complete.
+        Fraction of the bobs that complete.
     fundamental : ndarray, shape (C,)
         T1 of rods of 1 m [s].
     """
 
-    counts: NDArray[np.int64]
-    angles: FloatArray
+    n_values: NDArray[np.int64]
+    amplitudes: FloatArray
     mean: FloatArray
     median: FloatArray
     tip: FloatArray
@@ -66,47 +69,71 @@ class Scan:
 
 
 def scan(
-    counts: tuple[int, ...] = COUNTS,
-    angles: tuple[float, ...] = ANGLES,
+    n_values: tuple[int, ...] = N_VALUES,
+    amplitudes: tuple[float, ...] = AMPLITUDES,
     reading: str = "bob",
     periods: float = 10.0,
 ) -> Scan:
-    """Release every chain of `counts` rods at every angle [rad]; about 15 s by default.
+    """Release chains of 1 m rods from rest at every N and amplitude, and measure all bobs.
 
-    A bob is given up after so many `periods` of the slowest mode. What was measured once is kept.
+    Each cell is measured once and kept, so that a part of a larger scan costs nothing after it.
+
+    Parameters
+    ----------
+    n_values : tuple of int
+        Numbers of rods.
+    amplitudes : tuple of float
+        Starting angles of all rods [rad].
+    reading : str
+        See `npend_gym.pseudo_periods`.
+    periods : float
+        A bob that does not complete within this many periods of the slowest mode counts as NaN.
+
+    Returns
+    -------
+    Scan
+        With the default grid this takes about 15 s.
     """
-    fundamental = [theory.fundamental_period(Chain.uniform(n)) for n in counts]
-    cells = np.empty((4, len(angles), len(counts)))
-    for column, (n, t1) in enumerate(zip(counts, fundamental, strict=True)):
-        for row, angle in enumerate(angles):
-            ratio = _periods(n, angle, reading, periods * t1) / t1
+    fundamental = [theory.fundamental_period(Chain.uniform(n)) for n in n_values]
+    cells = np.empty((4, len(amplitudes), len(n_values)))
+    for column, (n, t1) in enumerate(zip(n_values, fundamental, strict=True)):
+        for row, amplitude in enumerate(amplitudes):
+            ratio = _periods(n, amplitude, reading, periods * t1) / t1
             done = ratio[np.isfinite(ratio)]
             some = done if done.size else np.array([np.nan])
             cells[:, row, column] = some.mean(), np.median(some), ratio[-1], done.size / n
     mean, median, tip, completed = cells
     return Scan(
-        np.array(counts), np.array(angles), mean, median, tip, completed, np.array(fundamental)
+        np.array(n_values),
+        np.array(amplitudes),
+        mean,
+        median,
+        tip,
+        completed,
+        np.array(fundamental),
     )
 
 
 @cache
-def _periods(n: int, angle: float, reading: str, duration: float) -> FloatArray:
-    return pseudo_periods(Chain.uniform(n), angle, reading=reading, duration=duration, rtol=_RTOL)
+def _periods(n: int, amplitude: float, reading: str, duration: float) -> FloatArray:
+    return pseudo_periods(
+        Chain.uniform(n), amplitude, reading=reading, duration=duration, rtol=_RTOL
+    )
 
 
 def scan_rows(data: Scan) -> list[dict[str, Any]]:
-    """Return the tidy table: a row for every starting angle and number of pendulums."""
+    """Return the tidy table of a scan: a row for every amplitude and N."""
     return [
         {
             "n": int(n),
-            "angle_rad": float(angle),
+            "angle_rad": float(amplitude),
             "fundamental_s": float(data.fundamental[column]),
             **{
                 name: float(getattr(data, name)[row, column]) for name in (*STATISTICS, "completed")
             },
         }
-        for row, angle in enumerate(data.angles)
-        for column, n in enumerate(data.counts)
+        for row, amplitude in enumerate(data.amplitudes)
+        for column, n in enumerate(data.n_values)
     ]
 
 
@@ -185,45 +212,56 @@ class Law:
         [1/rad^2]
     residuals : ndarray, shape (A, C)
         Measured over law, minus one, where it was fitted.
-    counts, angles : ndarray
-        The rows and columns of `residuals`.
+    n_values, amplitudes : ndarray
+        The columns and rows of `residuals`.
     """
 
     limit: float
     b: Estimate
     d: Estimate
     residuals: FloatArray
-    counts: NDArray[np.int64]
-    angles: FloatArray
+    n_values: NDArray[np.int64]
+    amplitudes: FloatArray
 
-    def ratio(self, angle: FloatArray) -> FloatArray:
+    def ratio(self, amplitude: FloatArray) -> FloatArray:
         """Return T/T1 for starting angles [rad]."""
-        return self.limit * amplitude_factor(angle, self.b.value, self.d.value)
+        return self.limit * amplitude_factor(amplitude, self.b.value, self.d.value)
 
 
-def amplitude_factor(angle: FloatArray, b: float, d: float) -> FloatArray:
+def amplitude_factor(amplitude: FloatArray, b: float, d: float) -> FloatArray:
     """Return what the law multiplies its limit of small angles by, for angles [rad]."""
-    return 1.0 + b * angle**2 / (1.0 + d * angle**2)
+    return 1.0 + b * amplitude**2 / (1.0 + d * amplitude**2)
 
 
 def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
-    """Fit b and d of the law to the medians of chains of `first` bobs and more, to `up_to` [rad].
+    """Fit b and d of the law to the medians of a scan.
 
-    The intervals are those of least squares: the data have no noise, so they measure how well the
-    form fits.
+    Parameters
+    ----------
+    data : Scan
+    first : int
+        The smallest N that is fitted.
+    up_to : float
+        The largest amplitude that is fitted [rad].
+
+    Returns
+    -------
+    Law
+        Its intervals are those of least squares: the data have no noise, so they measure how well
+        the form fits.
     """
-    rows, columns = data.angles <= up_to + 1e-9, data.counts >= first
+    rows, columns = data.amplitudes <= up_to + 1e-9, data.n_values >= first
     limit = float(np.median(rope_ratios()[1]))
     measured = data.median[np.ix_(rows, columns)] / limit
-    angle = np.broadcast_to(data.angles[rows][:, None], measured.shape)
-    x, y = angle.ravel(), measured.ravel()
+    amplitude = np.broadcast_to(data.amplitudes[rows][:, None], measured.shape)
+    x, y = amplitude.ravel(), measured.ravel()
     b, d = estimates(*curve_fit(amplitude_factor, x, y, p0=(0.2, 0.9)), measured.size)
-    residuals = measured / amplitude_factor(angle, b.value, d.value) - 1.0
-    return Law(limit, b, d, residuals, data.counts[columns], data.angles[rows])
+    residuals = measured / amplitude_factor(amplitude, b.value, d.value) - 1.0
+    return Law(limit, b, d, residuals, data.n_values[columns], data.amplitudes[rows])
 
 
 def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:
-    """Return fitted values with their 95 % confidence intervals, from a fit to so many `points`."""
+    """Return fitted values with their 95 % confidence intervals, from a fit to `points` data."""
     wide = _student(points - len(values)) * np.sqrt(np.diag(covariance))
     return [Estimate(float(v), float(w)) for v, w in zip(values, wide, strict=True)]
 
@@ -235,10 +273,10 @@ def fit_exponent(x: ArrayLike, y: FloatArray) -> Estimate:
 
 
 def count_exponent(data: Scan, statistic: str, row: int, first: int = LAW_FROM) -> Estimate:
-    """Return the exponent of T against N + 1/2 at one angle, from chains of `first` bobs up."""
-    columns = data.counts >= first
+    """Return the exponent of T against N + 1/2 in one `row` of a scan, from N = `first` up."""
+    columns = data.n_values >= first
     periods = getattr(data, statistic)[row] * data.fundamental
-    return fit_exponent(data.counts[columns] + 0.5, periods[columns])
+    return fit_exponent(data.n_values[columns] + 0.5, periods[columns])
 
 
 def _student(freedom: int) -> float:
