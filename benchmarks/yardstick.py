@@ -19,7 +19,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from npend_gym.bench.timing import machine
+from npend_gym._machine import machine
 from npend_gym.compiled.packs import WIDTH, bare, packs
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step

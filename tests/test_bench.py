@@ -3,42 +3,85 @@
 import csv
 import json
 import math
+import sys
 import time
 
 import numpy as np
 import pytest
+from suites import accuracy, dynamics, environments, output, timing
+from suites.timing import Job, Peers, Row
 
-from npend_gym import Chain, bench, simulate
-from npend_gym.bench import accuracy, dynamics, environments, timing
-from npend_gym.bench.timing import Job, Row
-from npend_gym.cli import main
-from npend_gym.report import bench as report
+from npend_gym import Chain, simulate
+from npend_gym.cli import bench, main
 
 
 @pytest.fixture
-def hurried(monkeypatch):
+def short_rounds(monkeypatch):
     monkeypatch.setattr(timing, "SECONDS", 1e-4)
 
 
-def test_of_two_jobs_the_one_that_does_twice_the_work_in_the_time_has_twice_the_rate():
+@pytest.fixture
+def rows_of(monkeypatch):
+    """A function that makes the suite "dynamics" yield the given rows."""
+
+    def replace(rows):
+        monkeypatch.setattr(dynamics, "rows", lambda peers: iter(rows))
+
+    return replace
+
+
+def test_a_job_with_twice_the_items_per_call_has_twice_the_rate():
     def wait(calls):
         end = time.process_time() + 1e-4 * calls
         while time.process_time() < end:
             pass
 
-    best = timing.rates({"one": Job(wait), "two": Job(wait, units=2.0)}, rounds=2)
+    best = timing.rates({"one": Job(wait), "two": Job(wait, items_per_call=2.0)}, rounds=2)
     assert best["one"] == pytest.approx(1e4, rel=0.3)
     assert best["two"] == pytest.approx(2.0 * best["one"], rel=0.3)
 
 
-@pytest.mark.usefixtures("hurried")
-def test_calls_come_in_whole_multiples():
-    taken = []
-    timing.rates({"": Job(taken.append, multiple=7)}, rounds=3)
-    assert [calls % 7 for calls in taken[-3:]] == [0, 0, 0]
+@pytest.mark.usefixtures("short_rounds")
+def test_the_number_of_timed_calls_is_a_multiple_of_repeat():
+    calls = []
+    timing.rates({"": Job(calls.append, repeat=7)}, rounds=3)
+    assert [count % 7 for count in calls[-3:]] == [0, 0, 0]
 
 
-def test_mujocos_chain_moves_as_ours_does():
+def test_a_peer_whose_import_fails_is_left_out_and_the_reason_is_reported_once(
+    monkeypatch, tmp_path
+):
+    (tmp_path / "broken_peer.py").write_text("import a_library_that_is_not_installed")
+    monkeypatch.syspath_prepend(tmp_path)
+    messages = []
+    peers = Peers(messages.append)
+
+    def job():
+        import broken_peer
+
+        return Job(broken_peer.run)
+
+    assert peers.job("a peer", job) is None
+    assert peers.job("a peer", job) is None
+    (message,) = messages
+    assert message.startswith("a peer is left out: ModuleNotFoundError")
+    assert "a_library_that_is_not_installed" in message
+    assert peers.job("another", lambda: Job(len, 2.0)) is None  # it fails when it runs
+    assert peers.job("a third", lambda: Job(range, 2.0)).items_per_call == 2.0
+
+
+@pytest.mark.usefixtures("short_rounds")
+def test_without_a_peer_the_packages_own_speed_is_measured_alone(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)  # importing it fails
+    messages = []
+    row = next(dynamics.rows(Peers(messages.append)))
+    assert (row.job, row.peer) == ("one evaluation, N = 2", "")
+    assert row.ours_per_s > 0.0
+    assert math.isnan(row.peer_per_s)
+    assert messages[0].startswith("MuJoCo is left out: ModuleNotFoundError")
+
+
+def test_mujocos_chain_moves_like_the_packages_own():
     mujoco = pytest.importorskip("mujoco")
     model, data = dynamics.mujoco_chain(3)
     for _ in range(100):
@@ -47,27 +90,26 @@ def test_mujocos_chain_moves_as_ours_does():
     np.testing.assert_allclose(np.cumsum(data.qpos), path.theta[-1], atol=1e-6)
 
 
-def test_every_method_solves_the_papers_job_as_well_as_it_is_told():
-    points = list(accuracy.rows(n=3, duration=1.0))
-    assert {"npend_gym, dop853", "npend_gym, rk4"} <= {point.method for point in points}
-    tightest = {point.method: point.energy_error for point in points}  # the last one
+def test_every_method_keeps_the_energy_at_its_tightest_tolerance():
+    measured = list(accuracy.rows(Peers(print), n=3, duration=1.0))
+    assert {"npend_gym, dop853", "npend_gym, rk4"} <= {run.method for run in measured}
+    tightest = {run.method: run.energy_error for run in measured}  # the last of each method
     for method, error in tightest.items():
         assert error < (1e-5 if "MuJoCo" in method else 1e-8), method
 
 
-@pytest.mark.usefixtures("hurried")
-@pytest.mark.parametrize("suite", ["dynamics", "environments"])
+@pytest.mark.usefixtures("short_rounds")
+@pytest.mark.parametrize("suite", [dynamics, environments])
 def test_suites_compare_positive_rates(suite):
-    rows = {"dynamics": dynamics, "environments": environments}[suite].rows()
+    rows = suite.rows(Peers(print))
     first = [next(rows) for _ in range(3)]
     assert all(row.ours_per_s > 0.0 and row.ratio > 0.0 for row in first if row.peer)
 
 
-def test_the_command_prints_every_row_and_writes_it_with_what_made_it(
-    monkeypatch, tmp_path, capsys
+def test_the_command_prints_every_row_and_writes_it_with_the_machine_that_made_it(
+    rows_of, tmp_path, capsys
 ):
-    rows = [Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan, "a note")]
-    monkeypatch.setattr(dynamics, "rows", lambda: iter(rows))
+    rows_of([Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan, "a note")])
     assert main(["bench", "--only", "dynamics", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "3.00 x  a peer" in printed
@@ -79,11 +121,8 @@ def test_the_command_prints_every_row_and_writes_it_with_what_made_it(
     assert all("npend_gym" in row["made_by"] for row in written)
 
 
-def test_json_is_all_that_is_printed_to_the_output_and_has_null_where_there_is_no_peer(
-    monkeypatch, capsys
-):
-    rows = [Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan)]
-    monkeypatch.setattr(dynamics, "rows", lambda: iter(rows))
+def test_json_goes_alone_to_the_output_and_has_null_where_there_is_no_peer(rows_of, capsys):
+    rows_of([Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan)])
     assert main(["bench", "--only", "dynamics", "--json"]) == 0
     captured = capsys.readouterr()
     table = json.loads(captured.out)["dynamics"]
@@ -91,8 +130,9 @@ def test_json_is_all_that_is_printed_to_the_output_and_has_null_where_there_is_n
     assert "a peer" in captured.err
 
 
-def test_what_was_measured_before_ctrl_c_is_kept(monkeypatch, tmp_path, capsys):
-    def rows():
+def test_rows_measured_before_ctrl_c_are_kept(monkeypatch, tmp_path, capsys):
+    def rows(peers):
+        del peers
         yield Row("a job", "", 6.0, math.nan)
         raise KeyboardInterrupt
 
@@ -102,19 +142,24 @@ def test_what_was_measured_before_ctrl_c_is_kept(monkeypatch, tmp_path, capsys):
     assert "interrupted" in capsys.readouterr().err
 
 
+def test_the_command_says_what_to_do_where_the_benchmarks_are_not_there(
+    monkeypatch, tmp_path, capsys
+):
+    monkeypatch.setattr(bench, "_FOLDER", tmp_path / "benchmarks")
+    assert main(["bench"]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "come with the source tree only" in captured.err
+    assert 'pip install -e ".[bench]"' in captured.err
+
+
 def test_the_work_precision_diagram_has_a_line_for_each_method(tmp_path):
-    points = [
-        accuracy.Point(f"method {k}", f"{j}", 10.0**-j, 10.0 ** -(j + k))
+    measured = [
+        accuracy.Measurement(f"method {k}", f"{j}", 10.0**-j, 10.0 ** -(j + k))
         for k in range(3)
         for j in range(3)
     ]
-    written = report.write("accuracy", points, tmp_path, figures=True)
+    written = output.write("accuracy", measured, tmp_path, figures=True)
     assert [path.name for path in written] == ["accuracy.csv", "accuracy.png", "accuracy.pdf"]
-    from npend_gym.report.bench_figure import work_precision
-
-    axes = work_precision(points).axes[0]
+    axes = output.work_precision(measured).axes[0]
     assert [line.get_label() for line in axes.lines] == ["method 0", "method 1", "method 2"]
-
-
-def test_every_suite_can_be_chosen():
-    assert bench.SUITES == ("dynamics", "environments", "accuracy")

@@ -6,19 +6,17 @@ import argparse
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from npend_gym.bench import SUITES
-from npend_gym.cli.common import INTERRUPTED, OK, can_draw, show_written, tell
-
-if TYPE_CHECKING:
-    from npend_gym.bench.accuracy import Point
-    from npend_gym.bench.timing import Row
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, tell
 
 SUMMARY = "measure speed and accuracy beside the peers that are installed"
+_SUITES = ("dynamics", "environments", "accuracy")
+_FOLDER = Path(__file__).parents[2] / "benchmarks"  # in the repository, not in the wheel
 _ABOUT = """\
 Ratios to MuJoCo, Gymnasium's own environments, envpool, SciPy and heyoka, as far as they are
 installed, timed in turns in one run on one core. Each row is explained in benchmarks/README.md.
+The measurements are in that folder, so the command works in the source tree of the package.
 """
 _EXAMPLES = """\
 examples:
@@ -34,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description, parser.epilog = _ABOUT, _EXAMPLES
     text = "one suite (all)"
-    parser.add_argument("--only", choices=SUITES, metavar="|".join(SUITES), help=text)
-    text = "print the rows as JSON in the end; those that come go to the error stream"
+    parser.add_argument("--only", choices=_SUITES, metavar="|".join(_SUITES), help=text)
+    text = "print the rows as JSON at the end; meanwhile they go to the error stream"
     parser.add_argument("--json", action="store_true", help=text)
     text = "write a CSV file for each suite, and the work-precision diagram, there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
@@ -43,10 +41,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Measure and print, row by row; return the exit code."""
-    from npend_gym.bench.timing import machine
-    from npend_gym.report import bench as report
     from npend_gym.report import outputs
 
+    if not (_FOLDER / "suites").is_dir():
+        tell(
+            f"npend bench: there is no {_FOLDER}: the benchmarks come with the source tree only. "
+            'Get it and run pip install -e ".[bench]" there'
+        )
+        return FAILED
+    sys.path.insert(0, str(_FOLDER))
+    output: Any = import_module("suites.output")
+    timing: Any = import_module("suites.timing")
     out: Path | None = given["out"]
     try:
         if out is not None:
@@ -54,21 +59,22 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     except ValueError as error:
         parser.error(str(error))
     lines = sys.stderr if given["json"] else sys.stdout
-    print(machine(), file=lines)
+    print(timing.machine(), file=lines)
     written: list[Path] = []
     tables: dict[str, list[dict[str, Any]]] = {}
     code = OK
-    for suite in SUITES if given["only"] is None else [given["only"]]:
-        done: list[Row | Point] = []
+    peers = timing.Peers(tell)
+    for suite in _SUITES if given["only"] is None else [given["only"]]:
+        done: list[Any] = []
         try:
-            for result in import_module(f"npend_gym.bench.{suite}").rows():
+            for result in import_module(f"suites.{suite}").rows(peers):
                 done.append(result)
-                print(report.line(result), file=lines, flush=True)
+                print(output.line(result), file=lines, flush=True)
         except KeyboardInterrupt:
             code = INTERRUPTED
-        tables[suite] = report.table(done)
+        tables[suite] = output.table(done)
         if out is not None and done:
-            written += report.write(suite, done, out, figures=can_draw())
+            written += output.write(suite, done, out, figures=can_draw())
         if code == INTERRUPTED:
             tell("interrupted: the rows above are complete, the rest is missing")
             break

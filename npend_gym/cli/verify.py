@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Compare, and print each check as it comes; return the exit code."""
     del parser
-    from npend_gym.bench.timing import machine
+    from npend_gym._machine import machine
     from npend_gym.experiments.verify import Outcome, outcomes
 
     done: list[Outcome] = []

@@ -1,34 +1,42 @@
 """Work and precision of the paper's job: N = 100 released from pi/4, 10 s in 1000 frames.
 
-Precision is the largest change of the energy over that at the start, which needs no other
-integrator's word; work is CPU time. Rods of 1 m, for with the listing's of 1/100 m the motion is
-chaotic and no state beyond 7 s is determined.
+Precision is the largest change of the energy, relative to that at the start, because it needs no
+reference solution; work is CPU time. The rods are 1 m long: with the 1/100 m of the paper's listing
+the motion is chaotic, and no state after 7 s is determined.
+
+The equations of heyoka and diffrax below are a second copy of the dynamics on purpose: both
+integrators compile the equations themselves and cannot call compiled code.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
+from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from npend_gym._checks import FloatArray
-from npend_gym.bench.dynamics import mujoco_chain
 from npend_gym.chain import Chain
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import derivative, new_work, pack_rods
 from npend_gym.physics.simulate import simulate
+from suites.dynamics import mujoco_chain
+from suites.timing import Peers
 
 N, DURATION, FRAMES = 100, 10.0, 1000
 ROUNDS = 3
 
+Solver = Callable[[], FloatArray]  # solves the job once: theta and omega, (FRAMES, 2n)
+Method = tuple[str, str, Callable[[], Solver]]  # its name, its setting, what makes its solver
 
-class Point(NamedTuple):
-    """One run: who made it, with which setting, what it cost and how good it was."""
+
+class Measurement(NamedTuple):
+    """One run: the method, its setting, its cost and its error."""
 
     method: str
     setting: str
@@ -36,51 +44,51 @@ class Point(NamedTuple):
     energy_error: float  # largest relative change
 
 
-def rows(n: int = N, duration: float = DURATION) -> Iterator[Point]:
+def rows(peers: Peers, n: int = N, duration: float = DURATION) -> Iterator[Measurement]:
     """Yield the runs of every method that is installed."""
     chain, times = Chain.uniform(n), np.linspace(0.0, duration, FRAMES)
-    methods: list[tuple[str, str, Callable[[], FloatArray]]] = []
-    for digits in (5, 7, 9, 11, 13):
-        rtol = 10.0**-digits
-        methods.append(("npend_gym, dop853", f"rtol {rtol:g}", _ours(chain, times, rtol=rtol)))
+    for method, setting, make in own_methods(chain, times):
+        yield _measure(method, setting, make, chain)
+    for method, setting, make in peer_methods(chain, times):
+        found = peers.get(method, partial(_measure, method, setting, make, chain))
+        if found is not None:
+            yield found
+
+
+def own_methods(chain: Chain, times: FloatArray) -> Iterator[Method]:
+    """Yield the package's integrators, and SciPy's on the package's compiled dynamics."""
+    for rtol in (1e-5, 1e-7, 1e-9, 1e-11, 1e-13):
+        yield "npend_gym, dop853", f"rtol {rtol:g}", partial(_ours, chain, times, rtol=rtol)
     for dt in (0.01, 0.005, 0.0025, 0.00125):
-        setting = f"dt {dt:g}"
-        methods.append(("npend_gym, rk4", setting, _ours(chain, times, method="rk4", dt=dt)))
-    peers: tuple[Literal["DOP853"], Literal["LSODA"]] = ("DOP853", "LSODA")
-    for name in peers:
-        for digits in (5, 8, 11):
-            rtol = 10.0**-digits
-            run = _scipy(chain, times, name, rtol)
-            methods.append((f"SciPy {name}, our dynamics", f"rtol {rtol:g}", run))
-    if find_spec("heyoka"):
-        methods += [
-            ("heyoka", f"tol 1e-{digits}", _heyoka(chain, times, 10.0**-digits))
-            for digits in (6, 10, 14)
-        ]
-    if find_spec("diffrax"):
-        methods += [
-            ("diffrax Dopri8", f"rtol 1e-{digits}", _diffrax(chain, times, 10.0**-digits))
-            for digits in (5, 8, 11)
-        ]
-    if find_spec("mujoco"):
-        methods.append(("MuJoCo RK4", "dt 0.01", _mujoco(n, times)))
-    for method, setting, run in methods:
-        yield _point(method, setting, run, chain)
+        yield "npend_gym, rk4", f"dt {dt:g}", partial(_ours, chain, times, method="rk4", dt=dt)
+    names: tuple[Literal["DOP853"], Literal["LSODA"]] = ("DOP853", "LSODA")
+    for name, rtol in product(names, (1e-5, 1e-8, 1e-11)):
+        make = partial(_scipy, chain, times, name, rtol)
+        yield f"SciPy {name}, our dynamics", f"rtol {rtol:g}", make
 
 
-def _point(method: str, setting: str, run: Callable[[], FloatArray], chain: Chain) -> Point:
-    best, frames = np.inf, np.empty(0)
+def peer_methods(chain: Chain, times: FloatArray) -> Iterator[Method]:
+    """Yield the methods of libraries that may not be installed."""
+    for tolerance in (1e-6, 1e-10, 1e-14):
+        yield "heyoka", f"tol {tolerance:g}", partial(_heyoka, chain, times, tolerance)
+    for rtol in (1e-5, 1e-8, 1e-11):
+        yield "diffrax Dopri8", f"rtol {rtol:g}", partial(_diffrax, chain, times, rtol)
+    yield "MuJoCo RK4", "dt 0.01", partial(_mujoco, chain.n, times)
+
+
+def _measure(method: str, setting: str, make: Callable[[], Solver], chain: Chain) -> Measurement:
+    run, best, frames = make(), np.inf, np.empty(0)
     for _ in range(ROUNDS):
         begin = time.process_time()
         frames = run()
         best = min(best, time.process_time() - begin)
-        if best > 2.0:  # long enough to be told after one run
+        if best > 2.0:  # long enough to need no repetition
             break
     energies = energy(chain, frames[:, : chain.n], frames[:, chain.n :])
-    return Point(method, setting, best, float(np.abs(energies / energies[0] - 1.0).max()))
+    return Measurement(method, setting, best, float(np.abs(energies / energies[0] - 1.0).max()))
 
 
-def _ours(chain: Chain, times: FloatArray, **options: Any) -> Callable[[], FloatArray]:
+def _ours(chain: Chain, times: FloatArray, **options: Any) -> Solver:
     if "rtol" in options:
         options["atol"] = 1e-2 * options["rtol"]
     simulate(chain, np.pi / 4, 0.0, times[:2], **options)  # compiled
@@ -94,7 +102,7 @@ def _ours(chain: Chain, times: FloatArray, **options: Any) -> Callable[[], Float
 
 def _scipy(
     chain: Chain, times: FloatArray, method: Literal["DOP853", "LSODA"], rtol: float
-) -> Callable[[], FloatArray]:
+) -> Solver:
     n = chain.n
     rods, torque, work = pack_rods(chain), np.zeros(n), new_work(n)
     start = np.concatenate([np.full(n, np.pi / 4), np.zeros(n)])
@@ -111,8 +119,8 @@ def _scipy(
     return run
 
 
-def _heyoka(chain: Chain, times: FloatArray, tolerance: float) -> Callable[[], FloatArray]:
-    """Return Taylor's method on the tensions written out, the unknowns eliminated as here."""
+def _heyoka(chain: Chain, times: FloatArray, tolerance: float) -> Solver:
+    """Return Taylor's method on the equations of the tensions, solved by the same elimination."""
     hy: Any = import_module("heyoka")
     n = chain.n
     theta, omega = (
@@ -153,8 +161,8 @@ def _heyoka(chain: Chain, times: FloatArray, tolerance: float) -> Callable[[], F
     return run
 
 
-def _diffrax(chain: Chain, times: FloatArray, rtol: float) -> Callable[[], FloatArray]:
-    """Return Dormand and Prince's order 8 in JAX on the tensions, solved by LAPACK's gtsv."""
+def _diffrax(chain: Chain, times: FloatArray, rtol: float) -> Solver:
+    """Return Dormand and Prince's method of order 8 in JAX; LAPACK's gtsv gives the tensions."""
     jax: Any = import_module("jax")
     dfx: Any = import_module("diffrax")
     jax.config.update("jax_enable_x64", True)
@@ -198,7 +206,7 @@ def _diffrax(chain: Chain, times: FloatArray, rtol: float) -> Callable[[], Float
     return run
 
 
-def _mujoco(n: int, times: FloatArray) -> Callable[[], FloatArray]:
+def _mujoco(n: int, times: FloatArray) -> Solver:
     mujoco: Any = import_module("mujoco")
 
     def run() -> FloatArray:

@@ -1,17 +1,15 @@
-"""The dynamics beside MuJoCo and Pinocchio: right sides and steps, of one chain and of many."""
+"""The dynamics beside MuJoCo and Pinocchio: evaluations and steps, of one chain and of many."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym.bench.timing import Job, Row, rates
 from npend_gym.chain import Chain
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH, packs
@@ -24,42 +22,42 @@ from npend_gym.physics.kernels.dynamics import (
     pack_rods,
 )
 from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
+from suites.timing import Job, Peers, Row, rates
 
-_H = 1e-6  # s; so short that the motion stays what it is
+_H = 1e-6  # s; so short that the chain hardly moves while it is timed
 
 
-def rows() -> Iterator[Row]:
-    """Yield the comparisons; without MuJoCo our own speeds alone."""
-    with_mujoco = find_spec("mujoco") is not None
+def rows(peers: Peers) -> Iterator[Row]:
+    """Yield the comparisons; where a peer is left out, the package's own speed alone."""
     for n in (2, 5, 20, 100, 1000):
-        ours = {"one evaluation": right_sides(n), "one RK4 step": steps(n)}
-        theirs = mujoco_jobs(n) if with_mujoco else {}
+        ours = {"one evaluation": evaluations(n), "one RK4 step": steps(n)}
         for what, job in ours.items():
-            yield _row(f"{what}, N = {n}", job, "MuJoCo" if with_mujoco else "", theirs.get(what))
-    for n in (2, 5, 20, 100) if find_spec("pinocchio") else ():
-        yield _row(f"one evaluation, N = {n}", right_sides(n), "Pinocchio ABA", pinocchio_job(n))
-    theirs = mujoco_rollouts(10, 256) if with_mujoco else None
-    name = "RK4 steps of 256 chains, N = 10"
-    yield _row(name, many_steps(10, 256), "mujoco.rollout" if with_mujoco else "", theirs)
+            theirs = peers.job("MuJoCo", lambda n=n, what=what: mujoco_jobs(n)[what])
+            yield _row(f"{what}, N = {n}", job, "MuJoCo", theirs)
+    for n in (2, 5, 20, 100):
+        theirs = peers.job("Pinocchio", lambda n=n: pinocchio_job(n))
+        if theirs is not None:
+            yield _row(f"one evaluation, N = {n}", evaluations(n), "Pinocchio ABA", theirs)
+    theirs = peers.job("mujoco.rollout", lambda: mujoco_rollouts(10, 256))
+    yield _row("RK4 steps of 256 chains, N = 10", many_steps(10, 256), "mujoco.rollout", theirs)
     yield growth()
 
 
 def _row(name: str, ours: Job, peer: str, theirs: Job | None) -> Row:
-    jobs = {"": ours} if theirs is None else {"": ours, peer: theirs}
-    best = rates(jobs)
-    return Row(name, peer, best[""], best.get(peer, math.nan) if peer else math.nan)
+    best = rates({"": ours} if theirs is None else {"": ours, peer: theirs})
+    return Row(name, peer if theirs else "", best[""], best.get(peer, math.nan))
 
 
 def growth() -> Row:
     """Return how the time of an evaluation grows from 100 to 100 000 rods."""
     counts = (100, 1_000, 10_000, 100_000)
-    best = [rates({"": right_sides(n)}, rounds=3)[""] for n in counts]
+    best = [rates({"": evaluations(n)}, rounds=3)[""] for n in counts]
     slope = -float(np.polyfit(np.log(counts), np.log(best), 1)[0])
     return Row("one evaluation, N = 100000", "", best[-1], math.nan, f"time grows as N^{slope:.2f}")
 
 
 @kernel
-def _repeat_right_side(
+def _repeat_evaluation(
     theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray,
     alpha: FloatArray, times: int,
 ) -> None:  # fmt: skip
@@ -93,15 +91,15 @@ def _repeat_steps(
             rk4_step(x, w, h, packs(torque), wide, packs(work), packs(stages))
 
 
-def right_sides(n: int) -> Job:
+def evaluations(n: int) -> Job:
     """Return the job of evaluating the dynamics of one chain released from pi/4."""
     theta, rest = np.full(n, np.pi / 4), np.zeros(n)
     rods, work, alpha = pack_rods(Chain.uniform(n)), new_work(n), np.zeros(n)
 
-    def take(calls: int) -> None:
-        _repeat_right_side(theta, rest, rest, rods, work, alpha, calls)
+    def run(calls: int) -> None:
+        _repeat_evaluation(theta, rest, rest, rods, work, alpha, calls)
 
-    return Job(take)
+    return Job(run)
 
 
 def steps(n: int) -> Job:
@@ -109,10 +107,10 @@ def steps(n: int) -> Job:
     theta, omega, torque = np.full(n, np.pi / 4), np.zeros(n), np.zeros(n)
     rods, work, stages = pack_rods(Chain.uniform(n)), new_work(n), np.zeros((STAGE_ROWS, n))
 
-    def take(calls: int) -> None:
+    def run(calls: int) -> None:
         _repeat_step(theta, omega, _H, torque, rods, work, stages, calls)
 
-    return Job(take)
+    return Job(run)
 
 
 def many_steps(n: int, lanes: int) -> Job:
@@ -123,10 +121,10 @@ def many_steps(n: int, lanes: int) -> Job:
     work, stages = np.zeros((WORK_ROWS, (n + 2) * WIDTH)), np.zeros((STAGE_ROWS, size))
     torque = np.zeros(size)
 
-    def take(calls: int) -> None:
+    def run(calls: int) -> None:
         _repeat_steps(theta, omega, _H, torque, rods, work, stages, calls)
 
-    return Job(take, lanes)
+    return Job(run, lanes)
 
 
 def mujoco_chain(n: int, dt: float = 0.01) -> tuple[Any, Any]:
@@ -154,11 +152,11 @@ def mujoco_jobs(n: int) -> dict[str, Job]:
     model, data = mujoco_chain(n)
 
     def repeat(call: Callable[[Any, Any], None]) -> Callable[[int], None]:
-        def take(times: int) -> None:
+        def run(times: int) -> None:
             for _ in range(times):
                 call(model, data)
 
-        return take
+        return run
 
     forward, step = repeat(mujoco.mj_forward), repeat(mujoco.mj_step)
     return {"one evaluation": Job(forward), "one RK4 step": Job(step)}
@@ -177,11 +175,11 @@ def pinocchio_job(n: int) -> Job:
     angles = np.zeros(n)
     angles[0] = np.pi / 4
 
-    def take(times: int) -> None:
+    def run(times: int) -> None:
         for _ in range(times):
             pin.aba(model, data, angles, rest, rest)
 
-    return Job(take)
+    return Job(run)
 
 
 def mujoco_rollouts(n: int, lanes: int) -> Job:
@@ -195,8 +193,8 @@ def mujoco_rollouts(n: int, lanes: int) -> Job:
     mujoco.mj_getState(model, data, state, whole)
     states = np.tile(state, (lanes, 1))
 
-    def take(times: int) -> None:
+    def run(times: int) -> None:
         for _ in range(times):
             rollout.rollout([model] * lanes, [data], states, nstep=2)
 
-    return Job(take, 2.0 * lanes)
+    return Job(run, 2.0 * lanes)
