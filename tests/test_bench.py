@@ -25,7 +25,7 @@ def rows_of(monkeypatch):
     """A function that makes the suite "dynamics" yield the given rows."""
 
     def replace(rows):
-        monkeypatch.setattr(dynamics, "rows", lambda peers: iter(rows))
+        monkeypatch.setattr(dynamics, "rows", lambda _peers: iter(rows))
 
     return replace
 
