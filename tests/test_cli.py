@@ -8,8 +8,6 @@ import time
 import pytest
 
 from npend_gym.cli import main
-from npend_gym.cli.common import tell_first_use
-from npend_gym.compiled.jit import PACKAGE, cache_folder
 
 
 def run(*arguments, **options):
@@ -141,16 +139,3 @@ def test_ctrl_c_keeps_what_was_measured_and_exits_with_130(tmp_path):
     assert "interrupted" in error
     assert "2.08" in out
     assert '"complete": false' in (tmp_path / "manifest.json").read_text()
-
-
-def test_the_first_use_on_a_terminal_says_why_it_takes_longer(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    said = []
-    for terminal in (False, True):
-        monkeypatch.setattr("sys.stderr.isatty", lambda answer=terminal: answer, raising=False)
-        tell_first_use()
-        said.append(capsys.readouterr().err)
-    assert said == ["", "compiling for this machine, once: some twenty seconds\n"]
-    cache_folder(PACKAGE, str(tmp_path)).mkdir()
-    tell_first_use()
-    assert capsys.readouterr().err == ""

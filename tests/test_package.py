@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ import pytest
 
 import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.compiled.jit import cache_folder
+from npend_gym.compiled.jit import PACKAGE, cache_folder
+from npend_gym.compiled.notice import NOTICE
 
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
@@ -105,6 +107,30 @@ def test_a_read_only_installation_compiles_into_the_users_cache(tmp_path, monkey
     monkeypatch.setattr("os.access", lambda *_: False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert cache_folder(tmp_path, "").parent == tmp_path / "cache"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+def test_the_first_compilation_on_a_machine_is_announced_in_one_line_on_the_terminal(tmp_path):
+    def shown_on_a_terminal(**environment):
+        ours, theirs = os.openpty()
+        code = "from npend_gym.compiled.sincos import sincos; sincos(1.0), sincos(1)"
+        environment = {"NUMBA_CACHE_DIR": str(tmp_path)} | environment
+        subprocess.run(
+            [sys.executable, "-c", code], stderr=theirs, check=True, env=os.environ | environment
+        )
+        os.write(theirs, b"end\n")
+        os.close(theirs)
+        shown = b""
+        while not shown.endswith(b"end\r\n"):
+            shown += os.read(ours, 4096)
+        os.close(ours)
+        return shown.decode()
+
+    folder = cache_folder(PACKAGE, str(tmp_path))
+    assert shown_on_a_terminal(NPEND_GYM_QUIET="1") == "end\r\n"
+    shutil.rmtree(folder)
+    assert shown_on_a_terminal() == f"{NOTICE}\r\nend\r\n"
+    assert shown_on_a_terminal() == "end\r\n"  # loaded, not compiled
 
 
 def fingerprint():

@@ -23,7 +23,7 @@ from npend_gym.cli import (
     release,
     verify,
 )
-from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, tell, tell_first_use
+from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, tell
 
 _EXAMPLES = """\
 examples:
@@ -58,11 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         "bench": bench,
         "verify": verify,
     }
+    arguments = sys.argv[1:] if argv is None else argv
     for name, module in modules.items():
-        module.add_arguments(commands.add_parser(name, help=module.SUMMARY))
-    given = vars(parser.parse_args(argv))
+        command = commands.add_parser(name, help=module.SUMMARY)
+        if name in arguments:  # the options of the others would import Numba and SciPy
+            module.add_arguments(command)
+    given = vars(parser.parse_args(arguments))
     name = given.pop("command")
-    tell_first_use()
     return _carried_out(modules[name], given, commands.choices[name])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
@@ -33,17 +32,6 @@ def printable(text: str) -> str:
 def tell(text: str) -> None:
     """Print a line of trouble."""
     print(printable(text), file=sys.stderr)
-
-
-def tell_first_use() -> None:
-    """Say on a terminal, where nothing has been compiled yet, why the first run takes longer."""
-    if not sys.stderr.isatty():
-        return
-    from npend_gym.compiled import jit
-
-    chosen = os.environ.get("NUMBA_CACHE_DIR", "")
-    if not jit.cache_folder(jit.PACKAGE, chosen).exists():
-        tell("compiling for this machine, once: some twenty seconds")
 
 
 def _numbers(text: str) -> float | list[float]:

@@ -72,6 +72,9 @@ if TYPE_CHECKING:
 else:
     from numba import config, njit
 
+    from npend_gym.compiled.notice import announce_first_compilation
+
+    announce_first_compilation()
     _FOLDER = cache_folder(PACKAGE, config.CACHE_DIR)
 
     def kernel(function):

@@ -1,0 +1,48 @@
+"""One line on the terminal when the first use on a machine compiles, so that nobody is puzzled."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any
+
+from numba.core import event as events
+
+NOTICE = (
+    "npend_gym: compiling for this machine, once per version; this takes up to half a minute"
+    " (NPEND_GYM_QUIET=1 hides this line)"
+)
+
+
+class FirstCompilation(events.Listener):
+    """Prints `NOTICE` when Numba begins to compile a function of this package, once per process.
+
+    Numba announces what it compiles, and not what it loads from its files.
+    """
+
+    def __init__(self) -> None:
+        self._announced = False
+
+    def on_start(self, event: Any) -> None:
+        """Print the line, unless nobody waits at a terminal or a notebook."""
+        module: str = event.data["dispatcher"].py_func.__module__
+        if self._announced or not module.startswith("npend_gym."):
+            return
+        self._announced = True
+        if somebody_waits():
+            print(NOTICE, file=sys.stderr, flush=True)
+
+    def on_end(self, event: Any) -> None:
+        """Do nothing."""
+
+
+def somebody_waits() -> bool:
+    """Return whether the standard error stream is seen while the program runs."""
+    if sys.stderr is None or os.environ.get("NPEND_GYM_QUIET"):
+        return False
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
+
+
+def announce_first_compilation() -> None:
+    """Print `NOTICE` before the first function is compiled in this process."""
+    events.register("numba:compile", FirstCompilation())
