@@ -155,6 +155,13 @@ class Chain:
         )
 
 
+def check_chain(value: Any) -> Chain:
+    """Return `value`, refused where it is no Chain."""
+    if not isinstance(value, Chain):
+        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(value)}")
+    return value
+
+
 def _rod_count(masses: FloatArray, lengths: FloatArray) -> int:
     """Return n, where scalars follow the other argument."""
     for name, value in (("masses", masses), ("lengths", lengths)):

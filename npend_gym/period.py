@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.energy import positions
@@ -105,8 +105,7 @@ def pseudo_periods(
     instant of the touch (for one pendulum at T/2: the paper asks for the height, not the side).
     Instants are zeros of the dense solution, located to 1e-11 s.
     """
-    if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
+    check_chain(chain)
     theta, omega = _starts(chain, theta, omega)
     releases = theta.reshape(-1, chain.n), omega.reshape(-1, chain.n)
     reading = _checks.choice("reading", reading, READINGS)

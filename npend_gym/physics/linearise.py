@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, Chain
-from npend_gym.physics.simulate import joint_torques
+from npend_gym.chain import MAX_DENSE, Chain, check_chain
+from npend_gym.physics.equations import check_states, inertia, joint_torques, mass_matrix
 
 
 class Linearisation(NamedTuple):
@@ -36,8 +36,8 @@ def linearise(
     theta, omega : array_like, shape (..., n)
         Angles [rad] and angular velocities [rad/s], at rest or in motion; one number stands for
         all rods, and leading axes (instants of a trajectory, say) for as many states.
-    torque : float or array_like, shape (n,), optional
-        Constant torque [N m]: a number acts on joint 0, an array on every joint.
+    torque : float or array_like, shape (..., n), optional
+        Torque on the joints [N m]: a number acts on joint 0, an array on every joint.
     joints : sequence of int
         Joints whose torques are the inputs, one column of B each.
 
@@ -72,24 +72,21 @@ def linearise(
 
     One factorisation of M gives all columns: O(n^3), as A has 2n^2 entries to fill.
     """
-    if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
-    n = _checks.count("n", chain.n, high=MAX_DENSE)
-    theta, omega = _states(theta, omega, n)
-    couple = joint_torques(torque, n)
+    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
+    theta, omega, torque = check_states(
+        n, theta=theta, omega=omega, torque=joint_torques(torque, n)
+    )
     at_joint = np.eye(n) - np.eye(n, k=1)  # column j: torque on joint j turns rod j, and j-1 back
     damping = at_joint * chain.damping @ at_joint.T
-    l, mu = chain.lengths, chain.carried_masses
-    weight = np.outer(l, l) * np.minimum.outer(mu, mu)  # mu falls along the chain: mu_max(i, j)
-    between = theta[..., :, None] - theta[..., None, :]
-    mass, gyro = weight * np.cos(between), weight * np.sin(between)
-    lift = chain.gravity * l * mu
+    mass = mass_matrix(chain, theta)
+    gyro = inertia(chain) * np.sin(theta[..., :, None] - theta[..., None, :])
+    lift = chain.gravity * chain.lengths * chain.carried_masses
 
     square = omega**2
     resistance, resistance_by_theta, resistance_by_omega = (
         _drag(chain, theta, omega) if chain.has_drag else (0.0, 0.0, 0.0)
     )
-    drive = at_joint @ couple - omega @ damping - _apply(gyro, square) - lift * np.sin(theta)
+    drive = torque @ at_joint.T - omega @ damping - _apply(gyro, square) - lift * np.sin(theta)
     drive = drive + resistance
     alpha = _solve(mass, drive[..., None])[..., 0]
     diagonal = _apply(gyro, alpha) - _apply(mass, square) - lift * np.cos(theta)
@@ -138,22 +135,3 @@ def _solve(matrices: FloatArray, columns: FloatArray) -> FloatArray:
 
 def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.einsum("...ij,...j->...i", matrices, vectors)
-
-
-def _states(theta: ArrayLike, omega: ArrayLike, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return angles and velocities of one common shape (..., n)."""
-    arrays = _checks.array("theta", theta), _checks.array("omega", omega)
-    for name, value in zip(("theta", "omega"), arrays, strict=True):
-        if value.ndim and value.shape[-1] != n:
-            raise ValueError(
-                f"{name} must be one number or an array of shape (..., {n}), "
-                f"got shape {value.shape}"
-            )
-    try:
-        shape = np.broadcast_shapes((n,), *(value.shape for value in arrays))
-    except ValueError as error:
-        raise ValueError(
-            f"theta and omega must have the same leading axes, "
-            f"got shapes {arrays[0].shape} and {arrays[1].shape}"
-        ) from error
-    return np.broadcast_to(arrays[0], shape), np.broadcast_to(arrays[1], shape)

@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym._version import __version__
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics import energy as _energy
+from npend_gym.physics.equations import joint_torques
 from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import Rods, new_work
 from npend_gym.physics.kernels.lanes import MAX_SPEED
@@ -200,9 +201,7 @@ def simulate(
     them. Chains with drag want a pivot at rest: elsewhere the drag would depend on the pivot's
     velocity too. Results are the same bits on every machine.
     """
-    if not isinstance(chain, Chain):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(chain)}")
-    n = chain.n
+    n = check_chain(chain).n
     y = np.concatenate(
         [
             _checks.within("theta", _checks.vector("theta", theta, n), MAX_ANGLE),
@@ -218,7 +217,7 @@ def simulate(
             f"got {times.size}: simulate them in segments"
         )
     method = _checks.choice("method", method, METHODS)
-    couple = joint_torques(torque, n)
+    couple = _checks.vector("torque", joint_torques(torque, n), n)
     provenance: dict[str, Any] = {
         "npend_gym": __version__,
         "method": method,
@@ -258,16 +257,6 @@ def check_rtol(rtol: float) -> float:
             f"rtol must be at least {MIN_RTOL:g}, for float64 resolves no less, got {rtol:g}"
         )
     return rtol
-
-
-def joint_torques(torque: ArrayLike | None, n: int) -> FloatArray:
-    """Return the torque on every joint [N m]: a number acts on joint 0, None nowhere."""
-    if torque is None:
-        return np.zeros(n)
-    given = _checks.array("torque", torque)
-    if given.shape == ():
-        return np.concatenate([[float(given)], np.zeros(n - 1)])
-    return _checks.vector("torque", given, n)
 
 
 def _run_rk4(

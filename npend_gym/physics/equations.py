@@ -1,0 +1,150 @@
+"""The equations of motion: accelerations, tensions and mass matrix of any state of a chain.
+
+In M(theta) alpha = f (the paper's Eq. (eom)) every rod is coupled to every other, but the tension
+of a rod is coupled to those of its neighbours only. `accelerations` and `tensions` therefore solve
+a tridiagonal system, in O(n) operations a state and without M, which
+`npend_gym.physics.kernels.dynamics` derives.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import MAX_DENSE, Chain, check_chain
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.kernels.dynamics import new_work, pack_rods
+from npend_gym.physics.kernels.lanes import MAX_SPEED
+from npend_gym.physics.kernels.states import solve_states
+
+
+def accelerations(
+    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None
+) -> FloatArray:
+    """Return the angular accelerations of the rods [rad/s^2], in O(n) operations a state.
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, omega : array_like, shape (..., n)
+        Angles [rad] and angular velocities [rad/s]; one number stands for all rods, and leading
+        axes (instants of a trajectory, say) stand for as many states.
+    torque : float or array_like, shape (..., n), optional
+        Torque on the joints [N m]: a number acts on joint 0, an array on every joint.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+    return _solve(chain, theta, omega, torque)[0]
+
+
+def tensions(
+    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None
+) -> FloatArray:
+    """Return the tensions of the rods [N], positive where a rod pulls, in O(n) operations a state.
+
+    Parameters, shapes and errors are those of `accelerations`.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+    """
+    return _solve(chain, theta, omega, torque)[1]
+
+
+def mass_matrix(chain: Chain, theta: ArrayLike) -> FloatArray:
+    """Return the mass matrix M [kg m^2]: omega . M omega / 2 is the kinetic energy.
+
+    M_ij = l_i l_j cos(theta_i - theta_j) sum_{k >= max(i, j)} m_k: symmetric, positive definite.
+
+    Parameters
+    ----------
+    chain : Chain
+        Of at most 10 000 rods.
+    theta : array_like, shape (..., n)
+        Angles [rad]; one number stands for all rods.
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
+    (angles,) = check_states(n, theta=theta)
+    return inertia(chain) * np.cos(angles[..., :, None] - angles[..., None, :])
+
+
+def inertia(chain: Chain) -> FloatArray:
+    """Return M of the straight chain, l_i l_j sum_{k >= max(i, j)} m_k [kg m^2], shape (n, n)."""
+    l, carried = chain.lengths, chain.carried_masses
+    carried_by_both = np.minimum.outer(carried, carried)  # the lower rod of two carries less
+    return np.outer(l, l) * carried_by_both
+
+
+def check_states(n: int, **values: ArrayLike) -> tuple[FloatArray, ...]:
+    """Return the named quantities of all rods as arrays of one common shape (..., n).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If one is not numeric, not finite, or neither one number nor of shape (..., n); or if their
+        leading axes do not fit.
+    """
+    arrays = [_checks.array(name, value) for name, value in values.items()]
+    for name, value in zip(values, arrays, strict=True):
+        if value.ndim and value.shape[-1] != n:
+            raise ValueError(
+                f"{name} must be one number or an array of shape (..., {n}), "
+                f"got shape {value.shape}"
+            )
+    try:
+        shape = np.broadcast_shapes((n,), *(value.shape for value in arrays))
+    except ValueError as error:
+        raise ValueError(
+            f"{' and '.join(values)} must have the same leading axes, "
+            f"got shapes {', '.join(str(value.shape) for value in arrays)}"
+        ) from error
+    return tuple(np.broadcast_to(value, shape).copy() for value in arrays)
+
+
+def joint_torques(torque: ArrayLike | None, n: int) -> FloatArray:
+    """Return the torque on every joint [N m], shape (..., n): a number acts on joint 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If `torque` is neither None, a number nor an array of shape (..., n).
+    """
+    if torque is None:
+        return np.zeros(n)
+    given = _checks.array("torque", torque)
+    if given.ndim == 0:
+        return np.concatenate([[float(given)], np.zeros(n - 1)])
+    return check_states(n, torque=given)[0]
+
+
+def _solve(
+    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return accelerations and tensions, (..., n) each: one compiled call for all states."""
+    n = check_chain(chain).n
+    states = check_states(n, theta=theta, omega=omega, torque=joint_torques(torque, n))
+    _checks.within("theta", states[0], MAX_ANGLE)
+    _checks.within("omega", states[1], MAX_SPEED)
+    result = np.empty((2, *states[0].shape))
+    theta, omega, torque = (value.reshape(-1, n) for value in states)
+    alpha, tension = result.reshape(2, -1, n)
+    solve_states(theta, omega, torque, pack_rods(chain), new_work(n), alpha, tension)
+    return result[0], result[1]

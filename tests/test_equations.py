@@ -1,0 +1,200 @@
+"""Accelerations, tensions and mass matrix against the dense system and closed forms."""
+
+import numpy as np
+import oracle
+import pytest
+from conftest import chains_in_motion
+from hypothesis import given
+
+from npend_gym import Chain, simulate
+from npend_gym.physics import energy
+from npend_gym.physics.equations import accelerations, mass_matrix, tensions
+
+
+@given(chains_in_motion())
+def test_tensions_give_the_accelerations_of_the_dense_system(motion):
+    chain, theta, omega, torque = motion
+    dense = oracle.accelerations(
+        chain.masses, chain.lengths, chain.gravity, chain.damping, theta, omega, torque
+    )
+    np.testing.assert_allclose(
+        accelerations(chain, theta, omega, torque), dense, rtol=0, atol=1e-10 * np.abs(dense).max()
+    )
+
+
+@pytest.mark.parametrize("n", [50, 51])
+def test_long_chains_agree_with_the_dense_system(n):
+    rng = np.random.default_rng(n)
+    chain = Chain(rng.uniform(0.5, 2.0, n), rng.uniform(0.5, 2.0, n), damping=0.3)
+    theta, omega, torque = rng.normal(size=(3, n))
+    dense = oracle.accelerations(
+        chain.masses, chain.lengths, chain.gravity, chain.damping, theta, omega, torque
+    )
+    error = np.abs(accelerations(chain, theta, omega, torque) - dense).max()
+    assert error < 1e-11 * np.abs(dense).max()
+
+
+@given(chains_in_motion())
+def test_power_of_gravity_torque_and_damping_is_the_change_of_energy(motion):
+    # d/dt (kinetic + potential) by the chain rule = joint torques times relative speeds
+    chain, theta, omega, torque = motion
+    alpha = accelerations(chain, theta, omega, torque)
+    matrix = oracle.mass_matrix(chain.masses, chain.lengths, theta)
+    h = 1e-6
+    kinetic_change = omega @ matrix @ alpha + (
+        energy.kinetic_energy(chain, theta + h * omega, omega)
+        - energy.kinetic_energy(chain, theta - h * omega, omega)
+    ) / (2 * h)
+    gravity_power = -np.sum(
+        chain.gravity * chain.carried_masses * chain.lengths * np.sin(theta) * omega
+    )
+    relative = np.diff(omega, prepend=0.0)
+    power = np.sum((torque - chain.damping * relative) * relative)
+    scale = omega @ matrix @ omega * 10 + np.abs(torque * relative).sum() + abs(gravity_power)
+    assert abs(kinetic_change - gravity_power - power) < 1e-6 * scale + 1e-9
+
+
+def test_mirrored_state_has_mirrored_accelerations_to_the_last_bit(uneven):
+    rng = np.random.default_rng(3)
+    theta, omega, torque = rng.normal(size=(3, 4))
+    there, mirrored = (
+        accelerations(uneven, theta, omega, torque),
+        accelerations(uneven, -theta, -omega, -torque),
+    )
+    np.testing.assert_array_equal(there, -mirrored)
+
+
+def test_hanging_at_rest_stays_at_rest(uneven):
+    np.testing.assert_array_equal(accelerations(uneven, np.zeros(4), np.zeros(4)), np.zeros(4))
+
+
+def test_uniform_tilt_accelerates_the_first_rod_alone():
+    chain = Chain.uniform(7)
+    alpha = accelerations(chain, np.full(7, 0.6), np.zeros(7))
+    assert alpha[0] == pytest.approx(-chain.gravity * np.sin(0.6), rel=1e-14)
+    np.testing.assert_allclose(alpha[1:], 0.0, atol=1e-14)
+
+
+def test_a_vanishing_last_mass_tends_to_the_shorter_chain():
+    theta, omega = np.array([0.3, -0.8, 1.1]), np.array([1.0, -2.0, 0.5])
+    short = accelerations(Chain([1.0, 2.0], 1.0), theta[:2], omega[:2])
+    long = accelerations(Chain([1.0, 2.0, 1e-9], 1.0), theta, omega)
+    np.testing.assert_allclose(long[:2], short, rtol=1e-7)
+
+
+@given(chains_in_motion())
+def test_the_mass_matrix_is_that_of_the_kinetic_energy(motion):
+    chain, theta, omega, _ = motion
+    matrix = mass_matrix(chain, theta)
+    np.testing.assert_allclose(
+        matrix, oracle.mass_matrix(chain.masses, chain.lengths, theta), rtol=1e-13, atol=1e-12
+    )
+    kinetic = energy.kinetic_energy(chain, theta, omega)
+    assert 0.5 * omega @ matrix @ omega == pytest.approx(kinetic, rel=1e-12)
+
+
+@given(chains_in_motion())
+def test_tensions_and_torques_move_every_bob_as_newton_says(motion):
+    # The bobs' accelerations from the angles', and the forces on each: nothing of Eq. (1) or (2)
+    chain, theta, omega, torque = motion
+    alpha = accelerations(chain, theta, omega, torque)
+    along = np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
+    across = np.stack([np.cos(theta), np.sin(theta)], axis=-1)
+    about = chain.lengths[:, None] * (alpha[:, None] * across - omega[:, None] ** 2 * along)
+    of_bobs = np.cumsum(about, axis=0)
+    at_joint = torque - chain.damping * np.diff(omega, prepend=0.0)
+    net = at_joint - np.append(at_joint[1:], 0.0)
+    of_rods = (net / chain.lengths)[:, None] * across
+    of_rods -= tensions(chain, theta, omega, torque)[:, None] * along
+    force = of_rods - np.append(of_rods[1:], [[0.0, 0.0]], axis=0)
+    force[:, 1] -= chain.masses * chain.gravity
+    scale = np.abs(of_rods).max() + np.abs(force).max()
+    np.testing.assert_allclose(chain.masses[:, None] * of_bobs, force, rtol=0, atol=1e-10 * scale)
+
+
+def test_one_pendulum_is_the_pendulum_of_the_textbook():
+    chain = Chain(2.0, [0.5], gravity=9.0, damping=0.3)
+    theta, omega, torque = 0.7, -1.2, 0.4
+    alpha = accelerations(chain, theta, omega, torque)
+    expected = -9.0 / 0.5 * np.sin(theta) + (torque - 0.3 * omega) / (2.0 * 0.5**2)
+    np.testing.assert_allclose(alpha, [expected], rtol=1e-14)
+    pull = 2.0 * (9.0 * np.cos(theta) + 0.5 * omega**2)
+    np.testing.assert_allclose(tensions(chain, theta, omega, torque), [pull], rtol=1e-14)
+    np.testing.assert_allclose(mass_matrix(chain, theta), [[2.0 * 0.5**2]], rtol=1e-15)
+
+
+def test_each_rod_of_a_hanging_chain_carries_the_weight_below_it(uneven):
+    np.testing.assert_allclose(
+        tensions(uneven, 0.0, 0.0), 9.81 * np.array([4.3, 3.3, 2.8, 0.8]), rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        tensions(uneven, np.pi, 0.0), -9.81 * np.array([4.3, 3.3, 2.8, 0.8]), rtol=1e-14
+    )
+
+
+def test_a_straight_chain_that_spins_without_gravity_pulls_as_its_bobs_need():
+    chain = Chain([1.0, 2.0], [0.5, 1.0], gravity=0.0)
+    outer = 2.0 * 3.0**2 * 1.5  # m omega^2 r
+    np.testing.assert_allclose(
+        tensions(chain, 0.3, 3.0), [outer + 1.0 * 3.0**2 * 0.5, outer], rtol=1e-14
+    )
+
+
+def test_all_states_of_a_trajectory_are_solved_at_once_with_the_bits_of_one(uneven):
+    path = simulate(uneven, 0.7, 0.0, np.linspace(0.0, 1.0, 6))
+    theta, omega = path.theta.reshape(2, 3, 4), path.omega.reshape(2, 3, 4)
+    torque = np.random.default_rng(0).normal(size=(3, 4))  # its leading axes broadcast
+    for solve in (accelerations, tensions):
+        together = solve(uneven, theta, omega, torque)
+        assert together.shape == (2, 3, 4)
+        for i, j in np.ndindex(2, 3):
+            alone = solve(uneven, theta[i, j], omega[i, j], torque[j])
+            np.testing.assert_array_equal(together[i, j], alone)
+    matrices = mass_matrix(uneven, theta)
+    assert matrices.shape == (2, 3, 4, 4)
+    np.testing.assert_array_equal(matrices[1, 2], mass_matrix(uneven, theta[1, 2]))
+
+
+def test_one_number_stands_for_all_rods_and_a_torque_for_the_first_joint(uneven):
+    np.testing.assert_array_equal(
+        accelerations(uneven, 0.4, -1.0, 2.0),
+        accelerations(uneven, np.full(4, 0.4), np.full(4, -1.0), [2.0, 0.0, 0.0, 0.0]),
+    )
+
+
+def test_no_states_give_no_accelerations(uneven):
+    assert accelerations(uneven, np.zeros((2, 0, 4)), 0.0).shape == (2, 0, 4)
+
+
+def test_arguments_are_left_as_they_were(uneven):
+    theta = np.full(4, 0.3)
+    theta.flags.writeable = False
+    result = accelerations(uneven, theta, theta)
+    result[:] = 7.0
+    np.testing.assert_array_equal(theta, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"chain": 2}, TypeError, "chain must be"),
+        ({"theta": [0.1]}, ValueError, r"theta must be one number or an array of shape \(..., 2\)"),
+        ({"theta": [0.1, 1j]}, TypeError, "theta must hold real numbers"),
+        ({"theta": 1e6}, ValueError, r"theta must lie within"),
+        ({"omega": 1e20}, ValueError, r"omega must lie within"),
+        ({"omega": [np.nan, 0.0]}, ValueError, "omega must be finite"),
+        ({"theta": np.zeros((3, 2)), "omega": np.zeros((4, 2))}, ValueError, "leading axes"),
+        ({"torque": [1.0]}, ValueError, "torque must be"),
+        ({"torque": "2"}, TypeError, "torque must hold real numbers"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(change, error, message):
+    arguments = {"chain": Chain.uniform(2), "theta": 0.1, "omega": 0.0} | change
+    for solve in (accelerations, tensions):
+        with pytest.raises(error, match=message):
+            solve(**arguments)
+
+
+def test_a_matrix_that_would_not_fit_into_memory_is_refused():
+    with pytest.raises(ValueError, match="n must be between 1 and 10000"):
+        mass_matrix(Chain.uniform(10_001), 0.0)
