@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from npend_gym import Chain, __version__, pseudo_periods, simulate
 from npend_gym._checks import FloatArray
+from npend_gym._palette import BLACK, BLUE, FAINT, GREEN, ORANGE
 from npend_gym.physics.energy import positions
-from npend_gym.report.figures import styled
-from npend_gym.report.palette import BLACK, BLUE, FAINT, GREEN, ORANGE, panels
+from npend_gym.report.style import panels, styled
 
 HERE = Path(__file__).parent / "images"
 

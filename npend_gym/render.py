@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym import _checks
+from npend_gym import _checks, _extras
 from npend_gym._checks import FloatArray
+from npend_gym._palette import AMBER, BLUE, GREEN, INK, ORANGE, PAPER, PINK, RIM, ROD, WHITE, rgb
 
 Frame = NDArray[np.uint8]
 
@@ -21,23 +22,15 @@ _SAMPLES = 4  # drawn this many times larger and averaged down; only powers of t
 _RADIUS = 440.0  # of the reach, in thousandths of the picture; the rest is a strip for the text
 _BOBS, _TRACE = 2000, 600  # drawn at most: more than anyone can tell apart
 
-# Okabe and Ito's colors, told apart by every kind of sight; the ramp also gains in lightness
-_RAMP = ((0x00, 0x72, 0xB2), (0x00, 0x9E, 0x73), (0xE6, 0x9F, 0x00))
-_TIP, _TORQUE = (0xD5, 0x5E, 0x00), (0xCC, 0x79, 0xA7)
-_PAPER, _DISC, _RIM = (0xF3, 0xF4, 0xF6), (0xFF, 0xFF, 0xFF), (0xC4, 0xCA, 0xD0)
-_ROD, _INK = (0x5F, 0x69, 0x73), (0x2B, 0x33, 0x3B)
+_RAMP = tuple(map(rgb, (BLUE, GREEN, AMBER)))  # gains in lightness from pivot to tip
+_TIP, _TORQUE, _PAPER, _DISC = map(rgb, (ORANGE, PINK, PAPER, WHITE))
+_RIM, _ROD, _INK = map(rgb, (RIM, ROD, INK))
 
 
 def pygame_module() -> Any:
     """Return pygame, imported without its greeting."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # else it greets on stdout
-    try:
-        import pygame
-    except ImportError as error:
-        raise ImportError(
-            'rendering needs pygame-ce: install it with pip install "npend-gym[render]"'
-        ) from error
-    return pygame
+    return _extras.require("pygame", "render", "pictures of a chain")
 
 
 def _points(name: str, value: object, least: int) -> FloatArray:

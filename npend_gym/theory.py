@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,6 +53,34 @@ def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatAr
         term = term * ((2 * k - 1) / (2 * k)) ** 2 * m
         total = total + term
     return total
+
+
+class Models(NamedTuple):
+    """Three models of the pseudo-period of a released chain [s]; NaN without gravity.
+
+    Attributes
+    ----------
+    ideal : float
+        The paper's T0, see `ideal_period`.
+    corrected : float
+        T0 times one plus the amplitude correction of a single pendulum.
+    fundamental : float
+        T1, the period of the slowest normal mode, see `fundamental_period`.
+    """
+
+    ideal: float
+    corrected: float
+    fundamental: float
+
+
+def models(chain: Chain, angle: ArrayLike) -> Models:
+    """Return the models of the pseudo-period of `chain`, released from `angle` [rad].
+
+    Where `angle` is an array, the mean of the corrections of its entries is taken.
+    """
+    ideal = ideal_period(chain)
+    corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
+    return Models(ideal, corrected, fundamental_period(chain))
 
 
 def pendulum_period(

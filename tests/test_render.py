@@ -202,7 +202,7 @@ def test_tiles_must_be_equal_pictures(frames, message):
 def test_without_pygame_the_way_out_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     for use in (Painter, Window):
-        with pytest.raises(ImportError, match=r'pygame-ce.*pip install "npend-gym\[render\]"'):
+        with pytest.raises(ImportError, match=r'pygame.*pip install "npend-gym\[render\]"'):
             use()
 
 

@@ -55,7 +55,7 @@ def work_precision(measured: Sequence[Measurement]) -> Figure:
     """Draw CPU time against energy error, a line for each method."""
     from matplotlib.figure import Figure
 
-    from npend_gym.report.figures import styled
+    from npend_gym.report.style import styled
 
     @styled
     def draw() -> Figure:

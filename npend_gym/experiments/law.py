@@ -18,15 +18,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 from scipy.special import j0, j1, jn_zeros
-from scipy.stats import linregress
-from scipy.stats import t as student
 
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.experiments.fits import Estimate, estimates, power_law
 from npend_gym.period import pseudo_periods
 
 N_VALUES = (1, 2, 3, 5, 10, 20, 50, 100, 200)
@@ -189,17 +188,6 @@ def _second_reversal(speed: FloatArray, times: FloatArray) -> FloatArray:
     return ends
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A fitted number with the half-width of its 95 % confidence interval."""
-
-    value: float
-    error: float
-
-    def __str__(self) -> str:
-        return f"{self.value:.4f} +- {self.error:.4f}"
-
-
 @dataclass(frozen=True, eq=False)
 class Law:
     """The fitted law of the module's head.
@@ -260,24 +248,8 @@ def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
     return Law(limit, b, d, residuals, data.n_values[columns], data.amplitudes[rows])
 
 
-def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:
-    """Return fitted values with their 95 % confidence intervals, from a fit to `points` data."""
-    wide = _student(points - len(values)) * np.sqrt(np.diag(covariance))
-    return [Estimate(float(v), float(w)) for v, w in zip(values, wide, strict=True)]
-
-
-def fit_exponent(x: ArrayLike, y: FloatArray) -> Estimate:
-    """Return the exponent p of y ~ x^p with its 95 % confidence interval, NaN from two points."""
-    fit = linregress(np.log(x), np.log(y))
-    return Estimate(float(fit.slope), float(_student(len(y) - 2) * fit.stderr))
-
-
 def count_exponent(data: Scan, statistic: str, row: int, first: int = LAW_FROM) -> Estimate:
     """Return the exponent of T against N + 1/2 in one `row` of a scan, from N = `first` up."""
     columns = data.n_values >= first
     periods = getattr(data, statistic)[row] * data.fundamental
-    return fit_exponent(data.n_values[columns] + 0.5, periods[columns])
-
-
-def _student(freedom: int) -> float:
-    return float(student.ppf(0.975, freedom))
+    return power_law(data.n_values[columns] + 0.5, periods[columns])

@@ -175,10 +175,7 @@ def _summary(release: Release, n: int, runs: Sequence[Run]) -> dict[str, Any]:
     done = np.isfinite(periods)
     means = np.array([run.mean for run in runs])
     measured = float(np.nanmean(means)) if done.any() else math.nan
-    ideal = theory.ideal_period(chain)
-    starts = np.array([run.start for run in runs])
-    corrected = ideal * (1.0 + float(theory.amplitude_correction(starts).mean()))
-    fundamental = theory.fundamental_period(chain)
+    models = theory.models(chain, [run.start for run in runs])
     return {
         "n": n,
         "trials": len(runs),
@@ -187,12 +184,11 @@ def _summary(release: Release, n: int, runs: Sequence[Run]) -> dict[str, Any]:
         "trial_spread_s": _std(means[np.isfinite(means)]),
         "completed": int(done.sum()),
         "bobs": int(done.size),
-        "ideal_s": ideal,
-        "corrected_s": corrected,
-        "fundamental_s": fundamental,
-        "ideal_error": abs(measured - ideal) / measured,
-        "corrected_error": abs(measured - corrected) / measured,
-        "fundamental_error": abs(measured - fundamental) / measured,
+        **{f"{name}_s": period for name, period in models._asdict().items()},
+        **{
+            f"{name}_error": abs(measured - period) / measured
+            for name, period in models._asdict().items()
+        },
     }
 
 

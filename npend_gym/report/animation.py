@@ -9,27 +9,24 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from npend_gym import _checks, _files
+from npend_gym import _checks, _extras, _files
+from npend_gym._palette import BLACK, BLUE, GREEN, INK, ORANGE, PAPER, rgb
 from npend_gym.experiments.recording import Recording
 from npend_gym.physics import energy
 from npend_gym.render import Frame, Painter, Scene
-from npend_gym.report.figures import styled
-from npend_gym.report.palette import BLACK, BLUE, GREEN, ORANGE
 
 try:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
 except ImportError as error:
-    raise ImportError(
-        'films need matplotlib: install it with pip install "npend-gym[plot,render]"'
-    ) from error
+    raise _extras.missing("matplotlib", "plot,render", "films", error) from error
+from npend_gym.report.style import styled
 
 SUFFIXES = (".gif", ".mp4")
 _INCHES = 4.8  # height of the diagrams: sets the size of their text
 _TRACE_SECONDS = 3.0
 _COLORS = 128  # of a GIF
-_PAPER, _CURSOR = "#F3F4F6", (0x2B, 0x33, 0x3B)
 _SIGNS = LinearSegmentedColormap.from_list("signs", [BLUE, "#F7F7F7", ORANGE])
 _TITLES = {
     "bob": "bobs going left (blue), right (orange); dot: turned twice",
@@ -106,14 +103,14 @@ class Film:
         now = round(left + (right - left) * times[self._shown[k]] / times[-1])
         picture = self._before.copy()
         picture[:, :now] = self._after[:, :now]
-        picture[top:bottom, now - 1 : now + 1] = _CURSOR
+        picture[top:bottom, now - 1 : now + 1] = rgb(INK)
         return picture
 
 
 @styled
 def _draw(recording: Recording) -> Figure:
     motion = recording.motion
-    figure = Figure(figsize=(_INCHES, _INCHES), facecolor=_PAPER)
+    figure = Figure(figsize=(_INCHES, _INCHES), facecolor=PAPER)
     layout: Any = figure.get_layout_engine()
     layout.set(rect=(0.0, 0.01, 0.97, 0.98))  # left, bottom, width, height
     axes: Any = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
+from npend_gym._palette import BLACK, BLUE, ORANGE
 from npend_gym.experiments.campaign.analysis import AmplitudeLaw, Group
 from npend_gym.experiments.campaign.statistics import EDGES, FAR, Statistics
-from npend_gym.report.figures import styled
-from npend_gym.report.palette import BLACK, BLUE, ORANGE, panels, shade
+from npend_gym.report.style import panels, shade, styled
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 _CURVES = 9  # drawn in one figure; the rest is in the tables

@@ -2,45 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import wraps
-from importlib.resources import as_file, files
-from typing import Any, ParamSpec
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from npend_gym import theory
+from npend_gym import _extras, theory
 from npend_gym._checks import FloatArray
+from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
 from npend_gym.experiments.release import Release, Run
 
 try:
-    import matplotlib.style
     from matplotlib.figure import Figure
     from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 except ImportError as error:
-    raise ImportError(
-        'figures need matplotlib: install it with pip install "npend-gym[plot]"'
-    ) from error
-from npend_gym.report.palette import AMBER, BLACK, BLUE, GREEN, ORANGE, shade
+    raise _extras.missing("matplotlib", "plot", "figures", error) from error
+from npend_gym.report.style import shade, styled
 
-_P = ParamSpec("_P")
 _IDEAL, _CORRECTED, _FUNDAMENTAL = ORANGE, AMBER, GREEN
 _MEASURED, _BOB = BLUE, shade(0.3)
 _TRIALS = (shade(0.15), BLUE, BLACK)
-
-
-def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
-    """Draw in the package's style, whatever the user's own."""
-
-    @wraps(draw)
-    def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
-        with (
-            as_file(files("npend_gym.report") / "npend.mplstyle") as style,
-            matplotlib.style.context(["default", str(style)]),
-        ):
-            return draw(*args, **kwargs)
-
-    return styled
 
 
 @styled
@@ -71,12 +52,11 @@ def _draw_models(axes: Any, release: Release, counts: Sequence[int]) -> None:
     low, high = counts[0], counts[-1]
     grid = list(counts) if per_rod else np.unique(np.geomspace(low, high, 60, dtype=int))
     chains = [release.chain(int(n)) for n in grid]
-    ideal = np.array([theory.ideal_period(chain) for chain in chains])
-    factor = 1.0 + float(theory.amplitude_correction(release.amplitude))
-    fundamental = [theory.fundamental_period(chain) for chain in chains]
+    models = [theory.models(chain, release.amplitude) for chain in chains]
+    ideal, corrected, fundamental = np.array(models).T
     marker = "_" if len(grid) == 1 else None
     for values, style, color, label in (
-        (ideal * factor, "--", _CORRECTED, "$T_0$ with the pendulum's amplitude correction"),
+        (corrected, "--", _CORRECTED, "$T_0$ with the pendulum's amplitude correction"),
         (ideal, "-", _IDEAL, r"the paper's $T_0 = 2\pi\sqrt{N l/g}$" if not per_rod else "$T_0$"),
         (fundamental, "-", _FUNDAMENTAL, "$T_1$, slowest normal mode"),
     ):
@@ -110,10 +90,9 @@ def period_of_each_bob(release: Release, runs: Sequence[Run]) -> Figure:
                 bobs, run.periods, "o", color=color, markersize=size, markeredgewidth=0,
                 label=f"trial {run.trial}",
             )  # fmt: skip
-        axes.axhline(theory.ideal_period(chain), color=_IDEAL, label="the paper's $T_0$")
-        axes.axhline(
-            theory.fundamental_period(chain), color=_FUNDAMENTAL, label="$T_1$, slowest normal mode"
-        )
+        models = theory.models(chain, release.amplitude)
+        axes.axhline(models.ideal, color=_IDEAL, label="the paper's $T_0$")
+        axes.axhline(models.fundamental, color=_FUNDAMENTAL, label="$T_1$, slowest normal mode")
         axes.set_ylim(0.0, None)
         axes.set_title(f"N = {n}: {_completed(runs, n)}")
         axes.set(xlabel="bob, counted from the pivot", ylabel="pseudo-period [s]")

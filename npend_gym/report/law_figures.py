@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
 from npend_gym import theory
+from npend_gym._palette import BLACK, FAINT, GREEN, ORANGE, PINK
 from npend_gym.experiments.law import Law, Scan
-from npend_gym.report.figures import styled
-from npend_gym.report.palette import BLACK, FAINT, GREEN, ORANGE, PINK, TRIALS, panels, shade
+from npend_gym.report.style import TRIALS, panels, shade, styled
 
 
 @styled

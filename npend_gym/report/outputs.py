@@ -8,11 +8,11 @@ import json
 import math
 import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from npend_gym import _files
+from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
 
 def json_text(arguments: Mapping[str, Any], **tables: Sequence[Mapping[str, Any]]) -> str:
     """Return `tables` and what made them as JSON, null where there is no number."""
-    about = {"package": "npend_gym", "version": __version__, "arguments": arguments}
+    about = provenance(arguments, arguments.get("seed"))
     plain = {name: [_nulled(row) for row in rows] for name, rows in tables.items()}
     return json.dumps(about | plain, indent=2, allow_nan=False)
 
@@ -84,13 +84,9 @@ def write_manifest(
 ) -> Path:
     """Write `manifest.json`: what made the files `written`, and their digests."""
     manifest = {
-        "package": "npend_gym",
-        "version": __version__,
+        **provenance(arguments, arguments.get("seed")),
         "experiment": experiment,
-        "arguments": arguments,
         "complete": complete,
-        "libraries": {name: version(name) for name in ("numpy", "scipy", "numba")},
-        "python": platform.python_version(),
         "platform": platform.platform(),
         "sha256": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written},
     }

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from npend_gym import _files, theory
+from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments.recording import Recording, record_release
 from npend_gym.experiments.release import Release, Run, summary_rows
@@ -61,11 +62,7 @@ def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording])
     """Return the page as text: the animation of `recordings`, and what all `runs` measured."""
     rows = summary_rows(release, runs)
     data = {
-        "provenance": {
-            "package": "npend_gym",
-            "version": __version__,
-            "arguments": release.as_dict(),
-        },
+        "provenance": provenance(release.as_dict(), release.seed),
         "releases": [_recorded(release, recording) for recording in recordings],
         "law": _law(release, runs, rows),
     }
@@ -102,14 +99,8 @@ def command(release: Release) -> str:
 
 def _models(release: Release, n: int, start: float) -> dict[str, float]:
     """Return the models of the pseudo-period [s] that have a scale; none has without gravity."""
-    chain = release.chain(n)
-    ideal = theory.ideal_period(chain)
-    values = {
-        "T0": ideal,
-        "T0 + ampl.": ideal * (1.0 + float(theory.amplitude_correction(start))),
-        "T1": theory.fundamental_period(chain),
-    }
-    return {name: value for name, value in values.items() if math.isfinite(value)}
+    values = zip(_COLORS, theory.models(release.chain(n), start), strict=True)
+    return {name: value for name, value in values if math.isfinite(value)}
 
 
 def _recorded(release: Release, recording: Recording) -> dict[str, Any]:

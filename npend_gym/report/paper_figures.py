@@ -15,25 +15,14 @@ from matplotlib.ticker import (
 )
 
 from npend_gym._checks import FloatArray
+from npend_gym._palette import AMBER, BLACK, BLUE, FAINT, GREEN, ORANGE, SKY
 from npend_gym.experiments.paper.chaos import Growth
 from npend_gym.experiments.paper.figure_data import Figure2, Series
 from npend_gym.experiments.paper.grid import Grid
 from npend_gym.experiments.paper.readings import AS_WRITTEN
-from npend_gym.report.figures import styled
 from npend_gym.report.law_figures import law_against_angle, law_against_n
 from npend_gym.report.outputs import write_figure
-from npend_gym.report.palette import (
-    AMBER,
-    BLACK,
-    BLUE,
-    FAINT,
-    GREEN,
-    ORANGE,
-    SKY,
-    TRIALS,
-    panels,
-    shade,
-)
+from npend_gym.report.style import TRIALS, panels, shade, styled
 
 
 def write_figures(results: Mapping[str, Any], folder: Path) -> list[Path]:

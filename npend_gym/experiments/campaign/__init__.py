@@ -6,14 +6,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
-if not all(map(find_spec, ("filelock", "joblib", "pyarrow"))):
-    raise ImportError(
-        "campaigns need filelock, joblib and pyarrow: install them with "
-        'pip install "npend-gym[campaign]"'
-    )
-
 from npend_gym.experiments.campaign.driver import BusyError, Campaign, DiskError
 from npend_gym.experiments.campaign.engine import BACKENDS, WorkersLostError
 from npend_gym.experiments.campaign.folder import Found

@@ -28,13 +28,11 @@ from npend_gym._checks import FloatArray
 from npend_gym.experiments.campaign.folder import Found, folder_of, inspect, read_plan
 from npend_gym.experiments.campaign.plan import Plan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
+from npend_gym.experiments.fits import Estimate, estimates, power_law
 from npend_gym.experiments.law import (
     LAW_FROM,
     LAW_UP_TO,
-    Estimate,
     amplitude_factor,
-    estimates,
-    fit_exponent,
     linear_ratios,
     rope_ratios,
 )
@@ -181,7 +179,7 @@ def _exponents(points: Sequence[Point]) -> Iterator[Exponent]:
         own = tuple(sorted(some, key=lambda point: point.n))
         if len(own) >= _COUNTS:
             x, y = np.array([(p.n + 0.5, p.period) for p in own]).T
-            power = fit_exponent(x, y)
+            power = power_law(x, y)
             line = power.value * np.log(x)
             over: FloatArray = np.log(y) - line
             residuals = np.exp(over - over.mean()) - 1.0

@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from filelock import FileLock, Timeout
-
+from npend_gym import _extras
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.folder import (
     CELLS,
@@ -26,6 +25,8 @@ from npend_gym.experiments.campaign.journal import Journal, Record
 from npend_gym.experiments.campaign.measuring import Unwritten, carry_out, cell_key
 from npend_gym.experiments.campaign.parts import write_cells
 from npend_gym.experiments.campaign.plan import Plan, Task
+
+filelock: Any = _extras.require("filelock", "campaign", "campaigns")
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -81,13 +82,13 @@ class Campaign:
         self.plan = plan or there or Plan()
         self._known = there is not None
         self.found: Found
-        self._lock = FileLock(self.out / LOCK, blocking=False)
+        self._lock = filelock.FileLock(self.out / LOCK, blocking=False)
 
     def __enter__(self) -> Self:
         try:
             self.out.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
-        except Timeout as error:
+        except filelock.Timeout as error:
             raise BusyError(
                 f"another driver is at work on {self.out}: wait for it, or choose another folder"
             ) from error

@@ -6,10 +6,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, TypeVar
 
-from npend_gym import _checks
+from npend_gym import _checks, _extras
+
+joblib: Any = _extras.require("joblib", "campaign", "campaigns")
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
@@ -54,13 +55,12 @@ def workers(
         If the library is missing, with how to install it.
     """
     check_workers(backend, count, address)
-    joblib = _library("joblib", 'pip install "npend-gym[campaign]"')
     with ExitStack() as stack:
         count = count or -1
         if backend == "ray":
-            _ray(stack, joblib, count, address)
+            _ray(stack, count, address)
         elif backend == "dask":
-            _dask(stack, joblib, count, address)
+            _dask(stack, count, address)
         stack.enter_context(joblib.parallel_config(backend=backend, n_jobs=count))
         yield
 
@@ -77,16 +77,9 @@ def check_workers(backend: str, count: int | None, address: str | None) -> None:
         )
 
 
-def _library(name: str, install: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise ImportError(f"this needs {name}: install it with {install}") from error
-
-
-def _ray(stack: ExitStack, joblib: Any, count: int, address: str | None) -> None:
-    ray = _library("ray", "pip install ray")
-    backend = import_module("ray.util.joblib.ray_backend").RayBackend
+def _ray(stack: ExitStack, count: int, address: str | None) -> None:
+    ray = _extras.require("ray", "ray", "campaigns on Ray")
+    backend = _extras.require("ray.util.joblib.ray_backend", "ray", "campaigns on Ray").RayBackend
     # Ray's backend has all that joblib needs to hand out results as they come, but does not say so
     streaming = type("StreamingRay", (backend,), {"supports_return_generator": True})
     joblib.register_parallel_backend("ray", streaming)
@@ -97,8 +90,8 @@ def _ray(stack: ExitStack, joblib: Any, count: int, address: str | None) -> None
         stack.callback(ray.shutdown)
 
 
-def _dask(stack: ExitStack, joblib: Any, count: int, address: str | None) -> None:
-    dask = _library("distributed", 'pip install "dask[distributed]"')
+def _dask(stack: ExitStack, count: int, address: str | None) -> None:
+    dask = _extras.require("distributed", "dask", "campaigns on Dask")
     cores = joblib.cpu_count() if count < 0 else count
     cluster: Any = address or stack.enter_context(
         dask.LocalCluster(n_workers=cores, threads_per_worker=1, dashboard_address=None)
@@ -173,7 +166,6 @@ class _Round:
         self, work: Callable[[_T], _R], tasks: Iterable[_T]
     ) -> Generator[tuple[_T, _R], None, None]:
         """Yield tasks and results; note what is under way, and what went wrong with the workers."""
-        joblib = import_module("joblib")
 
         def handed_out() -> Iterator[Any]:
             for task in tasks:

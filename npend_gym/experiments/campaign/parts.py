@@ -6,20 +6,19 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from npend_gym import _checks, _files, theory
+from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign.plan import Plan, Task
 from npend_gym.experiments.release import Release
 
-pa: Any = import_module("pyarrow")  # it has no types
-pq: Any = import_module("pyarrow.parquet")
+pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
+pq: Any = _extras.require("pyarrow.parquet", "campaign", "campaigns")
 
 RELEASES, BOBS = "releases", "bobs"
 TABLES = (RELEASES, BOBS)

@@ -1,0 +1,43 @@
+"""Imports of libraries that an extra installs, with one error text where one is missing."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+
+def require(module: str, extra: str, purpose: str) -> Any:
+    """Import `module` and return it.
+
+    Parameters
+    ----------
+    module : str
+        Name of the module, such as "sympy" or "ray.util.joblib".
+    extra : str
+        Extra of the package that installs it, such as "kane".
+    purpose : str
+        What needs it, in the plural: "figures".
+
+    Raises
+    ------
+    ImportError
+        If the module cannot be imported, see `missing`.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise missing(module, extra, purpose, error) from error
+
+
+def missing(module: str, extra: str, purpose: str, error: ImportError) -> ImportError:
+    """Return the error to raise in place of `error`, which importing `module` raised.
+
+    Its text says which command installs the library, or why a library that is installed cannot be
+    imported. Parameters are those of `require`.
+    """
+    library = module.partition(".")[0]
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] == library:
+        way_out = f'install it with pip install "npend-gym[{extra}]"'
+    else:
+        way_out = f"it is installed but cannot be imported: {error}"
+    return ImportError(f"{purpose} need {library}: {way_out}", name=library)

@@ -1,0 +1,15 @@
+"""The colours of all pictures: those of Okabe and Ito, made for every kind of colour vision."""
+
+from __future__ import annotations
+
+BLUE, ORANGE, GREEN, PINK, AMBER, SKY = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9",
+)  # fmt: skip
+BLACK, WHITE, FAINT = "#000000", "#FFFFFF", "#BBBBBB"
+PAPER, INK, RIM, ROD = "#F3F4F6", "#2B333B", "#C4CAD0", "#5F6973"  # of the pictures of a chain
+
+
+def rgb(color: str) -> tuple[int, int, int]:
+    """Return red, green and blue, 0 to 255, of a colour written as "#RRGGBB"."""
+    red, green, blue = bytes.fromhex(color[1:])
+    return red, green, blue

@@ -1,0 +1,59 @@
+"""Fitted numbers with their confidence intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import linregress
+from scipy.stats import t as student
+
+from npend_gym._checks import FloatArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted number with the half-width of its 95 % confidence interval."""
+
+    value: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.4f} +- {self.error:.4f}"
+
+
+def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
+    """Return the exponent p of the fit y = c x^p, the slope between the logarithms.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (k,)
+        Positive numbers, at least two.
+
+    Returns
+    -------
+    Estimate
+        Its error is NaN where there are only two points.
+    """
+    fit = linregress(np.log(x), np.log(y))
+    return Estimate(float(fit.slope), float(_student(np.size(y) - 2) * fit.stderr))
+
+
+def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:
+    """Return fitted values with their confidence intervals.
+
+    Parameters
+    ----------
+    values : ndarray, shape (k,)
+    covariance : ndarray, shape (k, k)
+        Both as `scipy.optimize.curve_fit` returns them.
+    points : int
+        Number of points that were fitted.
+    """
+    widths = _student(points - len(values)) * np.sqrt(np.diag(covariance))
+    return [Estimate(float(v), float(w)) for v, w in zip(values, widths, strict=True)]
+
+
+def _student(freedom: int) -> float:
+    return float(student.ppf(0.975, freedom))

@@ -1,0 +1,49 @@
+"""What all figures share (extra "plot"): the style, markers, panels, shades of blue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from importlib.resources import as_file, files
+from typing import Any, ParamSpec
+
+from npend_gym import _extras
+from npend_gym._palette import BLACK, BLUE, SKY
+
+try:
+    import matplotlib.style
+    from matplotlib.figure import Figure
+except ImportError as error:
+    raise _extras.missing("matplotlib", "plot", "figures", error) from error
+
+TRIALS = (("o", SKY), ("s", BLUE), ("^", BLACK))
+
+_P = ParamSpec("_P")
+
+
+def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
+    """Draw in the package's style, whatever the user's own."""
+
+    @wraps(draw)
+    def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
+        with (
+            as_file(files("npend_gym.report") / "npend.mplstyle") as style,
+            matplotlib.style.context(["default", str(style)]),
+        ):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def panels(
+    figure: Figure, rows: int, columns: int, *, sharex: bool = False,
+    height_ratios: Sequence[float] | None = None,
+) -> list[Any]:  # fmt: skip
+    """Return the axes of a grid of panels, row by row."""
+    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False, height_ratios=height_ratios)
+    return list(axes.flat)
+
+
+def shade(share: float) -> tuple[float, float, float]:
+    """Return a blue, the darker the larger `share` (0 to 1)."""
+    return 0.65 * (1.0 - share), 0.25 + 0.55 * (1.0 - share), 0.45 + 0.5 * (1.0 - share)
