@@ -117,6 +117,15 @@ class Chain:
         """Length of the chain when straight [m]."""
         return float(self.lengths.sum())
 
+    @cached_property
+    def lifting_energy(self) -> float:
+        """Energy that lifts the hanging chain upright, 2 g sum_i l_i sum_{k>=i} m_k [J].
+
+        Without gravity: that on Earth. It is the unit in which environments judge energies.
+        """
+        gravity = self.gravity if self.gravity > 0.0 else STANDARD_GRAVITY
+        return 2.0 * gravity * float(self.lengths @ self.carried_masses)
+
     @property
     def has_drag(self) -> bool:
         """Whether air resists any bob."""

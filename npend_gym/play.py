@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym.envs.modes import Passive
-from npend_gym.envs.single import NPendulumEnv
+from npend_gym.envs import Info, NPendulumEnv, Passive
 from npend_gym.physics import energy
 from npend_gym.render import Frame, Painter, Scene, Window, pygame_module
 
@@ -65,7 +64,7 @@ class Game:
             n=self.n, mode=Play(), actuated=range(self.n), amplitude=self.amplitude
         )
         self._config = self._env.config
-        self.info: dict[str, Any] = self._env.reset(seed=self.seed)[1]
+        self.info: Info[float, int, bool] = self._env.reset(seed=self.seed)[1]
         self._turn = 0.0  # torque at the pivot over its limit, by the keys
         self._held: int | None = None  # bob in the player's hand
         self._hand = np.zeros(2)  # where that is [m]

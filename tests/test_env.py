@@ -349,20 +349,20 @@ class Still(Mode):
     def start(self, rng, n, amplitude, spread):  # noqa: ARG002
         return np.full(n, 0.1), np.zeros(n)
 
-    def reward(self, seen):
-        return 1.0 / (1.0 + seen.kinetic)
+    def reward(self, quantities):
+        return 1.0 / (1.0 + quantities.kinetic_energy)
 
-    def failed(self, seen):
-        return seen.height > 0.9
+    def failed(self, quantities):
+        return quantities.height > 0.9
 
 
 class Lazy(Still):
     """A mode that returns one number for all, or a quantity as it is."""
 
-    def reward(self, seen):
-        return seen.tip
+    def reward(self, quantities):
+        return quantities.tip
 
-    def failed(self, seen):  # noqa: ARG002
+    def failed(self, quantities):  # noqa: ARG002
         return True
 
 

@@ -242,7 +242,7 @@ def test_drag_in_a_reset_option_is_that_of_its_lane_alone():
 
 def test_stiff_drag_gets_more_substeps():
     plain, stiff, fast = (
-        gym.make("NPendulum-v0", **drag).unwrapped.config.substeps
+        gym.make("NPendulum-v0", **drag).unwrapped.config.min_substeps
         for drag in ({}, {"drag": [0.0, 500.0]}, {"quadratic_drag": 50.0})
     )
     assert stiff > 10 * plain

@@ -86,11 +86,11 @@ class High(Mode):
     def start(self, rng, n, amplitude, spread):  # noqa: ARG002
         return np.full(n, 2.6), np.zeros(n)
 
-    def reward(self, seen):
-        return seen.height
+    def reward(self, quantities):
+        return quantities.height
 
-    def failed(self, seen):
-        return seen.height < 0.1
+    def failed(self, quantities):
+        return quantities.height < 0.1
 
 
 @pytest.mark.parametrize("vector", [False, True])

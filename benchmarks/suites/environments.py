@@ -125,7 +125,7 @@ def vector_beside_peers(lanes: int, peers: Peers) -> Iterator[Row]:
 
 def variants(kind: str) -> dict[str, dict[str, Any]]:
     """Return the keywords of the environments that are measured, by the names of their rows."""
-    substeps = gym.make(OURS).unwrapped.config.substeps  # type: ignore[attr-defined]
+    substeps = gym.make(OURS).unwrapped.config.min_substeps  # type: ignore[attr-defined]
     return {
         f"{kind}, N = 2, {substeps} substeps (default)": {},
         f"{kind}, N = 2, 1 substep": {"substeps": 1},

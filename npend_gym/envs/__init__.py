@@ -1,1 +1,5 @@
-"""Gymnasium environments around the chain: NPendulumVectorEnv and its view of one, NPendulumEnv."""
+"""The Gymnasium environments of the chain, their settings and their tasks."""
+
+from npend_gym._faces import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

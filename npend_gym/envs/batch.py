@@ -14,8 +14,10 @@ from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.config import Config
-from npend_gym.envs.modes import Quantities, lifting_energy
+from npend_gym.envs.config import CHAIN_KEYWORDS as CHAIN_OPTIONS
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.info import Info
+from npend_gym.envs.modes import Quantities
 from npend_gym.period import counted_speed
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels import lanes as kernels
@@ -24,7 +26,6 @@ from npend_gym.physics.kernels.stepping import MAX_PARTS, advance_many, advance_
 
 BoolArray = NDArray[np.bool_]
 
-CHAIN_OPTIONS = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
 START_OPTIONS = ("theta", "omega", "amplitude")
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _PIECES = 4  # of a thread's share in a step: fewer, and all wait longer for the last one
@@ -45,7 +46,7 @@ class Batch:
     Nothing in a lane depends on another lane, on B or on the number of threads.
     """
 
-    def __init__(self, config: Config, count: int, threads: int = 1) -> None:
+    def __init__(self, config: EnvConfig, count: int, threads: int = 1) -> None:
         self.config, self.count, self.threads = config, count, threads
         n = config.chain.n
         self.rngs: list[np.random.Generator] = []
@@ -62,8 +63,8 @@ class Batch:
             else (advance_many, kernels.describe_many)
         )
         self._fixed = (
-            config.joints, config.max_torque, config.dt, config.substeps, 1.0 / config.turn,
-            self._groups, n,
+            config.joints, config.max_torque, config.dt, config.min_substeps,
+            1.0 / config.max_rotation, self._groups, n,
         )  # fmt: skip
         self._ideal = np.empty(count)  # s
         self._chains: dict[int, Chain] = {}  # of lanes that have one of their own
@@ -72,10 +73,13 @@ class Batch:
         self._scratch = [kernels.new_scratch(n, self._width) for _ in range(threads)]
         self._pool: ThreadPoolExecutor | None = None
         self._halted = False
-        most = n * self._width * (1 if math.isinf(config.turn) else int(MAX_PARTS))
+        most = n * self._width * (1 if math.isinf(config.max_rotation) else int(MAX_PARTS))
         piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
         share = self._groups if threads == 1 else -(-self._groups // (_PIECES * threads))
-        self._per_call = max(1, min(piece // config.substeps, share)), min(piece, config.substeps)
+        self._per_call = (
+            max(1, min(piece // config.min_substeps, share)),
+            min(piece, config.min_substeps),
+        )
         self._look_anew()
 
     def _name_parts(self) -> None:
@@ -207,7 +211,7 @@ class Batch:
         last = np.concatenate([rods.gravity, rods.inverse_mass])
         self._per_rod(kernels.GRAVITY_AND_INVERSE_MASS, 2)[place] = last
         lanes = lanes[lanes < self.count]
-        self._rows[kernels.PER_UNIT, lanes] = 1.0 / lifting_energy(chain)
+        self._rows[kernels.PER_UNIT, lanes] = 1.0 / chain.lifting_energy
         self._rows[kernels.PER_REACH, lanes] = 1.0 / chain.total_length
         self._rows[kernels.LIFT_SHARE, lanes] = 0.5 / float(chain.lengths @ chain.carried_masses)
         self._ideal[lanes] = theory.ideal_period(chain) if chain.gravity > 0.0 else 0.0
@@ -250,7 +254,7 @@ class Batch:
 
         Threads share the iterator. Calls are so short that Ctrl-C is heard between them.
         """
-        groups, piece, substeps = *self._per_call, self.config.substeps
+        groups, piece, substeps = *self._per_call, self.config.min_substeps
         for first in pieces:
             last = min(first + groups, self._groups)
             for begin in range(0, substeps, piece):
@@ -273,7 +277,9 @@ class Batch:
         """Lanes whose state has left all bounds; they keep their last sound state."""
         return self._rows[kernels.DIVERGED] != 0.0
 
-    def every_lane(self) -> tuple[Quantities[FloatArray], dict[str, Any]]:
+    def every_lane(
+        self,
+    ) -> tuple[Quantities[FloatArray], Info[FloatArray, NDArray[np.int64], BoolArray]]:
         """Return quantities and info of all lanes, arrays (B, ...) made by the last step or start.
 
         The info's are handed out: they are not written again once the next step has begun.
@@ -283,7 +289,7 @@ class Batch:
         rows: list[FloatArray] = list(self._out[:split].reshape(_SCALARS, lanes)[:, :count])
         periods, theta, omega = self._out[split:].reshape(3, lanes, n)[:, :count]
         quantities = Quantities(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], theta, omega)
-        info = {
+        info: Info[FloatArray, NDArray[np.int64], BoolArray] = {
             "time": rows[kernels.SEEN_TIME],
             "energy": rows[kernels.SEEN_JOULES],
             "energy_error": rows[kernels.SEEN_DRIFT],
@@ -295,16 +301,17 @@ class Batch:
             "theta": theta,
             "omega": omega,
             "diverged": self.diverged,
+            "success": np.zeros(count, np.bool_),  # the environment knows, from step to step
         }
         return quantities, info
 
-    def only_lane(self) -> tuple[Quantities[float], dict[str, Any]]:
+    def only_lane(self) -> tuple[Quantities[float], Info[float, int, bool]]:
         """Return what `every_lane` does, of a batch of one, as plain numbers: the quick way."""
         out, n = self._out, self._fixed[-1]
         row: list[float] = out[:_SCALARS].tolist()
         theta, omega = out[_SCALARS + n : _SCALARS + 2 * n], out[_SCALARS + 2 * n :]
         quantities = Quantities(row[0], row[1], row[2], row[3], row[4], row[5], theta, omega)
-        info = {
+        info: Info[float, int, bool] = {
             "time": row[kernels.SEEN_TIME],
             "energy": row[kernels.SEEN_JOULES],
             "energy_error": row[kernels.SEEN_DRIFT],
@@ -316,6 +323,7 @@ class Batch:
             "theta": theta,
             "omega": omega,
             "diverged": row[kernels.SEEN_DIVERGED] != 0.0,
+            "success": False,  # the environment knows, from step to step
         }
         return quantities, info
 

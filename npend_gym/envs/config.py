@@ -1,53 +1,177 @@
-"""The keywords of the environments: checked once, defaults filled in."""
+"""The keywords of the environments: checked once, what depends on mode and chain filled in."""
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import TypedDict, Unpack
 
 from npend_gym import _checks, theory
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.modes import MODES, Mode, lifting_energy
+from npend_gym.envs.modes import Mode, find_mode
 from npend_gym.physics.kernels.lanes import MAX_SPEED
 
 OBSERVATIONS = ("angles", "sincos")
 MAX_SUBSTEPS = 100_000
 
-# Substeps are so short that in each the fastest normal mode turns by no more than this [rad], and
-# what damping and drag brake decays by no more than this. Turning points of a release then come out
-# within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
+# By default a substep is so short that the fastest normal mode turns by no more than this [rad],
+# and that what damping and drag brake decays by no more than this. Turning points of a release
+# then come out within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
 _PHASE = 1.0 / 16.0
 # A chain that is whirled round turns faster than it swings. Substeps in which no rod turns by more
 # than this keep the energy of chains under random torques to some 1e-4 in an episode.
-_TURN = 1.0 / 20.0
+_MAX_ROTATION = 1.0 / 20.0
+
+CHAIN_KEYWORDS = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
+
+_EnvClass = TypeVar("_EnvClass", bound=type)
 
 
-@dataclass(frozen=True)
-class Config:
-    """The checked keywords of an environment."""
+class EnvKeywords(TypedDict, total=False):
+    """The keywords that both environments take and `EnvConfig` describes."""
 
-    chain: Chain
-    mode: Mode
-    joints: NDArray[np.int64]  # actuated, in the order of the action; empty where there is none
-    max_torque: float  # N m, on each actuated joint
-    dt: float  # s
-    substeps: int
-    turn: float  # rad; a substep in which a rod turns by more is cut into parts
-    with_sines: bool
-    amplitude: float  # rad
-    spread: float  # rad
+    n: int
+    mode: str | Mode
+    masses: ArrayLike
+    lengths: ArrayLike
+    gravity: float
+    damping: ArrayLike
+    drag: ArrayLike
+    quadratic_drag: ArrayLike
+    actuated: Sequence[int]
+    max_torque: float | None
+    dt: float | None
+    substeps: int | None
+    observation: str
+    amplitude: float
+    spread: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EnvConfig:
+    """The settings of an environment: its keywords, checked, and what follows from them.
+
+    Parameters
+    ----------
+    n : int
+        Number of rods.
+    mode : {"swingup", "passive", "balance", "calm"}, str or Mode
+        The task. A task of your own is an instance of a class derived from `Mode`, or the class
+        by name, "package.module:Class", which can be written to JSON.
+    masses, lengths, damping, drag, quadratic_drag : float or array_like, shape (n,)
+        As in `npend_gym.Chain` [kg, m, N m s/rad, N s/m, N s^2/m^2].
+    gravity : float
+        [m/s^2].
+    actuated : sequence of int
+        Joints with an actuator, in the order of the action; joint 0 is the pivot.
+    max_torque : float, optional
+        Torque of the action 1 [N m]. By default the mode's `torque_share` of the torque that
+        holds the whole chain horizontal.
+    dt : float, optional
+        Time of a step [s]; by default the mode's.
+    substeps : int, optional
+        Runge-Kutta steps in a step, always this many. By default as many as the fastest normal
+        mode needs to turn by at most 1/16 rad in each, and more while a rod would turn by more
+        than 1/20 rad. ``info["energy_error"]`` shows how well the energy is kept.
+    observation : {"angles", "sincos"}
+    amplitude, spread : float
+        Of a release: all rods start at `amplitude` plus one draw from [0, spread) [rad].
+
+    Attributes
+    ----------
+    chain : Chain
+        The chain of these masses, lengths and resistances.
+    joints : ndarray, int64
+        Actuated joints; none in a mode without a motor.
+    min_substeps : int
+        Substeps of a step in which no rod turns fast.
+    max_rotation : float
+        A substep in which a rod turns by more than this is divided [rad].
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a keyword breaks its rule.
+    """
+
+    n: int = 2
+    mode: Mode = field(default="swingup")  # type: ignore[assignment]
+    masses: ArrayLike = 1.0
+    lengths: ArrayLike = 1.0
+    gravity: float = STANDARD_GRAVITY
+    damping: ArrayLike = 0.0
+    drag: ArrayLike = 0.0
+    quadratic_drag: ArrayLike = 0.0
+    actuated: Sequence[int] = (0,)
+    max_torque: float = field(default=None)  # type: ignore[assignment]
+    dt: float = field(default=None)  # type: ignore[assignment]
+    substeps: int | None = None
+    observation: str = "angles"
+    amplitude: float = math.pi / 4
+    spread: float = 0.017
+
+    chain: Chain = field(init=False, repr=False)
+    joints: NDArray[np.int64] = field(init=False, repr=False)
+    min_substeps: int = field(init=False, repr=False)
+    max_rotation: float = field(init=False, repr=False)
+
+    if TYPE_CHECKING:  # what the keywords may be is wider than what they are once checked
+
+        def __init__(self, **keywords: Unpack[EnvKeywords]) -> None: ...
+
+    def __post_init__(self) -> None:
+        given: Any = self  # the fields as passed, of wider types than declared
+        n = _checks.count("n", given.n, high=MAX_RODS)
+        masses = _checks.vector("masses", self.masses, n)
+        lengths = _checks.vector("lengths", self.lengths, n)
+        chain = Chain(masses, lengths, self.gravity, self.damping, self.drag, self.quadratic_drag)
+        mode = find_mode(given.mode)
+        joints = _joints(self.actuated, n) if mode.torque_share > 0.0 else ()
+        dt = mode.dt if given.dt is None else _checks.positive_number("dt", given.dt)
+        max_torque = 0.5 * mode.torque_share * chain.lifting_energy
+        if given.max_torque is not None:
+            max_torque = _checks.nonnegative_number("max_torque", given.max_torque)
+        substeps, max_rotation = _substeps(self.substeps, dt, chain)
+        _checks.choice("observation", self.observation, OBSERVATIONS)
+        checked = {name: getattr(chain, name) for name in CHAIN_KEYWORDS}
+        checked |= {
+            "n": n,
+            "mode": mode,
+            "max_torque": max_torque,
+            "dt": dt,
+            "amplitude": _angle("amplitude", _checks.number("amplitude", self.amplitude)),
+            "spread": _angle("spread", _checks.nonnegative_number("spread", self.spread)),
+            "chain": chain,
+            "joints": np.array(joints, np.int64),
+            "min_substeps": substeps,
+            "max_rotation": max_rotation,
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def with_sines(self) -> bool:
+        """Whether observations hold the sines and cosines of the angles."""
+        return self.observation == "sincos"
 
     @property
     def hold_steps(self) -> int:
-        """Number of steps over which the mode's goal must have been met to count as success."""
+        """Number of steps over which the mode's goal must have held to count as success."""
         return math.ceil(self.mode.hold / self.dt * (1.0 - 1e-12))  # 5 s of 0.05 s are 100 steps
+
+    @property
+    def render_fps(self) -> int:
+        """Pictures a second at which an episode is shown in its own time."""
+        return max(1, round(1.0 / self.dt))
 
     @property
     def action_space(self) -> spaces.Space[Any]:
@@ -66,51 +190,47 @@ class Config:
         return spaces.Box(-bound, bound, dtype=np.float32)
 
 
-def make_config(
-    n: int,
-    mode: str | Mode,
-    masses: ArrayLike,
-    lengths: ArrayLike,
-    gravity: float,
-    damping: ArrayLike,
-    drag: ArrayLike,
-    quadratic_drag: ArrayLike,
-    actuated: Sequence[int],
-    max_torque: float | None,
-    dt: float | None,
-    substeps: int | None,
-    observation: str,
-    amplitude: float,
-    spread: float,
-) -> Config:
-    """Check the keywords of an environment and fill in what depends on mode and chain."""
-    n = _checks.count("n", n, high=MAX_RODS)
-    m, rods = _checks.vector("masses", masses, n), _checks.vector("lengths", lengths, n)
-    chain = Chain(m, rods, gravity, damping, drag, quadratic_drag)
-    kind = _mode(mode)
-    joints = _joints(actuated, n) if kind.torque_share > 0.0 else np.zeros(0, np.int64)
-    limit = 0.5 * kind.torque_share * lifting_energy(chain)
-    if max_torque is not None:
-        limit = _checks.nonnegative_number("max_torque", max_torque)
-    step = kind.dt if dt is None else _checks.positive_number("dt", dt)
-    if substeps is None:
-        phase = step * _fastest_rate(chain)
-        pieces, turn = max(1, min(MAX_SUBSTEPS, math.ceil(phase / _PHASE))), _TURN
-    else:
-        turn = math.inf
-        pieces = _checks.count("substeps", substeps, high=MAX_SUBSTEPS)
-    return Config(
-        chain=chain,
-        mode=kind,
-        joints=joints,
-        max_torque=limit,
-        dt=step,
-        substeps=pieces,
-        turn=turn,
-        with_sines=_checks.choice("observation", observation, OBSERVATIONS) == "sincos",
-        amplitude=_angle("amplitude", _checks.number("amplitude", amplitude)),
-        spread=_angle("spread", _checks.nonnegative_number("spread", spread)),
-    )
+_DEFAULTS = {each.name: each.default for each in fields(EnvConfig) if each.init}
+
+
+def with_config_keywords(env: _EnvClass) -> _EnvClass:
+    """Give an environment's class, for `help` and `inspect`, the signature that it really has."""
+    own = inspect.signature(env).parameters.values()
+    given = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=_DEFAULTS[name],
+            annotation=getattr(kind, "__forward_arg__", kind),
+        )
+        for name, kind in EnvKeywords.__annotations__.items()
+    ]
+    positional = [p for p in own if p.kind is p.POSITIONAL_OR_KEYWORD]
+    keyword_only = [p for p in own if p.kind is p.KEYWORD_ONLY]
+    env.__signature__ = inspect.Signature([*positional, *given, *keyword_only])  # type: ignore[attr-defined]
+    return env
+
+
+def make_config(env: type, keywords: EnvKeywords) -> EnvConfig:
+    """Return the settings of an environment, or name the keyword that the environment lacks."""
+    for name in keywords:
+        if name not in EnvKeywords.__annotations__:
+            valid = list(inspect.signature(env).parameters)
+            close = difflib.get_close_matches(name, valid, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ";"
+            raise TypeError(
+                f"{env.__name__} got an unexpected keyword argument {name!r}{hint} "
+                f"It takes {', '.join(valid)}"
+            )
+    return EnvConfig(**keywords)
+
+
+def _substeps(given: int | None, dt: float, chain: Chain) -> tuple[int, float]:
+    """Return the least number of substeps, and the rotation that divides one [rad]."""
+    if given is not None:
+        return _checks.count("substeps", given, high=MAX_SUBSTEPS), math.inf
+    needed = math.ceil(dt * _fastest_rate(chain) / _PHASE)
+    return max(1, min(MAX_SUBSTEPS, needed)), _MAX_ROTATION
 
 
 def _fastest_rate(chain: Chain) -> float:
@@ -132,26 +252,15 @@ def _angle(name: str, value: float) -> float:
     return float(_checks.within(name, np.array(value), 0.5 * MAX_ANGLE))
 
 
-def _mode(mode: str | Mode) -> Mode:
-    if isinstance(mode, Mode):
-        return mode
-    if str(mode) not in MODES:
-        raise ValueError(
-            f"mode must be one of {', '.join(MODES)} or an instance of npend_gym.envs.modes.Mode; "
-            f"got {_checks.show(mode)}"
-        )
-    return MODES[str(mode)]()
-
-
-def _joints(actuated: Any, n: int) -> NDArray[np.int64]:
+def _joints(actuated: Any, n: int) -> tuple[int, ...]:
     if isinstance(actuated, str) or not isinstance(actuated, (Sequence, np.ndarray)):
         raise TypeError(
             f"actuated must be a list of joints such as (0,), got {_checks.show(actuated)}"
         )
     listed: list[Any] = list(actuated)  # pyright: ignore[reportUnknownArgumentType]
-    joints = [_checks.count("actuated", joint, low=0, high=n - 1) for joint in listed]
+    joints = tuple(_checks.count("actuated", joint, low=0, high=n - 1) for joint in listed)
     if len(joints) == 0 or len(set(joints)) != len(joints):
         raise ValueError(
             f"actuated must name at least one joint, and each once, got {_checks.show(listed)}"
         )
-    return np.array(joints, np.int64)
+    return joints

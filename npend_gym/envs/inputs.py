@@ -1,10 +1,11 @@
-"""What users hand to `reset` and `step`, cleaned or refused by name."""
+"""What users pass to `reset` and `step`: checked, or refused by name."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -13,17 +14,21 @@ from npend_gym import _checks
 from npend_gym.envs.batch import BoolArray
 
 
-def checked_autoreset_mode(given: Any) -> AutoresetMode:
+class ResetNeeded(gym.error.ResetNeeded, RuntimeError):  # noqa: N818 - Gymnasium's name
+    """Raised by `step` and `render` where `reset` must be called first."""
+
+
+def checked_autoreset_mode(value: Any) -> AutoresetMode:
     """Return the autoreset mode of that name or value."""
-    if isinstance(given, AutoresetMode):
-        return given
+    if isinstance(value, AutoresetMode):
+        return value
     names = {mode.value: mode for mode in AutoresetMode} | {m.name: m for m in AutoresetMode}
-    if not isinstance(given, str) or given not in names:
+    if not isinstance(value, str) or value not in names:
         raise ValueError(
             f"autoreset_mode must be one of {', '.join(m.name for m in AutoresetMode)}; "
-            f"got {_checks.show(given)}"
+            f"got {_checks.show(value)}"
         )
-    return names[given]
+    return names[value]
 
 
 def lane_seeds(seed: Any, count: int) -> list[int | None]:
@@ -56,33 +61,34 @@ def reset_mask(mask: Any, count: int) -> BoolArray:
     return np.array(mask, np.bool_)  # pyright: ignore[reportUnknownArgumentType]
 
 
-def clean_action(given: Any, shape: tuple[int, ...]) -> float | NDArray[Any] | None:
+def checked_action(action: Any, shape: tuple[int, ...]) -> float | NDArray[Any] | None:
     """Return the action, or say what is wrong with it.
 
-    Its shape is (joints,) or (B, joints). In passive mode there are no joints, every action must
-    be 0 and None is returned.
+    Its shape is (joints,) or (B, joints). In a mode without a motor there are no joints, every
+    action must be 0 and None is returned.
     """
-    if shape == (1,) and type(given) is np.ndarray and given.shape == (1,):
-        share = given.item()
-        if type(share) is float and math.isfinite(share):
-            return share  # the common case, quickly; all others come by below
+    if shape == (1,) and type(action) is np.ndarray and action.shape == (1,):
+        value = action.item()
+        if type(value) is float and math.isfinite(value):
+            return value  # the common case, quickly; the rules below are for all others
     joints = shape[-1]
     try:
-        raw = np.asarray(given)
+        raw = np.asarray(action)
     except (ValueError, TypeError, OverflowError) as error:
-        raise ValueError(f"action must be rectangular, got {_checks.show(given)}") from error
+        raise ValueError(f"action must be rectangular, got {_checks.show(action)}") from error
     if raw.dtype.kind not in ("iu" if joints == 0 else "iuf"):
         kind = "integers" if joints == 0 else "real numbers"
-        raise TypeError(f"action must hold {kind}, got {_checks.show(given)}")
+        raise TypeError(f"action must hold {kind}, got {_checks.show(action)}")
     wanted = shape if joints > 0 else shape[:-1]
     if raw.shape != wanted:
         raise ValueError(f"action must have the shape {wanted}, got {raw.shape}")
     if joints == 0:
         if np.any(raw != 0):
             raise ValueError(
-                f"action must be 0, for waiting is all there is to do, got {_checks.show(given)}"
+                "action must be 0, for waiting is the only action in this mode, "
+                f"got {_checks.show(action)}"
             )
         return None
     if np.count_nonzero(np.isfinite(raw)) < raw.size:
-        raise ValueError(f"action must be finite, got {_checks.show(given)}")
+        raise ValueError(f"action must be finite, got {_checks.show(action)}")
     return raw

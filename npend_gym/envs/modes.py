@@ -1,18 +1,19 @@
-"""What is asked of the chain: how an episode starts, what is rewarded, when it fails.
+"""The tasks: how an episode starts, what is rewarded, when it fails and when it succeeds.
 
-A mode is told physical quantities and knows neither Gymnasium nor the integrator. Its formulas
+A mode is given physical quantities and knows neither Gymnasium nor the integrator. Its formulas
 use only operations that give the same bits on every machine.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from typing_extensions import NamedTuple  # that of Python 3.10 cannot be generic
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Chain
 
 _T = TypeVar("_T")
 
@@ -20,29 +21,33 @@ _T = TypeVar("_T")
 class Quantities(NamedTuple, Generic[_T]):
     """What a mode may judge by: numbers in a single environment, arrays (B,) in a vector one.
 
-    Formulas of + - * /, abs and comparisons serve both. Energies are above hanging at rest, in
-    units of what lifts the chain upright (without gravity: of what would on Earth), so that a
-    reward means the same for every chain.
+    Formulas of + - * /, abs and comparisons serve both. Energies are in units of
+    `Chain.lifting_energy`, so that a reward means the same for every chain.
     """
 
-    height: _T  # of the centre of mass: 0 hanging, 1 upright
-    tip: _T  # height of the tip over the chain's length, -1 to 1
+    height: _T
+    """Height of the centre of mass: 0 hanging, 1 upright."""
+    tip: _T
+    """Height of the tip above the pivot over the length of the chain, -1 to 1."""
     energy: _T
-    kinetic: _T
-    left: _T  # energy over that at the start of the episode (where that is 0: energy)
-    effort: _T  # mean square of the actions, 0 to 1
-    theta: FloatArray  # unwrapped, rad; (n,) or (B, n)
-    omega: FloatArray  # rad/s; (n,) or (B, n)
-
-
-def lifting_energy(chain: Chain) -> float:
-    """Return the unit of energy of `Quantities` [J]: 2 g sum_i l_i sum_{k>=i} m_k."""
-    gravity = chain.gravity if chain.gravity > 0.0 else STANDARD_GRAVITY
-    return 2.0 * gravity * float(chain.lengths @ chain.carried_masses)
+    """Energy above hanging at rest: 1 upright at rest."""
+    kinetic_energy: _T
+    """Its kinetic part."""
+    energy_fraction: _T
+    """Energy over that at the start of the episode (where that is 0: the energy itself)."""
+    mean_squared_action: _T
+    """Mean over the joints of the square of the clipped action, 0 to 1."""
+    theta: FloatArray
+    """Angles from the downward vertical, not wrapped [rad], shape (n,) or (B, n)."""
+    omega: FloatArray
+    """Angular velocities [rad/s], shape (n,) or (B, n)."""
 
 
 class Mode:
-    """The base of all modes; derive from it and pass an instance as ``mode=`` for one of your own.
+    """The base of all tasks; derive from it for a task of your own.
+
+    Pass an instance as ``mode=``, or the class by name, ``mode="package.module:Class"``: only a
+    name can be written to JSON with an environment's spec.
 
     Attributes
     ----------
@@ -50,10 +55,10 @@ class Mode:
     dt : float
         Default time of a step [s].
     torque_share : float
-        Default torque limit over the torque that holds the whole chain horizontal,
-        g sum_i l_i sum_{k>=i} m_k. Zero: the mode has no actuator.
+        Default torque limit, as a fraction of the torque that holds the whole chain horizontal,
+        g sum_i l_i sum_{k>=i} m_k. Zero: the mode has no motor.
     hold : float
-        For how long [s] the goal must have been met without a break to count as success.
+        For how long [s] the goal must have held without interruption to count as success.
     """
 
     name: ClassVar[str] = "custom"
@@ -67,25 +72,26 @@ class Mode:
         """Draw the starting angles [rad] and angular velocities [rad/s], each of shape (n,)."""
         raise NotImplementedError
 
-    def reward(self, seen: Quantities[Any]) -> Any:
+    def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the reward of the step, between 0 and 1."""
         raise NotImplementedError
 
-    def failed(self, seen: Quantities[Any]) -> Any:
-        """Return whether the episode has failed and so terminates; never by default."""
-        return seen.tip < -2.0
+    def failed(self, quantities: Quantities[Any]) -> Any:
+        """Return whether the episode has failed and so terminates; by default it never does."""
+        del quantities
+        return False
 
-    def achieved(self, seen: Quantities[Any]) -> Any:
-        """Return whether the goal is met at this instant; by default: the episode has not failed.
+    def achieved(self, quantities: Quantities[Any]) -> Any:
+        """Return whether the goal is met at this instant; by default: whether it has not failed.
 
-        ``info["success"]`` says that it has been so for the last `hold` seconds.
+        ``info["success"]`` tells whether this has been so for the last `hold` seconds.
         """
-        return np.logical_not(self.failed(seen))
+        return np.logical_not(self.failed(quantities))
 
 
-def _calmness(seen: Quantities[Any]) -> Any:
+def _calmness(quantities: Quantities[Any]) -> Any:
     """Return 1 at rest, 1/2 where the kinetic energy is a quarter of the unit."""
-    return 1.0 / (1.0 + 4.0 * seen.kinetic)
+    return 1.0 / (1.0 + 4.0 * quantities.kinetic_energy)
 
 
 def _release(
@@ -108,20 +114,23 @@ class Passive(Mode):
         """Start the free release."""
         return _release(rng, n, amplitude, spread)
 
-    def reward(self, seen: Quantities[Any]) -> Any:
+    def reward(self, quantities: Quantities[Any]) -> Any:
         """Return 0."""
-        return 0.0 * seen.tip
+        del quantities
+        return -0.0  # not 0.0: 0 times the height of a hanging tip, as `npend verify` knows it
 
-    def achieved(self, seen: Quantities[Any]) -> Any:
+    def achieved(self, quantities: Quantities[Any]) -> Any:
         """Return False: there is nothing to achieve."""
-        return seen.tip > 2.0
+        del quantities
+        return False
 
 
 class SwingUp(Mode):
     """From hanging nearly at rest to upright and slow.
 
-    reward = height^2 (1 + calmness) / 2 (1 - effort / 10), with calmness = 1 / (1 + 4 kinetic)
-    success: for 5 s, height > 0.95 and kinetic < 0.01
+    reward = height^2 (1 + calmness) / 2 (1 - mean_squared_action / 10), with
+    calmness = 1 / (1 + 4 kinetic_energy)
+    success: for 5 s, height > 0.95 and kinetic_energy < 0.01
     """
 
     name = "swingup"
@@ -134,20 +143,20 @@ class SwingUp(Mode):
         del amplitude, spread
         return rng.uniform(-0.05, 0.05, n), rng.uniform(-0.05, 0.05, n)
 
-    def reward(self, seen: Quantities[Any]) -> Any:
+    def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the squared height of the centre of mass, halved where fast."""
-        upright = seen.height * seen.height * (0.5 + 0.5 * _calmness(seen))
-        return upright * (1.0 - 0.1 * seen.effort)
+        upright = quantities.height * quantities.height * (0.5 + 0.5 * _calmness(quantities))
+        return upright * (1.0 - 0.1 * quantities.mean_squared_action)
 
-    def achieved(self, seen: Quantities[Any]) -> Any:
-        """Return where the chain is upright and slow."""
-        return (seen.height > 0.95) & (seen.kinetic < 0.01)
+    def achieved(self, quantities: Quantities[Any]) -> Any:
+        """Return whether the chain is upright and slow."""
+        return (quantities.height > 0.95) & (quantities.kinetic_energy < 0.01)
 
 
 class Balance(Mode):
     """Keep the upright chain up; fails when the tip falls below half its full height.
 
-    reward = max(tip, 0) (1 + calmness) / 2 (1 - effort / 10)
+    reward = max(tip, 0) (1 + calmness) / 2 (1 - mean_squared_action / 10)
     success: not failed
     """
 
@@ -161,27 +170,27 @@ class Balance(Mode):
         del amplitude, spread
         return np.pi + rng.uniform(-0.02, 0.02, n), rng.uniform(-0.02, 0.02, n)
 
-    def reward(self, seen: Quantities[Any]) -> Any:
+    def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the height of the tip, halved where fast."""
-        upright = 0.5 * (seen.tip + abs(seen.tip))
-        upright = upright * (0.5 + 0.5 * _calmness(seen))
-        return upright * (1.0 - 0.1 * seen.effort)
+        upright = 0.5 * (quantities.tip + abs(quantities.tip))
+        upright = upright * (0.5 + 0.5 * _calmness(quantities))
+        return upright * (1.0 - 0.1 * quantities.mean_squared_action)
 
-    def failed(self, seen: Quantities[Any]) -> Any:
-        """Return where the tip is below half the chain's length."""
-        return seen.tip < 0.5
+    def failed(self, quantities: Quantities[Any]) -> Any:
+        """Return whether the tip is below half the chain's length."""
+        return quantities.tip < 0.5
 
-    def achieved(self, seen: Quantities[Any]) -> Any:
-        """Return where the tip is at half the chain's length or above; lower ends the episode."""
-        return seen.tip >= 0.5
+    def achieved(self, quantities: Quantities[Any]) -> Any:
+        """Return whether the tip is at half the chain's length or above; lower ends the episode."""
+        return quantities.tip >= 0.5
 
 
 class Calm(Mode):
     """Bring the released chain to rest.
 
-    reward = (1 / (1 + left) + 1 / (1 + 100 left)) / 2 (1 - effort / 10), with `left` the energy
-    over that at the start
-    success: left < 0.01
+    reward = (1 / (1 + e) + 1 / (1 + 100 e)) / 2 (1 - mean_squared_action / 10), with
+    e = energy_fraction
+    success: energy_fraction < 0.01
     """
 
     name = "calm"
@@ -193,14 +202,38 @@ class Calm(Mode):
         """Start the free release."""
         return _release(rng, n, amplitude, spread)
 
-    def reward(self, seen: Quantities[Any]) -> Any:
-        """Return a falling function of the energy left, steep both at the start and near rest."""
-        calm = 0.5 / (1.0 + seen.left) + 0.5 / (1.0 + 100.0 * seen.left)
-        return calm * (1.0 - 0.1 * seen.effort)
+    def reward(self, quantities: Quantities[Any]) -> Any:
+        """Return a falling function of the energy, steep both at the start and near rest."""
+        energy = quantities.energy_fraction
+        calm = 0.5 / (1.0 + energy) + 0.5 / (1.0 + 100.0 * energy)
+        return calm * (1.0 - 0.1 * quantities.mean_squared_action)
 
-    def achieved(self, seen: Quantities[Any]) -> Any:
-        """Return where less than 1 % of the energy at the start is left."""
-        return seen.left < 0.01
+    def achieved(self, quantities: Quantities[Any]) -> Any:
+        """Return whether less than 1 % of the energy at the start is left."""
+        return quantities.energy_fraction < 0.01
 
 
 MODES: dict[str, type[Mode]] = {mode.name: mode for mode in (Passive, SwingUp, Balance, Calm)}
+
+
+def find_mode(mode: object) -> Mode:
+    """Return the mode itself, the built-in one of that name, or that of "package.module:Class"."""
+    if isinstance(mode, Mode):
+        return mode
+    if isinstance(mode, str) and mode in MODES:
+        return MODES[mode]()
+    module, _, name = mode.partition(":") if isinstance(mode, str) else ("", "", "")
+    if not (module and name):
+        raise ValueError(
+            f"mode must be one of {', '.join(MODES)}, an instance of npend_gym.envs.Mode "
+            f'or the name of a class, "package.module:Class"; got {_checks.show(mode)}'
+        )
+    try:
+        named: object = getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"mode {_checks.show(mode)} cannot be imported: {error}") from error
+    if not (isinstance(named, type) and issubclass(named, Mode)):
+        raise TypeError(
+            f"mode {_checks.show(mode)} must name a class derived from npend_gym.envs.Mode"
+        )
+    return named()

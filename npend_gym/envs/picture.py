@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
 from npend_gym.envs.batch import Batch, BoolArray
+from npend_gym.envs.info import Info
 
 RENDER_MODES = ("human", "rgb_array")
 _TRACE_LENGTH = 150  # frames
@@ -56,7 +57,7 @@ class Camera:
         self._window.show(render.tile(frames), self.fps)
         return None
 
-    def _scene(self, batch: Batch, info: dict[str, Any], lane: int) -> render.Scene:
+    def _scene(self, batch: Batch, info: Info[Any, Any, Any], lane: int) -> render.Scene:
         trace = self._traces.get(lane)
         drive = batch.action(lane).clip(-1.0, 1.0)
         return render.Scene(

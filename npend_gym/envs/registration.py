@@ -9,11 +9,11 @@ MAX_EPISODE_STEPS = 1000
 
 
 def register_envs() -> None:
-    """Make `gym.make("NPendulum-v0")` and `gym.make_vec` known; harmless when repeated."""
+    """Make the environments known to `gym.make` and `gym.make_vec`; may be called again."""
     if ENV_ID not in registration.registry:
         registration.register(
             id=ENV_ID,
-            entry_point="npend_gym.envs.single:NPendulumEnv",
-            vector_entry_point="npend_gym.envs.vector:NPendulumVectorEnv",
+            entry_point="npend_gym:NPendulumEnv",
+            vector_entry_point="npend_gym:NPendulumVectorEnv",
             max_episode_steps=MAX_EPISODE_STEPS,
         )

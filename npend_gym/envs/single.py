@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from npend_gym.envs.batch import Batch
-from npend_gym.envs.config import make_config
-from npend_gym.envs.inputs import clean_action
-from npend_gym.envs.modes import Mode, Quantities
+from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
+from npend_gym.envs.info import Info
+from npend_gym.envs.inputs import ResetNeeded, checked_action
+from npend_gym.envs.modes import Quantities
 from npend_gym.envs.picture import Camera
-from npend_gym.envs.vector import Info, ObsArray
+
+ObsArray = NDArray[np.float32]
 
 _THE_LANE = np.ones(1, np.bool_)
 
 
+@with_config_keywords
 class NPendulumEnv(gym.Env[ObsArray, Any]):
     r"""The N-pendulum: n point masses on massless rods, hung from a pivot.
 
@@ -145,44 +148,23 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
 
-    def __init__(
-        self,
-        n: int = 2,
-        mode: str | Mode = "swingup",
-        masses: ArrayLike = 1.0,
-        lengths: ArrayLike = 1.0,
-        gravity: float = 9.81,
-        damping: ArrayLike = 0.0,
-        drag: ArrayLike = 0.0,
-        quadratic_drag: ArrayLike = 0.0,
-        actuated: Sequence[int] = (0,),
-        max_torque: float | None = None,
-        dt: float | None = None,
-        substeps: int | None = None,
-        observation: str = "angles",
-        amplitude: float = np.pi / 4,
-        spread: float = 0.017,
-        render_mode: str | None = None,
-    ) -> None:
-        self.config = config = make_config(
-            n, mode, masses, lengths, gravity, damping, drag, quadratic_drag, actuated,
-            max_torque, dt, substeps, observation, amplitude, spread,
-        )  # fmt: skip
+    def __init__(self, *, render_mode: str | None = None, **keywords: Unpack[EnvKeywords]) -> None:
+        self.config = config = make_config(NPendulumEnv, keywords)
         self.action_space = config.action_space
         self.observation_space = config.observation_space
-        self.metadata = NPendulumEnv.metadata | {"render_fps": max(1, round(1.0 / config.dt))}
+        self.metadata = NPendulumEnv.metadata | {"render_fps": config.render_fps}
         self.render_mode = render_mode
-        self.camera = Camera(render_mode, self.metadata["render_fps"])
+        self.camera = Camera(render_mode, config.render_fps)
         self._batch = Batch(config, 1)
         self._mode = config.mode
         self._action_shape = (config.joints.size,)
         self._hold_steps = config.hold_steps
-        self._met = 0  # instants in a row at which the goal was met
+        self._steps_held = 0  # instants in a row at which the goal was met
         self._started = False
 
-    def reset(
+    def reset(  # type: ignore[override]
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[ObsArray, Info]:
+    ) -> tuple[ObsArray, Info[float, int, bool]]:
         """Begin a new episode.
 
         Parameters
@@ -207,11 +189,13 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         if self.render_mode == "human":
             self.camera.follow(self._batch)
         quantities, info = self._batch.only_lane()
-        self._met = 0
+        self._steps_held = 0
         info["success"] = self._success(quantities)
         return self._batch.observation[0], info
 
-    def step(self, action: Any) -> tuple[ObsArray, float, bool, bool, Info]:
+    def step(  # type: ignore[override]
+        self, action: Any
+    ) -> tuple[ObsArray, float, bool, bool, Info[float, int, bool]]:
         """Advance by `dt`; an action beyond the box is clipped.
 
         Raises
@@ -219,15 +203,15 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         ValueError, TypeError
             If the action is not a number, not finite or of the wrong shape; nothing has changed
             then.
-        RuntimeError
-            Before the first reset, and after a step that was interrupted.
+        ResetNeeded
+            Before the first reset, and after a call of `step` or `reset` that was interrupted.
         """
         if not self._started:
-            raise RuntimeError("call reset() before step()")
+            raise ResetNeeded("call reset() before step()")
         batch, mode = self._batch, self._mode
-        share = clean_action(action, self._action_shape)
+        torque_action = checked_action(action, self._action_shape)
         try:
-            batch.step(share)
+            batch.step(torque_action)
         except BaseException:
             self._started = False  # interrupted half-way
             raise
@@ -240,13 +224,13 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     def _success(self, quantities: Quantities[float]) -> bool:
         """Return whether the goal is met now and was over all of the mode's `hold`."""
-        self._met = self._met + 1 if self._mode.achieved(quantities) else 0
-        return self._met > self._hold_steps
+        self._steps_held = self._steps_held + 1 if self._mode.achieved(quantities) else 0
+        return self._steps_held > self._hold_steps
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it."""
         if not self._started:
-            raise RuntimeError("call reset() before render()")
+            raise ResetNeeded("call reset() before render()")
         frames = self.camera.render(self._batch)
         return None if frames is None else frames[0]
 

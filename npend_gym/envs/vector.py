@@ -9,19 +9,21 @@ import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from typing_extensions import Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs.batch import Batch, BoolArray
-from npend_gym.envs.config import make_config
+from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
+from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import (
+    ResetNeeded,
+    checked_action,
     checked_autoreset_mode,
-    clean_action,
     lane_seeds,
     reset_mask,
 )
-from npend_gym.envs.modes import Mode
 from npend_gym.envs.picture import Camera
 
 MAX_LANES = 10_000_000
@@ -29,9 +31,10 @@ MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
 MAX_THREADS = 1024
 
 ObsArray = NDArray[np.float32]
-Info = dict[str, Any]
+BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
 
 
+@with_config_keywords
 class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     """Many N-pendulums stepped at once, natively: what `gym.make_vec("NPendulum-v0")` returns.
 
@@ -68,31 +71,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self,
         num_envs: int = 1,
         *,
-        n: int = 2,
-        mode: str | Mode = "swingup",
-        masses: ArrayLike = 1.0,
-        lengths: ArrayLike = 1.0,
-        gravity: float = 9.81,
-        damping: ArrayLike = 0.0,
-        drag: ArrayLike = 0.0,
-        quadratic_drag: ArrayLike = 0.0,
-        actuated: Sequence[int] = (0,),
-        max_torque: float | None = None,
-        dt: float | None = None,
-        substeps: int | None = None,
-        observation: str = "angles",
-        amplitude: float = np.pi / 4,
-        spread: float = 0.017,
         render_mode: str | None = None,
         max_episode_steps: int | None = 1000,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
+        **keywords: Unpack[EnvKeywords],
     ) -> None:
         self.closed = True  # until there is something to close
-        config = make_config(
-            n, mode, masses, lengths, gravity, damping, drag, quadratic_drag, actuated,
-            max_torque, dt, substeps, observation, amplitude, spread,
-        )  # fmt: skip
+        config = make_config(NPendulumVectorEnv, keywords)
         self.num_envs = _checks.count("num_envs", num_envs, high=MAX_LANES)
         if self.num_envs * config.chain.n > MAX_RODS_IN_ALL:
             raise ValueError(
@@ -111,17 +97,17 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.metadata = NPendulumVectorEnv.metadata | {
-            "render_fps": max(1, round(1.0 / config.dt)),
+            "render_fps": config.render_fps,
             "autoreset_mode": self.autoreset_mode,
         }
-        self.camera = Camera(render_mode, self.metadata["render_fps"])
+        self.camera = Camera(render_mode, config.render_fps)
         self.render_mode = render_mode
         threads = _checks.count("threads", threads, high=MAX_THREADS)
         self._batch = Batch(config, self.num_envs, threads)
         self._seeds: list[int] = []
         self._steps = np.zeros(self.num_envs, np.int64)
         self._hold_steps = config.hold_steps
-        self._met = np.zeros(self.num_envs, np.int64)  # instants in a row with the goal met
+        self._steps_held = np.zeros(self.num_envs, np.int64)  # instants in a row with the goal met
         self._done: BoolArray | None = None  # None until the first reset
         self.closed = False
 
@@ -132,7 +118,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         *,
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[ObsArray, Info]:
+    ) -> tuple[ObsArray, dict[str, Any]]:
         """Begin a new episode in every lane, or in those of ``options["reset_mask"]``.
 
         Parameters
@@ -162,9 +148,11 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._begin(mask, checked)
         done = np.zeros(self.num_envs, np.bool_) if self._done is None else self._done & ~mask
         self._done = done
-        return self._batch.observation, self._info(self._batch.every_lane()[1], mask)
+        return self._batch.observation, self._with_masks(self._batch.every_lane()[1], mask)
 
-    def step(self, actions: Any) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, Info]:
+    def step(
+        self, actions: Any
+    ) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Advance every lane by `dt`; actions beyond the box are clipped.
 
         Raises
@@ -172,21 +160,21 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         ValueError, TypeError
             If the actions are not numbers, not finite or of the wrong shape; nothing has changed
             then.
-        RuntimeError
-            Before the first reset, after a step that was interrupted, or with autoreset disabled
-            where a lane is done.
+        ResetNeeded
+            Before the first reset, after a call of `step` or `reset` that was interrupted, or
+            with autoreset disabled where a lane is done.
         """
         if self._done is None:
-            raise RuntimeError("call reset() before step()")
+            raise ResetNeeded("call reset() before step()")
         waiting = self._done
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
-            raise RuntimeError(
+            raise ResetNeeded(
                 "autoreset is disabled and lanes "
                 f"{_checks.show(np.flatnonzero(waiting).tolist())} are done: reset them with "
                 'reset(options={"reset_mask": done})'
             )
         batch = self._batch
-        action = clean_action(actions, (self.num_envs, self.config.joints.size))
+        action = checked_action(actions, (self.num_envs, self.config.joints.size))
         some_wait = np.count_nonzero(waiting) > 0
         if some_wait:
             batch.active[waiting] = 0.0
@@ -200,42 +188,42 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if some_wait:  # autoreset of NEXT_STEP
             batch.active[waiting] = 1.0
             self._begin(waiting, {}, anew=False)
-        quantities, said = batch.every_lane()
+        quantities, info = batch.every_lane()
         # new arrays, even where a mode returns one number, or one of the quantities as it is
         reward, terminated = np.empty(self.num_envs), np.empty(self.num_envs, np.bool_)
         reward[:] = self.config.mode.reward(quantities)
         terminated[:] = self.config.mode.failed(quantities)
         if some_wait:
             reward[waiting], terminated[waiting] = 0.0, False
-            self._met[waiting] = 0
-        self._met += 1
-        self._met *= self.config.mode.achieved(quantities)
+            self._steps_held[waiting] = 0
+        self._steps_held += 1
+        self._steps_held *= self.config.mode.achieved(quantities)
         truncated = batch.diverged
         if self.max_episode_steps is not None:
             truncated |= self._steps >= self.max_episode_steps
         done = self._done = terminated | truncated
-        info = self._after_step(said, done)
+        shown = self._after_step(info, done)
         if self.render_mode is not None:
             self.camera.follow(batch)
-        return batch.observation, reward, terminated, truncated, info
+        return batch.observation, reward, terminated, truncated, shown
 
-    def _after_step(self, said: Info, done: BoolArray) -> Info:
+    def _after_step(self, info: BatchInfo, done: BoolArray) -> dict[str, Any]:
         """Return the info, lanes that are done having been reset where the mode says so."""
         if self.autoreset_mode is not AutoresetMode.SAME_STEP or np.count_nonzero(done) == 0:
-            return self._info(said)
-        last = self._info(said, done)
+            return self._with_masks(info)
+        last = self._with_masks(info, done)
         observation = self._batch.observation
-        finals = np.full(self.num_envs, None, dtype=object)
+        final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in np.flatnonzero(done).tolist():
-            finals[lane] = observation[lane].copy()
-        final_info: Info = {
+            final_obs[lane] = observation[lane].copy()
+        final_info: dict[str, Any] = {
             key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
             for key, value in last.items()
         }
         self._begin(done, {}, anew=False)
         self._done = np.zeros(self.num_envs, np.bool_)
-        return self._info(self._batch.every_lane()[1]) | {
-            "final_obs": finals,
+        return self._with_masks(self._batch.every_lane()[1]) | {
+            "final_obs": final_obs,
             "_final_obs": done.copy(),
             "final_info": final_info,
             "_final_info": done.copy(),
@@ -244,7 +232,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
         """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window."""
         if self._done is None:
-            raise RuntimeError("call reset() before render()")
+            raise ResetNeeded("call reset() before render()")
         return self.camera.render(self._batch)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -285,14 +273,17 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._batch.start(lanes, options, anew=anew)
         self._steps[lanes] = 0
         achieved = self.config.mode.achieved(self._batch.every_lane()[0])
-        self._met[lanes] = np.broadcast_to(achieved, lanes.shape)[lanes]
+        self._steps_held[lanes] = np.broadcast_to(achieved, lanes.shape)[lanes]
         self.camera.forget(lanes)
 
-    def _info(self, said: Info, mask: BoolArray | None = None) -> Info:
-        """Return what the batch has said, with a mask for every key: `mask`, or all lanes."""
-        said["success"] = self._met > self._hold_steps
-        there = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
-        measured = there & (said["bobs_completed"] > 0)
-        said |= dict.fromkeys([f"_{key}" for key in said], there)
-        said["_pseudo_period"], said["_pseudo_periods"] = measured, measured.copy()
-        return said
+    def _with_masks(self, info: BatchInfo, mask: BoolArray | None = None) -> dict[str, Any]:
+        """Return the info with the successes and a mask for every key: `mask`, or all lanes."""
+        info["success"] = self._steps_held > self._hold_steps
+        present = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
+        measured = present & (info["bobs_completed"] > 0)
+        return {
+            **info,
+            **dict.fromkeys([f"_{key}" for key in info], present),
+            "_pseudo_period": measured,
+            "_pseudo_periods": measured.copy(),
+        }

@@ -11,14 +11,13 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize_scalar
 
 from npend_gym._checks import FloatArray
-from npend_gym.envs.config import Config
-from npend_gym.envs.modes import lifting_energy
+from npend_gym.envs import EnvConfig
 from npend_gym.physics.linearise import linearise
 
 Info = dict[str, Any]
 
 
-def sampled(config: Config, angle: float) -> tuple[FloatArray, FloatArray]:
+def sampled(config: EnvConfig, angle: float) -> tuple[FloatArray, FloatArray]:
     """Return the linear map of one step about the chain at rest, all rods at `angle` [rad].
 
     Returns
@@ -55,7 +54,7 @@ class StateFeedback:
         return np.concatenate([away, info["omega"]], axis=-1)
 
 
-def lqr(config: Config, angle: float = np.pi, effort: float = 1.0) -> StateFeedback:
+def lqr(config: EnvConfig, angle: float = np.pi, effort: float = 1.0) -> StateFeedback:
     """Return the linear-quadratic regulator of a chain at rest with all rods at `angle`.
 
     It minimises the sum over steps of the squares of theta - angle, of omega (times l/g, l being
@@ -69,7 +68,7 @@ def lqr(config: Config, angle: float = np.pi, effort: float = 1.0) -> StateFeedb
     return StateFeedback(angle, riccati(config, angle, effort)[0])
 
 
-def riccati(config: Config, angle: float, effort: float) -> tuple[FloatArray, FloatArray]:
+def riccati(config: EnvConfig, angle: float, effort: float) -> tuple[FloatArray, FloatArray]:
     """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): from x on it costs x S x."""
     a, b = sampled(config, angle)
     q = running_cost(config)
@@ -79,17 +78,17 @@ def riccati(config: Config, angle: float, effort: float) -> tuple[FloatArray, Fl
     return np.asarray(gain, np.float64), s
 
 
-def running_cost(config: Config) -> FloatArray:
+def running_cost(config: EnvConfig) -> FloatArray:
     """Return the weights of `lqr` on deviations, (2n, 2n)."""
     return np.diag(np.repeat([1.0, _pace(config) ** 2], config.chain.n))
 
 
-def _pace(config: Config) -> float:
+def _pace(config: EnvConfig) -> float:
     """Return sqrt(l/g) [s], l the mean rod."""
     return float(np.sqrt(config.chain.lengths.mean() / config.chain.gravity))
 
 
-def damper(config: Config) -> StateFeedback:
+def damper(config: EnvConfig) -> StateFeedback:
     """Return the viscous brake by a motor at the base that damps the slowest of all modes best.
 
     Its strength is the one with the smallest spectral radius of a step of the linear system about
@@ -136,12 +135,12 @@ class SwingUp:
         return np.where(near[:, None], self.catch(observation, info), pumped[:, None])
 
 
-def swing_up(config: Config, pump: float = 30.0, reach: float = 15.0) -> SwingUp:
+def swing_up(config: EnvConfig, pump: float = 30.0, reach: float = 15.0) -> SwingUp:
     """Return energy-shaping swing-up followed by `lqr`, for a motor at the base.
 
     The defaults did best for n = 2 among pumps of 3 to 100 and reaches of 5 to 50, in 200 episodes
     of the seeds from 0 on.
     """
     gain, cost = riccati(config, np.pi, effort=1.0)
-    catch, needed = StateFeedback(np.pi, gain), lifting_energy(config.chain)
+    catch, needed = StateFeedback(np.pi, gain), config.chain.lifting_energy
     return SwingUp(catch, cost, needed, _pace(config), pump, reach)

@@ -20,9 +20,8 @@ from tqdm import tqdm
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.envs import EnvConfig, Mode
 from npend_gym.envs.batch import Batch
-from npend_gym.envs.config import Config
-from npend_gym.envs.modes import Mode
 from npend_gym.rl.controllers import Info, StateFeedback, lqr, riccati, running_cost
 
 LIMIT = 0.9  # of the torque, for the path: the rest is for tracking
@@ -73,13 +72,13 @@ class Follower:
 
 
 def planned_swing_up(
-    config: Config, seconds: float = 6.0, *, settle: float = 0.0, tries: int = 4, seed: int = 0
+    config: EnvConfig, seconds: float = 6.0, *, settle: float = 0.0, tries: int = 4, seed: int = 0
 ) -> Follower:
     """Plan swing-ups and return the follower of the one that forgives most at its beginning.
 
     Parameters
     ----------
-    config : Config
+    config : EnvConfig
         Of the environment, whose own steps the plan is made of.
     seconds : float
         Duration of the plan.
@@ -109,7 +108,9 @@ def planned_swing_up(
     return min(found, key=lambda agent: agent.sensitivity)
 
 
-def follower(config: Config, plan: Plan, a: FloatArray, b: FloatArray, settle: float) -> Follower:
+def follower(
+    config: EnvConfig, plan: Plan, a: FloatArray, b: FloatArray, settle: float
+) -> Follower:
     """Return the controller that follows `plan`, along which steps have derivatives a and b."""
     weight, effort = running_cost(config), np.eye(b.shape[2])
     s = riccati(config, np.pi, 1.0)[1]
@@ -128,7 +129,7 @@ class _Transcription:
     with actions LIMIT tanh v.
     """
 
-    def __init__(self, config: Config, steps: int) -> None:
+    def __init__(self, config: EnvConfig, steps: int) -> None:
         self.n, self.joints, self.steps, self.dt = (
             config.chain.n, config.joints.size, steps, config.dt
         )  # fmt: skip
@@ -239,7 +240,7 @@ class _Placed(Mode):
 class _Stepper:
     """Steps of the environment from any states, all side by side."""
 
-    def __init__(self, config: Config, count: int) -> None:
+    def __init__(self, config: EnvConfig, count: int) -> None:
         self.batch = Batch(replace(config, mode=_Placed()), count)
         self.batch.rngs = [np.random.default_rng(0)] * count  # not drawn from
         self.everywhere = np.ones(count, np.bool_)

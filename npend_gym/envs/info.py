@@ -1,0 +1,49 @@
+"""The keys of the environments' info, once for the single and the vector environment."""
+
+from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+from typing_extensions import TypedDict  # that of Python 3.10 cannot be generic
+
+from npend_gym._checks import FloatArray
+
+_Real = TypeVar("_Real")
+_Count = TypeVar("_Count")
+_Truth = TypeVar("_Truth")
+
+
+class Info(TypedDict, Generic[_Real, _Count, _Truth]):
+    """What `reset` and `step` tell beside the observation; the same keys from the reset on.
+
+    ``Info[float, int, bool]`` is that of the single environment. In the vector environment each
+    value is an array with a leading axis of B, and each key has a bool mask (B,) named ``_key``.
+    There is no NaN in it, and every array is new: no later step writes to it.
+    """
+
+    time: _Real
+    """Time since the start of the episode [s]."""
+    energy: _Real
+    """Energy above hanging at rest [J]."""
+    energy_error: _Real
+    """Relative error of the energy: the energy minus that at the start minus the work of torques,
+    damping and drag, over the larger of the two energies."""
+    bobs_completed: _Count
+    """Number of bobs whose pseudo-period is complete."""
+    pseudo_period: _Real
+    """Mean pseudo-period of the completed bobs [s]; 0.0 before the first."""
+    pseudo_periods: FloatArray
+    """Pseudo-period of each bob [s], shape (n,), in the reading "bob" of
+    `npend_gym.pseudo_periods`; 0.0 where not complete."""
+    ideal_period: _Real
+    """The paper's T0 of the chain [s]; 0.0 without gravity."""
+    tip_height: _Real
+    """Height of the tip above the pivot [m]."""
+    theta: FloatArray
+    """Angles from the downward vertical, not wrapped [rad], shape (n,)."""
+    omega: FloatArray
+    """Angular velocities [rad/s], shape (n,)."""
+    diverged: _Truth
+    """Whether the state has left all bounds; the last finite state is kept then."""
+    success: _Truth
+    """Whether the goal of the mode has held without interruption for the mode's `hold` seconds."""
