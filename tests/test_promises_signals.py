@@ -20,25 +20,51 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 PATIENCE = 2.0  # s
 
 
+def rooms_on_the_stack(frame):
+    """Return the top-level packages that the frames of a stack stand in."""
+    rooms = set()
+    while frame is not None:
+        rooms.add(frame.f_globals["__name__"].partition(".")[0])
+        frame = frame.f_back
+    return rooms
+
+
 class Interrupt:
-    """Send this process a SIGINT after a while, and note when."""
+    """Send this process a SIGINT once its main thread is at work in the package, and note when.
 
-    def __init__(self, after=0.7):
+    At work means: for `SAMPLES` looks in a row it was in a call of the package, and neither
+    importing nor compiling.
+    """
+
+    SAMPLES, EVERY = 10, 0.02  # s
+    PREPARING = ("importlib", "numba")
+
+    def __init__(self):
         self.sent = None
-        self._timer = threading.Timer(after, self._send)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch)
 
-    def _send(self):
-        self.sent = time.perf_counter()
-        os.kill(os.getpid(), signal.SIGINT)
+    def _watch(self):
+        main_thread = threading.main_thread().ident
+        seen = 0
+        while seen < self.SAMPLES and not self._over.wait(self.EVERY):
+            rooms = rooms_on_the_stack(sys._current_frames()[main_thread])
+            at_work = "npend_gym" in rooms and rooms.isdisjoint(self.PREPARING)
+            seen = seen + 1 if at_work else 0
+        if not self._over.is_set():
+            self.sent = time.perf_counter()
+            os.kill(os.getpid(), signal.SIGINT)
 
     def __enter__(self):
-        self._timer.start()
+        self._thread.start()
         return self
 
     def __exit__(self, *_):
-        self._timer.cancel()
+        ended = time.perf_counter()
+        self._over.set()
+        self._thread.join()
         assert self.sent is not None, "the work was over before the signal came"
-        assert time.perf_counter() - self.sent < PATIENCE
+        assert ended - self.sent < PATIENCE
 
 
 ENDLESS = {
@@ -55,8 +81,6 @@ ENDLESS = {
 
 @pytest.mark.parametrize("work", ENDLESS.values(), ids=ENDLESS)
 def test_endless_computations_hear_ctrl_c(work):
-    simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 0.1])  # compiled
-    simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 0.1], method="rk4", dt=0.1)
     with Interrupt(), pytest.raises(KeyboardInterrupt):
         work()
 
@@ -70,7 +94,6 @@ def test_a_step_that_takes_for_ever_hears_ctrl_c_and_wants_a_reset(lanes, thread
         env = gym.make_vec("NPendulum-v0", num_envs=lanes, threads=threads, **options)
         action = np.zeros((lanes, 1))
     env.reset(seed=0)
-    gym.make("NPendulum-v0", n=1, substeps=1).reset()
     with Interrupt(), pytest.raises(KeyboardInterrupt):
         env.step(action)
     with pytest.raises(RuntimeError, match=r"call reset\(\)"):
@@ -85,8 +108,7 @@ def test_a_step_that_takes_for_ever_hears_ctrl_c_and_wants_a_reset(lanes, thread
     "line", ["paper --only chaos", "release --n 3000", "bench --only dynamics"]
 )
 def test_commands_hear_ctrl_c_and_leave_with_130(line, capsys):
-    main(["release", "--n", "1", "--trials", "1"])  # imported, compiled
-    with Interrupt(1.5):
+    with Interrupt():
         assert main(line.split()) == 130
     assert "interrupted" in capsys.readouterr().err
 
