@@ -4,6 +4,6 @@ from npend_gym.chain import Chain as Chain
 from npend_gym.envs.single import NPendulumEnv as NPendulumEnv
 from npend_gym.envs.vector import NPendulumVectorEnv as NPendulumVectorEnv
 from npend_gym.period import pseudo_periods as pseudo_periods
-from npend_gym.physics.simulate import IntegrationError as IntegrationError
-from npend_gym.physics.simulate import Trajectory as Trajectory
-from npend_gym.physics.simulate import simulate as simulate
+from npend_gym.physics import IntegrationError as IntegrationError
+from npend_gym.physics import Trajectory as Trajectory
+from npend_gym.physics import simulate as simulate

@@ -68,6 +68,10 @@ def at_least_zero(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is negative."""
     if np.any(value < 0.0):
         raise ValueError(f"{name} must be zero or more, got {show(value.tolist())}")
+    if np.any((value > 0.0) & (value < SMALLEST)):
+        raise ValueError(
+            f"{name} must be zero or at least {SMALLEST:g}, got {show(value.tolist())}"
+        )
     return value
 
 

@@ -13,6 +13,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels.dop853 import new_solver
 from npend_gym.physics.kernels.dynamics import innermost, pack_rods
@@ -30,7 +31,7 @@ from npend_gym.physics.kernels.turning import (
     measure_one,
     new_turns,
 )
-from npend_gym.physics.simulate import IntegrationError, check_rtol, refuse_lost_angles, simulate
+from npend_gym.physics.simulation import IntegrationError, check_angles, simulate
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
@@ -204,7 +205,7 @@ def _measured(
             code, starting, attempts, solver, rods, turns, torque, rtol, atol, release, scratch
         )  # fmt: skip
         starting = False
-        refuse_lost_angles(solver.y[: n * lanes], float(solver.clock[lanes]))
+        check_angles(solver.y[: n * lanes], float(solver.clock[lanes]))
     if np.any(status == STUCK):
         time = solver.clock.reshape(-1, lanes)[1, np.argmin(status)]
         raise IntegrationError(

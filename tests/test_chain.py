@@ -74,6 +74,9 @@ def test_repr_is_short_for_long_chains():
         ((1.0, 1.0, "9"), TypeError, "gravity must be a real number"),
         ((1.0, 1.0, [9.81]), TypeError, "gravity must be a real number"),
         ((1.0, 1.0, 9.81, -0.1), ValueError, "damping must be zero or more"),
+        ((1.0, 1.0, 9.81, 1e-40), ValueError, "damping must be zero or at least 1e-30"),
+        ((1.0, 1.0, 9.81, 0.0, 1e-40), ValueError, "drag must be zero or at least 1e-30"),
+        ((1.0, 1.0, 1e-40), ValueError, "gravity must be zero or at least 1e-30"),
         ((1.0, 1.0, 9.81, [0.1, 0.1]), ValueError, r"damping must be one number or .* \(1,\)"),
     ],
 )

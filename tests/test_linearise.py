@@ -5,7 +5,7 @@ from conftest import chains_in_motion
 from hypothesis import given
 
 from npend_gym import Chain, simulate, theory
-from npend_gym.physics.linearise import linearise
+from npend_gym.physics import linearise
 
 
 def slopes(f, x, step=1e-5):

@@ -49,7 +49,7 @@ CASES = [
     (NPendulumEnv, "masses", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
     (NPendulumEnv, "lengths", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
     (NPendulumEnv, "gravity", (*NO_NUMBERS, -1.0, [9.81], None, 5e-324)),
-    (NPendulumEnv, "damping", (*NO_ARRAYS, -1.0)),
+    (NPendulumEnv, "damping", (*NO_ARRAYS, -1.0, 1e-40)),
     (NPendulumEnv, "drag", (*NO_ARRAYS, -1.0)),
     (NPendulumEnv, "quadratic_drag", (*NO_ARRAYS, -1.0)),
     (NPendulumEnv, "actuated", (0, "0", (), (2,), (-1,), (0, 0), (0.5,), (True,), ((0,),), 10**9)),

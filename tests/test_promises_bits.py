@@ -16,7 +16,7 @@ from npend_gym import Chain, simulate
 from npend_gym.cli import main
 from npend_gym.envs import batch
 from npend_gym.experiments import verify
-from npend_gym.physics import simulate as simulation
+from npend_gym.physics import simulation
 
 COUNTS = (1, 2, 5, 10, 50)
 

@@ -121,6 +121,13 @@ def rewritten(file, **change):
         {"about": np.array("{}")},
         {"about": np.array('{"chain": {"masses": [1, -1], "lengths": 1}, "provenance": {}}')},
         {"about": np.array('{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": 3}')},
+        {"about": np.array('{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": {}}')},
+        {
+            "about": np.array(
+                '{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": {}, '
+                '"pivot": {"acceleration": null, "cart_mass": -1.0, "force": 0.0}}'
+            )
+        },
         {"about": np.array("[" * 100_000)},
     ],
 )

@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 
 import npend_gym
 from npend_gym import Chain, IntegrationError, Trajectory, simulate, theory
+from npend_gym.physics import Pivot
 
 
 def test_adaptive_method_follows_scipy_on_the_dense_system(uneven):
@@ -145,12 +146,14 @@ def test_a_state_beyond_all_bounds_is_an_error_and_not_a_nan(uneven):
 
 
 def test_saved_trajectory_comes_back_whole(uneven, tmp_path):
-    path = simulate(uneven, 0.4, 0.0, np.linspace(0.0, 1.0, 5), torque=0.1)
+    times = np.linspace(0.0, 1.0, 5)
+    path = simulate(uneven, 0.4, 0.0, times, torque=0.1, pivot_acceleration=(0.5, -1.0))
     path.save(tmp_path / "a.npz")
     again = Trajectory.load(tmp_path / "a.npz")
     assert again.chain == uneven
     assert again.provenance == path.provenance
-    assert again.provenance["npend_gym"] == npend_gym.__version__
+    assert again.provenance["version"] == npend_gym.__version__
+    assert again.pivot == path.pivot == Pivot(acceleration=(0.5, -1.0))
     for name in ("times", "theta", "omega"):
         np.testing.assert_array_equal(getattr(again, name), getattr(path, name))
     assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]

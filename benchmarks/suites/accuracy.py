@@ -22,9 +22,9 @@ from scipy.integrate import solve_ivp
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.physics import simulate
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import derivative, new_work, pack_rods
-from npend_gym.physics.simulate import simulate
 from suites.dynamics import mujoco_chain
 from suites.timing import Peers
 

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Record and film; return the exit code."""
-    from npend_gym.physics.simulate import IntegrationError
+    from npend_gym.physics import IntegrationError
     from npend_gym.report import animation
 
     out: Path = given.pop("out")

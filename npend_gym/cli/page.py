@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Measure or read, and write the page; return the exit code."""
-    from npend_gym.physics.simulate import IntegrationError
+    from npend_gym.physics import IntegrationError
     from npend_gym.report import page
 
     out: Path = given.pop("out")

@@ -51,7 +51,7 @@ def _names(text: str) -> list[str]:
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Audit the paper; return the exit code."""
     from npend_gym.experiments.paper import CONTENTS, audit, selected
-    from npend_gym.physics.simulate import IntegrationError
+    from npend_gym.physics import IntegrationError
     from npend_gym.report import outputs
     from npend_gym.report import paper as report
 

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     """Carry out the experiment; return the exit code."""
     from npend_gym.experiments.release import Release, measure
-    from npend_gym.physics.simulate import IntegrationError
+    from npend_gym.physics import IntegrationError
     from npend_gym.report import outputs
     from npend_gym.report import release as report
 

@@ -15,7 +15,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._version import __version__
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments.release import Release, Run
-from npend_gym.physics.simulate import Trajectory, simulate
+from npend_gym.physics import Trajectory, simulate
 
 Agent = Callable[[NDArray[np.float32], Any], NDArray[Any]]
 READINGS = ("bob", "link", "height")  # those that an instant of the motion completes

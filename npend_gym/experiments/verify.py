@@ -17,7 +17,7 @@ from npend_gym.chain import Chain
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.period import READINGS, pseudo_periods
-from npend_gym.physics.simulate import Trajectory, simulate
+from npend_gym.physics import Trajectory, simulate
 
 ENV_STEPS = 120
 

@@ -1,3 +1,9 @@
 from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import mass_matrix as mass_matrix
 from npend_gym.physics.equations import tensions as tensions
+from npend_gym.physics.linearisation import Linearisation as Linearisation
+from npend_gym.physics.linearisation import linearise as linearise
+from npend_gym.physics.pivot import Pivot as Pivot
+from npend_gym.physics.simulation import IntegrationError as IntegrationError
+from npend_gym.physics.simulation import simulate as simulate
+from npend_gym.physics.trajectory import Trajectory as Trajectory

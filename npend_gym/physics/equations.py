@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
-from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.kernels.dynamics import new_work, pack_rods
-from npend_gym.physics.kernels.lanes import MAX_SPEED
 from npend_gym.physics.kernels.states import solve_states
 
 
@@ -93,56 +92,13 @@ def inertia(chain: Chain) -> FloatArray:
     return np.outer(l, l) * carried_by_both
 
 
-def check_states(n: int, **values: ArrayLike) -> tuple[FloatArray, ...]:
-    """Return the named quantities of all rods as arrays of one common shape (..., n).
-
-    Raises
-    ------
-    ValueError, TypeError
-        If one is not numeric, not finite, or neither one number nor of shape (..., n); or if their
-        leading axes do not fit.
-    """
-    arrays = [_checks.array(name, value) for name, value in values.items()]
-    for name, value in zip(values, arrays, strict=True):
-        if value.ndim and value.shape[-1] != n:
-            raise ValueError(
-                f"{name} must be one number or an array of shape (..., {n}), "
-                f"got shape {value.shape}"
-            )
-    try:
-        shape = np.broadcast_shapes((n,), *(value.shape for value in arrays))
-    except ValueError as error:
-        raise ValueError(
-            f"{' and '.join(values)} must have the same leading axes, "
-            f"got shapes {', '.join(str(value.shape) for value in arrays)}"
-        ) from error
-    return tuple(np.broadcast_to(value, shape).copy() for value in arrays)
-
-
-def joint_torques(torque: ArrayLike | None, n: int) -> FloatArray:
-    """Return the torque on every joint [N m], shape (..., n): a number acts on joint 0.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If `torque` is neither None, a number nor an array of shape (..., n).
-    """
-    if torque is None:
-        return np.zeros(n)
-    given = _checks.array("torque", torque)
-    if given.ndim == 0:
-        return np.concatenate([[float(given)], np.zeros(n - 1)])
-    return check_states(n, torque=given)[0]
-
-
 def _solve(
     chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None
 ) -> tuple[FloatArray, FloatArray]:
     """Return accelerations and tensions, (..., n) each: one compiled call for all states."""
     n = check_chain(chain).n
-    states = check_states(n, theta=theta, omega=omega, torque=joint_torques(torque, n))
-    _checks.within("theta", states[0], MAX_ANGLE)
-    _checks.within("omega", states[1], MAX_SPEED)
+    states = check_states(n, theta=theta, omega=omega, torque=check_torque(torque, n))
+    check_limits(*states[:2])
     result = np.empty((2, *states[0].shape))
     theta, omega, torque = (value.reshape(-1, n) for value in states)
     alpha, tension = result.reshape(2, -1, n)

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.physics.linearise import linearise
+from npend_gym.physics import linearise
 
 Info = dict[str, Any]
 

@@ -15,8 +15,7 @@ from npend_gym.chain import Chain
 from npend_gym.experiments.paper.finding import Finding, Verdict
 from npend_gym.experiments.paper.fits import exponent, show
 from npend_gym.experiments.paper.formula import uneven_chains
-from npend_gym.physics.linearise import linearise
-from npend_gym.physics.simulate import simulate
+from npend_gym.physics import linearise, simulate
 
 ANGLES = (0.1, math.pi / 4, 1.2, 1.5, 2.0)  # rad, from which two rods are released
 # Number of rods -> periods of the slowest mode for which their motion is followed

@@ -23,7 +23,7 @@ from npend_gym.experiments.paper.measured import bob_periods, fundamental_period
 from npend_gym.experiments.paper.periods import listing_bars
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N
 from npend_gym.period import LISTING_DURATION
-from npend_gym.physics.simulate import Trajectory, simulate
+from npend_gym.physics import Trajectory, simulate
 
 SHORT_ROD = 1.0 / 3.0  # m, each of three in the paper's listing
 

@@ -15,10 +15,9 @@ from npend_gym.experiments.paper.chaos import neighbour_growth
 from npend_gym.experiments.paper.finding import Finding, Verdict
 from npend_gym.experiments.paper.fits import exponent, show
 from npend_gym.experiments.paper.formula import our_accelerations, samples, uneven_chains
+from npend_gym.physics import linearise, simulate
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import derivative, new_work, pack_rods
-from npend_gym.physics.linearise import linearise
-from npend_gym.physics.simulate import simulate
 
 Rates = Callable[[float, FloatArray], FloatArray]
 CHAIN = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4])

@@ -18,8 +18,7 @@ from npend_gym.experiments.paper.formula import (
     samples,
     uneven_chains,
 )
-from npend_gym.physics.linearise import linearise
-from npend_gym.physics.simulate import simulate
+from npend_gym.physics import linearise, simulate
 
 SMALL = 1e-5  # rad: where the dynamics are linear to ten digits
 

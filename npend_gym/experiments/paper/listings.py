@@ -27,7 +27,7 @@ from npend_gym.period import (
     listing_estimate,
     pseudo_periods,
 )
-from npend_gym.physics.simulate import simulate
+from npend_gym.physics import simulate
 
 COUNTS = (1, 2, 5, 10, 20)
 

@@ -14,8 +14,8 @@ from npend_gym.experiments.paper.finding import Finding, Verdict
 from npend_gym.experiments.paper.fits import exponent, show
 from npend_gym.experiments.paper.formula import our_accelerations
 from npend_gym.period import pseudo_periods
+from npend_gym.physics import simulate
 from npend_gym.physics.energy import potential_energy
-from npend_gym.physics.simulate import simulate
 
 PENDULUM = Chain(masses=1.3, lengths=0.7)  # not of unit size, so that no factor can hide
 ANGLES = np.linspace(-3.0, 3.0, 25)  # rad

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
-from npend_gym.physics.equations import check_states, inertia, joint_torques, mass_matrix
+from npend_gym.physics.arguments import check_states, check_torque
+from npend_gym.physics.equations import inertia, mass_matrix
 
 
 class Linearisation(NamedTuple):
@@ -73,9 +74,7 @@ def linearise(
     One factorisation of M gives all columns: O(n^3), as A has 2n^2 entries to fill.
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    theta, omega, torque = check_states(
-        n, theta=theta, omega=omega, torque=joint_torques(torque, n)
-    )
+    theta, omega, torque = check_states(n, theta=theta, omega=omega, torque=check_torque(torque, n))
     at_joint = np.eye(n) - np.eye(n, k=1)  # column j: torque on joint j turns rod j, and j-1 back
     damping = at_joint * chain.damping @ at_joint.T
     mass = mass_matrix(chain, theta)

@@ -1,0 +1,71 @@
+"""Checks of the arguments that several functions of the physics take."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.kernels.lanes import MAX_SPEED
+
+MIN_RTOL = 1e-14
+
+
+def check_states(n: int, **values: ArrayLike) -> tuple[FloatArray, ...]:
+    """Return the named quantities of all rods as arrays of one common shape (..., n).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If one is not numeric, not finite, or neither one number nor of shape (..., n); or if their
+        leading axes do not fit.
+    """
+    arrays = [_checks.array(name, value) for name, value in values.items()]
+    for name, value in zip(values, arrays, strict=True):
+        if value.ndim and value.shape[-1] != n:
+            raise ValueError(
+                f"{name} must be one number or an array of shape (..., {n}), "
+                f"got shape {value.shape}"
+            )
+    try:
+        shape = np.broadcast_shapes((n,), *(value.shape for value in arrays))
+    except ValueError as error:
+        raise ValueError(
+            f"{' and '.join(values)} must have the same leading axes, "
+            f"got shapes {', '.join(str(value.shape) for value in arrays)}"
+        ) from error
+    return tuple(np.broadcast_to(value, shape).copy() for value in arrays)
+
+
+def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
+    """Return the torque on every joint [N m], shape (..., n): a number acts on joint 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If `torque` is neither None, a number nor an array of shape (..., n).
+    """
+    if torque is None:
+        return np.zeros(n)
+    given = _checks.array("torque", torque)
+    if given.ndim == 0:
+        return np.concatenate([[float(given)], np.zeros(n - 1)])
+    return check_states(n, torque=given)[0]
+
+
+def check_limits(theta: FloatArray, omega: FloatArray) -> None:
+    """Refuse angles and angular velocities for which the equations would lose digits."""
+    _checks.within("theta", theta, MAX_ANGLE)
+    _checks.within("omega", omega, MAX_SPEED)
+
+
+def check_rtol(rtol: float) -> float:
+    """Return the relative tolerance `rtol`, refused where float64 cannot meet it."""
+    rtol = _checks.number("rtol", rtol)
+    if rtol < MIN_RTOL:
+        raise ValueError(
+            f"rtol must be at least {MIN_RTOL:g}, because float64 resolves no less, got {rtol:g}"
+        )
+    return rtol

@@ -1,0 +1,193 @@
+"""`simulate`: the equations of motion integrated in time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym._provenance import provenance
+from npend_gym.chain import Chain, check_chain
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.arguments import check_limits, check_rtol, check_torque
+from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver
+from npend_gym.physics.kernels.dynamics import Rods, new_work
+from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
+from npend_gym.physics.pivot import check_pivot, kernel_arguments
+from npend_gym.physics.trajectory import MAX_BYTES, Trajectory
+
+METHODS = ("dop853", "rk4")
+_MAX_STEPS = 10**12  # between two times
+# Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
+_RODS_PER_CALL = 500_000
+
+
+class IntegrationError(RuntimeError):
+    """The integration cannot go on: the state has diverged, or the tolerance is out of reach."""
+
+
+def simulate(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    times: ArrayLike,
+    *,
+    torque: ArrayLike | None = None,
+    pivot_acceleration: ArrayLike | None = None,
+    cart_mass: float | None = None,
+    force: float = 0.0,
+    method: str = "dop853",
+    rtol: float = 1e-10,
+    atol: float = 1e-12,
+    dt: float | None = None,
+) -> Trajectory:
+    """Integrate the equations of motion and return the state at the given times.
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, omega : array_like, shape (n,)
+        Angles [rad] and angular velocities [rad/s] at ``times[0]``; one number stands for all.
+    times : array_like, shape (T,)
+        Instants at which the state is wanted [s], increasing.
+    torque : float or array_like, shape (n,), optional
+        Constant torque [N m]: a number acts on joint 0, an array on every joint.
+    pivot_acceleration : array_like, shape (2,), optional
+        Constant acceleration of the pivot [m/s^2], sideways and up. A motion that depends on time
+        is made of segments: one call for each, begun with the last ``theta[-1]`` and
+        ``omega[-1]``; the error of taking the mean acceleration of each falls with the square of
+        their length.
+    cart_mass : float, optional
+        Mass [kg] of a cart that carries the pivot along a horizontal rail without friction; see
+        `Trajectory.cart`. The rail bears the reaction of a torque at joint 0.
+    force : float
+        Constant horizontal force [N] on the cart; one that depends on time in segments, as above.
+    method : {"dop853", "rk4"}
+        "dop853": order 8(5,3), its step chosen to meet `rtol` and `atol`. "rk4": order 4, equal
+        steps, the fewest between two times that are no longer than `dt`.
+    rtol, atol : float
+        Relative and absolute tolerance of each step (for "dop853").
+    dt : float, optional
+        Longest step [s] (for "rk4", and needed there).
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    IntegrationError
+        If the state diverges, or no step is small enough for the tolerance.
+
+    Notes
+    -----
+    The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, see
+    `npend_gym.physics.kernels.dynamics`; docs/extensions.md has what drag and a moving pivot add to
+    them. Chains with drag want a pivot at rest: elsewhere the drag would depend on the pivot's
+    velocity too. Results are the same bits on every machine.
+    """
+    n = check_chain(chain).n
+    theta = _checks.vector("theta", theta, n)
+    omega = _checks.vector("omega", omega, n)
+    check_limits(theta, omega)
+    times = _check_times(times, n)
+    torque = _checks.vector("torque", check_torque(torque, n), n)
+    pivot = check_pivot(chain, pivot_acceleration, cart_mass, force)
+    settings = _check_settings(method, rtol, atol, dt)
+    rods, state = kernel_arguments(chain, pivot), np.concatenate([theta, omega])
+    if method == "rk4":
+        frames = _run_rk4(rods, state, times, torque, **settings)
+    else:
+        frames = _run_dop853(rods, state, times, torque, **settings)
+    made_by = provenance(
+        {"method": method, **settings, "torque": torque.tolist(), "pivot": pivot.as_dict()}
+    )
+    return Trajectory(chain, times, frames[:, :n].copy(), frames[:, n:].copy(), made_by, pivot)
+
+
+def _check_times(times: ArrayLike, n: int) -> FloatArray:
+    """Return the instants of a trajectory, shape (T,)."""
+    instants = _checks.array("times", times)
+    if instants.ndim != 1 or instants.size == 0 or np.any(np.diff(instants) <= 0.0):
+        raise ValueError(
+            f"times must be a list of increasing instants, got {_checks.show(instants)}"
+        )
+    if 16 * n * instants.size > MAX_BYTES:
+        raise ValueError(
+            f"times must hold at most {MAX_BYTES // (16 * n)} instants for {n} rods, "
+            f"got {instants.size}: simulate them in segments"
+        )
+    return instants
+
+
+def _check_settings(method: str, rtol: float, atol: float, dt: float | None) -> dict[str, float]:
+    """Return those of the settings that `method` takes."""
+    if _checks.choice("method", method, METHODS) == "rk4":
+        if dt is None:
+            raise ValueError('dt must be given with method "rk4": the longest step in seconds')
+        return {"dt": _checks.positive_number("dt", dt)}
+    if dt is not None:
+        raise ValueError(f'dt must be None with method "dop853", which chooses its own, got {dt}')
+    return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol)}
+
+
+def _run_rk4(
+    rods: Rods, state: FloatArray, times: FloatArray, torque: FloatArray, dt: float
+) -> FloatArray:
+    """Return the state (theta, omega) at each time, (T, 2n), by steps no longer than `dt`."""
+    if times.size > 1 and float(np.diff(times).max()) / dt > _MAX_STEPS:
+        raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
+    n = torque.size
+    frames = np.empty((times.size, 2 * n))
+    frames[0] = state
+    scratch, stages = new_work(n), np.zeros((STAGE_ROWS, n))
+    done, step, steps = 1, 0, max(1, _RODS_PER_CALL // n)
+    while 0 < done < times.size:
+        done, step = rk4_frames(
+            state, times, dt, done, step, steps, torque, rods, scratch, stages, frames
+        )
+        check_angles(state[:n], times[abs(done) - 1])
+    if done < 0:
+        raise IntegrationError(
+            f"the state diverged between t = {times[-done - 1]:g} s and {times[-done]:g} s: "
+            f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
+        )
+    return frames
+
+
+def _run_dop853(
+    rods: Rods,
+    state: FloatArray,
+    times: FloatArray,
+    torque: FloatArray,
+    rtol: float,
+    atol: float,
+) -> FloatArray:
+    """Return the state (theta, omega) at each time, (T, 2n), by steps that meet the tolerances."""
+    n = torque.size
+    frames = np.empty((times.size, 2 * n))
+    frames[0] = state
+    solver = new_solver(float(times[0]), state)
+    done, starting, steps = 1, True, max(1, _RODS_PER_CALL // n)
+    while done < times.size:
+        done = dop853_frames(solver, starting, times, done, steps, rods, torque, rtol, atol, frames)
+        starting = False
+        check_angles(solver.y[:n], float(solver.clock[1]))
+        if done < 0:
+            raise IntegrationError(
+                f"no step is small enough at t = {solver.clock[1]:g} s for rtol = {rtol:g} and "
+                f"atol = {atol:g}: loosen them, or check the state and parameters"
+            )
+    return frames
+
+
+def check_angles(theta: FloatArray, time: float) -> None:
+    """Raise an error where rods have turned so often that sines lose digits."""
+    if np.any(np.abs(theta) > MAX_ANGLE):
+        raise IntegrationError(
+            f"a rod has turned by more than {MAX_ANGLE:g} rad soon after t = {time:g} s: "
+            "continue in segments, each begun with the last angles less whole turns"
+        )

@@ -1,0 +1,129 @@
+"""The motion of a chain at given times, and the file that keeps it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks, _files
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.physics import energy as _energy
+from npend_gym.physics.pivot import Pivot, cart_motion, check_pivot
+
+MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The motion of a chain at given times.
+
+    Attributes
+    ----------
+    chain : Chain
+    times : ndarray, shape (T,)
+        Instants [s].
+    theta, omega : ndarray, shape (T, n)
+        Angles [rad], unwrapped, and angular velocities [rad/s].
+    provenance : dict
+        What made it: versions, method, tolerances, torque, motion of the pivot.
+    pivot : Pivot
+        How the pivot moves.
+
+    Notes
+    -----
+    Positions, velocities and energy are relative to the pivot, also where it moves.
+    """
+
+    chain: Chain
+    times: FloatArray
+    theta: FloatArray
+    omega: FloatArray
+    provenance: dict[str, Any] = field(default_factory=dict[str, Any])
+    pivot: Pivot = field(default_factory=Pivot)
+
+    def positions(self) -> FloatArray:
+        """Return the positions of the bobs [m], shape (T, n, 2)."""
+        return _energy.positions(self.chain, self.theta)
+
+    def velocities(self) -> FloatArray:
+        """Return the velocities of the bobs [m/s], shape (T, n, 2)."""
+        return _energy.velocities(self.chain, self.theta, self.omega)
+
+    def energy(self) -> FloatArray:
+        """Return the energy above hanging at rest [J], shape (T,)."""
+        return _energy.energy(self.chain, self.theta, self.omega)
+
+    def cart(self, position: float = 0.0, velocity: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return position [m] and velocity [m/s] of the cart, shape (T,) each.
+
+        Parameters
+        ----------
+        position, velocity : float
+            Those at ``times[0]``. The motion of the chain does not depend on them.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If there is no cart, or an argument is no number.
+        """
+        start = _checks.number("position", position), _checks.number("velocity", velocity)
+        return cart_motion(self.chain, self.pivot, self.times, self.theta, self.omega, start)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the trajectory to `path` as an npz archive, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            If `path` cannot be written.
+        """
+        about = json.dumps(
+            {
+                "chain": self.chain.as_dict(),
+                "pivot": self.pivot.as_dict(),
+                "provenance": self.provenance,
+            }
+        )
+        with _files.replacing(Path(path), binary=True) as file:
+            np.savez_compressed(
+                file, about=np.array(about), times=self.times, theta=self.theta, omega=self.omega
+            )
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Trajectory:
+        """Read what `save` wrote; nothing in the file is executed.
+
+        Raises
+        ------
+        ValueError
+            If the file is not a whole trajectory.
+        OSError
+            If `path` cannot be read.
+        """
+        try:
+            return _read(Path(path))
+        except (KeyError, ValueError, TypeError, RecursionError) as error:
+            raise ValueError(
+                f"path must name a trajectory made by save(); {path}: {error}"
+            ) from error
+
+
+def _read(path: Path) -> Trajectory:
+    """Return the trajectory in an npz archive, every part of it checked."""
+    data = _files.read_arrays(path, 2 * MAX_BYTES)
+    about = json.loads(str(data["about"]))
+    times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
+    chain = Chain(**about["chain"])
+    shape = (times.size, chain.n)
+    if times.ndim != 1 or theta.shape != shape or omega.shape != shape:
+        raise ValueError(f"theta and omega must have the shape {shape}")
+    if not isinstance(about["provenance"], dict):
+        raise TypeError("its provenance must be a dict")
+    pivot = check_pivot(chain, **about["pivot"])
+    return Trajectory(chain, times, theta, omega, about["provenance"], pivot)
