@@ -1,8 +1,8 @@
 """The equations of motion by Kane's method, in SymPy: the paper's appendix D (extra "kane").
 
-An independent derivation to check the others by; for speed use `npend_gym.simulate`. Changed
-against the printed listing: the equations are evaluated with common subexpressions shared, and the
-gravity is an argument.
+An independent derivation to check the others by; for speed use `npend_gym.physics.accelerations`.
+Two things differ from the printed listing: common subexpressions are evaluated once, and gravity is
+an argument.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym._extras import require
 
-MAX_N = 100  # a day of work; the time grows as the cube
+MAX_N = 100  # takes a day; the time grows as the cube of n
 
 Matrices = tuple[FloatArray, FloatArray]
 Accelerations = Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, float], FloatArray]
@@ -42,7 +43,7 @@ def derive(n: int) -> KaneEquations:
     ImportError
         If SymPy is not installed.
     ValueError, TypeError
-        If `n` is no positive integer.
+        If `n` is not a positive integer.
     """
     n = _checks.count("n", n, high=MAX_N)
     sympy, mechanics = sympy_and_mechanics()
@@ -90,7 +91,7 @@ def kane_accelerations(n: int) -> Accelerations:
     ImportError
         If SymPy is not installed.
     ValueError, TypeError
-        If `n` is no positive integer.
+        If `n` is not a positive integer.
     """
     equations = derive(n)
     sympy, _ = sympy_and_mechanics()
@@ -120,12 +121,9 @@ def kane_accelerations(n: int) -> Accelerations:
 
 
 def sympy_and_mechanics() -> tuple[Any, Any]:
-    """Return the modules `sympy` and `sympy.physics.mechanics`, or say how to get them."""
-    try:
-        import sympy
-        from sympy.physics import mechanics
-    except ImportError as error:
-        raise ImportError(
-            'Kane\'s method needs SymPy: install it with pip install "npend-gym[kane]"'
-        ) from error
-    return sympy, mechanics
+    """Return the modules `sympy` and `sympy.physics.mechanics`, or say how to install them."""
+    purpose = "derivations by Kane's method"
+    return (
+        require("sympy", "kane", purpose),
+        require("sympy.physics.mechanics", "kane", purpose),
+    )
