@@ -29,14 +29,16 @@ def require(module: str, extra: str, purpose: str) -> Any:
         raise missing(module, extra, purpose, error) from error
 
 
-def missing(module: str, extra: str, purpose: str, error: ImportError) -> ImportError:
+def missing(module: str, extra: str, purpose: str, error: ImportError | None = None) -> ImportError:
     """Return the error to raise in place of `error`, which importing `module` raised.
 
     Its text says which command installs the library, or why a library that is installed cannot be
-    imported. Parameters are those of `require`.
+    imported. Without `error` the library is taken to be absent. Other parameters are those of
+    `require`.
     """
     library = module.partition(".")[0]
-    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] == library:
+    absent = isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] == library
+    if error is None or absent:
         way_out = f'install it with pip install "npend-gym[{extra}]"'
     else:
         way_out = f"it is installed but cannot be imported: {error}"

@@ -10,8 +10,8 @@ from PIL import Image
 
 from npend_gym import __version__
 from npend_gym.cli import main
-from npend_gym.experiments.recording import record_release
 from npend_gym.experiments.release import Release, measure
+from npend_gym.recording import record_release
 from npend_gym.report.animation import Film, write
 
 TIP = (0xD5, 0x5E, 0x00)
@@ -116,7 +116,7 @@ def test_animate_films_a_policy_that_comes_with_the_package(tmp_path, capsys):
     assert "41 pictures, 2.0 s" in capsys.readouterr().out
     with Image.open(out) as image:
         about = json.loads(image.info["comment"])
-    assert about["arguments"]["agent"] == "swingup-1"
+    assert about["arguments"]["policy"] == "swingup-1"
     assert about["arguments"]["env"]["mode"] == "swingup"
 
 

@@ -420,7 +420,7 @@ def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys):
     assert "20 of 20 releases done" in capsys.readouterr().out
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["complete"] is True
-    assert manifest["arguments"]["trials"] == 20
+    assert manifest["provenance"]["arguments"]["trials"] == 20
     assert main(["campaign", "--out", out, "--workers", "1"]) == 0
     assert "20 releases done before" in capsys.readouterr().out
 

@@ -61,7 +61,7 @@ sys.exit(main(sys.argv[1:]))
         ("release --n 1 --trials 1 --out results", "plot"),
         ("page --n 1 --trials 1 --out page.html", None),
         ("paper --only one-radian --out paper", "plot"),
-        ("animate --n 1 --out film.gif", "plot"),
+        ("animate --n 1 --out film.gif", "plot,render"),
         ("play", "render"),
         ("paper --only eom", "kane"),
         ("campaign --n 1 --out campaign", "campaign"),

@@ -11,8 +11,8 @@ import pytest
 
 from npend_gym import __version__, theory
 from npend_gym.cli import main
-from npend_gym.experiments.recording import record_release
 from npend_gym.experiments.release import Release, run_release
+from npend_gym.recording import record_first_trials, record_release
 from npend_gym.report import page as report
 from npend_gym.report import release as results
 
@@ -27,7 +27,11 @@ def runs():
 
 @pytest.fixture(scope="module")
 def path(runs, tmp_path_factory):
-    return report.write(PLAN, runs, tmp_path_factory.mktemp("page") / "release.html")
+    return written(PLAN, runs, tmp_path_factory.mktemp("page"))
+
+
+def written(plan, runs, folder):
+    return report.write(plan, runs, record_first_trials(plan, runs), folder / "release.html")
 
 
 def data_of(path):
@@ -72,7 +76,7 @@ def test_nothing_in_the_page_points_outside(path):
 
 def test_bobs_that_do_not_complete_have_no_number(tmp_path):
     plan = Release(n_values=[20], trials=1, duration=5.0)
-    path = report.write(plan, run_release(plan), tmp_path / "a.html")
+    path = written(plan, run_release(plan), tmp_path)
     (shown,) = data_of(path)["releases"]
     assert 0 < sum(t is None for t in shown["periods"]) < 20
     rows = re.findall(r"<td>(.*?)</td>", path.read_text("utf-8"))
@@ -82,7 +86,7 @@ def test_bobs_that_do_not_complete_have_no_number(tmp_path):
 
 def test_without_gravity_there_are_no_models_and_no_numbers(tmp_path):
     plan = Release(n_values=[2], trials=1, gravity=0.0)
-    path = report.write(plan, run_release(plan), tmp_path / "a.html")
+    path = written(plan, run_release(plan), tmp_path)
     (shown,) = data_of(path)["releases"]
     assert shown["models"] == {}
     assert shown["periods"] == [None, None]
@@ -123,7 +127,7 @@ def test_changed_results_are_refused(runs, tmp_path, capsys):
     [
         ("--out a.htm", "out must be a file that ends in .html"),
         ("--from nowhere --out a.html", "nowhere must hold results"),
-        ("--from . --n 3 --out a.html", "n_values cannot be given with --from"),
+        ("--from . --n 3 --out a.html", "--n must be left out with --from"),
         ("--n 0 --out a.html", "n must be between 1"),
         ("--reading listing --out a.html", "reading must be one of"),
         ("", "--out"),

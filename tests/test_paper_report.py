@@ -99,7 +99,7 @@ def test_the_command_writes_findings_tables_figures_and_what_made_them(tmp_path,
     assert [row["key"] for row in rows] == ["series-value", "rk4-orders", "t0-digits"]
     assert rows[0]["verdict"] == "does not hold"
     manifest = json.loads((out / "manifest.json").read_text())
-    assert manifest["arguments"] == {
+    assert manifest["provenance"]["arguments"] == {
         "only": ["rk4-orders", "series-value", "t0-digits"], "kane_n": 6,
     }  # fmt: skip
     assert manifest["complete"] is True
@@ -110,7 +110,7 @@ def test_the_command_writes_findings_tables_figures_and_what_made_them(tmp_path,
 def test_the_command_prints_findings_as_json(capsys):
     assert main(["paper", "--only", "series-value", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["arguments"] == {"only": ["series-value"], "kane_n": 6}
+    assert told["provenance"]["arguments"] == {"only": ["series-value"], "kane_n": 6}
     (finding,) = told["findings"]
     assert finding["key"] == "series-value"
     assert finding["verdict"] == "does not hold"

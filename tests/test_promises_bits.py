@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym import Chain, simulate
+from npend_gym import Chain, digests, simulate
 from npend_gym.cli import main
 from npend_gym.envs import batch
-from npend_gym.experiments import verify
 from npend_gym.physics import simulation
 
 COUNTS = (1, 2, 5, 10, 50)
@@ -133,13 +132,13 @@ def test_this_machine_meets_the_committed_digests(capsys):
     assert main(["verify", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["same"]
-    assert len(report["checks"]) == len(verify.GOLDEN) >= 17
+    assert len(report["checks"]) == len(digests.GOLDEN) >= 17
 
 
 def test_verify_names_what_differs(monkeypatch, capsys):
-    few = {name: compute for name, compute in verify.checks().items() if "simulate" in name}
-    monkeypatch.setattr(verify, "checks", lambda: few)
-    monkeypatch.setitem(verify.GOLDEN, "simulate, rk4", "0" * 64)
+    few = {name: compute for name, compute in digests.checks().items() if "simulate" in name}
+    monkeypatch.setattr(digests, "checks", lambda: few)
+    monkeypatch.setitem(digests.GOLDEN, "simulate, rk4", "0" * 64)
     assert main(["verify"]) == 1
     shown = capsys.readouterr()
     assert "DIFFERS" in shown.out

@@ -267,7 +267,7 @@ def test_a_full_disk_and_a_read_only_one_are_failures_that_keep_the_previous_res
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert json.loads(manifest.read_text())["arguments"]["n_values"] == [1]
+    assert json.loads(manifest.read_text())["provenance"]["arguments"]["n_values"] == [1]
     assert done.stdout.strip() in ("code 1", "code 2")
     full, read_only = errors.read_text().strip().splitlines()
     assert "No space left" in full

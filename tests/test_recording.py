@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.experiments.recording import record_episode, record_release
 from npend_gym.experiments.release import Release, Run, measure
+from npend_gym.recording import record_episode, record_release
 
 
 def recorded(interval=0.02, **fields):

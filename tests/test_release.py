@@ -82,6 +82,7 @@ def test_files_hold_what_was_measured_and_the_manifest_what_made_it(runs, tmp_pa
     written = report.write(SMALL, runs, tmp_path / "a b" / "out", figures=True)
     names = {path.name for path in written}
     assert names == {
+        "release.json",
         "periods.csv",
         "summary.csv",
         "period_against_n.png",
@@ -95,11 +96,11 @@ def test_files_hold_what_was_measured_and_the_manifest_what_made_it(runs, tmp_pa
     read = [float(row["pseudo_period_s"]) for row in rows]
     np.testing.assert_array_equal(read, np.concatenate([run.periods for run in runs]))
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["version"] == __version__
-    assert manifest["arguments"]["seed"] == 7
-    assert manifest["arguments"]["n_values"] == [2, 5]
+    assert manifest["provenance"]["version"] == __version__
+    assert manifest["provenance"]["arguments"]["seed"] == 7
+    assert manifest["provenance"]["arguments"]["n_values"] == [2, 5]
     assert manifest["complete"] is True
-    again = Release(**manifest["arguments"])
+    again = Release(**json.loads((folder / "release.json").read_text()))
     assert again.runs() == SMALL.runs()
     for name, digest in manifest["sha256"].items():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest

@@ -1,5 +1,9 @@
 """The command line, `npend ...`: arguments, progress, printing; no physics.
 
+Each command is a module of this folder with ABOUT and EXAMPLES for its help, `add_arguments` and
+`run`. What they have in common stands here. Options that the user leaves out are not among those
+that `run` gets, so that the defaults stand in one place: the function that the command calls.
+
 Exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted (what was done is kept).
 """
 
@@ -8,27 +12,28 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Any
 
 from npend_gym._version import __version__
-from npend_gym.cli import (
-    analyse,
-    animate,
-    bench,
-    campaign,
-    page,
-    paper,
-    play,
-    release,
-    verify,
-)
-from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, tell
+from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, warn
 
+COMMANDS = {
+    "release": "release chains from rest and measure the pseudo-period of every bob",
+    "animate": "film a release, or an episode that a policy controls",
+    "page": "show a release in the browser: one HTML file that needs no network",
+    "play": "push a chain about in a window, and see its pseudo-periods",
+    "paper": "reproduce the source paper and judge every equation, number and claim",
+    "campaign": "sweep the release experiment over anything, on one machine or many",
+    "analyse": "fit the law of the pseudo-period to a campaign, list outliers, write a report",
+    "bench": "measure speed and accuracy beside the peers that are installed",
+    "verify": "check that this machine computes the very same bits",
+}
 _EXAMPLES = """\
 examples:
   npend release                        the paper's experiment as a table
-  npend page --out release.html        the same in the browser, to be played
+  npend page --out release.html        the same in the browser, with an animation
   npend animate --n 20 --out chain.gif
   npend play
   npend COMMAND --help                 has more
@@ -37,56 +42,59 @@ exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted
 """
 
 
+class _Command(Parser):
+    """The parser of one command, whose module is imported when its arguments are first parsed."""
+
+    run: Callable[[dict[str, Any]], int]
+
+    def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
+        """Add the options of the command, then parse."""
+        module: Any = import_module(f"npend_gym.cli.{self.prog.split()[-1]}")
+        self.run = module.run
+        self.description, self.epilog = module.ABOUT, module.EXAMPLES
+        self.argument_default = argparse.SUPPRESS  # see the head of this module
+        module.add_arguments(self)
+        return super().parse_known_args(*args, **kwargs)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     parser = Parser(
         prog="npend",
         description="The N-pendulum: release it, measure it, look at it.",
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"npend_gym {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    modules = {
-        "release": release,
-        "animate": animate,
-        "page": page,
-        "play": play,
-        "paper": paper,
-        "campaign": campaign,
-        "analyse": analyse,
-        "bench": bench,
-        "verify": verify,
-    }
-    arguments = sys.argv[1:] if argv is None else argv
-    for name, module in modules.items():
-        command = commands.add_parser(name, help=module.SUMMARY)
-        if name in arguments:  # the options of the others would import Numba and SciPy
-            module.add_arguments(command)
-    given = vars(parser.parse_args(arguments))
-    name = given.pop("command")
-    return _carried_out(modules[name], given, commands.choices[name])
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="COMMAND", parser_class=_Command
+    )
+    for name, summary in COMMANDS.items():
+        commands.add_parser(name, help=summary)
+    options = vars(parser.parse_args(argv))
+    return _dispatch(commands.choices[options.pop("command")], options)
 
 
-def _carried_out(module: Any, given: dict[str, Any], parser: Any) -> int:
-    """Return the exit code of a command; what is refused or not installed is said in one line."""
+def _dispatch(command: _Command, options: dict[str, Any]) -> int:
+    """Run a command and return its exit code; an expected failure is reported in one line."""
     try:
-        code: int = module.run(given, parser)
-        sys.stdout.flush()  # what cannot be printed fails here, not at the exit
+        code = command.run(options)
+        sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
+    except (ValueError, TypeError) as error:
+        command.error(str(error))
     except BrokenPipeError:
-        return _without_output(f"{parser.prog}: the output was closed before its end")
-    except (ImportError, OSError) as error:
-        return _without_output(f"{parser.prog}: {error}")
+        return _failed(f"{command.prog}: the output was closed before its end")
+    except (ImportError, OSError, RuntimeError) as error:
+        return _failed(f"{command.prog}: {error}")
     except KeyboardInterrupt:
-        tell(f"{parser.prog}: interrupted")
+        warn(f"{command.prog}: interrupted")
         return INTERRUPTED
     return code
 
 
-def _without_output(trouble: str) -> int:
-    tell(trouble)
+def _failed(message: str) -> int:
+    warn(message)
     try:
         sys.stdout.flush()
-    except OSError:  # nothing more can be printed: the interpreter need not try at its exit
+    except OSError:  # nothing more can be printed: the interpreter must not try at its exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return FAILED

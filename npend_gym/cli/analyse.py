@@ -6,14 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import OK, can_draw, show_written, tell
+from npend_gym.cli.common import OK, can_draw, show_written, warn
 
-SUMMARY = "fit the law of the pseudo-period to a campaign, list outliers, write a report"
-_ABOUT = """\
+ABOUT = """\
 The period against N and the amplitude is fitted with confidence intervals, see docs/campaigns.md.
 Works on what is done, while a campaign runs or after it.
 """
-_EXAMPLES = """\
+EXAMPLES = """\
 examples:
   npend analyse results                    tables, figures and report.html in results/analysis
   npend analyse results --out elsewhere
@@ -22,26 +21,21 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend analyse`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description, parser.epilog = _ABOUT, _EXAMPLES
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="a campaign's folder")
     text = "where to write (FOLDER/analysis)"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
 
-def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+def run(options: dict[str, Any]) -> int:
     """Analyse, print and write; return the exit code."""
     from npend_gym.experiments.campaign.analysis import analyse
     from npend_gym.report.campaign import analysis_text, write_analysis
 
-    try:
-        result = analyse(given["folder"])
-        text = result.found.text()
-        print(analysis_text(result))
-        if text:
-            tell(text)
-        out = given["out"] or result.out / "analysis"
-        show_written(write_analysis(result, out, figures=can_draw()))
-    except (ValueError, TypeError) as error:
-        parser.error(str(error))
+    result = analyse(options["folder"])
+    text = result.found.text()
+    print(analysis_text(result))
+    if text:
+        warn(text)
+    out = options.get("out", result.out / "analysis")
+    show_written(write_analysis(result, out, figures=can_draw()))
     return OK

@@ -8,17 +8,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, tell
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, warn
 
-SUMMARY = "measure speed and accuracy beside the peers that are installed"
 _SUITES = ("dynamics", "environments", "accuracy")
 _FOLDER = Path(__file__).parents[2] / "benchmarks"  # in the repository, not in the wheel
-_ABOUT = """\
+ABOUT = """\
 Ratios to MuJoCo, Gymnasium's own environments, envpool, SciPy and heyoka, as far as they are
 installed, timed in turns in one run on one core. Each row is explained in benchmarks/README.md.
 The measurements are in that folder, so the command works in the source tree of the package.
 """
-_EXAMPLES = """\
+EXAMPLES = """\
 examples:
   npend bench                              everything, some minutes
   npend bench --only environments --out results
@@ -29,8 +28,6 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend bench`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description, parser.epilog = _ABOUT, _EXAMPLES
     text = "one suite (all)"
     parser.add_argument("--only", choices=_SUITES, metavar="|".join(_SUITES), help=text)
     text = "print the rows as JSON at the end; meanwhile they go to the error stream"
@@ -39,12 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
 
-def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+def run(options: dict[str, Any]) -> int:
     """Measure and print, row by row; return the exit code."""
     from npend_gym.report import outputs
 
     if not (_FOLDER / "suites").is_dir():
-        tell(
+        warn(
             f"npend bench: there is no {_FOLDER}: the benchmarks come with the source tree only. "
             'Get it and run pip install -e ".[bench]" there'
         )
@@ -52,19 +49,18 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
     sys.path.insert(0, str(_FOLDER))
     output: Any = import_module("suites.output")
     timing: Any = import_module("suites.timing")
-    out: Path | None = given["out"]
-    try:
-        if out is not None:
-            outputs.prepare_folder(out)
-    except ValueError as error:
-        parser.error(str(error))
-    lines = sys.stderr if given["json"] else sys.stdout
+    out: Path | None = options.get("out")
+    only: str | None = options.get("only")
+    as_json: bool = options.get("json", False)
+    if out is not None:
+        outputs.prepare_folder(out)
+    lines = sys.stderr if as_json else sys.stdout
     print(timing.machine(), file=lines)
     written: list[Path] = []
     tables: dict[str, list[dict[str, Any]]] = {}
     code = OK
-    peers = timing.Peers(tell)
-    for suite in _SUITES if given["only"] is None else [given["only"]]:
+    peers = timing.Peers(warn)
+    for suite in _SUITES if only is None else [only]:
         done: list[Any] = []
         try:
             for result in import_module(f"suites.{suite}").rows(peers):
@@ -76,10 +72,10 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         if out is not None and done:
             written += output.write(suite, done, out, figures=can_draw())
         if code == INTERRUPTED:
-            tell("interrupted: the rows above are complete, the rest is missing")
+            warn("interrupted: the rows above are complete, the rest is missing")
             break
-    if given["json"]:
-        print(outputs.json_text({"only": given["only"]}, **tables))
+    if as_json:
+        print(outputs.json_text({"only": only}, **tables))
     elif written:
         show_written(written)
     return code

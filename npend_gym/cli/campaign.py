@@ -10,25 +10,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, printable, tell
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, integers, printable, warn
 
 if TYPE_CHECKING:
     from npend_gym.experiments.campaign import Campaign, Plan
 
-SUMMARY = "sweep the release experiment over anything, on one machine or many"
-_ABOUT = """\
-Every combination of the values is released, so many trials each. Results are Parquet files in the
-folder, see docs/campaigns.md. The same command again goes on where it stopped, whatever stopped it.
+ABOUT = """\
+Chains with every combination of the given values are released, `trials` times each. The results are
+Parquet files in the folder, see docs/campaigns.md. However it ended, the same command continues it.
 """
-_EXAMPLES = """\
+EXAMPLES = """\
 examples:
   npend campaign --out results --n 5 --trials 1000000
   npend campaign --out results --n 10,20,50 --amplitude 0.1,0.4,0.7,1.0 --trials 100
   npend campaign --out results --n 3 --masses 1,2,1:2:0.5      all 1, all 2, and 1, 2, 0.5 kg
   npend campaign plan.toml --out results                       n = [10, 20], trials = 100, ...
-  npend campaign --out results                                 go on with the plan in the folder
+  npend campaign --out results                                 continue with the plan in the folder
   npend campaign plan.yaml --out /shared/results --backend ray --address auto
   npend analyse results
 """
@@ -52,7 +49,7 @@ _PER_ROD = _listed(_per_rod, "numbers, or of numbers for each rod joined by colo
 
 # Option, type, placeholder, help; the option is the plan's name
 _OPTIONS = (
-    ("n", _listed(int, "integers"), "N,...", "numbers of pendulums (5,10,20,100)"),
+    ("n", integers, "N,...", "numbers of pendulums (5,10,20,100)"),
     ("masses", _PER_ROD, "KG[:KG...],...", "masses of the bobs, of all or one per rod (1)"),
     ("lengths", _PER_ROD, "M[:M...],...", "lengths of the rods, of all or one per rod (1)"),
     ("gravity", _NUMBERS, "M/S2,...", "accelerations of gravity (9.81)"),
@@ -69,8 +66,6 @@ _OPTIONS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend campaign`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description, parser.epilog = _ABOUT, _EXAMPLES
     text = "a TOML, YAML or JSON file with any of the values below, by name; options go before it"
     parser.add_argument("plan", type=Path, nargs="?", metavar="FILE", help=text)
     text = "folder of the results; a cluster's machines must share it"
@@ -78,45 +73,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, kind, placeholder, text in _OPTIONS:
         parser.add_argument(f"--{name}", type=kind, metavar=placeholder, help=text)
     text = "loky, local processes; threading, local threads; ray or dask, a cluster (loky)"
-    parser.add_argument("--backend", default="loky", metavar="NAME", help=text)
+    parser.add_argument("--backend", metavar="NAME", help=text)
     text = "of a running Ray or Dask cluster (one is started on this machine)"
     parser.add_argument("--address", help=text)
     text = "workers (one for each core)"
     parser.add_argument("--workers", type=int, metavar="COUNT", help=text)
 
 
-def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+def run(options: dict[str, Any]) -> int:
     """Carry out the campaign, or what is left of it; return the exit code."""
-    from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, WorkersLostError
+    from npend_gym.experiments.campaign import Campaign
     from npend_gym.experiments.campaign.engine import check_workers
 
-    workers = given["backend"], given["workers"], given["address"]
-    try:
-        check_workers(*workers)
-        campaign = Campaign(_plan(given), given["out"])
-        with campaign, _terminated_like_interrupted():
-            return _carried_out(campaign, workers)
-    except (ValueError, TypeError) as error:
-        parser.error(str(error))
-    except (BusyError, DiskError, WorkersLostError) as error:
-        tell(f"npend campaign: {error}")
-        if isinstance(error, (DiskError, WorkersLostError)):
-            tell("what is done is kept: the same command goes on with it")
-        return FAILED
+    workers = options.get("backend", "loky"), options.get("workers"), options.get("address")
+    check_workers(*workers)
+    with Campaign(_plan(options), options["out"]) as campaign, _sigterm_interrupts():
+        return _run(campaign, workers)
 
 
-def _plan(given: dict[str, Any]) -> Plan | None:
+def _plan(options: dict[str, Any]) -> Plan | None:
     """Return the plan of the file and the options; None where there are neither."""
     from npend_gym.experiments.campaign import Plan
     from npend_gym.experiments.campaign.plan_file import read_plan_file
 
-    values = {} if given["plan"] is None else read_plan_file(given["plan"])
-    values |= {name: given[name] for name, *_ in _OPTIONS if given[name] is not None}
-    return Plan.of(values) if values or given["plan"] is not None else None
+    values = read_plan_file(options["plan"]) if "plan" in options else {}
+    values |= {name: options[name] for name, *_ in _OPTIONS if name in options}
+    return Plan.of(values) if values or "plan" in options else None
 
 
-def _carried_out(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int:
+def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int:
     """Run with a progress bar; return the exit code."""
+    from tqdm import tqdm
+
     from npend_gym.report.campaign import finish
 
     plan, found = campaign.plan, campaign.found
@@ -129,30 +117,30 @@ def _carried_out(campaign: Campaign, workers: tuple[str, int | None, str | None]
         print(found.text(), flush=True)
     failed = 0
     code = OK
-    # disable=None: no bar where the output is not a terminal
+    # disable=None: no bar where the error stream is not a terminal
     bar = tqdm(total=plan.releases, initial=before, unit="release", unit_scale=True, disable=None)
-    running = campaign.run(*workers)
+    results = campaign.run(*workers)
     try:
         with bar:
-            for task, record in running:
+            for task, record in results:
                 if not record.done:
                     failed += 1
                     tqdm.write(printable(f"task {task.id} failed: {record.error}"), file=sys.stderr)
                 bar.set_postfix(failed=failed, refresh=False)
                 bar.update(task.releases)
     except KeyboardInterrupt:
-        tell("interrupted: what is done is kept, the same command goes on")
+        warn("interrupted: what is done is kept, the same command continues")
         code = INTERRUPTED
     finally:
-        running.close()  # pyright: ignore[reportAttributeAccessIssue]
+        results.close()
     text, complete = finish(campaign)
     print(text)
     return code if code != OK or complete else FAILED
 
 
 @contextmanager
-def _terminated_like_interrupted() -> Generator[None, None, None]:
-    """Take the signal by which clusters end a job for Ctrl-C."""
+def _sigterm_interrupts() -> Generator[None, None, None]:
+    """Treat SIGTERM, by which clusters end a job, as Ctrl-C."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

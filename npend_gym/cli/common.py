@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, short errors, a release's options, where files went."""
+"""What the commands share: exit codes, messages, a release's options, progress, files written."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NoReturn, TypeVar
-
-from tqdm import tqdm
+from typing import Any, NoReturn, TypeVar
 
 _T = TypeVar("_T")
 
@@ -17,7 +15,10 @@ OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, 130
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that says what is wrong in one line."""
+    """An argument parser that reports an error in one line and keeps line ends in its texts."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
 
     def error(self, message: str) -> NoReturn:
         """Leave with exit code 2."""
@@ -25,12 +26,12 @@ class Parser(argparse.ArgumentParser):
 
 
 def printable(text: str) -> str:
-    """Return `text` with what a terminal would obey spelt out: escapes in a file's name, say."""
+    """Return `text` with control characters escaped: those in a file's name, for example."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def tell(text: str) -> None:
-    """Print a line of trouble."""
+def warn(text: str) -> None:
+    """Print a line to the error stream."""
     print(printable(text), file=sys.stderr)
 
 
@@ -39,15 +40,16 @@ def _numbers(text: str) -> float | list[float]:
     return values if len(values) > 1 else values[0]
 
 
-def _counts(text: str) -> list[int]:
+def integers(text: str) -> list[int]:
+    """Return the integers of a list joined by commas."""
     return [int(part) for part in text.split(",")]
 
 
-_numbers.__name__, _counts.__name__ = "number or list", "list of integers"  # for error messages
+_numbers.__name__, integers.__name__ = "number or list", "list of integers"  # for error messages
 
 # Option, field of Release that it sets, type, placeholder, help
 _RELEASE_OPTIONS = (
-    ("--n", "n_values", _counts, "N,N,...", "numbers of pendulums (5,10,20,100)"),
+    ("--n", "n_values", integers, "N,N,...", "numbers of pendulums (5,10,20,100)"),
     ("--trials", "trials", int, "COUNT", "trials for each N (3)"),
     ("--amplitude", "amplitude", float, "RAD", "starting angle of all rods (pi/4)"),
     ("--spread", "spread", float, "RAD", "a trial adds one draw from [0, RAD) to all rods (0.017)"),
@@ -57,27 +59,20 @@ _RELEASE_OPTIONS = (
     ("--lengths", "lengths", _numbers, "M[,M...]", "length of the rods, one or per rod (1)"),
     ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (9.81)"),
     ("--damping", "damping", float, "NMS", "viscous damping of every joint (0)"),
-)
+    ("--reading", "reading", str, "NAME",
+     "what completes a pseudo-period: bob, link, height or listing (bob)"),
+)  # fmt: skip
 
 
 def add_release_options(parser: argparse.ArgumentParser, *, leave_out: Sequence[str] = ()) -> None:
     """Add an option for every field of `Release`, except those to `leave_out`."""
-    from npend_gym.experiments.release import Release
-    from npend_gym.period import READINGS
-
-    default = Release()
     for option, field, kind, placeholder, text in _RELEASE_OPTIONS:
         if field not in leave_out:
-            parser.add_argument(
-                option, dest=field, type=kind, default=getattr(default, field),
-                metavar=placeholder, help=text,
-            )  # fmt: skip
-    text = "what completes a pseudo-period (bob)"
-    parser.add_argument("--reading", choices=READINGS, default=default.reading, help=text)
+            parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
 
 
 def prepare_file(out: Path, suffixes: Sequence[str]) -> None:
-    """See that the file `out` can be written, before work begins.
+    """Check that the file `out` can be written, before work begins.
 
     Raises
     ------
@@ -91,14 +86,16 @@ def prepare_file(out: Path, suffixes: Sequence[str]) -> None:
     outputs.prepare_folder(out.parent)
 
 
-def progress(unit: str) -> Callable[[Iterable[_T]], Iterable[_T]]:
-    """Return what wraps an iteration over `unit`s in a bar, where the output is a terminal."""
-    # disable=None: no bar where it is not
-    return lambda items: tqdm(items, unit=unit, disable=None, leave=False)
+def progress(unit: str, total: int | None = None) -> Callable[[Iterable[_T]], Iterable[_T]]:
+    """Return a function that shows a bar while a loop over `unit`s runs, on a terminal only."""
+    from tqdm import tqdm
+
+    # disable=None: no bar where the error stream is not a terminal
+    return lambda items: tqdm(items, total=total, unit=unit, disable=None, leave=False)
 
 
 def can_draw() -> bool:
-    """Return whether matplotlib is there."""
+    """Return whether matplotlib is installed."""
     return find_spec("matplotlib") is not None
 
 
@@ -106,4 +103,6 @@ def show_written(written: Sequence[Path]) -> None:
     """Print which files were written, and why there are no figures."""
     print("\nwritten:", *(printable(str(path)) for path in written), sep="\n  ")
     if not can_draw():
-        tell('no figures: they need matplotlib, pip install "npend-gym[plot]"')
+        from npend_gym._extras import missing
+
+        warn(str(missing("matplotlib", "plot", "figures")))

@@ -6,19 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, tell
+from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, progress, show_written, warn
 
 if TYPE_CHECKING:
     from npend_gym.experiments.paper import Finding
 
-SUMMARY = "reproduce the source paper and judge every equation, number and claim"
-_ABOUT = """\
+ABOUT = """\
 Every equation, number and claim of the source paper, computed anew and judged. All of it takes
 some four minutes; items can be had one by one, see `npend paper --list`.
 """
-_EXAMPLES = """\
+EXAMPLES = """\
 examples:
   npend paper --out results                findings.csv, audit.md, tables and figures
   npend paper --only eom,series-value      two findings
@@ -32,8 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend paper`."""
     from npend_gym.experiments.paper import KANE_N
 
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description, parser.epilog = _ABOUT, _EXAMPLES
     text = "findings, by their keys, or modules (all)"
     parser.add_argument("--only", type=_names, metavar="KEY,KEY,...", help=text)
     parser.add_argument("--list", action="store_true", help="list the keys and leave")
@@ -41,53 +36,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "write findings.csv, audit.md, tables, figures and manifest.json there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
     text = f"largest chain whose equations Kane's method derives ({KANE_N})"
-    parser.add_argument("--kane-n", type=int, default=KANE_N, metavar="N", help=text)
+    parser.add_argument("--kane-n", type=int, metavar="N", help=text)
 
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
-def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+def run(options: dict[str, Any]) -> int:
     """Audit the paper; return the exit code."""
-    from npend_gym.experiments.paper import CONTENTS, audit, selected
+    from npend_gym.experiments.paper import CONTENTS, KANE_N, audit, selected
     from npend_gym.physics import IntegrationError
     from npend_gym.report import outputs
     from npend_gym.report import paper as report
 
-    out: Path | None = given["out"]
-    only, kane_n = given["only"], given["kane_n"]
-    if given["list"]:
+    out: Path | None = options.get("out")
+    only, kane_n = options.get("only"), options.get("kane_n", KANE_N)
+    as_json: bool = options.get("json", False)
+    if options.get("list", False):
         for section, keys in CONTENTS.items():
             print(section, *(f"  {key:20} {module}" for key, module in keys.items()), sep="\n")
         return OK
-    try:
-        keys = selected(only)
-        coming = audit(only, kane_n=kane_n)
-        if out is not None:
-            outputs.prepare_folder(out)
-    except (ValueError, TypeError) as error:
-        parser.error(str(error))
+    keys = selected(only)
+    pending = audit(only, kane_n=kane_n)
+    if out is not None:
+        outputs.prepare_folder(out)
     findings: list[Finding] = []
     code, trouble = OK, ""
     try:
-        # disable=None: no bar where the output is not a terminal
-        bar = tqdm(coming, total=len(keys), unit="finding", disable=None, leave=False)
-        findings.extend(bar)
+        findings.extend(progress("finding", len(keys))(pending))
     except KeyboardInterrupt:
         code = INTERRUPTED
         trouble = "interrupted: the findings above are complete, the rest is missing"
     except (ImportError, IntegrationError) as error:
         code, trouble = FAILED, f"npend paper: {error}"
-    if findings and given["json"]:
+    if findings and as_json:
         rows = report.audit_rows(findings)
         print(outputs.json_text({"only": only, "kane_n": kane_n}, findings=rows))
     elif findings:
         print(report.audit_text(findings))
     if findings and out is not None:
         written = report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw())
-        if not given["json"]:
+        if not as_json:
             show_written(written)
     if trouble:
-        tell(trouble)
+        warn(trouble)
     return code

@@ -6,27 +6,24 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
 from npend_gym.cli.common import (
-    FAILED,
     INTERRUPTED,
     OK,
     add_release_options,
     can_draw,
+    progress,
     show_written,
-    tell,
+    warn,
 )
 
 if TYPE_CHECKING:
     from npend_gym.experiments.release import Run
 
-SUMMARY = "release chains from rest and measure the pseudo-period of every bob"
-_ABOUT = """\
+ABOUT = """\
 The paper's experiment: chains of N equal pendulums are released from rest, the pseudo-period of
 every bob is measured, averaged and compared with the models.
 """
-_EXAMPLES = """\
+EXAMPLES = """\
 examples:
   npend release --out results              the paper's N = 5, 10, 20, 100, three trials
   npend release --n 1,2,3 --trials 1 --spread 0
@@ -38,8 +35,6 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend release`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description, parser.epilog = _ABOUT, _EXAMPLES
     add_release_options(parser)
     text = "print the summary, and the release, as JSON"
     parser.add_argument("--json", action="store_true", help=text)
@@ -47,32 +42,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
 
-def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+def run(options: dict[str, Any]) -> int:
     """Carry out the experiment; return the exit code."""
     from npend_gym.experiments.release import Release, measure
-    from npend_gym.physics import IntegrationError
     from npend_gym.report import outputs
     from npend_gym.report import release as report
 
-    out: Path | None = given.pop("out")
-    as_json: bool = given.pop("json")
+    out: Path | None = options.pop("out", None)
+    as_json: bool = options.pop("json", False)
     runs: list[Run] = []
     interrupted = False
+    plan = Release(**options)
+    if out is not None:
+        outputs.prepare_folder(out)
     try:
-        plan = Release(**given)
-        if out is not None:
-            outputs.prepare_folder(out)
-    except (ValueError, TypeError) as error:
-        parser.error(str(error))
-    try:
-        # disable=None: no bar where the output is not a terminal
-        for one in tqdm(plan.runs(), unit="release", disable=None, leave=False):
+        for one in progress("release")(plan.runs()):
             runs.append(measure(plan, *one))  # noqa: PERF401 - kept when interrupted
     except KeyboardInterrupt:
         interrupted = True
-    except (IntegrationError, ValueError) as error:
-        tell(f"npend release: {error}")
-        return FAILED
     if runs:
         print(report.summary_json(plan, runs) if as_json else report.summary_text(plan, runs))
     if runs and out is not None:
@@ -80,6 +67,6 @@ def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
         if not as_json:
             show_written(written)
     if interrupted:
-        tell("interrupted: the runs above are complete, the rest is missing")
+        warn("interrupted: the runs above are complete, the rest is missing")
         return INTERRUPTED
     return OK

@@ -6,14 +6,13 @@ import argparse
 import json
 from typing import Any
 
-from npend_gym.cli.common import FAILED, OK, tell
+from npend_gym.cli.common import FAILED, OK, warn
 
-SUMMARY = "check that this machine computes the very same bits"
-_ABOUT = """\
+ABOUT = """\
 Short runs of everything that is compiled, and the SHA-256 of their results beside those committed
 with the package. Exit code 1 if a byte differs anywhere.
 """
-_EXAMPLES = """\
+EXAMPLES = """\
 examples:
   npend verify
   npend verify --json > verified.json
@@ -22,29 +21,27 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend verify`."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.description, parser.epilog = _ABOUT, _EXAMPLES
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
-def run(given: dict[str, Any], parser: argparse.ArgumentParser) -> int:
+def run(options: dict[str, Any]) -> int:
     """Compare, and print each check as it comes; return the exit code."""
-    del parser
     from npend_gym._machine import machine
-    from npend_gym.experiments.verify import Outcome, outcomes
+    from npend_gym.digests import Outcome, outcomes
 
+    as_json = options.get("json", False)
     done: list[Outcome] = []
     for outcome in outcomes():
         done.append(outcome)
-        if not given["json"]:
+        if not as_json:
             verdict = "same" if outcome.same else "DIFFERS"
             print(f"{outcome.name:32}{verdict:9}{outcome.found[:16]}", flush=True)
     differing = [outcome.name for outcome in done if not outcome.same]
-    if given["json"]:
+    if as_json:
         checks = [outcome._asdict() | {"same": outcome.same} for outcome in done]
         print(json.dumps({"machine": machine(), "same": not differing, "checks": checks}, indent=2))
     else:
         print(f"\n{len(done) - len(differing)} of {len(done)} the same; {machine()}")
     if differing:
-        tell(f"npend verify: these differ: {'; '.join(differing)}")
+        warn(f"npend verify: these differ: {'; '.join(differing)}")
     return FAILED if differing else OK

@@ -11,8 +11,8 @@ import numpy as np
 
 from npend_gym import _checks, _extras, _files
 from npend_gym._palette import BLACK, BLUE, GREEN, INK, ORANGE, PAPER, rgb
-from npend_gym.experiments.recording import Recording
 from npend_gym.physics import energy
+from npend_gym.recording import Recording
 from npend_gym.render import Frame, Painter, Scene
 
 try:

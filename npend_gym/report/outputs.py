@@ -50,7 +50,7 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
 
 def json_text(arguments: Mapping[str, Any], **tables: Sequence[Mapping[str, Any]]) -> str:
     """Return `tables` and what made them as JSON, null where there is no number."""
-    about = provenance(arguments, arguments.get("seed"))
+    about = {"provenance": provenance(arguments, arguments.get("seed"))}
     plain = {name: [_nulled(row) for row in rows] for name, rows in tables.items()}
     return json.dumps(about | plain, indent=2, allow_nan=False)
 
@@ -60,6 +60,14 @@ def _nulled(row: Mapping[str, Any]) -> dict[str, Any]:
         name: None if isinstance(value, float) and math.isnan(value) else value
         for name, value in row.items()
     }
+
+
+def write_json(path: Path, value: Mapping[str, Any]) -> Path:
+    """Write `value` to `path` as JSON, whole or not at all."""
+    with _files.replacing(path) as file:
+        json.dump(value, file, indent=2)
+        file.write("\n")
+    return path
 
 
 def write_figure(path: Path, figure: Figure) -> Path:
@@ -84,13 +92,10 @@ def write_manifest(
 ) -> Path:
     """Write `manifest.json`: what made the files `written`, and their digests."""
     manifest = {
-        **provenance(arguments, arguments.get("seed")),
         "experiment": experiment,
         "complete": complete,
-        "platform": platform.platform(),
+        "provenance": provenance(arguments, arguments.get("seed"))
+        | {"platform": platform.platform()},
         "sha256": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written},
     }
-    with _files.replacing(out / "manifest.json") as file:
-        json.dump(manifest, file, indent=2)
-        file.write("\n")
-    return out / "manifest.json"
+    return write_json(out / "manifest.json", manifest)

@@ -6,7 +6,7 @@ import base64
 import html
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -17,13 +17,11 @@ import numpy as np
 from npend_gym import _files, theory
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
-from npend_gym.experiments.recording import Recording, record_release
 from npend_gym.experiments.release import Release, Run, summary_rows
+from npend_gym.recording import Recording
 from npend_gym.report.release import LEGEND
 
 SUFFIXES = (".html",)
-_INTERVAL = 0.04  # s: between recorded instants, straight lines do
-_INSTANTS = 600  # at most, of a recording
 _DECIMALS = 4  # kept of the places, in units of the chain's length
 _COLORS = {"T0": "orange", "T0 + ampl.": "amber", "T1": "green"}
 _STYLES = {"T0 + ampl.": "dashed"}
@@ -34,28 +32,15 @@ _COLUMNS = {
     "ideal_error": "e(T0)", "corrected_error": "e(T0+a)", "fundamental_error": "e(T1)",
 }  # fmt: skip
 
-Progress = Callable[[Iterable[Run]], Iterable[Run]]
 
-
-def write(release: Release, runs: Sequence[Run], path: Path, progress: Progress = iter) -> Path:
-    """Write the page of `release` to `path`, whole or not at all.
-
-    The first run of every n is recorded for the animation; `progress` may wrap these, as tqdm does.
-    """
-    firsts = {run.n: run for run in reversed(runs)}
-    recordings = [
-        record_release(release, run, _interval(release, run))
-        for run in progress([firsts[n] for n in sorted(firsts)])
-    ]
+def write(
+    release: Release, runs: Sequence[Run], recordings: Sequence[Recording], path: Path
+) -> Path:
+    """Write `page` to `path`, whole or not at all."""
     text = page(release, runs, recordings)
     with _files.replacing(path) as file:
         file.write(text)
     return path
-
-
-def _interval(release: Release, run: Run) -> float:
-    longest = np.nanmax([release.duration or 0.0, 10.0, *run.periods])
-    return max(_INTERVAL, float(longest) / _INSTANTS)
 
 
 def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording]) -> str:
@@ -69,9 +54,9 @@ def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording])
     n_values = ", ".join(str(row["n"]) for row in rows)
     texts = {
         "title": f"Release of N = {n_values} pendulums",
-        "about": f"From rest at {math.degrees(release.amplitude):.4g} degrees plus up to "
-        f'{math.degrees(release.spread):.3g}; reading "{release.reading}", seed {release.seed}, '
-        f"{release.trials} trials for each N. The animation is the first of them.",
+        "about": f"Released from rest at {math.degrees(release.amplitude):.4g} degrees plus up to "
+        f'{math.degrees(release.spread):.3g} degrees; reading "{release.reading}", '
+        f"seed {release.seed}, {release.trials} trials for each N. The animation shows the first.",
         "legend": LEGEND.format(reading=release.reading, seed=release.seed),
         "command": command(release),
         "version": __version__,
@@ -105,7 +90,7 @@ def _models(release: Release, n: int, start: float) -> dict[str, float]:
 
 def _recorded(release: Release, recording: Recording) -> dict[str, Any]:
     motion, n = recording.motion, recording.motion.chain.n
-    start = recording.arguments["start"]
+    start = float(motion.theta[0, 0])
     places = np.round(motion.positions() / motion.chain.total_length, _DECIMALS).astype("<f4")
     return {
         "n": n,

@@ -17,6 +17,7 @@ from npend_gym.report.outputs import (
     prepare_folder,
     write_csv,
     write_figure,
+    write_json,
     write_manifest,
 )
 
@@ -76,6 +77,7 @@ def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) ->
     """
     prepare_folder(out)
     written = [
+        write_json(out / "release.json", release.as_dict()),
         write_csv(out / "periods.csv", bob_rows(runs)),
         write_csv(out / "summary.csv", summary_rows(release, runs)),
     ]
@@ -100,15 +102,14 @@ def read(folder: Path) -> tuple[Release, list[Run]]:
         If the folder holds no results of a release, or they have been changed since.
     """
     try:
-        manifest = json.loads((folder / "manifest.json").read_text("utf-8"))
-        table = (folder / "periods.csv").read_bytes()
-        if manifest["experiment"] != "release":
-            raise ValueError(f"its experiment is {manifest['experiment']}")
-        if manifest["sha256"]["periods.csv"] != hashlib.sha256(table).hexdigest():
-            raise ValueError("periods.csv has been changed since")
-        release = Release(**manifest["arguments"])
+        digests = json.loads((folder / "manifest.json").read_text("utf-8"))["sha256"]
+        files = {name: (folder / name).read_bytes() for name in ("release.json", "periods.csv")}
+        for name, data in files.items():
+            if digests[name] != hashlib.sha256(data).hexdigest():
+                raise ValueError(f"{name} has been changed since")
+        release = Release(**json.loads(files["release.json"]))
         periods: dict[tuple[int, int, float], list[float]] = {}
-        for row in csv.DictReader(table.decode().splitlines()):
+        for row in csv.DictReader(files["periods.csv"].decode().splitlines()):
             key = (int(row["n"]), int(row["trial"]), float(row["start_rad"]))
             periods.setdefault(key, []).append(float(row["pseudo_period_s"]))
     except (OSError, KeyError, TypeError, ValueError) as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -116,7 +116,7 @@ class Campaign:
 
     def run(
         self, backend: str = "loky", count: int | None = None, address: str | None = None
-    ) -> Iterator[tuple[Task, Record]]:
+    ) -> Generator[tuple[Task, Record], None, None]:
         """Carry out what is not done; yield each task with its record, when it is on the disk.
 
         Parameters are those of `engine.workers`. Interrupted, or with the iterator closed, what

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym import _checks, _files
+from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign.journal import Record, read_journal
 from npend_gym.experiments.campaign.parts import TABLES, sha256
@@ -75,9 +76,10 @@ def folder_of(out: Path | str) -> Path:
 
 def write_plan(plan: Plan, out: Path) -> None:
     """Write the plan to its folder."""
-    about = {"package": "npend_gym", "version": __version__, "digest": plan.digest}
+    state = {"version": __version__, "digest": plan.digest, "plan": plan.as_dict()}
+    record = {"provenance": provenance(plan.as_dict(), plan.seed)}
     with _files.replacing(out / PLAN) as file:
-        json.dump({**about, "plan": plan.as_dict()}, file, indent=2)
+        json.dump(state | record, file, indent=2)
         file.write("\n")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
-from npend_gym._version import __version__
+from npend_gym._provenance import provenance
 from npend_gym.experiments.campaign.plan import Plan, Task
 from npend_gym.experiments.release import Release
 
@@ -28,7 +28,7 @@ def write_parts(
     plan: Plan, out: Path, task: Task, starts: FloatArray, periods: FloatArray
 ) -> dict[str, str]:
     """Write the parts of a task, whole or not at all; return table -> SHA-256."""
-    about = {"version": __version__, "plan": plan.digest, "task": task.id, "seed": plan.seed}
+    about = provenance({"plan": plan.digest, "task": task.id}, plan.seed)
     tables = {
         RELEASES: _releases(plan, task, starts, periods),
         BOBS: _bobs(plan, task, periods),
@@ -113,7 +113,7 @@ def write_cells(plan: Plan, path: Path, keys: Sequence[str]) -> None:
         "amplitude_rad": [cell["amplitude"] for cell in cells],
         "spread_rad": [cell["spread"] for cell in cells],
     }
-    _write(pa.table(columns), path, {"version": __version__, "plan": plan.digest})
+    _write(pa.table(columns), path, provenance({"plan": plan.digest}, plan.seed))
 
 
 _CHAIN = ("n", "masses", "lengths", "gravity", "damping")

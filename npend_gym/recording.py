@@ -1,8 +1,8 @@
-"""A motion recorded to be shown: a release, or an episode that an agent controls."""
+"""Motions recorded to be shown: a release, or an episode that a policy controls."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._version import __version__
+from npend_gym._provenance import provenance
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments.release import Release, Run
 from npend_gym.physics import Trajectory, simulate
 
-Agent = Callable[[NDArray[np.float32], Any], NDArray[Any]]
-READINGS = ("bob", "link", "height")  # those that an instant of the motion completes
+INSTANT_READINGS = ("bob", "link", "height")  # those that an instant of the motion completes
 DEFAULT_SECONDS = 15.0  # of an episode
 _INCOMPLETE_SECONDS = 10.0  # the paper's window, for releases that complete nothing
 _AFTERWARDS = 1.05  # a release is recorded a little longer than its last pseudo-period
-_MOST_NUMBERS = 20_000_000  # angles in a recording: 160 MB
+_MOST_ANGLES = 20_000_000  # in a recording: 160 MB
+_PAGE_INTERVAL = 0.04  # s: instants so close that straight lines join them well
+_PAGE_INSTANTS = 600  # at most, of a recording for a page
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +43,8 @@ class Recording:
         What completes a pseudo-period, see `npend_gym.pseudo_periods`.
     caption : str
         What it is, in a few words.
-    arguments : dict
-        What made it, as plain numbers and texts.
+    provenance : dict
+        What made it: package, versions, arguments, seed.
     """
 
     motion: Trajectory
@@ -51,18 +52,13 @@ class Recording:
     torque: FloatArray
     reading: str
     caption: str
-    arguments: dict[str, Any]
-
-    @property
-    def provenance(self) -> dict[str, Any]:
-        """What made the recording: package, version, arguments."""
-        return {"package": "npend_gym", "version": __version__, "arguments": self.arguments}
+    provenance: dict[str, Any]
 
     def signals(self) -> FloatArray:
-        """Return the signal of every bob whose sign the reading goes by, shape (T, n).
+        """Return the signal of every bob whose changes of sign the reading counts, shape (T, n).
 
-        Its horizontal velocity [m/s], its rod's angular velocity [rad/s], or its height above the
-        start [m].
+        That is the bob's horizontal velocity [m/s], its rod's angular velocity [rad/s], or its
+        height above the start [m].
         """
         if self.reading == "bob":
             return self.motion.velocities()[..., 0]
@@ -94,15 +90,15 @@ def record_release(release: Release, run: Run, interval: float) -> Recording:
         If the reading is "listing", whose estimate is no instant, or the recording would be too
         long to be held.
     """
-    _checks.choice("reading", release.reading, READINGS)
+    _checks.choice("reading", release.reading, INSTANT_READINGS)
     interval = _checks.positive_number("interval", interval)
     chain, seconds = release.chain(run.n), release.duration
     if seconds is None:
         last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
         seconds = max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
-    if seconds / interval * run.n > _MOST_NUMBERS:
+    if seconds / interval * run.n > _MOST_ANGLES:
         raise ValueError(
-            f"a recording must hold at most {_MOST_NUMBERS} angles, got {seconds / interval:.0f} "
+            f"a recording must hold at most {_MOST_ANGLES} angles, got {seconds / interval:.0f} "
             f"instants of {run.n} rods; take a longer interval or a shorter duration"
         )
     times = interval * np.arange(int(seconds / interval) + 1)
@@ -110,38 +106,67 @@ def record_release(release: Release, run: Run, interval: float) -> Recording:
     periods = np.where(run.periods <= times[-1], run.periods, np.nan)
     caption = f"release from {np.degrees(run.start):.3g} degrees, n = {run.n}"
     arguments = release.as_dict() | {"n_values": [run.n], "trial": run.trial, "start": run.start}
-    return Recording(motion, periods, np.zeros(times.size), release.reading, caption, arguments)
+    return Recording(
+        motion, periods, np.zeros(times.size), release.reading, caption,
+        provenance(arguments, release.seed),
+    )  # fmt: skip
+
+
+def record_first_trials(
+    release: Release, runs: Sequence[Run], progress: Callable[[Iterable[Run]], Iterable[Run]] = iter
+) -> list[Recording]:
+    """Record the first run of every n among `runs`, in the order of n, for a page.
+
+    `progress` may wrap the iteration over these runs.
+    """
+    firsts = {run.n: run for run in reversed(runs)}
+    recordings: list[Recording] = []
+    for run in progress([firsts[n] for n in sorted(firsts)]):
+        longest = float(np.nanmax([release.duration or 0.0, _INCOMPLETE_SECONDS, *run.periods]))
+        interval = max(_PAGE_INTERVAL, longest / _PAGE_INSTANTS)
+        recordings.append(record_release(release, run, interval))
+    return recordings
 
 
 def record_episode(
-    agent: Agent,
+    policy: Callable[[NDArray[np.float32], Any], NDArray[Any]],
     keywords: Mapping[str, Any],
     *,
     seed: int = 0,
     seconds: float = DEFAULT_SECONDS,
-    name: str = "agent",
+    name: str = "policy",
 ) -> Recording:
-    """Record an episode of `NPendulum-v0` made with `keywords`, every step of it.
+    """Record every step of an episode of `NPendulum-v0`.
 
-    `agent` is called with observations and info that have a leading axis of one, as in a vector
-    environment, and returns actions with that axis. The recording ends with the episode, at the
-    latest after `seconds`.
+    Parameters
+    ----------
+    policy : callable
+        Is called with observations and info that have a leading axis of one, as in a vector
+        environment, and returns actions with that axis.
+    keywords : mapping
+        Keywords of the environment.
+    seed : int
+        Seed of the reset.
+    seconds : float
+        The recording ends with the episode, at the latest after this time [s].
+    name : str
+        Name of the policy, for the caption.
     """
     seconds = _checks.positive_number("seconds", seconds)
     env: Any = gym.make(ENV_ID, **keywords)
     config = env.unwrapped.config
     observation, info = env.reset(seed=seed)
-    seen, done = [info], False
+    infos, done = [info], False
     actions: list[float] = []
     while not done:
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
-        action = np.asarray(agent(observation[None], batch))[0].astype(env.action_space.dtype)
+        action = np.asarray(policy(observation[None], batch))[0].astype(env.action_space.dtype)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds
-        seen.append(info)
+        infos.append(info)
         actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
     env.close()
-    times, theta, omega = (np.array([i[key] for i in seen]) for key in ("time", "theta", "omega"))
+    times, theta, omega = (np.array([i[key] for i in infos]) for key in ("time", "theta", "omega"))
     periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)
     return Recording(
         Trajectory(config.chain, times, theta, omega),
@@ -149,5 +174,5 @@ def record_episode(
         np.array([*actions, actions[-1]]),
         "bob",
         f"{config.mode.name} by {name}, n = {config.chain.n}",
-        {"agent": name, "seed": seed, "seconds": seconds, "env": dict(keywords)},
+        provenance({"policy": name, "seconds": seconds, "env": dict(keywords)}, seed),
     )
