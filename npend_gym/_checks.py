@@ -1,4 +1,4 @@
-"""Checks of user input: each returns the cleaned value or says name, rule, value and way out."""
+"""Checks of user input: each returns the value, or raises an error with name, rule and value."""
 
 from __future__ import annotations
 
@@ -37,6 +37,8 @@ def array(name: str, value: Any) -> FloatArray:
             f"{name} must hold real numbers, got {show(value)}; convert with np.asarray(..., float)"
         )
     out = np.array(raw, dtype=np.float64, order="C")
+    if np.all(np.abs(out) <= LARGEST):  # one pass, as most values are good; NaN fails it
+        return out
     if not np.all(np.isfinite(out)):
         raise ValueError(f"{name} must be finite, got {show(value)}")
     return within(name, out, LARGEST)

@@ -55,6 +55,10 @@ class Trajectory:
         """Return the velocities of the bobs [m/s], shape (T, n, 2)."""
         return _energy.velocities(self.chain, self.theta, self.omega)
 
+    def kinetic_energy(self) -> FloatArray:
+        """Return the kinetic energy [J], shape (T,)."""
+        return _energy.kinetic_energy(self.chain, self.theta, self.omega)
+
     def energy(self) -> FloatArray:
         """Return the energy above hanging at rest [J], shape (T,)."""
         return _energy.energy(self.chain, self.theta, self.omega)

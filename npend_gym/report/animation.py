@@ -11,7 +11,6 @@ import numpy as np
 
 from npend_gym import _checks, _extras, _files
 from npend_gym._palette import BLACK, BLUE, GREEN, INK, ORANGE, PAPER, rgb
-from npend_gym.physics import energy
 from npend_gym.recording import Recording
 from npend_gym.render import Frame, Painter, Scene
 
@@ -128,7 +127,7 @@ def _draw(recording: Recording) -> Figure:
     axes[0].set(ylim=(n + 0.5, 0.5), ylabel="bob, from the pivot")
     axes[0].set_title(_TITLES[recording.reading], fontsize=9)
     axes[0].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
-    kinetic = energy.kinetic_energy(motion.chain, motion.theta, motion.omega)
+    kinetic = motion.kinetic_energy()
     for values, color, label in (
         (motion.energy(), BLACK, "energy"), (kinetic, ORANGE, "kinetic"),
         (motion.energy() - kinetic, GREEN, "potential"),
