@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import deadly
 import numpy as np
 import pytest
 
@@ -346,22 +347,11 @@ def test_a_full_disk_in_the_journal_stops_the_campaign(tmp_path, monkeypatch):
             next(running)
 
 
-def _deadly(task):
-    if task == 5:
-        os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(0.02)
-    return task * task
-
-
 def test_a_task_that_kills_its_workers_is_given_up_and_the_rest_is_done():
     with engine.workers("loky", 2):
-        done = dict(engine.run(_deadly, range(12)))
+        done = dict(engine.run(deadly.the_sixth, range(12)))
     assert isinstance(done.pop(5), engine.Lost)
     assert done == {k: k * k for k in range(12) if k != 5}
-
-
-def _all_deadly(_task):
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_workers_that_die_whatever_they_do_end_the_run():
@@ -369,7 +359,7 @@ def test_workers_that_die_whatever_they_do_end_the_run():
         engine.workers("loky", 2),
         pytest.raises(engine.WorkersLostError, match="5 times in a row"),
     ):
-        list(engine.run(_all_deadly, range(40)))
+        list(engine.run(deadly.each, range(40)))
 
 
 @pytest.mark.parametrize(
@@ -464,7 +454,9 @@ def wait_for_records(out, count):
     raise AssertionError("nothing was recorded")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_path):
     arguments = ["--n", "5", "--trials", "1000000", "--batch", "64", "--workers", "2"]
     process = subprocess.Popen(

@@ -1,11 +1,11 @@
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
+import threading
 
 import pytest
+from interrupt import Interrupt
 
 from npend_gym.cli import COMMANDS, main
 
@@ -121,18 +121,22 @@ def test_help_names_every_command_and_the_exit_codes(capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_keeps_what_was_measured_and_exits_with_130(tmp_path):
-    arguments = ["release", "--n", "1,1000", "--trials", "200", "--out", str(tmp_path)]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "npend_gym", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    time.sleep(20.0)
-    process.send_signal(signal.SIGINT)
-    out, error = process.communicate(timeout=60)
-    assert process.returncode == 130, error
+def test_ctrl_c_keeps_what_was_measured_and_exits_with_130(tmp_path, capsys, monkeypatch):
+    from npend_gym.experiments import release
+
+    measured = release.measure
+    measuring_the_long_chain = threading.Event()
+
+    def measure(plan, n, *rest):
+        if n == 1000:
+            measuring_the_long_chain.set()
+        return measured(plan, n, *rest)
+
+    monkeypatch.setattr(release, "measure", measure)
+    with Interrupt(measuring_the_long_chain, patience=60.0):  # figures are drawn
+        code = main(["release", "--n", "1,1000", "--trials", "20", "--out", str(tmp_path)])
+    assert code == 130
+    out, error = capsys.readouterr()
     assert "interrupted" in error
     assert "2.08" in out
     assert '"complete": false' in (tmp_path / "manifest.json").read_text()

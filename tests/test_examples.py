@@ -2,35 +2,22 @@
 
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
+
+from scripts import run_python, run_script
 
 ROOT = Path(__file__).parent.parent
 
 
-def run(*arguments, cwd):
-    done = subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=cwd,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 def test_passive_release_prints_the_known_periods_and_draws(tmp_path):
-    out = run(ROOT / "examples" / "passive_release.py", tmp_path / "a.png", cwd=tmp_path)
+    out = run_script(ROOT / "examples" / "passive_release.py", tmp_path / "a.png", cwd=tmp_path)
     assert "  1     2.0863" in out
     assert "  2     2.7165" in out
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
 def test_quickstart_steps_one_chain_and_many(tmp_path):
-    out = run(ROOT / "examples" / "quickstart.py", 40, cwd=tmp_path)
+    out = run_script(ROOT / "examples" / "quickstart.py", 40, cwd=tmp_path)
     total, limit, seconds = re.search(r"return (\S+) of at most (\d+) in (\S+) s", out).groups()
     assert 0.0 <= float(total) < 2.0  # it hangs, nearly
     assert (limit, seconds) == ("40", "2")
@@ -40,7 +27,7 @@ def test_quickstart_steps_one_chain_and_many(tmp_path):
 
 
 def test_environments_reproduce_the_papers_periods_and_draw(tmp_path):
-    out = run(ROOT / "examples" / "passive_env.py", tmp_path / "a.png", cwd=tmp_path)
+    out = run_script(ROOT / "examples" / "passive_env.py", tmp_path / "a.png", cwd=tmp_path)
     rows = re.findall(r"(\d+) +(\S+) s +\+- (\S+) s +(\S+) +(\S+)% +(\d+)/(\d+)", out)
     table = {int(n): [float(value) for value in rest] for n, *rest in rows}
     assert sorted(table) == [5, 10, 20, 100]
@@ -63,4 +50,4 @@ def test_environments_reproduce_the_papers_periods_and_draw(tmp_path):
 def test_table_of_the_readme_is_what_the_command_prints(tmp_path):
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     shown = re.search(r"```console\n\$ npend release\n(.*?)```", readme, re.DOTALL)[1]
-    assert run("-m", "npend_gym", "release", cwd=tmp_path) == shown
+    assert run_python("-m", "npend_gym", "release", cwd=tmp_path) == shown

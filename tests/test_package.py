@@ -1,8 +1,8 @@
 """The package as a whole: what an import brings in, and the same bits everywhere."""
 
 import hashlib
+import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,8 +13,8 @@ import pytest
 
 import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.compiled.jit import PACKAGE, cache_folder
-from npend_gym.compiled.notice import NOTICE
+from npend_gym.compiled import notice
+from npend_gym.compiled.jit import cache_folder
 
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
@@ -35,9 +35,8 @@ def test_importing_the_package_imports_nothing_heavy():
 
 
 WITHOUT_EXTRAS = """
-import sys
+import contextlib, io, json, os, sys
 from importlib.machinery import PathFinder
-from npend_gym.cli import main
 
 EXTRAS = {
     "PIL", "filelock", "imageio", "imageio_ffmpeg", "jinja2", "joblib", "matplotlib", "mujoco",
@@ -51,36 +50,48 @@ class Finder(PathFinder):
         return None if absent else super().find_spec(name, path, target)
 
 sys.meta_path[sys.meta_path.index(PathFinder)] = Finder
-sys.exit(main(sys.argv[1:]))
+from npend_gym.cli import main
+
+for command in sys.argv[1:]:
+    before = set(os.listdir())
+    error = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(error):
+        code = main(command.split())
+    print(json.dumps([code, error.getvalue(), set(os.listdir()) != before]))
 """
+NEEDED = {  # the extra that is named
+    "release --n 1 --trials 1 --out results": "plot",
+    "page --n 1 --trials 1 --out page.html": None,
+    "paper --only one-radian --out paper": "plot",
+    "animate --n 1 --out film.gif": "plot,render",
+    "play": "render",
+    "paper --only eom": "kane",
+    "campaign --n 1 --out campaign": "campaign",
+    "analyse campaign": "campaign",
+}
 
 
-@pytest.mark.parametrize(
-    ("command", "extra"),
-    [
-        ("release --n 1 --trials 1 --out results", "plot"),
-        ("page --n 1 --trials 1 --out page.html", None),
-        ("paper --only one-radian --out paper", "plot"),
-        ("animate --n 1 --out film.gif", "plot,render"),
-        ("play", "render"),
-        ("paper --only eom", "kane"),
-        ("campaign --n 1 --out campaign", "campaign"),
-        ("analyse campaign", "campaign"),
-    ],
-)
-def test_without_the_extras_each_command_works_or_names_the_one_it_needs(command, extra, tmp_path):
-    arguments = command.split()
+@pytest.fixture(scope="module")
+def without_extras(tmp_path_factory):
+    """Of every command in NEEDED: its exit code, its errors, whether it wrote anything."""
     done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_EXTRAS, *arguments],
-        capture_output=True, text=True, check=False, cwd=tmp_path,
+        [sys.executable, "-c", WITHOUT_EXTRAS, *NEEDED],
+        capture_output=True, text=True, check=True, cwd=tmp_path_factory.mktemp("without_extras"),
     )  # fmt: skip
-    wrote = any(tmp_path.iterdir())
-    assert done.returncode == (0 if wrote else 1), done.stderr
+    return dict(zip(NEEDED, map(json.loads, done.stdout.splitlines()), strict=True))
+
+
+@pytest.mark.parametrize(("command", "extra"), NEEDED.items())
+def test_without_the_extras_each_command_works_or_names_the_one_it_needs(
+    command, extra, without_extras
+):
+    code, error, wrote = without_extras[command]
+    assert code == (0 if wrote else 1), error
     if extra is None:
-        assert done.stderr == ""
+        assert error == ""
     else:
-        assert done.stderr.count("\n") == 1
-        assert f'pip install "npend-gym[{extra}]"' in done.stderr
+        assert error.count("\n") == 1
+        assert f'pip install "npend-gym[{extra}]"' in error
 
 
 def test_every_public_name_is_there():
@@ -111,13 +122,11 @@ def test_a_read_only_installation_compiles_into_the_users_cache(tmp_path, monkey
 
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 def test_the_first_compilation_on_a_machine_is_announced_in_one_line_on_the_terminal(tmp_path):
-    def shown_on_a_terminal(**environment):
+    def shown_on_a_terminal():
         ours, theirs = os.openpty()
         code = "from npend_gym.compiled.sincos import sincos; sincos(1.0), sincos(1)"
-        environment = {"NUMBA_CACHE_DIR": str(tmp_path)} | environment
-        subprocess.run(
-            [sys.executable, "-c", code], stderr=theirs, check=True, env=os.environ | environment
-        )
+        around = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+        subprocess.run([sys.executable, "-c", code], stderr=theirs, check=True, env=around)
         os.write(theirs, b"end\n")
         os.close(theirs)
         shown = b""
@@ -126,11 +135,22 @@ def test_the_first_compilation_on_a_machine_is_announced_in_one_line_on_the_term
         os.close(ours)
         return shown.decode()
 
-    folder = cache_folder(PACKAGE, str(tmp_path))
-    assert shown_on_a_terminal(NPEND_GYM_QUIET="1") == "end\r\n"
-    shutil.rmtree(folder)
-    assert shown_on_a_terminal() == f"{NOTICE}\r\nend\r\n"
+    assert shown_on_a_terminal() == f"{notice.NOTICE}\r\nend\r\n"
     assert shown_on_a_terminal() == "end\r\n"  # loaded, not compiled
+
+
+def test_the_announcement_is_for_terminals_and_notebooks_unless_it_is_hidden(monkeypatch):
+    monkeypatch.delenv("NPEND_GYM_QUIET", raising=False)
+    monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: False, raising=False)
+    assert not notice.somebody_waits()
+    monkeypatch.setitem(sys.modules, "ipykernel", sys)
+    assert notice.somebody_waits()
+    monkeypatch.delitem(sys.modules, "ipykernel")
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    assert notice.somebody_waits()
+    monkeypatch.setenv("NPEND_GYM_QUIET", "1")
+    assert not notice.somebody_waits()
 
 
 def fingerprint():

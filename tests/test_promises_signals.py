@@ -5,66 +5,18 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import gymnasium as gym
 import numpy as np
 import psutil
 import pytest
+from interrupt import PATIENCE, Interrupt
 
 from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.cli import main
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
-PATIENCE = 2.0  # s
-
-
-def rooms_on_the_stack(frame):
-    """Return the top-level packages that the frames of a stack stand in."""
-    rooms = set()
-    while frame is not None:
-        rooms.add(frame.f_globals["__name__"].partition(".")[0])
-        frame = frame.f_back
-    return rooms
-
-
-class Interrupt:
-    """Send this process a SIGINT once its main thread is at work in the package, and note when.
-
-    At work means: for `SAMPLES` looks in a row it was in a call of the package, and neither
-    importing nor compiling.
-    """
-
-    SAMPLES, EVERY = 10, 0.02  # s
-    PREPARING = ("importlib", "numba")
-
-    def __init__(self):
-        self.sent = None
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._watch)
-
-    def _watch(self):
-        main_thread = threading.main_thread().ident
-        seen = 0
-        while seen < self.SAMPLES and not self._over.wait(self.EVERY):
-            rooms = rooms_on_the_stack(sys._current_frames()[main_thread])
-            at_work = "npend_gym" in rooms and rooms.isdisjoint(self.PREPARING)
-            seen = seen + 1 if at_work else 0
-        if not self._over.is_set():
-            self.sent = time.perf_counter()
-            os.kill(os.getpid(), signal.SIGINT)
-
-    def __enter__(self):
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        ended = time.perf_counter()
-        self._over.set()
-        self._thread.join()
-        assert self.sent is not None, "the work was over before the signal came"
-        assert ended - self.sent < PATIENCE
 
 
 ENDLESS = {

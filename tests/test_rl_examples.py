@@ -5,7 +5,8 @@ import json
 import re
 
 import pytest
-from test_examples import ROOT, run
+from scripts import run_python, run_script
+from test_examples import ROOT
 
 from npend_gym.rl.evaluation import evaluate
 from npend_gym.rl.policies import Policy
@@ -20,13 +21,15 @@ def rate_of(text):
 def test_train_cleanrl_writes_a_policy_that_evaluate_judges_and_films(tmp_path):
     pytest.importorskip("torch")
     pytest.importorskip("pygame")
-    run(EXAMPLES / "train_cleanrl.py", "swingup-1", "--steps", 8192, "--out", ".", cwd=tmp_path)
+    run_script(
+        EXAMPLES / "train_cleanrl.py", "swingup-1", "--steps", 8192, "--out", ".", cwd=tmp_path
+    )
     policy = Policy.load(tmp_path / "swingup-1.npz")
     assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
     assert policy.provenance["training"]["steps"] == 8192
     with (tmp_path / "swingup-1.csv").open() as file:
         assert [int(row["steps"]) for row in csv.DictReader(file)] == [8192]
-    judged = run(
+    judged = run_script(
         EXAMPLES / "evaluate.py", "--policy", "swingup-1.npz", "--episodes", 5,
         "--video", "a.gif", "--seconds", 0.5, cwd=tmp_path,
     )  # fmt: skip
@@ -35,7 +38,9 @@ def test_train_cleanrl_writes_a_policy_that_evaluate_judges_and_films(tmp_path):
 
 
 def test_train_es_improves_on_doing_nothing(tmp_path):
-    out = run(EXAMPLES / "train_es.py", "calm-2", "--updates", 20, "--out", ".", cwd=tmp_path)
+    out = run_script(
+        EXAMPLES / "train_es.py", "calm-2", "--updates", 20, "--out", ".", cwd=tmp_path
+    )
     policy = Policy.load(tmp_path / "calm-2.npz")
     assert [weight.shape for weight in policy.weights] == [(1, 6)]
     with (tmp_path / "calm-2.csv").open() as file:
@@ -52,6 +57,7 @@ def test_train_es_improves_on_doing_nothing(tmp_path):
     assert "'steps': 1280000" in out
 
 
+@pytest.mark.long
 def test_imitation_hands_the_swing_up_of_the_plan_to_a_policy_without_a_clock(monkeypatch):
     pytest.importorskip("torch")
     monkeypatch.syspath_prepend(EXAMPLES)
@@ -64,17 +70,18 @@ def test_imitation_hands_the_swing_up_of_the_plan_to_a_policy_without_a_clock(mo
     assert evaluate(policy, policy.provenance["env"], episodes=20).rate > 0.9
 
 
+@pytest.mark.long
 def test_train_sb3_trains_resumes_and_writes_a_card(tmp_path):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("yaml")
     script = EXAMPLES / "train_sb3.py"
-    run(script, "swingup-1", "--steps", 4096, "--out", "a", cwd=tmp_path)
-    run(script, "swingup-1", "--steps", 8192, "--out", "a", "--resume", cwd=tmp_path)
+    run_script(script, "swingup-1", "--steps", 4096, "--out", "a", cwd=tmp_path)
+    run_script(script, "swingup-1", "--steps", 8192, "--out", "a", "--resume", cwd=tmp_path)
     card = (tmp_path / "a" / "README.md").read_text()
     assert "for 8192 steps" in card
     assert json.loads(re.search(r"```json\n(.*?)```", card, re.DOTALL)[1])["episodes"] == 50
     assert list((tmp_path / "a" / "tensorboard").rglob("events*"))
-    judged = run(EXAMPLES / "evaluate.py", "--run", "a", "--episodes", 5, cwd=tmp_path)
+    judged = run_script(EXAMPLES / "evaluate.py", "--run", "a", "--episodes", 5, cwd=tmp_path)
     assert rate_of(judged)[1] == "5"
 
 
@@ -96,13 +103,14 @@ def test_every_config_makes_a_model(config, monkeypatch):
 
 
 def test_evaluate_judges_a_controller(tmp_path):
-    judged = run(
+    judged = run_script(
         EXAMPLES / "evaluate.py", "--controller", "LQR", "--task", "balance-2", "--episodes", 10,
         cwd=tmp_path,
     )  # fmt: skip
     assert rate_of(judged) == ("10", "10")
 
 
+@pytest.mark.long
 def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, monkeypatch):
     pytest.importorskip("torch")
     monkeypatch.syspath_prepend(EXAMPLES)
@@ -126,15 +134,16 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_train_torchrl_writes_a_policy_that_evaluate_judges(tmp_path):
     pytest.importorskip("torchrl")
     arguments = ["swingup-1", "--steps", 8192, "--out", "."]
-    out = run("-W", "ignore", EXAMPLES / "train_torchrl.py", *arguments, cwd=tmp_path)
+    out = run_python("-W", "ignore", EXAMPLES / "train_torchrl.py", *arguments, cwd=tmp_path)
     assert "'steps': 8192, 'return': " in out
     policy = Policy.load(tmp_path / "swingup-1.npz")
     assert policy.scale.tolist() == [1.0, 1.0, 5.0]
     assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
-    judged = run(EXAMPLES / "evaluate.py", "--policy", "swingup-1.npz", "--episodes", 5,
+    judged = run_script(EXAMPLES / "evaluate.py", "--policy", "swingup-1.npz", "--episodes", 5,
                  cwd=tmp_path)  # fmt: skip
     assert rate_of(judged)[1] == "5"
 
@@ -142,7 +151,7 @@ def test_train_torchrl_writes_a_policy_that_evaluate_judges(tmp_path):
 def test_train_rllib_takes_an_iteration(tmp_path):
     pytest.importorskip("ray.rllib")
     arguments = ["--iterations", 1, "--runners", 1, "--batch", 512]
-    out = run("-W", "ignore", EXAMPLES / "train_rllib.py", *arguments, cwd=tmp_path)
+    out = run_python("-W", "ignore", EXAMPLES / "train_rllib.py", *arguments, cwd=tmp_path)
     assert "iteration 1: 512 steps" in out
 
 

@@ -1,0 +1,42 @@
+"""Scripts and commands, run as a user would run them."""
+
+import io
+import runpy
+import subprocess
+import sys
+import warnings
+from contextlib import redirect_stdout
+
+import pytest
+
+
+def run_script(script, *arguments, cwd):
+    """Run `python SCRIPT ARGUMENTS` in the folder `cwd`, within this process; return its output.
+
+    A process of its own would spend more time on its imports than most scripts do on their work.
+    """
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        warnings.catch_warnings(),
+        redirect_stdout(io.StringIO()) as printed,
+    ):
+        warnings.simplefilter("ignore")
+        patch.setattr(sys, "argv", [str(script), *map(str, arguments)])
+        patch.chdir(cwd)
+        patch.syspath_prepend(script.parent)
+        runpy.run_path(str(script), run_name="__main__")
+    return printed.getvalue()
+
+
+def run_python(*arguments, cwd):
+    """Run `python ARGUMENTS` in the folder `cwd`, as a process of its own; return its output."""
+    done = subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=cwd,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
