@@ -78,7 +78,7 @@ def kane_accelerations(n: int) -> Accelerations:
     Parameters
     ----------
     n : int
-        Number of rods; the derivation takes a second for 5 and grows fast.
+        Number of rods. The derivation takes a second for 5, and much longer for more.
 
     Returns
     -------
@@ -88,10 +88,8 @@ def kane_accelerations(n: int) -> Accelerations:
 
     Raises
     ------
-    ImportError
-        If SymPy is not installed.
-    ValueError, TypeError
-        If `n` is not a positive integer.
+    ImportError, ValueError, TypeError
+        As `derive` does.
     """
     equations = derive(n)
     sympy, _ = sympy_and_mechanics()

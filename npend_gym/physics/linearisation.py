@@ -1,4 +1,4 @@
-"""The equations of motion linearised, exactly, about any state: NumPy, any leading axes."""
+"""The equations of motion linearised, exactly, about any state, for any leading axes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
 from npend_gym.physics.arguments import check_states, check_torque
-from npend_gym.physics.equations import inertia, mass_matrix
+from npend_gym.physics.equations import accelerations, inertia, mass_matrix
 
 
 class Linearisation(NamedTuple):
@@ -29,25 +29,25 @@ def linearise(
     torque: ArrayLike | None = None,
     joints: Sequence[int] = (0,),
 ) -> Linearisation:
-    r"""Return the first derivatives of d/dt (theta, omega) by state and torques.
+    r"""Return the derivatives of d/dt (theta, omega) with respect to the state and to torques.
 
     Parameters
     ----------
     chain : Chain
     theta, omega : array_like, shape (..., n)
         Angles [rad] and angular velocities [rad/s], at rest or in motion; one number stands for
-        all rods, and leading axes (instants of a trajectory, say) for as many states.
+        all rods, and leading axes (instants of a trajectory, say) stand for as many states.
     torque : float or array_like, shape (..., n), optional
         Torque on the joints [N m]: a number acts on joint 0, an array on every joint.
     joints : sequence of int
-        Joints whose torques are the inputs, one column of B each.
+        Joints whose torques are the inputs; B has a column for each.
 
     Returns
     -------
     A : ndarray, shape (..., 2n, 2n)
-        Derivative by (theta, omega).
+        Derivatives with respect to (theta, omega).
     B : ndarray, shape (..., 2n, len(joints))
-        Derivative by the torques [N m] on `joints`.
+        Derivatives with respect to the torques [N m] on `joints`.
 
     Raises
     ------
@@ -56,55 +56,54 @@ def linearise(
 
     Notes
     -----
-    The paper's system (its Eq. (eom)), row i times l_i, with damping, drag and torques, is
-    M alpha = f, ::
+    The paper's system (its Eq. (eom)), with row i multiplied by l_i, and with damping, drag and
+    torques, is M alpha = f, ::
 
         M = W * cos(D),  D_ij = theta_i - theta_j,  W_ij = l_i l_j sum_{k >= max(i, j)} m_k,
         f = Q - F omega - S omega^2 - g l mu sin(theta) + R,  S = W * sin(D),
 
-    the products being entry by entry. Differentiated along its solution alpha(theta, omega)::
+    where the products with W are entry by entry. Its solution alpha(theta, omega) comes from
+    `accelerations`. The system differentiated along this solution is::
 
         M dalpha/dtheta = diag(S alpha - M omega^2 - g l mu cos(theta))
                           - S diag(alpha) + M diag(omega^2) + dR/dtheta,
         M dalpha/domega = -2 S diag(omega) - F + dR/domega.
 
-    Drag is there with R_i = l_i n_i . sum_{k >= i} D_k, its force on bob k being
-    D_k = -(drag_k + quadratic_drag_k \|v_k\|) v_k, v_k = sum_{i <= k} l_i omega_i n_i.
+    Drag adds R_i = l_i n_i . sum_{k >= i} D_k, where D_k is its force on bob k,
+    D_k = -(drag_k + quadratic_drag_k \|v_k\|) v_k with v_k = sum_{i <= k} l_i omega_i n_i.
 
-    One factorisation of M gives all columns: O(n^3), as A has 2n^2 entries to fill.
+    One factorisation of M gives all columns, in O(n^3) operations.
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     theta, omega, torque = check_states(n, theta=theta, omega=omega, torque=check_torque(torque, n))
-    at_joint = np.eye(n) - np.eye(n, k=1)  # column j: torque on joint j turns rod j, and j-1 back
+    at_joint = np.eye(n) - np.eye(n, k=1)  # column j: torque on joint j acts on rods j and j - 1
     damping = at_joint * chain.damping @ at_joint.T
     mass = mass_matrix(chain, theta)
     gyro = inertia(chain) * np.sin(theta[..., :, None] - theta[..., None, :])
-    lift = chain.gravity * chain.lengths * chain.carried_masses
+    stiffness = chain.gravity * chain.lengths * chain.carried_masses * np.cos(theta)
+    alpha, square = accelerations(chain, theta, omega, torque), omega**2
 
-    square = omega**2
-    resistance, resistance_by_theta, resistance_by_omega = (
-        _drag(chain, theta, omega) if chain.has_drag else (0.0, 0.0, 0.0)
-    )
-    drive = torque @ at_joint.T - omega @ damping - _apply(gyro, square) - lift * np.sin(theta)
-    drive = drive + resistance
-    alpha = _solve(mass, drive[..., None])[..., 0]
-    diagonal = _apply(gyro, alpha) - _apply(mass, square) - lift * np.cos(theta)
+    diagonal = _apply(gyro, alpha) - _apply(mass, square) - stiffness
     by_theta = diagonal[..., None] * np.eye(n) - gyro * alpha[..., None, :]
-    by_theta += mass * square[..., None, :] + resistance_by_theta
-    by_omega = -2.0 * gyro * omega[..., None, :] - damping + resistance_by_omega
+    by_theta += mass * square[..., None, :]
+    by_omega = -2.0 * gyro * omega[..., None, :] - damping
+    if chain.has_drag:
+        drag_by_theta, drag_by_omega = _drag_derivatives(chain, theta, omega)
+        by_theta, by_omega = by_theta + drag_by_theta, by_omega + drag_by_omega
     columns = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
     by_torque = np.broadcast_to(at_joint[:, columns], (*theta.shape, len(columns)))
-    solved = _solve(mass, np.concatenate([by_theta, by_omega, by_torque], axis=-1))
+    right_sides = np.concatenate([by_theta, by_omega, by_torque], axis=-1)
+    solved = np.linalg.solve(mass, right_sides).astype(np.float64, copy=False)
 
-    top = np.broadcast_to(np.eye(n, solved.shape[-1], k=n), solved.shape)
-    whole = np.concatenate([top, solved], axis=-2)
+    of_theta = np.broadcast_to(np.eye(n, solved.shape[-1], k=n), solved.shape)  # theta' = omega
+    whole = np.concatenate([of_theta, solved], axis=-2)
     return Linearisation(whole[..., : 2 * n], whole[..., 2 * n :])
 
 
-def _drag(
+def _drag_derivatives(
     chain: Chain, theta: FloatArray, omega: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the generalised forces R of drag, and their derivatives by theta and by omega."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return dR/dtheta and dR/domega of the generalised forces R of drag, (..., n, n) each."""
     l = chain.lengths[:, None]
     along = l * np.stack([np.sin(theta), -np.cos(theta)], axis=-1)  # l e, (..., n, 2)
     across = l * np.stack([np.cos(theta), np.sin(theta)], axis=-1)  # l n
@@ -116,20 +115,16 @@ def _drag(
     growth = (factor - chain.drag[:, None]) * direction
     by_velocity = factor[..., None] * np.eye(2) + growth[..., None] * direction[..., None, :]
 
-    force = above.T @ (factor * velocity)  # on the bobs that hang on each rod, backwards
-    # bob k by rods i and j: what the force on it does to rod i where rod j moves it
+    # How rod j, which moves bob k, changes the force of bob k on rod i
     to_bobs = above[..., None] * across[..., None, :, :]  # dv_k/domega_i, (..., k, i, 2)
-    pushed = np.einsum("...kia,...kab->...kib", to_bobs, by_velocity)
-    by_omega = -np.einsum("...kib,...kjb->...ij", pushed, to_bobs)
-    # dn/dtheta = -e: a turned rod turns the velocity that it gives the bobs, and its own share
+    on_rods = np.einsum("...kia,...kab->...kib", to_bobs, by_velocity)
+    by_omega = -np.einsum("...kib,...kjb->...ij", on_rods, to_bobs)
+    # Turning a rod turns the velocity that it gives the bobs, and its own lever: dn/dtheta = -e
     turned = above[..., None] * (along * omega[..., None])[..., None, :, :]
-    by_theta = np.einsum("...kib,...kjb->...ij", pushed, turned)
+    by_theta = np.einsum("...kib,...kjb->...ij", on_rods, turned)
+    force = above.T @ (factor * velocity)  # minus the drag of all bobs that hang on each rod
     by_theta += np.sum(force * along, axis=-1)[..., None] * np.eye(chain.n)
-    return -np.sum(force * across, axis=-1), by_theta, by_omega
-
-
-def _solve(matrices: FloatArray, columns: FloatArray) -> FloatArray:
-    return np.linalg.solve(matrices, columns).astype(np.float64, copy=False)
+    return by_theta, by_omega
 
 
 def _apply(matrices: FloatArray, vectors: FloatArray) -> FloatArray:

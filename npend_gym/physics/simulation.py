@@ -48,28 +48,29 @@ def simulate(
     ----------
     chain : Chain
     theta, omega : array_like, shape (n,)
-        Angles [rad] and angular velocities [rad/s] at ``times[0]``; one number stands for all.
+        Angles [rad] and angular velocities [rad/s] at ``times[0]``; one number stands for all
+        rods.
     times : array_like, shape (T,)
         Instants at which the state is wanted [s], increasing.
     torque : float or array_like, shape (n,), optional
         Constant torque [N m]: a number acts on joint 0, an array on every joint.
     pivot_acceleration : array_like, shape (2,), optional
-        Constant acceleration of the pivot [m/s^2], sideways and up. A motion that depends on time
-        is made of segments: one call for each, begun with the last ``theta[-1]`` and
-        ``omega[-1]``; the error of taking the mean acceleration of each falls with the square of
-        their length.
+        Constant acceleration of the pivot [m/s^2], sideways and up. Where it depends on time,
+        call `simulate` once for each segment of time, from the ``theta[-1]`` and ``omega[-1]`` of
+        the last call. With the mean acceleration of each segment, the error decreases as the
+        square of their length.
     cart_mass : float, optional
         Mass [kg] of a cart that carries the pivot along a horizontal rail without friction; see
         `Trajectory.cart`. The rail bears the reaction of a torque at joint 0.
     force : float
-        Constant horizontal force [N] on the cart; one that depends on time in segments, as above.
+        Constant horizontal force [N] on the cart. Where it depends on time, use segments, as above.
     method : {"dop853", "rk4"}
-        "dop853": order 8(5,3), its step chosen to meet `rtol` and `atol`. "rk4": order 4, equal
-        steps, the fewest between two times that are no longer than `dt`.
+        "dop853": order 8(5,3), with steps chosen to meet `rtol` and `atol`. "rk4": order 4, with
+        equal steps between two times, as few as possible but none longer than `dt`.
     rtol, atol : float
         Relative and absolute tolerance of each step (for "dop853").
     dt : float, optional
-        Longest step [s] (for "rk4", and needed there).
+        Longest step [s] (for "rk4", which requires it).
 
     Returns
     -------
@@ -85,9 +86,9 @@ def simulate(
     Notes
     -----
     The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, see
-    `npend_gym.physics.kernels.dynamics`; docs/extensions.md has what drag and a moving pivot add to
-    them. Chains with drag want a pivot at rest: elsewhere the drag would depend on the pivot's
-    velocity too. Results are the same bits on every machine.
+    `npend_gym.physics.accelerations`; docs/extensions.md says what drag and a moving pivot add to
+    them. A chain with drag needs a pivot at rest, because drag depends on the velocity of the
+    pivot too. Results are the same bits on every machine.
     """
     n = check_chain(chain).n
     theta = _checks.vector("theta", theta, n)
