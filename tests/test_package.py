@@ -5,13 +5,13 @@ import json
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.compiled import notice
 from npend_gym.compiled.jit import cache_folder
@@ -94,12 +94,14 @@ def test_without_the_extras_each_command_works_or_names_the_one_it_needs(
         assert f'pip install "npend-gym[{extra}]"' in error
 
 
-def test_every_public_name_is_there():
-    for name in npend_gym.__all__:
-        assert getattr(npend_gym, name) is not None
-    assert set(dir(npend_gym)) == set(npend_gym.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
-        npend_gym.simulat  # noqa: B018
+@pytest.mark.parametrize("face", ["npend_gym", "npend_gym.physics", "npend_gym.envs"])
+def test_every_public_name_of_a_face_is_there(face):
+    package = import_module(face)
+    for name in package.__all__:
+        assert getattr(package, name) is not None
+    assert set(dir(package)) == set(package.__all__)
+    with pytest.raises(AttributeError, match=f"module '{face}' has no attribute 'simulat'"):
+        package.simulat  # noqa: B018
 
 
 def test_machine_code_is_kept_apart_for_every_state_of_the_sources(tmp_path):
