@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.experiments.draws import starts
 from npend_gym.period import READINGS, pseudo_periods
 
 PAPER_N = (5, 10, 20, 100)
@@ -38,7 +39,8 @@ class Release:
         A trial starts at rest with all rods at `amplitude` plus one draw, common to all rods, from
         [0, spread) [rad].
     seed : int
-        Seed of the draws. A trial's draw depends on seed, n and trial alone.
+        Seed of the draws: trial t, counted from 1, is what mode "passive" of the environment
+        draws with the seed `seed` + t - 1, for every n.
     duration : float, optional
         Window [s]; by default long enough for every bob.
     reading : str
@@ -94,20 +96,14 @@ class Release:
 
     def runs(self) -> list[_Planned]:
         """Return (n, trial, starting angle [rad]) of every run, trials counted from 1."""
-        return [
-            (n, trial, self.amplitude + self.spread * self._draw(n, trial))
-            for n in self.n_values
-            for trial in range(1, self.trials + 1)
-        ]
+        angles = starts(self.seed, 0, self.trials, self.amplitude, self.spread).tolist()
+        return [(n, trial, angle) for n in self.n_values for trial, angle in enumerate(angles, 1)]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields as plain numbers, lists and texts, for a manifest."""
         listed = ("n_values", "masses", "lengths")
         values = asdict(self)
         return values | {name: np.asarray(values[name]).tolist() for name in listed}
-
-    def _draw(self, n: int, trial: int) -> float:
-        return float(np.random.default_rng([self.seed, n, trial]).random())
 
 
 @dataclass(frozen=True)

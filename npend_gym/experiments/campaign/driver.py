@@ -22,7 +22,7 @@ from npend_gym.experiments.campaign.folder import (
     write_plan,
 )
 from npend_gym.experiments.campaign.journal import Journal, Record
-from npend_gym.experiments.campaign.measuring import Unwritten, carry_out, cell_key
+from npend_gym.experiments.campaign.measuring import Unwritten, carry_out
 from npend_gym.experiments.campaign.parts import write_cells
 from npend_gym.experiments.campaign.plan import Plan, Task
 
@@ -108,8 +108,7 @@ class Campaign:
         try:
             if not self._known:
                 write_plan(self.plan, self.out)
-            keys = [cell_key(self.plan.cell(k)).hex() for k in range(self.plan.cells)]
-            write_cells(self.plan, self.out / CELLS, keys)
+            write_cells(self.plan, self.out / CELLS)
             self.found = inspect(self.plan, self.out, clean=True)
         except OSError as error:
             raise DiskError(f"{self.out} cannot be written to: {error.strerror}") from error

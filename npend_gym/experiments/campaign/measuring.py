@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,16 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.random import Philox, SeedSequence
 
 from npend_gym._checks import FloatArray
+from npend_gym.experiments import draws
 from npend_gym.experiments.campaign.journal import Record
 from npend_gym.experiments.campaign.parts import write_parts
 from npend_gym.experiments.campaign.plan import Plan, Task
 from npend_gym.experiments.release import Release
 from npend_gym.period import pseudo_periods
-
-_WORDS = 4  # 64-bit words that Philox makes at each count: what one release may draw
 
 
 @dataclass(frozen=True)
@@ -59,8 +55,9 @@ def measured(plan: Plan, task: Task) -> tuple[FloatArray, FloatArray]:
         for cell in group:
             base = (cells.start + len(starts)) * trials
             first, last = max(task.first, base) - base, min(task.last, base + trials) - base
-            draws = uniform(plan.seed, cell, first, last - first)
-            angles.append(cell["amplitude"] + cell["spread"] * draws)
+            angles.append(
+                draws.starts(plan.seed, first, last - first, cell["amplitude"], cell["spread"])
+            )
             starts.append(angles[-1])
         periods.append(_periods(dict(physics), np.concatenate(angles), plan.duration))
     return np.concatenate(starts), np.concatenate(periods)
@@ -76,20 +73,3 @@ def _periods(physics: dict[str, Any], angles: FloatArray, duration: float | None
     chain = Release(n_values=(n,), **physics).chain(n)
     theta = np.repeat(angles[:, None], n, axis=1)
     return pseudo_periods(chain, theta, reading=reading, duration=duration)
-
-
-def cell_key(cell: Mapping[str, Any]) -> bytes:
-    """Return 16 bytes that stand for the values of a cell, the same in every plan."""
-    return hashlib.sha256(json.dumps(dict(cell), sort_keys=True).encode()).digest()[:16]
-
-
-def uniform(seed: int, cell: Mapping[str, Any], first: int, count: int) -> FloatArray:
-    """Return the draw from [0, 1) of the trials `first` (from 0) to `first` + `count` - 1.
-
-    Each release has a stream of its own: Philox is a function of a key, here of the seed and the
-    cell, and of a counter, here the trial.
-    """
-    words = np.frombuffer(cell_key(cell), dtype="<u4").tolist()
-    key = SeedSequence(seed, spawn_key=words).generate_state(2, np.uint64)
-    raw = Philox(key=key, counter=first).random_raw(_WORDS * count)[::_WORDS]
-    return (raw >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -102,11 +102,11 @@ def sha256(path: Path) -> str | None:
         return None
 
 
-def write_cells(plan: Plan, path: Path, keys: Sequence[str]) -> None:
+def write_cells(plan: Plan, path: Path) -> None:
     """Write what every cell number stands for, with the models' periods [s]."""
     cells = [plan.cell(index) for index in range(plan.cells)]
     chains = [_chain_columns(*(cell[name] for name in _CHAIN)) for cell in cells]
-    columns: dict[str, Any] = {"cell": np.arange(plan.cells), "key": keys}
+    columns: dict[str, Any] = {"cell": np.arange(plan.cells)}
     columns |= {name: [row[name] for row in chains] for name in chains[0]}
     columns |= {
         "reading": [cell["reading"] for cell in cells],

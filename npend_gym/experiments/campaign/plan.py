@@ -59,8 +59,8 @@ class Plan:
     trials : int
         Releases of each cell, a cell being one combination.
     seed : int
-        Seed of the draws. A release's draw depends on the seed, the values of its cell and its
-        trial alone: not on the rest of the plan, the batch, the workers or the order.
+        Seed of the draws. A trial's draw depends on `seed` plus its number alone, as in
+        `npend_gym.experiments.release`: not on the cell, the batch, the workers or the order.
     duration : float, optional
         Window [s]; by default long enough for every bob.
     batch : int, optional

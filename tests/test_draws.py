@@ -1,0 +1,52 @@
+"""One draw of a trial: `npend release`, `npend campaign` and mode "passive" start alike."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from npend_gym.experiments.campaign.measuring import measured
+from npend_gym.experiments.campaign.plan import Plan
+from npend_gym.experiments.draws import starts
+from npend_gym.experiments.release import Release
+
+
+@given(st.integers(0, 2**63 - 1), st.integers(0, 10**12))
+@example(0, 0)
+@example(2**32 - 2, 0)
+@example(2**63 - 1, 10**12)
+def test_the_draws_are_those_of_numpy_generators_of_successive_seeds(seed, first):
+    expected = [np.random.Generator(np.random.PCG64(seed + first + k)).random() for k in range(3)]
+    np.testing.assert_array_equal(starts(seed, first, 3, 0.0, 1.0), expected)
+
+
+def test_a_hundred_thousand_draws_are_those_of_numpy():
+    found = starts(5, 0, 100_000, 0.7, 0.017)
+    for k in (0, 1, 65_535, 65_536, 99_999):
+        assert found[k] == 0.7 + 0.017 * np.random.Generator(np.random.PCG64(5 + k)).random()
+
+
+def test_draws_are_uniform_and_unrelated():
+    draws = starts(0, 0, 100_000, 0.0, 1.0)
+    assert 0.0 <= draws.min() < draws.max() < 1.0
+    # Kolmogorov-Smirnov at 1e-3, and the correlation of neighbours at 4 sigma
+    order = np.abs(np.sort(draws) - np.linspace(0.0, 1.0, draws.size)).max()
+    assert order < 1.95 / np.sqrt(draws.size)
+    assert abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 4.0 / np.sqrt(draws.size)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_release_campaign_and_environments_start_every_trial_alike(n):
+    seed, trials = 40, 4
+    env = gym.make("NPendulum-v0", n=n, mode="passive", amplitude=0.6, spread=0.02)
+    single = [env.reset(seed=seed + t)[1]["theta"][0] for t in range(trials)]
+    lanes = gym.make_vec(
+        "NPendulum-v0", num_envs=trials, n=n, mode="passive", amplitude=0.6, spread=0.02
+    )
+    vector = lanes.reset(seed=seed)[1]["theta"][:, 0].tolist()
+    release = Release(n_values=[n], trials=trials, amplitude=0.6, spread=0.02, seed=seed)
+    plan = Plan(n=n, trials=trials, amplitude=0.6, spread=0.02, seed=seed)
+    (task,) = plan.tasks()
+    assert single == vector == [start for _, _, start in release.runs()]
+    assert measured(plan, task)[0].tolist() == single
