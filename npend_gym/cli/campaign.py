@@ -67,7 +67,7 @@ _OPTIONS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend campaign`."""
     text = "a TOML, YAML or JSON file with any of the values below, by name; options go before it"
-    parser.add_argument("plan", type=Path, nargs="?", metavar="FILE", help=text)
+    parser.add_argument("plan", type=Path, nargs="?", default=None, metavar="FILE", help=text)
     text = "folder of the results; a cluster's machines must share it"
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=text)
     for name, kind, placeholder, text in _OPTIONS:
@@ -96,9 +96,10 @@ def _plan(options: dict[str, Any]) -> Plan | None:
     from npend_gym.experiments.campaign import Plan
     from npend_gym.experiments.campaign.plan_file import read_plan_file
 
-    values = read_plan_file(options["plan"]) if "plan" in options else {}
+    path: Path | None = options["plan"]
+    values = {} if path is None else read_plan_file(path)
     values |= {name: options[name] for name, *_ in _OPTIONS if name in options}
-    return Plan.of(values) if values or "plan" in options else None
+    return Plan.of(values) if values or path is not None else None
 
 
 def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int:
