@@ -26,7 +26,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym._machine import machine
 from npend_gym.report.outputs import write_csv
-from npend_gym.rl.adapter import SB3VecEnv
+from npend_gym.rl import SB3VecEnv
 
 COUNT = 64
 TASK = {"n": 2, "mode": "swingup", "observation": "sincos", "max_episode_steps": 200}

@@ -85,7 +85,7 @@ def _episode(
 ) -> Recording:
     """Record an episode that a policy controls, given by its name or its file."""
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
-    from npend_gym.rl.policies import Policy, pretrained_names
+    from npend_gym.rl import Policy, pretrained_names
 
     if inapplicable:
         raise ValueError(
@@ -96,14 +96,14 @@ def _episode(
     if policy not in names and not Path(policy).is_file():
         raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {policy}")
     loaded = Policy.pretrained(policy) if policy in names else Policy.load(Path(policy))
-    if "env" not in loaded.provenance:
+    if not loaded.env:
         raise ValueError(
             f'{policy} must have a .json file beside it whose "env" holds the keywords of the '
             "environment"
         )
     return record_episode(
         loaded,
-        loaded.provenance["env"],
+        loaded.env,
         seed=seed,
         seconds=DEFAULT_SECONDS if duration is None else duration,
         name=Path(policy).stem,

@@ -10,9 +10,16 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+
+from npend_gym import _extras
+
+try:
+    from stable_baselines3.common.monitor import Monitor
+    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+except ImportError as error:
+    purpose = "vector environments for Stable-Baselines3"
+    raise _extras.missing("stable_baselines3", "rl", purpose, error) from error
 
 Array = NDArray[Any]
 
@@ -21,21 +28,22 @@ class SB3VecEnv(VecEnv):
     """A Gymnasium vector environment for the algorithms of Stable-Baselines3.
 
     ``PPO("MlpPolicy", SB3VecEnv(gym.make_vec("NPendulum-v0", num_envs=64,
-    autoreset_mode="SAME_STEP")))``. Infos tell the end of an episode as SB3 wants it, and its
-    statistics as its `VecMonitor` gives them, so that no other wrapper is needed.
+    autoreset_mode="SAME_STEP")))``. The infos report the end of an episode in SB3's form, and its
+    statistics as SB3's `VecMonitor` does, so no other wrapper is needed.
 
     Parameters
     ----------
     venv : gymnasium.vector.VectorEnv
-        In the autoreset mode SAME_STEP, which is SB3's own.
+        With the autoreset mode SAME_STEP, which SB3 assumes.
     info_keys : sequence of str
-        Keys of the infos that are passed on in every step. An episode's last info is passed on
-        whole; a dict for every lane with all keys in every step would take longer than the step.
+        Keys of the info that are passed on in every step. The last info of an episode is passed
+        on bare. To pass on all keys in every step, as one dict for every environment, would take
+        longer than the step itself.
 
     Raises
     ------
     ValueError
-        If `venv` resets in another way.
+        If `venv` has another autoreset mode.
     """
 
     def __init__(self, venv: VectorEnv[Any, Any, Any], info_keys: Sequence[str] = ()) -> None:
@@ -50,49 +58,49 @@ class SB3VecEnv(VecEnv):
         self._actions: Array | None = None
         self._returns = np.zeros(venv.num_envs)
         self._lengths = np.zeros(venv.num_envs, np.int64)
-        self._begun = time.time()
+        self._start_time = time.time()
         super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
 
     def reset(self) -> Any:
-        """Begin all episodes, with the seeds and options set by `seed` and `set_options`."""
+        """Start all episodes, with the seeds and options set by `seed` and `set_options`."""
         options = self._merged_options()
         seed: Any = None if all(s is None for s in self._seeds) else list(self._seeds)
         observation, info = self.venv.reset(seed=seed, options=options or None)
-        self.reset_infos = [_lane(info, k) for k in range(self.num_envs)]
+        self.reset_infos = [_lane_info(info, k) for k in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
         return observation
 
     def step_async(self, actions: Array) -> None:
-        """Remember the actions."""
+        """Keep the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, Array, Array, list[dict[str, Any]]]:
         """Return observations, float32 rewards, dones and a dict of infos for every lane."""
         observation, reward, terminated, truncated, info = self.venv.step(self._actions)
         done: Array = terminated | truncated
-        infos, final = self._chosen(info), info.get("final_info", {})
+        infos, final = self._selected(info), info.get("final_info", {})
         self._returns += reward
         self._lengths += 1
         for lane in np.flatnonzero(done).tolist():
-            last = _lane(final, lane)
+            last = _lane_info(final, lane)
             if "success" in last:
-                last["is_success"] = last["success"]  # SB3 logs the rate of what has this name
+                last["is_success"] = last["success"]  # the key whose rate SB3 logs
             infos[lane] |= last | {
                 "terminal_observation": info["final_obs"][lane],
                 "TimeLimit.truncated": bool(truncated[lane] and not terminated[lane]),
                 "episode": {
                     "r": float(self._returns[lane]),
                     "l": int(self._lengths[lane]),
-                    "t": round(time.time() - self._begun, 6),
+                    "t": round(time.time() - self._start_time, 6),
                 },
             }
         self._returns[done], self._lengths[done] = 0.0, 0
         return observation, reward.astype(np.float32), done, infos
 
-    def _chosen(self, info: dict[str, Any]) -> list[dict[str, Any]]:
-        """Return a new dict for every lane with the keys that are to be passed on."""
+    def _selected(self, info: dict[str, Any]) -> list[dict[str, Any]]:
+        """Return a new dict for every lane with the keys that are passed on in every step."""
         if not self.info_keys:
             return [{} for _ in range(self.num_envs)]
         columns = [info[key] for key in self.info_keys]
@@ -115,28 +123,28 @@ class SB3VecEnv(VecEnv):
         pictures: Any = self.venv.render()
         return pictures or ()
 
-    # -- parts of single environments, where there are any; a native vector env is one object -----
+    # -- SB3 asks single environments for these; a native vector environment is one object --------
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the chosen environments; if native, that of the whole for each."""
-        lanes, whole = self._chosen_lanes(indices)
-        if hasattr(whole, "get_attr"):
-            values = whole.get_attr(attr_name)
+        """Return an attribute of the chosen environments; native ones share it."""
+        lanes, bare = self._chosen_lanes(indices)
+        if hasattr(bare, "get_attr"):
+            values = bare.get_attr(attr_name)
             return [values[lane] for lane in lanes]
-        holder = self.venv if hasattr(self.venv, attr_name) else whole
+        holder = self.venv if hasattr(self.venv, attr_name) else bare
         return [getattr(holder, attr_name)] * len(lanes)
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the chosen environments; if native, all must be chosen."""
-        lanes, whole = self._chosen_lanes(indices)
-        if hasattr(whole, "set_attr"):
+        """Set an attribute of the chosen environments; native ones only all at once."""
+        lanes, bare = self._chosen_lanes(indices)
+        if hasattr(bare, "set_attr"):
             values = self.get_attr(attr_name)
             for lane in lanes:
                 values[lane] = value
-            whole.set_attr(attr_name, values)
+            bare.set_attr(attr_name, values)
             return
         self._refuse_some(lanes, "attribute")
-        setattr(whole, attr_name, value)
+        setattr(bare, attr_name, value)
 
     def env_method(
         self,
@@ -145,12 +153,12 @@ class SB3VecEnv(VecEnv):
         indices: VecEnvIndices = None,
         **method_kwargs: Any,
     ) -> list[Any]:
-        """Call a method of the environments; a native one is called once, for all of them."""
-        lanes, whole = self._chosen_lanes(indices)
+        """Call a method of all environments; native ones share one call."""
+        lanes, bare = self._chosen_lanes(indices)
         self._refuse_some(lanes, "method")
-        if hasattr(whole, "call"):
-            return list(whole.call(method_name, *method_args, **method_kwargs))
-        holder = self.venv if hasattr(self.venv, method_name) else whole
+        if hasattr(bare, "call"):
+            return list(bare.call(method_name, *method_args, **method_kwargs))
+        holder = self.venv if hasattr(self.venv, method_name) else bare
         return [getattr(holder, method_name)(*method_args, **method_kwargs)] * len(lanes)
 
     def env_is_wrapped(
@@ -160,7 +168,7 @@ class SB3VecEnv(VecEnv):
         return [issubclass(wrapper_class, Monitor)] * len(self._chosen_lanes(indices)[0])
 
     def _chosen_lanes(self, indices: VecEnvIndices) -> tuple[list[int], Any]:
-        """Return the lanes meant and the bare vector environment."""
+        """Return the chosen lanes and the vector environment without its wrappers."""
         return list(self._get_indices(indices)), self.venv.unwrapped
 
     def _refuse_some(self, lanes: list[int], what: str) -> None:
@@ -168,12 +176,12 @@ class SB3VecEnv(VecEnv):
             raise ValueError(f"indices must be all environments or None: they share the {what}")
 
 
-def _lane(info: Any, lane: int) -> dict[str, Any]:
-    """Return what a vector env's info says of one lane; numbers as Python's own."""
-    said: dict[str, Any] = {}
-    for key, value in info.items():
-        if key.startswith("_") or not info[f"_{key}"][lane]:
+def _lane_info(infos: Any, lane: int) -> dict[str, Any]:
+    """Return the info of one lane from that of a vector environment, as Python's own numbers."""
+    info: dict[str, Any] = {}
+    for key, value in infos.items():
+        if key.startswith("_") or not infos[f"_{key}"][lane]:
             continue
-        entry = _lane(value, lane) if isinstance(value, dict) else value[lane]
-        said[key] = entry.item() if isinstance(entry, np.generic) else entry
-    return said
+        entry = _lane_info(value, lane) if isinstance(value, dict) else value[lane]
+        info[key] = entry.item() if isinstance(entry, np.generic) else entry
+    return info

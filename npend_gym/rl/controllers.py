@@ -1,4 +1,4 @@
-"""Controllers that know the equations: the yardsticks for what is learned."""
+"""Controllers that know the equations of motion: the references for what is learned."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
 
-Info = dict[str, Any]
 
-
-def sampled(config: EnvConfig, angle: float) -> tuple[FloatArray, FloatArray]:
-    """Return the linear map of one step about the chain at rest, all rods at `angle` [rad].
+def discretise(config: EnvConfig, angle: float) -> tuple[FloatArray, FloatArray]:
+    """Return the linear map of one environment step about rest with all rods at `angle` [rad].
 
     Returns
     -------
     A : ndarray, shape (2n, 2n)
+        Derivative of the next state (theta, omega) by the state.
     B : ndarray, shape (2n, joints)
-        By the actions, torques over their limit, which last for the step: the exponential of
-        dt [[A, B], [0, 0]] has both.
+        Derivative of the next state by the actions, which are held during the step (zero-order
+        hold): the exponential of dt [[A, B], [0, 0]] contains both matrices.
     """
     n, joints = config.chain.n, config.joints.tolist()
     rates = linearise(config.chain, angle, joints=joints)
@@ -37,110 +36,124 @@ def sampled(config: EnvConfig, angle: float) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class StateFeedback:
-    """Actions -K (theta - angle, omega), angles by the shortest way round."""
+    """Linear feedback: the actions are -gain (theta - angle, omega), angles wrapped."""
 
     angle: float  # rad
-    gain: FloatArray  # K, (joints, 2n)
+    gain: FloatArray  # (joints, 2n)
 
-    def __call__(self, observation: Any, info: Info) -> FloatArray:
+    def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions, shape (B, joints)."""
         del observation
-        return -self.state(info) @ self.gain.T
+        return -self.deviation(info) @ self.gain.T
 
-    def state(self, info: Info) -> FloatArray:
-        """Return the deviations, shape (B, 2n)."""
+    def deviation(self, info: dict[str, Any]) -> FloatArray:
+        """Return the deviations (theta - angle, omega), angles in [-pi, pi), shape (B, 2n)."""
         theta: FloatArray = info["theta"]
-        away = np.remainder(theta - self.angle + np.pi, 2.0 * np.pi) - np.pi
-        return np.concatenate([away, info["omega"]], axis=-1)
+        wrapped = np.remainder(theta - self.angle + np.pi, 2.0 * np.pi) - np.pi
+        return np.concatenate([wrapped, info["omega"]], axis=-1)
 
 
-def lqr(config: EnvConfig, angle: float = np.pi, effort: float = 1.0) -> StateFeedback:
-    """Return the linear-quadratic regulator of a chain at rest with all rods at `angle`.
+def lqr(config: EnvConfig, angle: float = np.pi, action_weight: float = 1.0) -> StateFeedback:
+    """Return the linear-quadratic regulator about rest with all rods at `angle`.
 
-    It minimises the sum over steps of the squares of theta - angle, of omega (times l/g, l being
-    the mean rod) and of the actions (times `effort`).
+    It minimises the sum over all steps of (theta - angle)^2 + (l / g) omega^2, added up over the
+    rods, plus `action_weight` times the squared actions; l is the mean length of the rods.
+
+    Parameters
+    ----------
+    config : EnvConfig
+        Of the environment: ``gym.make("NPendulum-v0", ...).unwrapped.config``.
+    angle : float
+        0 for hanging, pi for upright [rad].
+    action_weight : float
+        Weight of the squared actions.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the equilibrium cannot be stabilised by the actuated joints.
+        If the actuated joints cannot stabilise this equilibrium.
     """
-    return StateFeedback(angle, riccati(config, angle, effort)[0])
+    return StateFeedback(angle, riccati(config, angle, action_weight)[0])
 
 
-def riccati(config: EnvConfig, angle: float, effort: float) -> tuple[FloatArray, FloatArray]:
-    """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): from x on it costs x S x."""
-    a, b = sampled(config, angle)
-    q = running_cost(config)
-    r = effort * np.eye(b.shape[1])
+def riccati(config: EnvConfig, angle: float, action_weight: float) -> tuple[FloatArray, FloatArray]:
+    """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): the cost from x on is x S x."""
+    a, b = discretise(config, angle)
+    q = state_weights(config)
+    r = action_weight * np.eye(b.shape[1])
     s = np.asarray(solve_discrete_are(a, b, q, r), np.float64)
     gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
     return np.asarray(gain, np.float64), s
 
 
-def running_cost(config: EnvConfig) -> FloatArray:
-    """Return the weights of `lqr` on deviations, (2n, 2n)."""
-    return np.diag(np.repeat([1.0, _pace(config) ** 2], config.chain.n))
+def state_weights(config: EnvConfig) -> FloatArray:
+    """Return the weights of `lqr` on the deviations, a diagonal matrix (2n, 2n)."""
+    return np.diag(np.repeat([1.0, _time_scale(config) ** 2], config.chain.n))
 
 
-def _pace(config: EnvConfig) -> float:
-    """Return sqrt(l/g) [s], l the mean rod."""
+def _time_scale(config: EnvConfig) -> float:
+    """Return sqrt(l / g) [s], where l is the mean length of the rods."""
     return float(np.sqrt(config.chain.lengths.mean() / config.chain.gravity))
 
 
-def damper(config: EnvConfig) -> StateFeedback:
-    """Return the viscous brake by a motor at the base that damps the slowest of all modes best.
+def modal_damping(config: EnvConfig) -> StateFeedback:
+    """Return a viscous brake by the first motor that damps the slowest mode as fast as possible.
 
-    Its strength is the one with the smallest spectral radius of a step of the linear system about
-    hanging at rest. A brake takes energy out of every mode of the chain; too strong, it holds the
-    upper rod still and the others swing on.
+    Its strength minimises the spectral radius of a step of the linear system about hanging at
+    rest. A brake takes energy out of every mode of the chain; a brake that is too strong holds the
+    upper rod still while the others continue to swing.
     """
-    a, b = sampled(config, 0.0)
-    rate = np.zeros((b.shape[1], a.shape[0]))
-    rate[0, config.chain.n] = 1.0
+    a, b = discretise(config, 0.0)
+    gain = np.zeros((b.shape[1], a.shape[0]))
+    gain[0, config.chain.n] = 1.0
 
-    def slowest(log_strength: float) -> float:
-        closed = a - b @ (math.exp(log_strength) * rate)
-        return float(np.abs(np.linalg.eigvals(closed)).max())
+    def spectral_radius(log_strength: float) -> float:
+        closed_loop = a - b @ (math.exp(log_strength) * gain)
+        return float(np.abs(np.linalg.eigvals(closed_loop)).max())
 
     grid = np.linspace(-8.0, 4.0, 121)
-    start = min(grid.tolist(), key=slowest)
-    best: Any = minimize_scalar(slowest, bounds=(start - 0.1, start + 0.1), method="bounded")
-    return StateFeedback(0.0, math.exp(best.x) * rate)
+    start = min(grid.tolist(), key=spectral_radius)
+    best: Any = minimize_scalar(
+        spectral_radius, bounds=(start - 0.1, start + 0.1), method="bounded"
+    )
+    return StateFeedback(0.0, math.exp(best.x) * gain)
 
 
 @dataclass(frozen=True)
-class SwingUp:
-    """Pump energy at the base until it suffices to stand, and catch the chain near upright.
+class EnergySwingUp:
+    """Swing-up by energy shaping: pump energy at the base, then balance by LQR near upright.
 
-    The torque works with rod 0 while energy is missing and against it where there is too much,
-    action = pump (1 - energy / needed) omega_0 sqrt(l/g). Where the regulator's cost of the state
-    is below `reach`, it takes over.
+    While energy is missing the torque acts in the direction in which rod 0 turns, and against it
+    where there is too much: action = pump_gain (1 - energy / upright_energy) omega_0 time_scale.
+    The regulator takes over where its cost of the state is below `catch_cost`.
     """
 
-    catch: StateFeedback
-    cost: FloatArray  # S, (2n, 2n)
-    needed: float  # J
-    pace: float  # s
-    pump: float
-    reach: float
+    balance: StateFeedback
+    cost: FloatArray  # S of `riccati`, (2n, 2n)
+    upright_energy: float  # above hanging at rest [J]
+    time_scale: float  # s
+    pump_gain: float
+    catch_cost: float
 
-    def __call__(self, observation: Any, info: Info) -> FloatArray:
+    def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions, shape (B, 1)."""
-        x = self.catch.state(info)
+        x = self.balance.deviation(info)
         omega: FloatArray = info["omega"]
         energy: FloatArray = info["energy"]
-        pumped = self.pump * (1.0 - energy / self.needed) * omega[:, 0] * self.pace
-        near = np.sum(x @ self.cost * x, axis=1) < self.reach
-        return np.where(near[:, None], self.catch(observation, info), pumped[:, None])
+        missing = 1.0 - energy / self.upright_energy
+        pump = self.pump_gain * missing * omega[:, 0] * self.time_scale
+        near = np.sum(x @ self.cost * x, axis=1) < self.catch_cost
+        return np.where(near[:, None], self.balance(observation, info), pump[:, None])
 
 
-def swing_up(config: EnvConfig, pump: float = 30.0, reach: float = 15.0) -> SwingUp:
-    """Return energy-shaping swing-up followed by `lqr`, for a motor at the base.
+def energy_swing_up(
+    config: EnvConfig, pump_gain: float = 30.0, catch_cost: float = 15.0
+) -> EnergySwingUp:
+    """Return a swing-up by energy shaping followed by `lqr`, for a motor at the base.
 
-    The defaults did best for n = 2 among pumps of 3 to 100 and reaches of 5 to 50, in 200 episodes
-    of the seeds from 0 on.
+    The defaults did best for n = 2 among gains of 3 to 100 and costs of 5 to 50, in the 200
+    episodes of the seeds 0 to 199.
     """
-    gain, cost = riccati(config, np.pi, effort=1.0)
-    catch, needed = StateFeedback(np.pi, gain), config.chain.lifting_energy
-    return SwingUp(catch, cost, needed, _pace(config), pump, reach)
+    gain, cost = riccati(config, np.pi, action_weight=1.0)
+    balance, upright_energy = StateFeedback(np.pi, gain), config.chain.lifting_energy
+    return EnergySwingUp(balance, cost, upright_energy, _time_scale(config), pump_gain, catch_cost)

@@ -1,10 +1,8 @@
-"""What an agent reaches: episodes of seeds that no training has seen, all side by side."""
+"""How well a controller does: episodes of seeds that no training has seen, all side by side."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Any, Protocol
 
 import gymnasium as gym
@@ -18,57 +16,99 @@ from npend_gym._checks import FloatArray
 HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
 
 
-class Agent(Protocol):
-    """Policies and controllers: observations (B, k) and infos in, actions (B, joints) out."""
+class Controller(Protocol):
+    """Anything that chooses actions: a `Policy`, a regulator, or a function of one's own."""
 
     def __call__(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
-        """Return the actions, torques over their limit."""
+        """Return the actions of all environments.
+
+        Parameters
+        ----------
+        observation : ndarray, float32, shape (B, k)
+        info : dict
+            The info of the vector environment, with the exact state in ``info["theta"]`` and
+            ``info["omega"]``.
+
+        Returns
+        -------
+        ndarray, shape (B, joints)
+            Torques divided by their limit; values outside [-1, 1] are clipped.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What happened in each episode, arrays of shape (episodes,)."""
+    """What happened in each episode, arrays of shape (episodes,).
+
+    Attributes
+    ----------
+    returns : ndarray, float
+        Sum of the rewards.
+    success : ndarray, bool
+        ``info["success"]`` of the last step.
+    settling_time : ndarray, float
+        Time [s] since which the goal has held without interruption; NaN without success.
+    motor_work : ndarray, float
+        Work [J] that the motors did and took up, both counted as positive.
+    """
 
     returns: FloatArray
-    success: NDArray[np.bool_]  # of the last step
-    since: FloatArray  # time from which on the goal stayed met [s]; NaN where there is no success
-    spent: FloatArray  # work done by and on the motors, without regard to sign [J]
+    success: NDArray[np.bool_]
+    settling_time: FloatArray
+    motor_work: FloatArray
 
     @property
-    def rate(self) -> float:
-        """Share of successful episodes."""
+    def success_rate(self) -> float:
+        """Fraction of successful episodes."""
         return float(self.success.mean())
 
-    def as_row(self) -> dict[str, float | None]:
-        """Return the means, with the success rate's confidence interval of 95 %.
+    @property
+    def success_interval(self) -> tuple[float, float]:
+        """Wilson's confidence interval of 95 % for the success rate."""
+        from scipy.stats import binomtest  # takes long to import
 
-        "since" is a mean over the successful episodes, None where there are none.
+        test = binomtest(int(self.success.sum()), self.success.size)
+        low, high = test.proportion_ci(method="wilson")
+        return float(low), float(high)
+
+    def as_row(self) -> dict[str, float | None]:
+        """Return the means, with the confidence interval of the success rate.
+
+        "settling_time" is a mean over the successful episodes, None where there are none.
         """
-        low, high = wilson_interval(int(self.success.sum()), self.success.size)
-        since = self.since[self.success]
+        low, high = self.success_interval
+        settled = self.settling_time[self.success]
         return {
             "episodes": self.success.size,
-            "success": self.rate,
+            "success": self.success_rate,
             "success_low": round(low, 4),
             "success_high": round(high, 4),
             "return": round(float(self.returns.mean()), 2),
-            "since": round(float(since.mean()), 2) if since.size else None,
-            "joules": round(float(self.spent.mean()), 2),
+            "settling_time": round(float(settled.mean()), 2) if settled.size else None,
+            "motor_work": round(float(self.motor_work.mean()), 2),
         }
 
 
 def evaluate(
-    agent: Agent, keywords: dict[str, Any], *, episodes: int = 100, seed: int = HELD_OUT
+    controller: Controller, keywords: dict[str, Any], *, episodes: int = 100, seed: int = HELD_OUT
 ) -> Evaluation:
-    """Let `agent` act in `episodes` episodes, of seeds `seed`, `seed` + 1 and so on.
+    """Let `controller` act in whole episodes, all side by side.
 
     Parameters
     ----------
-    agent : callable
-        ``agent(observation, info)`` returns the actions of all lanes.
+    controller : callable
+        ``controller(observation, info)`` returns the actions, see `Controller`.
     keywords : dict
-        Of ``gym.make_vec("NPendulum-v0", ...)``.
+        Keywords of ``gym.make_vec("NPendulum-v0", ...)``.
+    episodes : int
+        Number of episodes; they have the seeds `seed`, `seed` + 1 and so on.
+    seed : int
+        Seed of the first episode.
+
+    Returns
+    -------
+    Evaluation
 
     Raises
     ------
@@ -82,37 +122,23 @@ def evaluate(
     config = envs.unwrapped.config
     observation, info = envs.reset(seed=seed)
     angles = _joint_angles(info["theta"], config.joints)
-    returns, spent, since = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
+    returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     success, running = np.zeros(episodes, np.bool_), np.ones(episodes, np.bool_)
     while running.any():
-        action = np.clip(np.asarray(agent(observation, info), np.float64), -1.0, 1.0)
+        action = np.clip(np.asarray(controller(observation, info), np.float64), -1.0, 1.0)
         observation, reward, terminated, truncated, info = envs.step(action)
         before, angles = angles, _joint_angles(info["theta"], config.joints)
-        work = np.abs(config.max_torque * action * (angles - before)).sum(axis=1)
+        step_work = np.abs(config.max_torque * action * (angles - before)).sum(axis=1)
         returns += np.where(running, reward, 0.0)
-        spent += np.where(running, work, 0.0)
+        work += np.where(running, step_work, 0.0)
         success = np.where(running, info["success"], success)
-        since = np.where(running & ~info["success"], info["time"], since)
+        last_failure = np.where(running & ~info["success"], info["time"], last_failure)
         running &= ~(terminated | truncated)
     envs.close()
-    return Evaluation(returns, success, np.where(success, since, np.nan), spent)
+    return Evaluation(returns, success, np.where(success, last_failure, np.nan), work)
 
 
 def _joint_angles(theta: FloatArray, joints: NDArray[np.int64]) -> FloatArray:
-    """Return by how much each actuated joint is bent [rad], (B, joints)."""
-    bent = np.diff(theta, axis=1, prepend=0.0)
-    return bent[:, joints]
-
-
-def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return Wilson's confidence interval of a success rate.
-
-    The rates p with (k/n - p)^2 <= z^2 p (1 - p) / n, for k successes in n trials.
-    """
-    trials = _checks.count("trials", trials)
-    successes = _checks.count("successes", successes, low=0, high=trials)
-    z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
-    centre = successes + 0.5 * z * z
-    width = z * math.sqrt(successes * (trials - successes) / trials + 0.25 * z * z)
-    low, high = ((centre + side * width) / (trials + z * z) for side in (-1.0, 1.0))
-    return max(low, 0.0), min(high, 1.0)
+    """Return the angle [rad] of each actuated joint, (B, joints)."""
+    relative = np.diff(theta, axis=1, prepend=0.0)
+    return relative[:, joints]

@@ -1,132 +1,149 @@
-"""A swing-up computed: a path to upright that the torque allows, and a controller that follows it.
+"""Swing-ups that are planned: a trajectory to upright within the torque limit, tracked by LQR.
 
-The path is found by direct transcription: the states at all steps and the actions between them
-are unknowns, and steps of the environment have to lead from each state to the next. The first
-guess need not be a motion at all, which is what makes chains of three rods and more, whose motion
-no guess can foresee, no harder than one. With the tracking it amounts to what is known for a
+The trajectory is found by direct transcription: the states at all steps and the actions between
+them are unknowns, and each step of the environment has to lead from one state to the next. The
+first guess need not be a motion at all, which is why chains of three rods and more, whose motion
+no guess can foresee, are no harder than one rod. With the tracking, this is what is known for a
 double and a triple pendulum on a cart: Graichen, Treuer, Zeitz, Automatica 43 (2007), 63-71, and
 Glück, Eder, Kugi, Automatica 49 (2013), 801-808.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
-from tqdm import tqdm
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.envs import EnvConfig, Mode
 from npend_gym.envs.batch import Batch
-from npend_gym.rl.controllers import Info, StateFeedback, lqr, riccati, running_cost
+from npend_gym.envs import EnvConfig, Mode
+from npend_gym.rl.controllers import StateFeedback, lqr, riccati, state_weights
 
-LIMIT = 0.9  # of the torque, for the path: the rest is for tracking
-EFFORT = 0.05  # weight of the actions
-TOLERANCE = 1e-7  # of a path: rad and 0.3 rad/s
-ITERATIONS = 300
-WAVES = 6  # half sines in the first guess
-_NUDGE = 1e-5  # for derivatives by central differences
-_WILD = 60.0  # rad or rad/s, in no sensible path
+MAX_ACTION = 0.9  # of a planned trajectory: the rest of the torque is for tracking
+_ACTION_WEIGHT = 0.05
+_TOLERANCE = 1e-7  # of a step: rad, and 0.3 rad/s
+_MAX_ITERATIONS = 300
+_HALF_WAVES = 6  # half sines in the first guess
+_DIFFERENCE = 1e-5  # for derivatives by central differences
+_MAX_UNKNOWN = 60.0  # rad or rad/s; no useful trajectory exceeds it
 
 
-class Plan(NamedTuple):
+class NominalTrajectory(NamedTuple):
     """A motion from hanging to standing at rest, in steps of the environment."""
 
     states: FloatArray  # (steps + 1, 2n): theta [rad], omega [rad/s]
-    actions: FloatArray  # (steps, joints), torques over their limit
+    actions: FloatArray  # (steps, joints), torques divided by their limit
 
 
 @dataclass(frozen=True)
-class Follower:
-    """Bring the chain to rest, follow a plan by time-varying feedback, stand by LQR.
+class PlannedSwingUp:
+    """Bring the chain to rest, track a nominal trajectory by time-varying LQR, stand by LQR.
 
-    The actions are those of the plan minus gains times the deviation from it.
+    While tracking, the actions are the nominal ones minus gains times the deviation of the state.
     """
 
-    plan: Plan
+    nominal: NominalTrajectory
     gains: FloatArray  # (steps, joints, 2n)
-    cost: FloatArray  # (2n, 2n): beginning away from the plan by x costs x cost x
+    initial_cost: FloatArray  # (2n, 2n): x initial_cost x is the cost of a deviation x at the start
     hang: StateFeedback
     stand: StateFeedback
     dt: float  # s
-    settle: float  # time before the plan begins [s]
+    settle: float  # time before the trajectory begins [s]
 
-    def __call__(self, observation: Any, info: Info) -> FloatArray:
+    def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions, shape (B, joints)."""
         step = np.rint((info["time"] - self.settle) / self.dt).astype(np.int64)
         k = np.clip(step, 0, len(self.gains) - 1)
-        away = np.concatenate([info["theta"], info["omega"]], axis=-1) - self.plan.states[k]
-        follow = self.plan.actions[k] - np.einsum("bji,bi->bj", self.gains[k], away)
+        state = np.concatenate([info["theta"], info["omega"]], axis=-1)
+        deviation = state - self.nominal.states[k]
+        track = self.nominal.actions[k] - np.einsum("bji,bi->bj", self.gains[k], deviation)
         before, after = (step < 0)[:, None], (step >= len(self.gains))[:, None]
         hang, stand = self.hang(observation, info), self.stand(observation, info)
-        return np.where(before, hang, np.where(after, stand, follow))
+        return np.where(before, hang, np.where(after, stand, track))
 
     @property
     def sensitivity(self) -> float:
-        """The cost of the worst deviation of length one at the beginning."""
-        return float(np.linalg.eigvalsh(self.cost)[-1])
+        """The cost of the worst deviation of length one at the start."""
+        return float(np.linalg.eigvalsh(self.initial_cost)[-1])
 
 
 def planned_swing_up(
-    config: EnvConfig, seconds: float = 6.0, *, settle: float = 0.0, tries: int = 4, seed: int = 0
-) -> Follower:
-    """Plan swing-ups and return the follower of the one that forgives most at its beginning.
+    config: EnvConfig,
+    seconds: float = 6.0,
+    *,
+    settle: float = 0.0,
+    tries: int = 4,
+    seed: int = 0,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> PlannedSwingUp:
+    """Plan swing-ups and return the one that is least sensitive to deviations at its start.
 
     Parameters
     ----------
     config : EnvConfig
-        Of the environment, whose own steps the plan is made of.
+        Of the environment, ``gym.make("NPendulum-v0", ...).unwrapped.config``: the trajectory is
+        made of its own steps.
     seconds : float
-        Duration of the plan.
+        Duration of the trajectory.
     settle : float
-        For how long LQR about hanging calms the chain before the plan begins [s].
+        Time [s] for which LQR about hanging calms the chain before the trajectory begins.
     tries : int
-        Number of first guesses, drawn from `seed`: about half of them become a plan.
+        Number of first guesses, drawn from `seed`; about half of them lead to a trajectory.
+    seed : int
+        Seed of the guesses.
+    progress : callable
+        May wrap the iteration over the guesses, as tqdm does.
+
+    Returns
+    -------
+    PlannedSwingUp
 
     Raises
     ------
     RuntimeError
-        If none of the guesses became a plan.
+        If none of the guesses leads to a trajectory.
     """
     steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
     settle = _checks.nonnegative_number("settle", settle)
-    task = _Transcription(config, steps)
-    found: list[Follower] = []
-    for attempt in tqdm(range(_checks.count("tries", tries)), "plans", leave=False, disable=None):
-        plan = task.solve(np.random.default_rng([seed, attempt]))
-        if plan is not None:
-            found.append(follower(config, plan, *task.derivatives(*plan), settle))
+    problem = _Transcription(config, steps)
+    found: list[PlannedSwingUp] = []
+    for attempt in progress(range(_checks.count("tries", tries))):
+        nominal = problem.solve(np.random.default_rng([seed, attempt]))
+        if nominal is not None:
+            found.append(track(config, nominal, *problem.derivatives(*nominal), settle))
     if not found:
         raise RuntimeError(
-            f"no path of {steps * config.dt:g} s was found in {tries} tries: "
+            f"no trajectory of {steps * config.dt:g} s was found in {tries} tries: "
             "give it more seconds, tries or torque, or another seed"
         )
-    return min(found, key=lambda agent: agent.sensitivity)
+    return min(found, key=lambda controller: controller.sensitivity)
 
 
-def follower(
-    config: EnvConfig, plan: Plan, a: FloatArray, b: FloatArray, settle: float
-) -> Follower:
-    """Return the controller that follows `plan`, along which steps have derivatives a and b."""
-    weight, effort = running_cost(config), np.eye(b.shape[2])
+def track(
+    config: EnvConfig, nominal: NominalTrajectory, a: FloatArray, b: FloatArray, settle: float
+) -> PlannedSwingUp:
+    """Return the controller that tracks `nominal`, along which steps have derivatives a and b."""
+    weights, action_weights = state_weights(config), np.eye(b.shape[2])
     s = riccati(config, np.pi, 1.0)[1]
     gains = np.empty((len(a), b.shape[2], a.shape[2]))
     for k in reversed(range(len(a))):
-        gains[k] = np.linalg.solve(effort + b[k].T @ s @ b[k], b[k].T @ s @ a[k])
-        s = weight + a[k].T @ s @ (a[k] - b[k] @ gains[k])
+        gains[k] = np.linalg.solve(action_weights + b[k].T @ s @ b[k], b[k].T @ s @ a[k])
+        s = weights + a[k].T @ s @ (a[k] - b[k] @ gains[k])
         s = 0.5 * (s + s.T)
-    return Follower(plan, gains, s, lqr(config, 0.0), lqr(config), config.dt, settle)
+    return PlannedSwingUp(nominal, gains, s, lqr(config, 0.0), lqr(config), config.dt, settle)
 
 
 class _Transcription:
-    """Least squares for a plan: small defects, with a growing weight, and small actions.
+    """The least-squares problem: small defects, with a growing weight, and small actions.
 
-    Unknowns are the states between the first and the last, (steps - 1, 2n), and v, (steps, joints),
-    with actions LIMIT tanh v.
+    A defect is by how much a step of the environment misses the next state. Unknowns z are the
+    states between the first and the last, (steps - 1, 2n), and v, (steps, joints), where the
+    actions are MAX_ACTION tanh v.
     """
 
     def __init__(self, config: EnvConfig, steps: int) -> None:
@@ -135,20 +152,23 @@ class _Transcription:
         )  # fmt: skip
         self.inputs = 2 * self.n + self.joints
         self.step = _Stepper(config, steps)
-        self.many = _Stepper(config, steps * 2 * self.inputs)
-        self.end = np.zeros(2 * self.n)
+        self.step_many = _Stepper(config, steps * 2 * self.inputs)
+        self.end = np.zeros(2 * self.n)  # the state in which the trajectory ends
         self.scale = np.tile(np.repeat([1.0, 0.3], self.n), steps)
 
-    def solve(self, rng: np.random.Generator) -> Plan | None:
-        """Return a plan, or None where none comes of the guess."""
-        z = self.guess(rng)
+    def solve(self, rng: np.random.Generator) -> NominalTrajectory | None:
+        """Return a trajectory, or None where the guess leads to none.
+
+        LMDOC
+        """
+        self.end, z = self.guess(rng)
         weight, damping = 1.0, 1e-2
-        for _ in range(ITERATIONS):
+        for _ in range(_MAX_ITERATIONS):
             residual = self.residual(z, weight)
-            z, gain, damping = self.improve(z, residual, weight, damping)
-            if gain < 3e-3:  # as good as it gets with this weight
-                if np.abs(self.defects(z)).max() < TOLERANCE:
-                    return self.plan(z)
+            z, decrease, damping = self.improve(z, residual, weight, damping)
+            if decrease < 3e-3:  # converged for this weight
+                if np.abs(self.defects(z)).max() < _TOLERANCE:
+                    return self.trajectory(z)
                 weight *= 3.0
             if weight > 1e7:
                 break
@@ -157,72 +177,75 @@ class _Transcription:
     def improve(
         self, z: FloatArray, residual: FloatArray, weight: float, damping: float
     ) -> tuple[FloatArray, float, float]:
-        """Take a step of Levenberg and Marquardt; return z, the cost's relative fall, damping."""
+        """Take a Levenberg-Marquardt step; return z, the relative decrease, the new damping."""
         jacobian = self.jacobian(z, weight)
-        matrix, slope = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
+        matrix, gradient = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
         cost = float(residual @ residual)
         for _ in range(12):
-            trial = z - spsolve(matrix + damping * sparse.eye_array(z.size, format="csc"), slope)
-            if np.abs(trial).max() < _WILD:
+            trial = z - spsolve(matrix + damping * sparse.eye_array(z.size, format="csc"), gradient)
+            if np.abs(trial).max() < _MAX_UNKNOWN:
                 new = self.residual(trial, weight)
-                fall = 1.0 - float(new @ new) / cost
-                if fall > 0.0:
-                    return trial, fall, max(damping / 3.0, 1e-10)
+                decrease = 1.0 - float(new @ new) / cost
+                if decrease > 0.0:
+                    return trial, decrease, max(damping / 3.0, 1e-10)
             damping *= 4.0
         return z, 0.0, 1e-4
 
-    def guess(self, rng: np.random.Generator) -> FloatArray:
-        """Turn every rod up, one way or the other, on a wavy path; next to no torque."""
-        s = np.linspace(0.0, 1.0, self.steps + 1)[:, None]
-        self.end[: self.n] = np.pi * rng.choice([1.0, 1.0, 1.0, -1.0], self.n)
-        k = np.arange(1, WAVES + 1)[:, None]
-        waves = np.sin(np.pi * k * s[:, None]) * rng.normal(0.0, 0.6, (WAVES, self.n))
-        theta = (3.0 - 2.0 * s) * s**2 * self.end[: self.n] + np.sin(np.pi * s) * waves.sum(axis=1)
-        states = np.hstack([theta, np.gradient(theta, self.dt, axis=0)])
-        return np.concatenate(
-            [states[1:-1].ravel(), rng.normal(0.0, 0.1, self.steps * self.joints)]
-        )
+    def guess(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Draw an end, each rod turned up in one sense or the other, and a wavy path to it.
 
-    def plan(self, z: FloatArray) -> Plan:
+        The actions of the path are small; nothing makes it a motion of the chain.
+        """
+        s = np.linspace(0.0, 1.0, self.steps + 1)[:, None]
+        end = np.zeros(2 * self.n)
+        end[: self.n] = np.pi * rng.choice([1.0, 1.0, 1.0, -1.0], self.n)
+        k = np.arange(1, _HALF_WAVES + 1)[:, None]
+        waves = np.sin(np.pi * k * s[:, None]) * rng.normal(0.0, 0.6, (_HALF_WAVES, self.n))
+        theta = (3.0 - 2.0 * s) * s**2 * end[: self.n] + np.sin(np.pi * s) * waves.sum(axis=1)
+        states = np.hstack([theta, np.gradient(theta, self.dt, axis=0)])
+        v = rng.normal(0.0, 0.1, self.steps * self.joints)
+        return end, np.concatenate([states[1:-1].ravel(), v])
+
+    def trajectory(self, z: FloatArray) -> NominalTrajectory:
         """Return the unknowns as states and actions."""
         inner, v = np.split(z, [(self.steps - 1) * 2 * self.n])
         states = np.vstack([np.zeros(2 * self.n), inner.reshape(-1, 2 * self.n), self.end])
-        return Plan(states, LIMIT * np.tanh(v.reshape(self.steps, self.joints)))
+        return NominalTrajectory(states, MAX_ACTION * np.tanh(v.reshape(self.steps, self.joints)))
 
     def defects(self, z: FloatArray) -> FloatArray:
         """Return by how much each step misses the next state, (steps * 2n,)."""
-        states, actions = self.plan(z)
+        states, actions = self.trajectory(z)
         return self.scale * (self.step(states[:-1], actions) - states[1:]).ravel()
 
     def residual(self, z: FloatArray, weight: float) -> FloatArray:
-        """Return what is to be made small."""
+        """Return the residuals: weighted defects, then weighted v."""
         v = z[(self.steps - 1) * 2 * self.n :]
-        return np.concatenate([weight * self.defects(z), EFFORT * v])
+        return np.concatenate([weight * self.defects(z), _ACTION_WEIGHT * v])
 
     def jacobian(self, z: FloatArray, weight: float) -> Any:
-        """Return the residual's derivative, sparse."""
-        states, actions = self.plan(z)
+        """Return the derivative of the residuals by z, sparse."""
+        states, actions = self.trajectory(z)
         a, b = self.derivatives(states, actions)
-        b = b * (LIMIT - actions**2 / LIMIT)[:, None, :]  # by v
-        wide = 2 * self.n
+        b = b * (MAX_ACTION - actions**2 / MAX_ACTION)[:, None, :]  # by v
+        size = 2 * self.n
         by_state = sparse.vstack(
-            [sparse.csr_array((wide, wide * (self.steps - 1))), sparse.block_diag(a[1:])]
-        ) - sparse.eye_array(wide * self.steps, wide * (self.steps - 1))
+            [sparse.csr_array((size, size * (self.steps - 1))), sparse.block_diag(a[1:])]
+        ) - sparse.eye_array(size * self.steps, size * (self.steps - 1))
         weights = sparse.diags_array(weight * self.scale)
-        effort = EFFORT * sparse.eye_array(self.steps * self.joints)
+        by_v = _ACTION_WEIGHT * sparse.eye_array(self.steps * self.joints)
         return sparse.block_array(
-            [[weights @ by_state, weights @ sparse.block_diag(b)], [None, effort]], format="csr"
+            [[weights @ by_state, weights @ sparse.block_diag(b)], [None, by_v]], format="csr"
         )
 
     def derivatives(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the steps' derivatives by state, (steps, 2n, 2n), and action, (..., joints)."""
         at = np.hstack([states[:-1], actions])
-        nudge = _NUDGE * np.eye(self.inputs)
-        places = at[:, None, None] + np.stack([nudge, -nudge], axis=1)
+        difference = _DIFFERENCE * np.eye(self.inputs)
+        places = at[:, None, None] + np.stack([difference, -difference], axis=1)
         flat = places.reshape(-1, self.inputs)
-        reached = self.many(flat[:, : 2 * self.n], flat[:, 2 * self.n :])
+        reached = self.step_many(flat[:, : 2 * self.n], flat[:, 2 * self.n :])
         reached = reached.reshape(self.steps, self.inputs, 2, 2 * self.n)
-        slopes = np.swapaxes(reached[:, :, 0] - reached[:, :, 1], 1, 2) / (2.0 * _NUDGE)
+        slopes = np.swapaxes(reached[:, :, 0] - reached[:, :, 1], 1, 2) / (2.0 * _DIFFERENCE)
         return slopes[..., : 2 * self.n], slopes[..., 2 * self.n :]
 
 

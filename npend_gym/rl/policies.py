@@ -17,7 +17,7 @@ from npend_gym._files import read_arrays, replacing
 MAX_BYTES = 10_000_000  # of a policy's file once unpacked
 PRETRAINED = Path(__file__).parent / "pretrained"
 
-Weights = NDArray[np.float32]
+Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -27,20 +27,22 @@ class Policy:
     Attributes
     ----------
     scale : ndarray, float32, shape (k,)
-        What the observations are divided by.
+        The observations are divided by it.
     weights : list of ndarray, float32, shapes (outputs, inputs)
     biases : list of ndarray, float32, shapes (outputs,)
+    env : dict
+        Keywords of the environment that the policy is made for.
     provenance : dict
-        What the policy was made with: settings, versions, what it reached. "env" holds the
-        keywords of the environment.
+        What the policy was made with: settings, versions, its evaluation.
     """
 
-    scale: Weights
-    weights: list[Weights]
-    biases: list[Weights]
+    scale: Float32Array
+    weights: list[Float32Array]
+    biases: list[Float32Array]
+    env: dict[str, Any] = field(default_factory=dict[str, Any])
     provenance: dict[str, Any] = field(default_factory=dict[str, Any])
 
-    def __call__(self, observation: NDArray[np.float32], info: Any = None) -> Weights:
+    def __call__(self, observation: Float32Array, info: Any = None) -> Float32Array:
         """Return the actions (..., joints), within [-1, 1], for observations (..., k)."""
         del info
         signal = observation / self.scale
@@ -49,60 +51,67 @@ class Policy:
         return np.clip(signal @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the numbers to `path` (.npz) and the provenance beside it (.json)."""
+        """Write the numbers to `path` (.npz), and `env` and `provenance` beside it (.json)."""
         path = Path(path)
         arrays: dict[str, Any] = {"scale": self.scale}
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight{k}": weight, f"bias{k}": bias}
         with replacing(path, binary=True) as file:
             np.savez_compressed(file, **arrays)
+        about = {"env": self.env} | self.provenance
         with replacing(path.with_suffix(".json")) as file:
-            file.write(json.dumps(self.provenance, indent=2, allow_nan=False) + "\n")
+            file.write(json.dumps(about, indent=2, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Policy:
-        """Read what `save` wrote. Pickles and whatever else could run code are refused.
+        """Read what `save` wrote; files that hold pickles or anything else are refused.
 
         Raises
         ------
         ValueError
-            If the file is no policy: pickled, too large, of other names, kinds or shapes.
+            If the file is no policy: pickled, too large, or with other names, types or shapes.
         """
         path = Path(path)
-        try:
-            arrays: dict[str, Weights] = read_arrays(path, MAX_BYTES)
-        except ValueError as error:
-            raise ValueError(f"{path} is no policy: {error}") from error
-        depth = (len(arrays) - 1) // 2
-        names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
-        if depth == 0 or sorted(arrays) != sorted(names):
-            raise ValueError(f"{path} is no policy: it holds {_checks.show(sorted(arrays))}")
-        if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
-            raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
-        weights = [arrays[f"weight{k}"] for k in range(depth)]
-        biases = [arrays[f"bias{k}"] for k in range(depth)]
-        wide = arrays["scale"].shape
-        for weight, bias in zip(weights, biases, strict=True):
-            if bias.ndim != 1 or weight.shape != bias.shape + wide:
-                raise ValueError(
-                    f"{path} is no policy: a layer for inputs of shape {wide} has weights of "
-                    f"shape {weight.shape} and biases of shape {bias.shape}"
-                )
-            wide = bias.shape
+        weights, biases, scale = _read_layers(path)
         beside = path.with_suffix(".json")
-        told = beside.read_text(encoding="utf-8") if beside.exists() else "{}"
+        text = beside.read_text(encoding="utf-8") if beside.exists() else "{}"
         try:
-            provenance: dict[str, Any] = json.loads(told)
-        except ValueError as error:
-            raise ValueError(f"{beside} is no provenance of a policy: {error}") from error
-        return cls(arrays["scale"], weights, biases, provenance)
+            about = dict(json.loads(text))
+            env = dict(about.pop("env", {}))
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{beside} does not describe a policy: {error}") from error
+        return cls(scale, weights, biases, env, about)
 
     @classmethod
     def pretrained(cls, name: str) -> Policy:
         """Load a policy that comes with the package, such as "swingup-2"."""
-        return cls.load(
-            PRETRAINED / f"{_checks.choice('pretrained', name, pretrained_names())}.npz"
-        )
+        name = _checks.choice("pretrained", name, pretrained_names())
+        return cls.load(PRETRAINED / f"{name}.npz")
+
+
+def _read_layers(path: Path) -> tuple[list[Float32Array], list[Float32Array], Float32Array]:
+    """Return the weights, the biases and the scale that `path` holds, all checked."""
+    try:
+        arrays: dict[str, Float32Array] = read_arrays(path, MAX_BYTES)
+    except ValueError as error:
+        raise ValueError(f"{path} is no policy: {error}") from error
+    depth = (len(arrays) - 1) // 2
+    names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
+    if depth == 0 or sorted(arrays) != sorted(names):
+        raise ValueError(f"{path} is no policy: it holds {_checks.show(sorted(arrays))}")
+    if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
+        raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
+    weights = [arrays[f"weight{k}"] for k in range(depth)]
+    biases = [arrays[f"bias{k}"] for k in range(depth)]
+    inputs = arrays["scale"].shape
+    for weight, bias in zip(weights, biases, strict=True):
+        if bias.ndim != 1 or weight.shape != bias.shape + inputs:
+            raise ValueError(
+                f"{path} is no policy: a layer for inputs of shape {inputs} has weights of "
+                f"shape {weight.shape} and biases of shape {bias.shape}"
+            )
+        inputs = bias.shape
+    return weights, biases, arrays["scale"]
 
 
 def pretrained_names() -> tuple[str, ...]:
