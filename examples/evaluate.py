@@ -1,4 +1,4 @@
-"""Judge a policy or a controller on held-out episodes, and film it.
+"""Evaluate a policy or a controller in held-out episodes, and film it.
 
 Run it with `python examples/evaluate.py --pretrained swingup-2 --video swingup-2.gif`.
 """
@@ -12,50 +12,60 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from npend_gym.rl import controllers
-from npend_gym.rl.evaluation import HELD_OUT, Agent, Evaluation, evaluate, wilson_interval
-from npend_gym.rl.planning import planned_swing_up
-from npend_gym.rl.policies import Policy, pretrained_names
+from npend_gym.rl import (
+    Controller,
+    Evaluation,
+    Policy,
+    energy_swing_up,
+    evaluate,
+    lqr,
+    modal_damping,
+    planned_swing_up,
+    pretrained_names,
+)
+from npend_gym.rl.evaluation import HELD_OUT
 
 CONTROLLERS = ("LQR", "damping", "energy", "plan")
-# swing-ups planned for long chains: seconds, and seconds of calming before
+# arguments of planned_swing_up by the number of rods
 PLANS: dict[int, dict[str, float]] = {
     2: {}, 3: {}, 4: {"seconds": 8.0}, 5: {"seconds": 12.0, "settle": 10.0}
 }  # fmt: skip
 
 
-def controller(name: str, keywords: dict[str, Any]) -> Agent:
-    """Return a reference controller for the task."""
+def controller_of(name: str, keywords: dict[str, Any]) -> Controller:
+    """Return a reference controller for the environment of these keywords."""
     config = gym.make("NPendulum-v0", **keywords).unwrapped.config
     if name == "energy":
-        return controllers.swing_up(config)
+        return energy_swing_up(config)
     if name == "plan":
         return planned_swing_up(config, **PLANS.get(config.chain.n, {}))
     if name == "damping":
-        return controllers.damper(config)
-    return controllers.lqr(config, 0.0 if keywords["mode"] == "calm" else np.pi)
+        return modal_damping(config)
+    return lqr(config, 0.0 if keywords["mode"] == "calm" else np.pi)
 
 
-def chosen(arguments: argparse.Namespace) -> tuple[Agent, dict[str, Any]]:
-    """Return the agent asked for and the keywords of its environment."""
+def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
+    """Return the policy or controller asked for and the keywords of its environment."""
     if arguments.run:
-        from train_sb3 import agent_of, held_out, load_run
+        import train_sb3
 
-        model, config = load_run(arguments.run)
-        return agent_of(model), held_out(config)
+        model, config = train_sb3.load_run(arguments.run)
+        return train_sb3.controller_of(model), train_sb3.evaluation_env(config)
     if arguments.controller:
         mode, n = arguments.task.rsplit("-", 1)
         keywords: dict[str, Any] = {"mode": mode, "n": int(n)}
-        return controller(arguments.controller, keywords), keywords
+        return controller_of(arguments.controller, keywords), keywords
     policy = (
         Policy.load(arguments.policy)
         if arguments.policy
         else Policy.pretrained(arguments.pretrained)
     )
-    return policy, policy.provenance["env"]
+    return policy, policy.env
 
 
-def film(agent: Agent, keywords: dict[str, Any], seed: int, seconds: float, path: Path) -> None:
+def film(
+    controller: Controller, keywords: dict[str, Any], seed: int, seconds: float, path: Path
+) -> None:
     """Write the start of an episode as .mp4 or .gif, 25 frames a second, or 12 frames as .png."""
     import imageio.v3 as imageio
 
@@ -65,7 +75,7 @@ def film(agent: Agent, keywords: dict[str, Any], seed: int, seconds: float, path
     skip = max(1, round(env.metadata["render_fps"] / 25))
     while not done:
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
-        action = agent(observation[None], batch)[0].astype(np.float32)
+        action = controller(observation[None], batch)[0].astype(np.float32)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds
         if round(info["time"] / env.unwrapped.config.dt) % skip == 0:
@@ -81,18 +91,19 @@ def film(agent: Agent, keywords: dict[str, Any], seed: int, seconds: float, path
     imageio.imwrite(path, np.stack(frames), **timing)
 
 
-def report(seen: Evaluation) -> str:
-    """Return the figures as text."""
-    successes, episodes = int(seen.success.sum()), seen.success.size
-    low, high = wilson_interval(successes, episodes)
+def report(evaluation: Evaluation) -> str:
+    """Return the results as text."""
+    successes, returns = evaluation.success, evaluation.returns
+    low, high = evaluation.success_interval
     interval = f"95 % confidence {low:.1%} to {high:.1%} (Wilson)"
     lines = [
-        f"success  {successes}/{episodes} = {seen.rate:.1%}, {interval}",
-        f"return   {seen.returns.mean():.2f} +- {seen.returns.std():.2f} over episodes",
-        f"work     {seen.spent.mean():.2f} J done by or on the motors in an episode",
+        f"success  {successes.sum()}/{successes.size} = {successes.mean():.1%}, {interval}",
+        f"return   {returns.mean():.2f} +- {returns.std():.2f} over episodes",
+        f"work     {evaluation.motor_work.mean():.2f} J done by or on the motors in an episode",
     ]
-    if successes:
-        lines.insert(1, f"goal met from {np.nanmean(seen.since):.2f} s on, in successful episodes")
+    if successes.any():
+        settled = np.nanmean(evaluation.settling_time)
+        lines.insert(1, f"goal met from {settled:.2f} s on, in successful episodes")
     return "\n".join(lines)
 
 
@@ -101,7 +112,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--pretrained", choices=pretrained_names(), help="comes with the package")
-    what.add_argument("--policy", type=Path, help=".npz that train_cleanrl.py, say, has written")
+    what.add_argument("--policy", type=Path, help=".npz that a training script has written")
     what.add_argument("--run", type=Path, help="folder that train_sb3.py has written")
     what.add_argument("--controller", choices=CONTROLLERS)
     parser.add_argument("--task", default="swingup-2", help='of the controller, as in "balance-3"')
@@ -110,11 +121,12 @@ def main() -> None:
     parser.add_argument("--video", type=Path, help="of the first episode: .mp4, .gif or .png")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
     arguments = parser.parse_args()
-    agent, keywords = chosen(arguments)
+    controller, keywords = chosen(arguments)
     print(f"NPendulum-v0 {keywords}")
-    print(report(evaluate(agent, keywords, episodes=arguments.episodes, seed=arguments.seed)))
+    evaluation = evaluate(controller, keywords, episodes=arguments.episodes, seed=arguments.seed)
+    print(report(evaluation))
     if arguments.video:
-        film(agent, keywords, arguments.seed, arguments.seconds, arguments.video)
+        film(controller, keywords, arguments.seed, arguments.seconds, arguments.video)
         print(f"written: {arguments.video}")
 
 

@@ -1,7 +1,7 @@
-"""Train every task with several seeds and set the policies beside controllers and chance.
+"""Train every task with several seeds and compare the policies with controllers and with chance.
 
 Run it with `python examples/results.py --out results/learning`; what has been trained there
-already is not trained again, so it can be interrupted. `--tasks` and `--seeds` choose parts.
+already is not trained again, so it can be interrupted. `--tasks` and `--seeds` choose parts of it.
 It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
 them into `docs/` and the best policies into the package.
 """
@@ -16,50 +16,46 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import train_cleanrl
 import train_es
 import train_imitation
-from evaluate import PLANS
+from evaluate import PLANS, controller_of
+from training import keep
 
 from npend_gym.report.outputs import write_csv
-from npend_gym.rl import controllers
-from npend_gym.rl.evaluation import Agent, evaluate
-from npend_gym.rl.planning import planned_swing_up
-from npend_gym.rl.policies import PRETRAINED, Policy
+from npend_gym.rl import Controller, Policy, evaluate
+from npend_gym.rl.policies import PRETRAINED
 
 DOCS = Path(__file__).parents[1] / "docs"
 TRAINERS = {"PPO": train_cleanrl, "ES": train_es, "imitation": train_imitation}
 CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "balance", "calm")
+LABELS = {
+    "LQR": "LQR", "damping": "modal damping", "energy": "energy, then LQR", "plan": "plan, then LQR"
+}  # fmt: skip
 TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
 
 
 def keywords_of(task: str) -> dict[str, Any]:
-    """Return the keywords of the environment in which `task` is judged: all by default."""
+    """Return the keywords of the environment in which `task` is evaluated."""
     mode, n = task.rsplit("-", 1)
     return {"mode": mode, "n": int(n), "observation": "sincos"}
 
 
-def yardsticks(task: str) -> dict[str, Agent]:
-    """Return what a policy has to beat: chance, and controllers that know the equations."""
-    keywords = keywords_of(task)
-    config = gym.make("NPendulum-v0", **keywords).unwrapped.config
-    joints, rng = config.joints.size, np.random.default_rng(0)
-    agents: dict[str, Agent] = {
-        "random": lambda observation, _: rng.uniform(-1.0, 1.0, (len(observation), joints))
+def references(task: str) -> dict[str, Controller]:
+    """Return what a policy is compared with: chance, and controllers that know the equations."""
+    keywords, rng = keywords_of(task), np.random.default_rng(0)
+    mode, n = keywords["mode"], keywords["n"]
+    names = {
+        "balance": ["LQR"],
+        "calm": ["damping", "LQR"],
+        "swingup": ["energy"] * (n <= 2) + ["plan"] * (n in PLANS),
+    }[mode]
+    found: dict[str, Controller] = {
+        "random": lambda observation, _: rng.uniform(-1.0, 1.0, (len(observation), 1))
     }
-    if keywords["mode"] == "balance":
-        agents["LQR"] = controllers.lqr(config)
-    if keywords["mode"] == "calm":
-        agents["modal damping"] = controllers.damper(config)
-        agents["LQR"] = controllers.lqr(config, 0.0)
-    if keywords["mode"] == "swingup" and config.chain.n <= 2:
-        agents["energy, then LQR"] = controllers.swing_up(config)
-    if keywords["mode"] == "swingup" and config.chain.n in PLANS:
-        agents["plan, then LQR"] = planned_swing_up(config, **PLANS[config.chain.n])
-    return agents
+    return found | {LABELS[name]: controller_of(name, keywords) for name in names}
 
 
 def tasks() -> list[str]:
@@ -72,14 +68,14 @@ def tasks() -> list[str]:
 
 
 def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
-    """Train one policy, judge it and write policy and curve down, unless they are there."""
+    """Train one policy, evaluate it and write policy and curve, unless they exist already."""
     path, trainer = out / f"{task}-{agent}-seed{seed}.npz", TRAINERS[agent]
     if path.exists() or task not in trainer.TASKS:
         return
     policy, curve = trainer.train(trainer.settings_of(task, seed=seed), path.stem)
     score = evaluate(policy, keywords_of(task)).as_row()
     policy.provenance["evaluation"] = score
-    train_cleanrl.keep(policy, curve, path)
+    keep(policy, curve, path)
     print(f"{path.stem}: {score}", flush=True)
 
 
@@ -89,27 +85,23 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
     curves: list[dict[str, Any]] = []
     blank = {"seed": "", "steps": "", "seconds": ""}
     for task in tasks:
-        for name, agent in yardsticks(task).items():
-            rows.append(
-                {"task": task, "agent": name} | blank | evaluate(agent, keywords_of(task)).as_row()
-            )
+        for name, controller in references(task).items():
+            score = evaluate(controller, keywords_of(task)).as_row()
+            rows.append({"task": task, "agent": name} | blank | score)
         for path in sorted(out.glob(f"{task}-*-seed*.npz")):
-            policy, agent = Policy.load(path), path.stem.split("-")[2]
-            seed = policy.provenance["settings"]["seed"]
-            end = {key: policy.provenance["training"][key] for key in ("steps", "seconds")}
-            score = evaluate(policy, keywords_of(task)).as_row()
-            rows.append({"task": task, "agent": agent, "seed": seed} | end | score)
+            agent, seed = path.stem.removeprefix(f"{task}-").split("-seed")
+            run = {"task": task, "agent": agent, "seed": int(seed)}
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
-                curves += [
-                    {"task": task, "agent": agent, "seed": seed} | {key: row[key] for key in CURVE}
-                    for row in csv.DictReader(file)
-                ]
+                curve = list(csv.DictReader(file))
+            curves += [run | {key: row[key] for key in CURVE} for row in curve]
+            end = {"steps": int(curve[-1]["steps"]), "seconds": float(curve[-1]["seconds"])}
+            rows.append(run | end | evaluate(Policy.load(path), keywords_of(task)).as_row())
     return rows, curves
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return the results as a table in Markdown, policies as the mean and range over seeds."""
-    lines = ["| task | agent | seeds | steps | time | success | return | since | work |",
+    lines = ["| task | agent | seeds | steps | time | success | return | settling time | work |",
              "|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
     for key in dict.fromkeys((row["task"], row["agent"]) for row in rows):
         group = [row for row in rows if (row["task"], row["agent"]) == key]
@@ -122,16 +114,20 @@ def table(rows: list[dict[str, Any]]) -> str:
             f"{np.mean([row['seconds'] for row in group]):.0f} s" if trained else "",
             " ".join(f"{100 * row['success']:.0f}" for row in group) + " %",
             " ".join(f"{row['return']:.0f}" for row in group),
-            " ".join("-" if row["since"] is None else f"{row['since']:.1f}" for row in group)
-            + " s",
-            " ".join(f"{row['joules']:.0f}" for row in group) + " J",
+            " ".join(seconds(row["settling_time"]) for row in group) + " s",
+            " ".join(f"{row['motor_work']:.0f}" for row in group) + " J",
         ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
+def seconds(time: float | None) -> str:
+    """Return a settling time in a cell of the table; there is none without success."""
+    return "-" if time is None else f"{time:.1f}"
+
+
 def draw(curves: list[dict[str, Any]], path: Path) -> None:
-    """Draw the share of successful training episodes against steps, a panel for every mode."""
+    """Draw the success rate of the training episodes against steps, a panel for every mode."""
     from matplotlib.figure import Figure
 
     modes = list(dict.fromkeys(row["task"].rsplit("-", 1)[0] for row in curves))
@@ -184,7 +180,7 @@ def publish(rows: list[dict[str, Any]], out: Path) -> None:
 
 
 def main() -> None:
-    """Train what is missing, then write tables and figure."""
+    """Train what is missing, then write the tables and the figure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/learning"))
     parser.add_argument("--tasks", nargs="+", default=tasks())

@@ -1,21 +1,20 @@
-"""Imitation: a network that swings up three or four rods, taught by one that knows a plan.
+"""Imitation: a network that swings up three or four rods learns from a planned swing-up.
 
 Run it with `python examples/train_imitation.py swingup-3`: it writes `swingup-3.npz`, a policy of
-plain numbers for `examples/evaluate.py`, and `swingup-3.csv`, its learning curve. The teacher
-(`npend_gym.rl.planning`) computes a swing-up, knows the clock and follows it by time-varying
-feedback; the pupil sees the chain alone. Ross, Gordon, Bagnell, arXiv:1011.0686 (DAgger): the pupil
-acts, the teacher says what it would have done. Noise on the actions shows more of the
-neighbourhood of the path (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327).
+plain numbers for `examples/evaluate.py`, and `swingup-3.csv`, its learning curve. The expert
+(`npend_gym.rl.planned_swing_up`) plans a trajectory, knows the clock and tracks the trajectory by
+time-varying feedback; the student sees the chain alone. In DAgger (Ross, Gordon, Bagnell,
+arXiv:1011.0686) the student acts and the expert says what it would have done. Noise on the actions
+shows more of the neighbourhood of the trajectory (Laskey, Lee, Fox, Dragan, Goldberg,
+arXiv:1703.09327).
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -23,40 +22,40 @@ import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
-from train_cleanrl import as_policy, keep, network
+from training import Curve, main, network, policy_of
 
-from npend_gym.rl.planning import Follower, planned_swing_up
-from npend_gym.rl.policies import Policy
+import npend_gym  # noqa: F401  registers the environments
+from npend_gym.rl import PlannedSwingUp, Policy, planned_swing_up
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a training run is made of; every result is a function of this."""
+    """The settings of a training run; its result depends on nothing else."""
 
     env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of gym.make_vec
     seed: int = 0
-    seconds: float = 4.5  # of the plan
-    guesses: int = 24  # from which plans are made
-    teachers: int = 3  # with other plans, each with a pupil of its own until the first round
-    demonstrations: int = 4  # episodes of a teacher in every lane
-    rounds: int = 4  # the pupil acts in most lanes
+    seconds: float = 4.5  # of the planned trajectory
+    guesses: int = 24  # from which trajectories are planned
+    experts: int = 3  # with different trajectories, each with a student until the first round
+    demonstrations: int = 4  # episodes in which the expert acts in every environment
+    rounds: int = 4  # of DAgger; the student acts in most environments
     num_envs: int = 512
-    teacher_share: float = 0.3  # of the lanes
-    noise: float = 0.1  # largest standard deviation on the teacher's actions
-    standing: int = 120  # steps after the plan: the goal is to be met for 100
-    tube: float = 0.6  # rad, and rad/s; the teacher is not asked about states further off
-    keep: int = 800_000  # states
+    expert_fraction: float = 0.3  # of the environments in a round
+    noise_std: float = 0.1  # largest standard deviation of the noise on the expert's actions
+    standing: int = 120  # steps after the trajectory; success needs 100
+    tube: float = 0.6  # rad, and rad/s; states further from the trajectory are not learned
+    max_states: int = 800_000  # in the dataset
     first_epochs: int = 24  # over the demonstrations
     epochs: int = 6  # of a round
-    minibatch: int = 1024
+    minibatch_size: int = 1024
     learning_rate: float = 2e-3  # falls to zero in every round, along a cosine
     hidden: int = 192
-    scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines and speeds [rad/s]
+    obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
 
 
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-3": {},
-    "swingup-4": {"seconds": 8.0, "noise": 0.05, "rounds": 10},
+    "swingup-4": {"seconds": 8.0, "noise_std": 0.05, "rounds": 10},
 }
 
 
@@ -67,160 +66,161 @@ def settings_of(task: str, **changes: Any) -> Settings:
     return Settings(env=env, **(TASKS.get(task, {}) | changes))
 
 
-class Lesson(NamedTuple):
-    """States that were met, and what the teacher would have done there."""
+class Dataset(NamedTuple):
+    """Observations, and what the expert would have done there."""
 
-    seen: torch.Tensor  # (states, k)
-    actions: torch.Tensor  # (states, joints), clipped a little outside the box
+    observations: torch.Tensor  # (states, k)
+    actions: torch.Tensor  # (states, joints), within [-1.5, 1.5]
 
 
-def steadiest(settings: Settings, envs: gym.vector.VectorEnv) -> list[Follower]:
-    """Return the teachers that noise on the actions throws off least, the steadiest first.
+def most_robust(settings: Settings, envs: gym.vector.VectorEnv) -> list[PlannedSwingUp]:
+    """Return the experts that most often stand in spite of noise, the most robust first.
 
-    A pupil's mistakes are such noise.
+    The mistakes of a student are like noise on the actions.
     """
-    found: list[tuple[float, Follower]] = []
+    found: list[tuple[float, PlannedSwingUp]] = []
     for guess in range(settings.guesses):
         seed = settings.guesses * settings.seed + guess
-        with suppress(RuntimeError):  # no plan comes of this guess
-            teacher = planned_swing_up(envs.unwrapped.config, settings.seconds, tries=1, seed=seed)
-            found.append((steadiness(teacher, settings, envs), teacher))
+        with suppress(RuntimeError):  # this guess leads to no trajectory
+            expert = planned_swing_up(envs.unwrapped.config, settings.seconds, tries=1, seed=seed)
+            found.append((robustness(expert, settings, envs), expert))
     if not found:
-        raise RuntimeError("no guess became a plan: give it more seconds or guesses")
+        raise RuntimeError("no guess led to a trajectory: give it more seconds or guesses")
     found.sort(key=lambda pair: -pair[0])
-    return [teacher for _, teacher in found[: settings.teachers]]
+    return [expert for _, expert in found[: settings.experts]]
 
 
-def steadiness(teacher: Follower, settings: Settings, envs: gym.vector.VectorEnv) -> float:
-    """Return in which share of the lanes the chain stands in spite of noise."""
+def robustness(expert: PlannedSwingUp, settings: Settings, envs: gym.vector.VectorEnv) -> float:
+    """Return the fraction of the environments in which the chain stands in spite of noise."""
     rng = np.random.default_rng(settings.seed)
     observation, info = envs.reset(seed=100_000 * settings.seed)
-    for _ in range(len(teacher.gains) + 20):
-        action = teacher(observation, info)
-        action = action + 2.0 * settings.noise * rng.normal(size=action.shape)
+    for _ in range(len(expert.gains) + 20):
+        action = expert(observation, info)
+        action = action + 2.0 * settings.noise_std * rng.normal(size=action.shape)
         observation, _, _, _, info = envs.step(action.clip(-1.0, 1.0))
     return float(np.mean(np.cos(info["theta"]).max(axis=1) < -0.9))
 
 
-class School:
-    """A teacher, and a pupil with all that it has been taught."""
+class DAgger:
+    """An expert, and a student with the dataset that it learns from."""
 
-    def __init__(self, settings: Settings, envs: gym.vector.VectorEnv, teacher: Follower) -> None:
-        self.settings, self.envs, self.teacher = settings, envs, teacher
+    def __init__(
+        self, settings: Settings, envs: gym.vector.VectorEnv, expert: PlannedSwingUp
+    ) -> None:
+        self.settings, self.envs, self.expert = settings, envs, expert
         config = envs.unwrapped.config
-        self.scale = torch.tensor(settings.scale).repeat_interleave(config.chain.n)
-        self.pupil = network(3 * config.chain.n, config.joints.size, settings.hidden, last_gain=0.1)
+        self.obs_scale = torch.tensor(settings.obs_scale).repeat_interleave(config.chain.n)
+        inputs, outputs = 3 * config.chain.n, config.joints.size
+        self.student = network(inputs, outputs, settings.hidden, last_gain=0.1)
         self.shuffler = torch.Generator().manual_seed(settings.seed)
         shown = [self.play(k, 1.0)[0] for k in range(settings.demonstrations)]
-        self.known = Lesson(*map(torch.cat, zip(*shown, strict=True)))
-        self.learn(settings.first_epochs)
+        self.dataset = Dataset(*map(torch.cat, zip(*shown, strict=True)))
+        self.fit(settings.first_epochs)
 
     @torch.no_grad()
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Return what the pupil does."""
-        return self.pupil(torch.from_numpy(observation) / self.scale).numpy()
+        """Return the student's actions."""
+        return self.student(torch.from_numpy(observation) / self.obs_scale).numpy()
 
-    def play(self, episode: int, teacher_share: float) -> tuple[Lesson, dict[str, float]]:
-        """Play an episode in every lane; return what can be learned, and how the pupil did."""
-        settings, path = self.settings, self.teacher.plan.states
+    def play(self, episode: int, expert_fraction: float) -> tuple[Dataset, dict[str, float]]:
+        """Play an episode in every environment.
+
+        Returns
+        -------
+        Dataset
+            The states near the trajectory, with the expert's actions.
+        dict
+            "return" and "success" of the environments in which the student acted.
+        """
+        settings, states = self.settings, self.expert.nominal.states
         rng = np.random.default_rng([settings.seed, episode])
-        # these seeds are for training, those from 10^6 on for evaluation
+        # training takes seeds below 10^6, evaluation those from there on
         seed = 100_000 * settings.seed + settings.num_envs * episode
         observation, info = self.envs.reset(seed=seed)
         lanes, returns = np.arange(settings.num_envs), np.zeros(settings.num_envs)
-        taught = lanes < teacher_share * lanes.size
-        noise = (settings.noise * taught * rng.permutation(lanes) / lanes.size)[:, None]
+        by_expert = lanes < expert_fraction * lanes.size
+        std = (settings.noise_std * by_expert * rng.permutation(lanes) / lanes.size)[:, None]
         near = np.ones(lanes.size, bool)
-        seen, wanted = [], []
-        for step in range(len(path) + settings.standing):
-            advice = self.teacher(observation, info)
-            theta, omega = np.split(path[min(step, len(path) - 1)], 2)
+        observations, labels = [], []
+        for step in range(len(states) + settings.standing):
+            expert_action = self.expert(observation, info)
+            theta, omega = np.split(states[min(step, len(states) - 1)], 2)
             near &= np.abs(info["theta"] - theta).max(axis=1) < settings.tube
             near &= np.abs(info["omega"] - omega).max(axis=1) < settings.tube
-            seen.append(observation[near])
-            wanted.append(advice[near].clip(-1.5, 1.5))
-            action = np.where(taught[:, None], advice, self.act(observation))
-            action = action + noise * rng.normal(size=action.shape)
+            observations.append(observation[near])
+            labels.append(expert_action[near].clip(-1.5, 1.5))
+            action = np.where(by_expert[:, None], expert_action, self.act(observation))
+            action = action + std * rng.normal(size=action.shape)
             observation, reward, _, _, info = self.envs.step(action.clip(-1.0, 1.0))
             returns += reward
-        lesson = Lesson(
-            torch.from_numpy(np.concatenate(seen)),
-            torch.from_numpy(np.concatenate(wanted).astype(np.float32)),
+        dataset = Dataset(
+            torch.from_numpy(np.concatenate(observations)),
+            torch.from_numpy(np.concatenate(labels).astype(np.float32)),
         )
-        own = {"return": returns[~taught], "success": info["success"][~taught]}
-        return lesson, {name: round(float(v.mean()), 4) for name, v in own.items() if v.size}
+        score = {"return": returns[~by_expert], "success": info["success"][~by_expert]}
+        return dataset, {name: round(float(v.mean()), 4) for name, v in score.items() if v.size}
 
-    def take_in(self, lesson: Lesson) -> float:
-        """Add a lesson to what is known and learn that; return the mean distance."""
-        seen, actions = map(torch.cat, zip(self.known, lesson, strict=True))
-        kept = torch.randperm(len(seen), generator=self.shuffler)[: self.settings.keep]
-        self.known = Lesson(seen[kept], actions[kept])
-        return self.learn(self.settings.epochs)
+    def aggregate(self, new: Dataset) -> float:
+        """Add `new` to the dataset and fit the student to it; return the mean distance."""
+        observations, actions = map(torch.cat, zip(self.dataset, new, strict=True))
+        chosen = torch.randperm(len(observations), generator=self.shuffler)
+        chosen = chosen[: self.settings.max_states]
+        self.dataset = Dataset(observations[chosen], actions[chosen])
+        return self.fit(self.settings.epochs)
 
-    def learn(self, epochs: int) -> float:
-        """Fit the pupil to what is known; return the mean distance from the teacher's actions."""
-        settings, lesson, count = self.settings, self.known, len(self.known.seen)
-        optimizer = torch.optim.Adam(self.pupil.parameters(), fused=True)
-        batches = math.ceil(count / settings.minibatch) * epochs
+    def fit(self, epochs: int) -> float:
+        """Fit the student to the dataset; return the mean distance from the expert's actions."""
+        settings, dataset, size = self.settings, self.dataset, len(self.dataset.observations)
+        optimizer = torch.optim.Adam(self.student.parameters(), fused=True)
+        batches = math.ceil(size / settings.minibatch_size) * epochs
         done, total = 0, 0.0
         for _ in range(epochs):
-            for rows in torch.randperm(count, generator=self.shuffler).split(settings.minibatch):
+            order = torch.randperm(size, generator=self.shuffler)
+            for rows in order.split(settings.minibatch_size):
                 rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * done / batches))
                 optimizer.param_groups[0]["lr"] = rate
-                told = self.pupil(lesson.seen[rows] / self.scale)
-                loss = nn.functional.smooth_l1_loss(told, lesson.actions[rows], beta=0.2)
+                prediction = self.student(dataset.observations[rows] / self.obs_scale)
+                loss = nn.functional.smooth_l1_loss(prediction, dataset.actions[rows], beta=0.2)
                 optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
                 done += 1
-                total += float((told.detach() - lesson.actions[rows]).abs().mean())
+                total += float((prediction.detach() - dataset.actions[rows]).abs().mean())
         return total / done
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list[dict[str, Any]]]:
+def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every round."""
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     envs = gym.make_vec(
         "NPendulum-v0", num_envs=settings.num_envs, max_episode_steps=None, **settings.env
     )
-    schools = [School(settings, envs, teacher) for teacher in steadiest(settings, envs)]
-    trials = [school.play(settings.demonstrations, settings.teacher_share) for school in schools]
+    pairs = [DAgger(settings, envs, expert) for expert in most_robust(settings, envs)]
+    trials = [pair.play(settings.demonstrations, settings.expert_fraction) for pair in pairs]
     best = max(range(len(trials)), key=lambda k: (trials[k][1]["success"], trials[k][1]["return"]))
-    school, (lesson, score) = schools[best], trials[best]
-    episodes = len(schools) * (settings.demonstrations + 1)
-    steps = (len(school.teacher.plan.states) + settings.standing) * settings.num_envs
-    curve: list[dict[str, Any]] = []
+    dagger, (new, score) = pairs[best], trials[best]
+    episodes = len(pairs) * (settings.demonstrations + 1)
+    steps = (len(dagger.expert.nominal.states) + settings.standing) * settings.num_envs
+    curve: Curve = []
     for round_ in tqdm(range(settings.rounds), progress, disable=None, unit="round"):
         if round_ > 0:
-            lesson, score = school.play(settings.demonstrations + round_, settings.teacher_share)
-        distance = school.take_in(lesson)
-        seconds = round(time.perf_counter() - begun, 2)
-        end = {"steps": (episodes + round_) * steps, "seconds": seconds}
-        curve.append(end | score | {"distance": round(distance, 4)})
+            new, score = dagger.play(settings.demonstrations + round_, settings.expert_fraction)
+        distance = dagger.aggregate(new)
+        seconds = round(time.perf_counter() - start_time, 2)
+        counts = {"steps": (episodes + round_) * steps, "seconds": seconds}
+        curve.append(counts | score | {"distance": round(distance, 4)})
     envs.close()
-    policy = as_policy(school.pupil, school.scale, "train_imitation.py", settings, curve[-1])
-    return policy, curve
-
-
-def main() -> None:
-    """Train one policy and write it down."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("task", help='mode and number of rods, as in "swingup-3"')
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rounds", type=int, help="of acting and learning")
-    parser.add_argument("--num-envs", type=int, help="environments side by side")
-    parser.add_argument("--out", type=Path, default=Path())
-    arguments = parser.parse_args()
-    changes = {k: getattr(arguments, k) for k in ("rounds", "num_envs") if getattr(arguments, k)}
-    policy, curve = train(
-        settings_of(arguments.task, seed=arguments.seed, **changes), arguments.task
-    )
-    path = arguments.out / f"{arguments.task}.npz"
-    keep(policy, curve, path)
-    print(f"{path}: {curve[-1]}")
+    student, scale = dagger.student, dagger.obs_scale
+    return policy_of(student, scale, "train_imitation.py", settings, curve[-1]), curve
 
 
 if __name__ == "__main__":
-    main()
+    main(
+        __doc__,
+        settings_of,
+        train,
+        rounds=("--rounds", "rounds of DAgger"),
+        num_envs=("--num-envs", "environments side by side"),
+    )

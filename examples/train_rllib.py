@@ -1,8 +1,8 @@
 """Train in the distributed way, with Ray RLlib: environments step in worker processes.
 
-Run it with `python examples/train_rllib.py`; `--iterations 1 --runners 0` is a quick look. It wants
-`pip install "ray[rllib]" torch`; Ray asks for a Gymnasium of its own, so give it an environment
-of its own.
+Run it with `python examples/train_rllib.py`; `--iterations 1 --runners 0` is a quick look. It needs
+`pip install "ray[rllib]" torch`. Ray requires another version of Gymnasium, so install it in a
+virtual environment of its own.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def main() -> None:
     )
     algorithm = config.build_algo()
     for k in range(arguments.iterations):
-        seen = algorithm.train()["env_runners"]
-        mean = seen.get("episode_return_mean", float("nan"))  # NaN before the first episode ends
-        steps = seen["num_env_steps_sampled_lifetime"]
+        outputs = algorithm.train()["env_runners"]
+        mean = outputs.get("episode_return_mean", float("nan"))  # NaN before an episode has ended
+        steps = outputs["num_env_steps_sampled_lifetime"]
         print(f"iteration {k + 1}: {steps:.0f} steps, return {mean:.2f} of at most 200", flush=True)
     algorithm.stop()
     ray.shutdown()

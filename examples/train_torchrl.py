@@ -1,13 +1,11 @@
 """PPO by TorchRL, on the native vector environment.
 
 Run it with `python examples/train_torchrl.py swingup-1`: it writes `swingup-1.npz`, a policy of
-plain numbers for `examples/evaluate.py`, and `swingup-1.csv`, its learning curve. It wants
+plain numbers for `examples/evaluate.py`, and `swingup-1.csv`, its learning curve. It needs
 `pip install "npend-gym[rl]" torchrl`.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import gymnasium as gym
 import torch
@@ -27,87 +25,90 @@ from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 from tqdm import tqdm
-from train_cleanrl import Settings, as_policy, main, network
+from train_cleanrl import STEPS_OPTION, Settings, settings_of
+from training import Curve, main, network, policy_of
 
-from npend_gym.rl.policies import Policy
+from npend_gym.rl import Policy
 
 
 def make_env(settings: Settings) -> TransformedEnv:
-    """Return all environments as one; TorchRL itself says which of them begin anew."""
+    """Return all environments as one; TorchRL itself says which of them to reset."""
     envs = gym.make_vec(
         "npend_gym:NPendulum-v0", settings.num_envs, autoreset_mode="DISABLED", **settings.env
     )
     env = GymWrapper(envs, device="cpu")
-    env.set_seed(1000 * settings.seed)  # these are for training, those from 10^6 on for evaluation
+    env.set_seed(1000 * settings.seed)  # evaluation takes seeds from 10^6 on
     return TransformedEnv(
         env,
         Compose(
             RewardSum(),  # the return of an episode
-            RewardScaling(0.0, 1.0 - settings.discount),  # so that values are of order one
-            ObservationNorm(0.0, 1.0 / scale(settings), in_keys=["observation"]),
+            RewardScaling(0.0, 1.0 - settings.gamma),  # so that values are of order one
+            ObservationNorm(0.0, 1.0 / obs_scale(settings), in_keys=["observation"]),
         ),
     )
 
 
-def scale(settings: Settings) -> torch.Tensor:
-    """Return what the observation is divided by."""
-    return torch.tensor(settings.scale).repeat_interleave(settings.env["n"])
+def obs_scale(settings: Settings) -> torch.Tensor:
+    """Return the numbers that the observation is divided by."""
+    return torch.tensor(settings.obs_scale).repeat_interleave(settings.env["n"])
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, list[dict[str, Any]]]:
+def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every update."""
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
     env = make_env(settings)
     inputs, actions = env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1]
     mean = network(inputs, actions, settings.hidden, last_gain=0.01)
-    drawn = nn.Sequential(mean, AddStateIndependentNormalScale(actions, scale_mapping="exp"))
+    mean_and_std = nn.Sequential(mean, AddStateIndependentNormalScale(actions, scale_mapping="exp"))
     actor = ProbabilisticActor(
-        TensorDictModule(drawn, in_keys=["observation"], out_keys=["loc", "scale"]),
+        TensorDictModule(mean_and_std, in_keys=["observation"], out_keys=["loc", "scale"]),
         in_keys=["loc", "scale"],
         distribution_class=IndependentNormal,
         return_log_prob=True,
     )
     critic = ValueOperator(network(inputs, 1, settings.hidden, last_gain=1.0))
-    judge = GAE(gamma=settings.discount, lmbda=settings.trace, value_network=critic)
+    gae = GAE(gamma=settings.gamma, lmbda=settings.gae_lambda, value_network=critic)
     loss = ClipPPOLoss(
         actor,
         critic,
-        clip_epsilon=settings.clip,
+        clip_epsilon=settings.clip_coef,
         entropy_coeff=0.0,
-        critic_coeff=0.5,
+        critic_coeff=settings.vf_coef,
         loss_critic_type="l2",
         normalize_advantage=True,
     )
     optimizer = torch.optim.Adam(loss.parameters(), settings.learning_rate, eps=1e-5, fused=True)
-    batch = settings.num_envs * settings.rollout
-    updates = max(1, settings.total_steps // batch)
-    slower = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.0, updates)
-    memory = TensorDictReplayBuffer(
-        storage=LazyTensorStorage(batch),
+    batch_size = settings.num_envs * settings.num_steps
+    updates = max(1, settings.total_timesteps // batch_size)
+    scheduler = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.0, updates)
+    buffer = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(batch_size),
         sampler=SamplerWithoutReplacement(),
-        batch_size=settings.minibatch,
+        batch_size=settings.minibatch_size,
     )
-    collector = Collector(env, actor, frames_per_batch=batch, total_frames=updates * batch)
-    curve: list[dict[str, Any]] = []
-    last: float | None = None  # mean return of the episodes that ended last
-    for seen in tqdm(collector, progress, updates, disable=None, unit="update"):
-        judge(seen)
-        memory.extend(seen.reshape(-1))
-        for _ in range(settings.epochs):
-            for some in memory:
-                parts = loss(some)
+    collector = Collector(
+        env, actor, frames_per_batch=batch_size, total_frames=updates * batch_size
+    )
+    curve: Curve = []
+    mean_return: float | None = None  # of the episodes that ended last
+    for rollout in tqdm(collector, progress, updates, disable=None, unit="update"):
+        gae(rollout)
+        buffer.extend(rollout.reshape(-1))
+        for _ in range(settings.update_epochs):
+            for minibatch in buffer:
+                losses = loss(minibatch)
                 optimizer.zero_grad()
-                (parts["loss_objective"] + parts["loss_critic"]).backward()
-                nn.utils.clip_grad_norm_(loss.parameters(), 0.5)
+                (losses["loss_objective"] + losses["loss_critic"]).backward()
+                nn.utils.clip_grad_norm_(loss.parameters(), settings.max_grad_norm)
                 optimizer.step()
-        slower.step()
-        ended = seen["next", "episode_reward"][seen["next", "done"]]
-        last = round(float(ended.mean()), 4) if len(ended) > 0 else last
-        curve.append({"steps": (len(curve) + 1) * batch, "return": last})
+        scheduler.step()
+        returns = rollout["next", "episode_reward"][rollout["next", "done"]]
+        mean_return = round(float(returns.mean()), 4) if len(returns) > 0 else mean_return
+        curve.append({"steps": (len(curve) + 1) * batch_size, "return": mean_return})
     collector.shutdown()
-    return as_policy(mean, scale(settings), "train_torchrl.py", settings, curve[-1]), curve
+    return policy_of(mean, obs_scale(settings), "train_torchrl.py", settings, curve[-1]), curve
 
 
 if __name__ == "__main__":
-    main(train, __doc__)
+    main(__doc__, settings_of, train, total_timesteps=STEPS_OPTION)

@@ -13,7 +13,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from npend_gym.rl.adapter import SB3VecEnv
+from npend_gym.rl import SB3VecEnv
 
 COUNT = 3
 
@@ -27,14 +27,14 @@ def dummy(**keywords):
 
 
 @pytest.mark.parametrize("mode", ["swingup", "balance"])
-def test_it_gives_what_dummyvecenv_with_vecmonitor_gives(mode):
+def test_it_returns_what_dummyvecenv_with_vecmonitor_returns(mode):
     keywords = {"n": 2, "mode": mode, "max_episode_steps": 60}
     ours, theirs = SB3VecEnv(native(**keywords), info_keys=("time",)), dummy(**keywords)
     for env in (ours, theirs):
         env.seed(5)
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
     assert ours.reset_infos[1]["energy"] == theirs.venv.reset_infos[1]["energy"]
-    rng, ends = np.random.default_rng(0), {"cut": 0, "failed": 0}
+    rng, ends = np.random.default_rng(0), {"truncated": 0, "failed": 0}
     for _ in range(150):
         actions = rng.uniform(-1.0, 1.0, (COUNT, 1)).astype(np.float32)
         mine, reference = ours.step(actions), theirs.step(actions)
@@ -52,11 +52,11 @@ def test_it_gives_what_dummyvecenv_with_vecmonitor_gives(mode):
             assert a["time"] == b["time"]
             assert a["episode"]["l"] == b["episode"]["l"]
             assert a["episode"]["r"] == pytest.approx(b["episode"]["r"], rel=1e-5)
-            ends["cut" if a["TimeLimit.truncated"] else "failed"] += 1
-    assert ends["failed" if mode == "balance" else "cut"] >= COUNT
+            ends["truncated" if a["TimeLimit.truncated"] else "failed"] += 1
+    assert ends["failed" if mode == "balance" else "truncated"] >= COUNT
 
 
-def test_other_ways_of_resetting_are_refused():
+def test_other_autoreset_modes_are_refused():
     with pytest.raises(ValueError, match="autoreset_mode SAME_STEP"):
         SB3VecEnv(gym.make_vec("NPendulum-v0", num_envs=2))
 
@@ -72,7 +72,7 @@ def test_options_reach_the_lanes_in_the_next_reset_only():
         env.reset()
 
 
-def test_attributes_and_methods_of_a_native_env_are_those_of_all_lanes():
+def test_all_lanes_of_a_native_env_share_its_attributes_and_methods():
     env = SB3VecEnv(native(n=2, render_mode=None))
     assert env.get_attr("num_envs", indices=[0, 2]) == [COUNT, COUNT]
     assert env.get_attr("config")[0].chain.n == 2
@@ -87,7 +87,7 @@ def test_attributes_and_methods_of_a_native_env_are_those_of_all_lanes():
     assert env.env_is_wrapped(gym.wrappers.TimeLimit, indices=0) == [False]
 
 
-def test_attributes_and_methods_of_gymnasiums_vector_env_are_those_of_each():
+def test_each_env_of_gymnasiums_vector_env_has_its_own_attributes_and_methods():
     env = SB3VecEnv(
         gym.make_vec(
             "CartPole-v1",
@@ -118,12 +118,12 @@ def test_ppo_learns_on_it_and_is_evaluated():
     torch = pytest.importorskip("torch")
     torch.set_num_threads(1)
     env = SB3VecEnv(native(n=1, mode="balance", observation="sincos", max_episode_steps=50))
-    agent = PPO("MlpPolicy", env, n_steps=32, batch_size=48, n_epochs=1, seed=0)
-    before = agent.policy.get_distribution(torch.zeros(1, 3)).mode().item()
-    agent.learn(300)
-    assert agent.policy.get_distribution(torch.zeros(1, 3)).mode().item() != before
-    assert len(agent.ep_info_buffer) > 0
-    mean, _ = evaluate_policy(agent, env, n_eval_episodes=4)
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=48, n_epochs=1, seed=0)
+    before = model.policy.get_distribution(torch.zeros(1, 3)).mode().item()
+    model.learn(300)
+    assert model.policy.get_distribution(torch.zeros(1, 3)).mode().item() != before
+    assert len(model.ep_info_buffer) > 0
+    mean, _ = evaluate_policy(model, env, n_eval_episodes=4)
     assert 0.0 < mean <= 50.0
 
 

@@ -6,8 +6,8 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
-from npend_gym.rl.evaluation import evaluate
-from npend_gym.rl.planning import LIMIT, planned_swing_up
+from npend_gym.rl import evaluate, planned_swing_up, planning
+from npend_gym.rl.planning import MAX_ACTION
 
 
 def config_of(**keywords):
@@ -19,9 +19,9 @@ def triple():
     return planned_swing_up(config_of(n=3, mode="swingup"), seconds=5.0, tries=3)
 
 
-def check_motion(config, plan):
-    """Check steps of the plan by the adaptive method, which is not the environment's."""
-    states, actions = plan
+def check_motion(config, nominal):
+    """Check steps of the trajectory by the adaptive method, which is not the environment's."""
+    states, actions = nominal
     for k in range(0, len(actions), 7):
         motion = simulate(
             config.chain, *np.split(states[k], 2), [0.0, config.dt],
@@ -31,48 +31,70 @@ def check_motion(config, plan):
         np.testing.assert_allclose(reached, states[k + 1], atol=1e-5)
 
 
-def test_a_plan_is_a_motion_of_the_chain_from_hanging_to_upright(triple):
-    config, (states, actions) = config_of(n=3, mode="swingup"), triple.plan
-    assert np.abs(actions).max() <= LIMIT
+def test_a_planned_trajectory_is_a_motion_of_the_chain_from_hanging_to_upright(triple):
+    config, (states, actions) = config_of(n=3, mode="swingup"), triple.nominal
+    assert np.abs(actions).max() <= MAX_ACTION
     np.testing.assert_array_equal(states[0], 0.0)
     np.testing.assert_allclose(np.cos(states[-1, :3]), -1.0)
     np.testing.assert_array_equal(states[-1, 3:], 0.0)
-    check_motion(config, triple.plan)
+    check_motion(config, triple.nominal)
 
 
-def test_a_plan_for_a_chain_in_air_has_the_drag_in_it():
+def test_a_trajectory_planned_in_air_includes_the_drag():
     config = config_of(n=1, mode="swingup", drag=0.05, quadratic_drag=0.05)
-    check_motion(config, planned_swing_up(config, seconds=4.0, tries=2).plan)
+    check_motion(config, planned_swing_up(config, seconds=4.0, tries=2).nominal)
 
 
-def test_three_rods_swung_up_by_the_base_alone_stand_in_held_out_episodes(triple):
+def test_a_motor_at_the_base_alone_swings_up_three_rods_in_held_out_episodes(triple):
     keywords = {"n": 3, "mode": "swingup", "max_episode_steps": 300}
-    assert evaluate(triple, keywords, episodes=50).rate > 0.9
+    assert evaluate(triple, keywords, episodes=20).success_rate > 0.9
 
 
-def test_without_its_feedback_the_plan_fails(triple):
+def test_the_steps_of_a_trajectory_are_the_environments_own_bit_for_bit(triple):
+    config, (states, actions) = config_of(n=3, mode="swingup"), triple.nominal
+    env = gym.make_vec("NPendulum-v0", num_envs=len(actions), n=3, mode="swingup")
+    start = {"theta": states[:-1, :3], "omega": states[:-1, 3:]}
+    env.reset(seed=0, options=start)
+    info = env.step(actions)[4]
+    stepped = planning.Stepper(config, len(actions))(states[:-1], actions)
+    np.testing.assert_array_equal(stepped, np.hstack([info["theta"], info["omega"]]))
+
+
+def test_without_feedback_the_planned_actions_fail(triple):
     def replay(observation, info):
         k = np.rint(info["time"] / triple.dt).astype(int)
-        inside = k < len(triple.plan.actions)
-        planned = triple.plan.actions[np.minimum(k, len(triple.plan.actions) - 1)]
+        inside = k < len(triple.nominal.actions)
+        planned = triple.nominal.actions[np.minimum(k, len(triple.nominal.actions) - 1)]
         return np.where(inside[:, None], planned, triple.stand(observation, info))
 
     keywords = {"n": 3, "mode": "swingup", "max_episode_steps": 300}
-    assert evaluate(replay, keywords, episodes=20).rate < 0.1
+    assert evaluate(replay, keywords, episodes=20).success_rate < 0.1
 
 
-def test_the_chain_is_calmed_first_where_that_is_asked_for():
+def test_with_settle_the_chain_is_calmed_before_the_trajectory_begins():
     config = config_of(n=1, mode="swingup")
-    agent = planned_swing_up(config, seconds=3.0, settle=4.0, tries=1)
+    controller = planned_swing_up(config, seconds=3.0, settle=4.0, tries=1)
     info = {"theta": np.full((3, 1), 0.1), "omega": np.zeros((3, 1))}
-    before = agent(None, info | {"time": np.array([0.0, 1.0, 3.9])})
-    np.testing.assert_array_equal(before, agent.hang(None, info))
+    before = controller(None, info | {"time": np.array([0.0, 1.0, 3.9])})
+    np.testing.assert_array_equal(before, controller.hang(None, info))
     hanging = {"theta": np.zeros((1, 1)), "omega": np.zeros((1, 1))}
-    begun = agent(None, hanging | {"time": np.full(1, 4.0)})
-    np.testing.assert_allclose(begun[0], agent.plan.actions[0])
+    begun = controller(None, hanging | {"time": np.full(1, 4.0)})
+    np.testing.assert_allclose(begun[0], controller.nominal.actions[0])
 
 
-def test_where_the_torque_cannot_swing_the_chain_up_it_says_so():
+def test_a_torque_too_small_for_a_swing_up_is_an_error():
     config = config_of(n=1, mode="swingup", max_torque=0.05)
-    with pytest.raises(RuntimeError, match="no path of 1 s was found in 1 tries"):
+    with pytest.raises(RuntimeError, match="no trajectory of 1 s was found in 1 tries"):
         planned_swing_up(config, seconds=1.0, tries=1)
+
+
+def test_progress_wraps_the_iteration_over_the_guesses():
+    counted = []
+
+    def count(guesses):
+        for guess in guesses:
+            counted.append(guess)
+            yield guess
+
+    planned_swing_up(config_of(n=1, mode="swingup"), seconds=3.0, tries=2, progress=count)
+    assert counted == [0, 1]
