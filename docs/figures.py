@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from npend_gym import Chain, __version__, pseudo_periods, simulate
+from npend_gym import Chain, __version__, physics, pseudo_periods, simulate
 from npend_gym._checks import FloatArray
 from npend_gym._palette import BLACK, BLUE, FAINT, GREEN, ORANGE
 from npend_gym.physics.energy import positions
@@ -23,41 +23,27 @@ from npend_gym.report.style import panels, styled
 HERE = Path(__file__).parent / "images"
 
 
-def tension_system(
-    chain: Chain, theta: FloatArray, omega: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return matrix (n, n) and right side (n,) of the tensions without torques, Eq. (1)."""
+def tension_matrix(chain: Chain, theta: FloatArray) -> FloatArray:
+    """Return the matrix (n, n) of Eq. (1), whose unknowns are the tensions."""
     v = np.concatenate([[0.0], 1.0 / chain.masses])
     beside = -np.cos(np.diff(theta)) * v[1:-1]
-    matrix = np.diag(v[:-1] + v[1:]) + np.diag(beside, 1) + np.diag(beside, -1)
-    right = chain.lengths * omega**2
-    right[0] += chain.gravity * np.cos(theta[0])
-    return matrix, right
-
-
-def mass_matrix(chain: Chain, theta: FloatArray) -> FloatArray:
-    """Return the paper's dense matrix, row i multiplied by l_i."""
-    l, mu = chain.lengths, chain.carried_masses
-    return (
-        np.outer(l, l) * np.minimum.outer(mu, mu) * np.cos(theta[:, None] - theta)
-    )  # mu falls along the chain, so the least is that of max(i, j)
+    return np.diag(v[:-1] + v[1:]) + np.diag(beside, 1) + np.diag(beside, -1)
 
 
 @styled
 def tensions() -> Figure:
-    """Draw the forces on a bob in motion, and the matrices of both ways to the accelerations."""
+    """Draw the forces on a bob in motion, and the matrices of both systems of equations."""
     chain = Chain.uniform(6)
-    theta = np.array([0.9, 0.3, 1.1, -0.2, -0.9, 0.4])  # chosen to be seen
+    theta = np.array([0.9, 0.3, 1.1, -0.2, -0.9, 0.4])  # so that no rods overlap
     omega = np.array([2.0, 3.0, 2.0, 3.0, 4.0, 3.0])
     place = positions(chain, theta)
-    matrix, right = tension_system(chain, theta, omega)
-    tension = np.linalg.solve(matrix, right)
+    tension = physics.tensions(chain, theta, omega)
     figure = Figure(figsize=(8.6, 3.6))
     left, middle, last = figure.subplots(1, 3, width_ratios=(0.7, 1, 1))
     _draw_forces(left, chain, theta, np.vstack([np.zeros(2), place]), tension)
     for axes, system, title in (
-        (middle, mass_matrix(chain, theta), "for the angular accelerations"),
-        (last, matrix, "for the tensions"),
+        (middle, physics.mass_matrix(chain, theta), "for the angular accelerations"),
+        (last, tension_matrix(chain, theta), "for the tensions"),
     ):
         largest = np.abs(system).max()
         shown = np.where(system == 0.0, np.nan, system)
