@@ -1,5 +1,6 @@
 from npend_gym import envs as envs
 from npend_gym import physics as physics
+from npend_gym import rl as rl
 from npend_gym import theory as theory
 from npend_gym._version import __version__ as __version__
 from npend_gym.chain import Chain as Chain

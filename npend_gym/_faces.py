@@ -40,4 +40,4 @@ def attach_stub(
         setattr(sys.modules[package], name, value)
         return value
 
-    return get_attribute, lambda: sorted(sources), sorted(sources)
+    return get_attribute, lambda: sorted(sources), list(sources)

@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import io
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,16 @@ def test_every_picture_is_drawn_by_a_command_that_some_page_names():
     assert drawn <= shown
     for name in shown:
         assert re.search(rf"images/{name}\.", pages), f"no page shows {name}"
+
+
+@pytest.mark.parametrize("face", ["physics", "envs", "rl"])
+def test_the_reference_has_every_public_name(face):
+    pages = (ROOT / "docs" / "reference").glob("*.md")
+    reference = "".join(page.read_text(encoding="utf-8") for page in pages)
+    described = re.findall(r"^\.\. auto\w+:: (.*)$", reference, re.MULTILINE)
+    if f"npend_gym.{face}" not in described:
+        names = {name.rpartition(".")[2] for name in described}
+        assert names >= set(import_module(f"npend_gym.{face}").__all__)
 
 
 def test_the_citation_names_this_version():

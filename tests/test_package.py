@@ -16,6 +16,7 @@ from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.compiled import notice
 from npend_gym.compiled.jit import cache_folder
 
+FACES = ("npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl")
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
 
@@ -29,8 +30,8 @@ def python(code, **environment):
     ).stdout.strip()
 
 
-def test_importing_the_package_imports_nothing_heavy():
-    code = f"import sys, npend_gym; print([m for m in {HEAVY!r} if m in sys.modules])"
+def test_importing_the_faces_imports_nothing_heavy():
+    code = f"import sys, {', '.join(FACES)}; print([m for m in {HEAVY!r} if m in sys.modules])"
     assert python(code) == "[]"
 
 
@@ -94,7 +95,7 @@ def test_without_the_extras_each_command_works_or_names_the_one_it_needs(
         assert f'pip install "npend-gym[{extra}]"' in error
 
 
-@pytest.mark.parametrize("face", ["npend_gym", "npend_gym.physics", "npend_gym.envs"])
+@pytest.mark.parametrize("face", FACES)
 def test_every_public_name_of_a_face_is_there(face):
     package = import_module(face)
     for name in package.__all__:
