@@ -3,11 +3,11 @@
     python benchmarks/campaign.py                     ratios, writes results/campaign.csv
     python benchmarks/campaign.py --releases 1000000  the whole of it with a million releases
 
-Why: a campaign also draws, writes, checks and records, in processes that must be started. The plain
-loop measures the same releases at N = 5 and keeps nothing. CPU time is that of all processes,
-start and imports included; the loop's is that of the loop alone. Two cores are compared with one by
-the clock on the wall, beside two plain loops at once, which tell what the machine's two cores gave
-just then. Memory is the largest sum over driver and workers, and the largest of one process.
+Why: a campaign also draws, writes, checks and records, in processes that have to be started. The
+plain loop measures the same releases at N = 5 and keeps nothing. CPU time is that of all processes,
+their start and imports included; that of the loop is the loop's alone. Two cores are compared with
+one by wall time, beside two plain loops at once, which show what the two cores of the machine gave
+at that moment. Memory is the largest sum over driver and workers, and the largest of one process.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Peaks(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        """Sample four times a second."""
+        """Sample four times per second."""
         while not self._stopped.wait(0.25):
             with suppress(psutil.NoSuchProcess):  # one has ended meanwhile
                 driver = psutil.Process(self.pid)
@@ -164,7 +164,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--releases", type=int, default=50_000, help="in each run (50000)")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help=f"in turns ({ROUNDS})")
-    given = parser.parse_args()
-    ROUNDS = given.rounds
-    done = [row("releases", given.releases, f"N = {N}"), *ratios(given.releases)]
+    arguments = parser.parse_args()
+    ROUNDS = arguments.rounds
+    done = [row("releases", arguments.releases, f"N = {N}"), *ratios(arguments.releases)]
     write_csv(HERE / "results" / "campaign.csv", done)

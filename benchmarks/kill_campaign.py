@@ -1,13 +1,13 @@
-"""Whether a campaign comes to the same bytes, however often it is killed.
+"""Whether a campaign writes the same bytes, however often it is killed.
 
     python benchmarks/kill_campaign.py --kills 100
 
-Why: "nothing is lost and nothing done twice" is a claim about moments that no test chooses. Here a
-small campaign runs while drivers and workers are killed with SIGKILL at random moments, from the
+Why: "nothing is lost and nothing is done twice" is a claim about moments that no test chooses. Here
+a small campaign runs while drivers and workers are killed with SIGKILL at random moments, from the
 start of the interpreter to the last line of the journal; between two drivers a part or the journal
-is sometimes damaged as well. The same command is given again until it says that all is done; then
-every part must have the bytes that an undisturbed run wrote. Then the next campaign begins, until
-there have been so many kills. Linux only.
+is sometimes damaged as well. The same command is repeated until it reports that everything is done;
+then every part must have the bytes that an undisturbed run wrote. Further campaigns follow until
+the number of kills is reached. Linux only.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PLAN = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "3000", "--batch", "
 
 
 def start(out: Path, workers: int = 2) -> subprocess.Popen[bytes]:
-    """Start the driver, or start it again; with one worker it does the work itself."""
+    """Start the driver, for the first time or again; with one worker it does the work itself."""
     command = [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *PLAN]
     with out.with_suffix(".log").open("wb") as log:
         return subprocess.Popen(
@@ -38,11 +38,11 @@ def start(out: Path, workers: int = 2) -> subprocess.Popen[bytes]:
 
 
 def digest(out: Path) -> str:
-    """Return a SHA-256 of all parts in their order, their names included."""
-    found = hashlib.sha256()
+    """Return a SHA-256 of the names and contents of all parts, in order."""
+    sha256 = hashlib.sha256()
     for path in sorted(out.rglob("*.parquet")):
-        found.update(str(path.relative_to(out)).encode() + path.read_bytes())
-    return found.hexdigest()
+        sha256.update(str(path.relative_to(out)).encode() + path.read_bytes())
+    return sha256.hexdigest()
 
 
 def worker_processes(driver: int) -> list[psutil.Process]:
@@ -54,21 +54,21 @@ def worker_processes(driver: int) -> list[psutil.Process]:
 
 
 def is_worker(process: psutil.Process) -> bool:
-    """Return whether a process carries out tasks; not where it has ended."""
+    """Return whether a process is a worker; False where it has ended."""
     with suppress(psutil.NoSuchProcess):
         return any("popen_loky" in word for word in process.cmdline())
     return False
 
 
-def disturb(process: subprocess.Popen[bytes], chance: random.Random, longest: float) -> str:
-    """Kill the driver or a worker after a random time; return which, or that all was done."""
+def disturb(process: subprocess.Popen[bytes], rng: random.Random, longest: float) -> str:
+    """Kill the driver or a worker after a random time; return what happened."""
     try:
-        process.wait(chance.uniform(0.0, longest))
+        process.wait(rng.uniform(0.0, longest))
     except subprocess.TimeoutExpired:
-        some = worker_processes(process.pid)
-        if some and chance.random() < 0.5:
+        workers = worker_processes(process.pid)
+        if workers and rng.random() < 0.5:
             with suppress(psutil.NoSuchProcess):
-                chance.choice(some).kill()
+                rng.choice(workers).kill()
             return "worker killed"
         process.kill()
         process.wait()
@@ -76,20 +76,20 @@ def disturb(process: subprocess.Popen[bytes], chance: random.Random, longest: fl
     return "ended" if process.returncode == 0 else "gave up"
 
 
-def damage(out: Path, chance: random.Random) -> str:
+def damage(out: Path, rng: random.Random) -> str:
     """Truncate or change a part, or tear the journal."""
     parts = sorted((out / "bobs").rglob("*.parquet")) + sorted(
         (out / "releases").rglob("*.parquet")
     )
-    if not parts or chance.random() < 0.7:
+    if not parts or rng.random() < 0.7:
         return ""
-    part, kind = chance.choice(parts), chance.randrange(4)
+    part, kind = rng.choice(parts), rng.randrange(4)
     data = bytearray(part.read_bytes())
     if kind == 0:
-        part.write_bytes(data[: chance.randrange(len(data))])
+        part.write_bytes(data[: rng.randrange(len(data))])
         return "part truncated"
     if kind == 1:
-        data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
         part.write_bytes(data)
         return "bit of a part flipped"
     if kind == 2:
@@ -98,41 +98,41 @@ def damage(out: Path, chance: random.Random) -> str:
     journal = out / "journal.jsonl"
     if journal.exists():
         text = journal.read_bytes()
-        journal.write_bytes(text[: chance.randrange(len(text) + 1)])
+        journal.write_bytes(text[: rng.randrange(len(text) + 1)])
         return "journal torn"
     return ""
 
 
 def main() -> int:
-    """Kill until there have been enough kills; return 1 if bytes ever differed."""
+    """Kill until the number of kills is reached; return 1 if any bytes differed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--longest", type=float, help="between two [s] (1.2 times a whole run)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments (0)")
-    given = parser.parse_args()
-    chance, counts = random.Random(given.seed), Counter[str]()
+    arguments = parser.parse_args()
+    rng, counts = random.Random(arguments.seed), Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
         began = 0.0
         for name in ("warm-up", "undisturbed"):  # the first may compile
             began = time.perf_counter()
             if start(Path(folder) / name).wait():
                 raise RuntimeError("the undisturbed run failed")
-        longest = given.longest or 1.2 * (time.perf_counter() - began)
+        longest = arguments.longest or 1.2 * (time.perf_counter() - began)
         expected = digest(Path(folder) / "undisturbed")
         kills = campaigns = 0
-        while kills < given.kills:
+        while kills < arguments.kills:
             out = Path(folder) / f"campaign {campaigns}"
-            process = start(out, chance.choice((1, 2)))
-            while (what := disturb(process, chance, longest)) != "ended":
+            process = start(out, rng.choice((1, 2)))
+            while (what := disturb(process, rng, longest)) != "ended":
                 counts[what] += 1
                 kills += what.endswith("killed")
                 if what == "gave up":
                     print(out.with_suffix(".log").read_text()[-1000:], flush=True)
                 if what == "worker killed":
                     continue
-                harm = damage(out, chance)
-                counts[harm] += bool(harm)
-                process = start(out, chance.choice((1, 2)))
+                damaged = damage(out, rng)
+                counts[damaged] += bool(damaged)
+                process = start(out, rng.choice((1, 2)))
             campaigns += 1
             same = digest(out) == expected
             counts["campaign the same" if same else "campaign DIFFERENT"] += 1

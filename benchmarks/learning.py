@@ -3,10 +3,10 @@
     pip install -c constraints.txt -e ".[rl]"
     python benchmarks/learning.py        prints a table, writes results/learning.csv
 
-The same PPO, policy and number of environments, once on the adapter over the native vector
-environment, once on DummyVecEnv and once on SubprocVecEnv over the single one; runs alternate and
-the best of each kind is kept. "collecting" is the part of a run that steps environments and asks
-the policy, "learning" all of it, "share" what the environment's `step` takes of all.
+The same PPO, policy and number of environments run on the adapter with the native vector
+environment, on DummyVecEnv and on SubprocVecEnv with single environments; runs alternate, and the
+best of each kind is kept. "collecting" is the part of a run that steps environments and evaluates
+the policy, "learning" is the whole run, "step_fraction" the part of its time that `step` takes.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from npend_gym._machine import machine
 from npend_gym.report.outputs import write_csv
 from npend_gym.rl import SB3VecEnv
 
-COUNT = 64
+NUM_ENVS = 64
 TASK = {"n": 2, "mode": "swingup", "observation": "sincos", "max_episode_steps": 200}
-LEARNERS = {  # one rollout of 64 x 64 steps, then so many passes over it
+LEARNERS = {  # passes over a rollout of 64 x 64 steps
     "10 epochs of 256": {"n_epochs": 10, "batch_size": 256},
     "4 epochs of 1024": {"n_epochs": 4, "batch_size": 1024},
     "1 epoch of 4096": {"n_epochs": 1, "batch_size": 4096},
@@ -38,70 +38,70 @@ LEARNERS = {  # one rollout of 64 x 64 steps, then so many passes over it
 
 
 def adapter() -> VecEnv:
-    """Return our environments through the adapter."""
+    """Return the native vector environment through the adapter."""
     return SB3VecEnv(
-        gym.make_vec("NPendulum-v0", num_envs=COUNT, autoreset_mode="SAME_STEP", **TASK)
+        gym.make_vec("NPendulum-v0", num_envs=NUM_ENVS, autoreset_mode="SAME_STEP", **TASK)
     )
 
 
-def one() -> Any:
+def single() -> Any:
     """Return a single environment; by name, so that worker processes find it."""
     return gym.make("npend_gym:NPendulum-v0", **TASK)
 
 
 def dummy() -> VecEnv:
-    """Return as many in SB3's loop."""
-    return VecMonitor(DummyVecEnv([one] * COUNT))
+    """Return single environments in SB3's loop."""
+    return VecMonitor(DummyVecEnv([single] * NUM_ENVS))
 
 
 def subproc() -> VecEnv:
-    """Return as many in a process each."""
-    return VecMonitor(SubprocVecEnv([one] * COUNT, start_method="fork"))
+    """Return single environments, each in a process of its own."""
+    return VecMonitor(SubprocVecEnv([single] * NUM_ENVS, start_method="fork"))
 
 
 class Clock(BaseCallback):
-    """Adds up the time that collecting takes."""
+    """Adds up the time of collecting."""
 
     collecting = 0.0
 
     def _on_rollout_start(self) -> None:
-        self.begun = time.perf_counter()
+        self.start_time = time.perf_counter()
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_end(self) -> None:
-        self.collecting += time.perf_counter() - self.begun
+        self.collecting += time.perf_counter() - self.start_time
 
 
 def measure(make: Callable[[], VecEnv], learner: dict[str, Any], rollouts: int) -> dict[str, float]:
-    """Return frames a second, of all and of collecting, and the environment's share of the time."""
+    """Return frames per second, in total and of collecting, and the fraction of time in `step`."""
     envs = make()
     stepping, step = [0.0], envs.step
 
     def timed(actions: Any) -> Any:
-        begun = time.perf_counter()
-        seen = step(actions)
-        stepping[0] += time.perf_counter() - begun
-        return seen
+        start_time = time.perf_counter()
+        outputs = step(actions)
+        stepping[0] += time.perf_counter() - start_time
+        return outputs
 
     envs.step = timed
     model = PPO("MlpPolicy", envs, n_steps=64, seed=0, device="cpu", **learner)
-    model.learn(COUNT * 64)  # compile, start processes, warm up
-    stepping[0], clock, begun = 0.0, Clock(), time.perf_counter()
-    model.learn(COUNT * 64 * rollouts, callback=clock)
-    seconds = time.perf_counter() - begun
+    model.learn(NUM_ENVS * 64)  # compile, start processes, warm up
+    stepping[0], clock, start_time = 0.0, Clock(), time.perf_counter()
+    model.learn(NUM_ENVS * 64 * rollouts, callback=clock)
+    seconds = time.perf_counter() - start_time
     envs.close()
-    frames = COUNT * 64 * rollouts
+    frames = NUM_ENVS * 64 * rollouts
     return {
         "learning": frames / seconds,
         "collecting": frames / clock.collecting,
-        "share": stepping[0] / seconds,
+        "step_fraction": stepping[0] / seconds,
     }
 
 
 def main() -> None:
-    """Measure all, print the table and write it down."""
+    """Measure all kinds, print the table and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rollouts", type=int, default=4)
     parser.add_argument("--rounds", type=int, default=4)
@@ -110,15 +110,15 @@ def main() -> None:
     kinds = {"adapter": adapter, "DummyVecEnv": dummy, "SubprocVecEnv": subproc}
     rows: list[dict[str, Any]] = []
     for name, learner in LEARNERS.items():
-        seen: dict[str, list[dict[str, float]]] = {kind: [] for kind in kinds}
+        results: dict[str, list[dict[str, float]]] = {kind: [] for kind in kinds}
         for _ in range(arguments.rounds):
             for kind, make in kinds.items():
-                seen[kind].append(measure(make, learner, arguments.rollouts))
-        best = {kind: max(runs, key=lambda run: run["learning"]) for kind, runs in seen.items()}
+                results[kind].append(measure(make, learner, arguments.rollouts))
+        best = {kind: max(runs, key=lambda run: run["learning"]) for kind, runs in results.items()}
         for kind, run in best.items():
             row = {"learner": name, "environment": kind}
             row |= {f"{part}_per_s": round(run[part]) for part in ("learning", "collecting")}
-            row |= {"share": round(run["share"], 4)}
+            row |= {"step_fraction": round(run["step_fraction"], 4)}
             row |= {
                 f"{part}_ratio": round(best["adapter"][part] / run[part], 2)
                 for part in ("learning", "collecting")

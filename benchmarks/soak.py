@@ -1,6 +1,6 @@
-"""The long runs behind docs/reliability.md: the same bits, odd calls, a day of steps and so on.
+"""The long runs behind docs/reliability.md: equal bits, random calls, a day of steps and so on.
 
-Each prints one line with what was really run and found, and the exit code is 1 where a promise is
+Each prints one line that says what was run and found. The exit code is 1 where a promise is
 broken::
 
     python benchmarks/soak.py bits --steps 1000000
@@ -38,23 +38,23 @@ _ENV = "npend_gym:NPendulum-v0"
 
 
 def main() -> int:
-    """Run what is asked for; return 1 where a promise is broken."""
+    """Run what the command line names; return 1 where a promise is broken."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest="what", required=True)
     for name, (_, option, default) in RUNS.items():
         commands.add_parser(name).add_argument(
             f"--{option}", dest="amount", type=int, default=default
         )
-    given = parser.parse_args()
-    began = time.process_time()
-    sound, text = RUNS[given.what][0](given.amount)
-    took = time.process_time() - began
-    print(f"{given.what}: {text}; {took:.0f} s of CPU time: {'kept' if sound else 'BROKEN'}")
-    return 0 if sound else 1
+    arguments = parser.parse_args()
+    start_time = time.process_time()
+    kept, text = RUNS[arguments.what][0](arguments.amount)
+    took = time.process_time() - start_time
+    print(f"{arguments.what}: {text}; {took:.0f} s of CPU time: {'kept' if kept else 'BROKEN'}")
+    return 0 if kept else 1
 
 
 def bits(steps: int) -> tuple[bool, str]:
-    """Compare copies and lanes of vector envs with single envs, so many steps in all."""
+    """Compare copies and lanes of vector envs with single envs, `steps` steps in total."""
     each = max(1, steps // (len(COUNTS) * SEEDS))
     differing = compared = 0
     for n in COUNTS:
@@ -72,12 +72,14 @@ def bits(steps: int) -> tuple[bool, str]:
                     env = copy.deepcopy(env)
                 if k == each // 2:
                     env = pickle.loads(pickle.dumps(env))
-                if ended:  # as the vector env resets itself; long chains diverge when shaken so
-                    mine, ended = env.reset()[0], False
+                if ended:  # as the vector env resets itself; these actions make long chains diverge
+                    observation, ended = env.reset()[0], False
                 else:
-                    mine, _, terminated, truncated, _ = env.step(actions[k, seed])
+                    observation, _, terminated, truncated, _ = env.step(actions[k, seed])
                     ended = terminated or truncated
-                differing += int(np.sum(mine.view(np.uint8) != lanes[k][seed].view(np.uint8)))
+                differing += int(
+                    np.sum(observation.view(np.uint8) != lanes[k][seed].view(np.uint8))
+                )
                 compared += 1
     text = f"{differing} bytes differ over {compared} steps, {SEEDS} seeds, n = {COUNTS}"
     return differing == 0, text
@@ -97,7 +99,7 @@ def fuzz(calls: int) -> tuple[bool, str]:
 
 
 def _watch(amount: int, work: Callable[[int], Iterator[int]]) -> tuple[bool, str]:
-    """Do some work a fifth at a time, and compare what the process holds after the first."""
+    """Compare the memory, files and threads of the process after each fifth of some work."""
     process, held, done = psutil.Process(), [], 0
     for so_far in work(amount):
         done = so_far

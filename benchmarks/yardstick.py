@@ -1,10 +1,10 @@
-"""How far the batched kernels are from C by hand: the same Runge-Kutta steps, in one run.
+"""The batched kernels beside C written by hand: the same Runge-Kutta steps, in one run.
 
     python benchmarks/yardstick.py        prints a table, writes results/yardstick.csv
 
 Why: the package's kernels are Python compiled by Numba. `yardstick.c`, compiled here with gcc for
-this machine, takes the same steps with vector types, by the same algorithm; both must come to the
-same bits. The widths of the vectors that are tried for C are 4, 8 and 16 lanes; the best counts.
+this machine, takes the same steps by the same algorithm with vector types; both must compute the
+same bits. C is tried with vectors of 4, 8 and 16 lanes; the best counts.
 """
 
 from __future__ import annotations
