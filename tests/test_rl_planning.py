@@ -6,8 +6,8 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
-from npend_gym.rl import evaluate, planned_swing_up, planning
-from npend_gym.rl.planning import MAX_ACTION
+from npend_gym.rl import evaluate, planned_swing_up
+from npend_gym.rl.transcription import MAX_ACTION, Stepper
 
 
 def config_of(**keywords):
@@ -56,7 +56,7 @@ def test_the_steps_of_a_trajectory_are_the_environments_own_bit_for_bit(triple):
     start = {"theta": states[:-1, :3], "omega": states[:-1, 3:]}
     env.reset(seed=0, options=start)
     info = env.step(actions)[4]
-    stepped = planning.Stepper(config, len(actions))(states[:-1], actions)
+    stepped = Stepper(config, len(actions))(states[:-1], actions)
     np.testing.assert_array_equal(stepped, np.hstack([info["theta"], info["omega"]]))
 
 
