@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
+from npend_gym._threads import Call, Helpers
 from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import CHAIN_KEYWORDS as CHAIN_OPTIONS
@@ -71,8 +71,7 @@ class Batch:
         self._set_chain(np.arange(lanes), config.chain)
         self.active[:] = 1.0
         self._scratch = [kernels.new_scratch(n, self._width) for _ in range(threads)]
-        self._pool: ThreadPoolExecutor | None = None
-        self._halted = False
+        self._helpers: Helpers | None = None
         most = n * self._width * (1 if math.isinf(config.max_rotation) else int(MAX_PARTS))
         piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
         share = self._groups if threads == 1 else -(-self._groups // (_PIECES * threads))
@@ -232,24 +231,15 @@ class Batch:
         if self.threads == 1 or self._groups == 1:
             self._advance_pieces(pieces, self._scratch[0])
             return
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads - 1, "npend_gym")
-        self._halted = False
-        helpers = [
-            self._pool.submit(self._advance_pieces, pieces, scratch)
-            for scratch in self._scratch[1 : self._groups]
-        ]
-        try:
-            self._advance_pieces(pieces, self._scratch[0])
-            for helper in helpers:
-                if not helper.cancel():  # it is at work; what is not awake yet comes too late
-                    helper.result()
-        except BaseException:
-            self._halted = True  # the others need not go on
-            wait(helpers)
-            raise
+        if self._helpers is None:
+            self._helpers = Helpers(min(self.threads, self._groups) - 1)
+        self._helpers.run(
+            lambda worker, call: self._advance_pieces(pieces, self._scratch[worker], call)
+        )
 
-    def _advance_pieces(self, pieces: Iterator[int], scratch: FloatArray) -> None:
+    def _advance_pieces(
+        self, pieces: Iterator[int], scratch: FloatArray, call: Call | None = None
+    ) -> None:
         """Advance the groups from each of `pieces` on, as long as there are any.
 
         Threads share the iterator. Calls are so short that Ctrl-C is heard between them.
@@ -262,7 +252,7 @@ class Batch:
                     self._floats, *self._fixed, first, last, begin, min(begin + piece, substeps),
                     self._seen, self._out, scratch,
                 )  # fmt: skip
-                if self._halted:
+                if call is not None and call.stopped:
                     return
 
     # -- looking ----------------------------------------------------------------------------
@@ -346,13 +336,11 @@ class Batch:
 
     def close(self) -> None:
         """End the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        self._helpers = None
 
     def __getstate__(self) -> dict[str, Any]:
         # threads are made anew where they are needed, views of memory where it is restored
-        return {k: v for k, v in self.__dict__.items() if k not in _VIEWS} | {"_pool": None}
+        return {k: v for k, v in self.__dict__.items() if k not in _VIEWS} | {"_helpers": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

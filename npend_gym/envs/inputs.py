@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import Enum
 from typing import Any
 
 import gymnasium as gym
@@ -14,7 +15,25 @@ from npend_gym import _checks
 from npend_gym.envs.batch import BoolArray
 
 
-class ResetNeeded(gym.error.ResetNeeded, RuntimeError):  # noqa: N818 - Gymnasium's name
+class Progress(Enum):
+    """How far the last call of an environment that changes its state has come.
+
+    `step` and `reset` note UNFINISHED before their first change and READY after their last. At
+    whatever instant an exception ends them (KeyboardInterrupt, or one in a user's mode), the
+    environment has changed nothing, or it has done everything, or it refuses to go on until it is
+    reset. That reset makes everything but the random generators anew.
+    """
+
+    NEW = "call reset() before {}()"
+    READY = ""
+    UNFINISHED = "the last step() or reset() was interrupted: call reset() before {}()"
+
+    def refuse(self, call: str) -> ResetNeeded:
+        """Return the error of a call, by name, that must not be made now."""
+        return ResetNeeded(self.value.format(call))
+
+
+class ResetNeeded(gym.error.ResetNeeded, RuntimeError):  # noqa: N818 - a name of Gymnasium
     """Raised by `step` and `render` where `reset` must be called first."""
 
 

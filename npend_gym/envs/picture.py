@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +18,21 @@ RENDER_MODES = ("human", "rgb_array")
 _TRACE_LENGTH = 150  # frames
 
 
+class DependencyNotInstalled(  # noqa: N818 - a name of Gymnasium
+    gym.error.DependencyNotInstalled, ImportError
+):
+    """Raised where an environment is to be rendered and pygame cannot be imported."""
+
+
+def warn_of_no_render_mode(env: Any) -> None:
+    """Warn that an environment without a `render_mode` cannot be rendered."""
+    name = "NPendulum-v0" if env.spec is None else env.spec.id
+    gym.logger.warn(
+        "render() does nothing without a render mode: choose one where the environment is made, "
+        f'such as gym.make("{name}", render_mode="rgb_array")'
+    )
+
+
 class Camera:
     """Paints the lanes of a batch as `render_mode` asks: None, "human" or "rgb_array"."""
 
@@ -25,8 +41,11 @@ class Camera:
             _checks.choice("render_mode", render_mode, RENDER_MODES)
         self.mode, self.fps = render_mode, fps
         self._traces: dict[int, deque[FloatArray]] = {}
-        self._painter = None if render_mode is None else render.Painter()
-        self._window = render.Window() if render_mode == "human" else None
+        try:
+            self._painter = None if render_mode is None else render.Painter()
+            self._window = render.Window() if render_mode == "human" else None
+        except ImportError as error:
+            raise DependencyNotInstalled(str(error)) from error
 
     def forget(self, lanes: BoolArray) -> None:
         """Drop the traces of lanes (B,) whose episode has ended."""
@@ -44,10 +63,7 @@ class Camera:
     def render(self, batch: Batch) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of every lane, or show them and return None."""
         if self._painter is None:
-            raise RuntimeError(
-                'there is nothing to render to: make the environment with render_mode="rgb_array" '
-                'or "human"'
-            )
+            return None
         _, info = batch.every_lane()
         frames = tuple(
             self._painter.paint(self._scene(batch, info, lane)) for lane in range(batch.count)

@@ -12,13 +12,14 @@ from typing_extensions import Unpack
 from npend_gym.envs.batch import Batch
 from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
 from npend_gym.envs.info import Info
-from npend_gym.envs.inputs import ResetNeeded, checked_action
+from npend_gym.envs.inputs import Progress, checked_action
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.picture import Camera
+from npend_gym.envs.picture import Camera, warn_of_no_render_mode
 
 ObsArray = NDArray[np.float32]
 
 _THE_LANE = np.ones(1, np.bool_)
+_READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 
 @with_config_keywords
@@ -160,7 +161,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._action_shape = (config.joints.size,)
         self._hold_steps = config.hold_steps
         self._steps_held = 0  # instants in a row at which the goal was met
-        self._started = False
+        self._progress = Progress.NEW
 
     def reset(  # type: ignore[override]
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -180,18 +181,23 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         ValueError, TypeError
             If an option is unknown or breaks its rule; nothing has changed then.
         """
-        checked = self._batch.check_options(options, single=True)
+        broken = self._progress is _UNFINISHED
+        batch = Batch(self.config, 1) if broken else self._batch
+        checked = batch.check_options(options, single=True)
+        self._progress = _UNFINISHED
+        self._batch = batch
         super().reset(seed=seed)
-        self._batch.rngs = [self.np_random]
-        self._batch.start(_THE_LANE, checked)
-        self._started = True
+        batch.rngs = [self.np_random]
+        batch.start(_THE_LANE, checked)
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
-            self.camera.follow(self._batch)
-        quantities, info = self._batch.only_lane()
+            self.camera.follow(batch)
+        quantities, info = batch.only_lane()
         self._steps_held = 0
         info["success"] = self._success(quantities)
-        return self._batch.observation[0], info
+        observation = batch.observation[0]
+        self._progress = _READY
+        return observation, info
 
     def step(  # type: ignore[override]
         self, action: Any
@@ -206,21 +212,20 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         ResetNeeded
             Before the first reset, and after a call of `step` or `reset` that was interrupted.
         """
-        if not self._started:
-            raise ResetNeeded("call reset() before step()")
+        if self._progress is not _READY:
+            raise self._progress.refuse("step")
         batch, mode = self._batch, self._mode
-        torque_action = checked_action(action, self._action_shape)
-        try:
-            batch.step(torque_action)
-        except BaseException:
-            self._started = False  # interrupted half-way
-            raise
+        checked = checked_action(action, self._action_shape)
+        self._progress = _UNFINISHED
+        batch.step(checked)
         quantities, info = batch.only_lane()
         reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
         info["success"] = self._success(quantities)
         if self.render_mode is not None:
             self.camera.follow(batch)
-        return batch.observation[0], reward, failed, info["diverged"], info
+        result = batch.observation[0], reward, failed, info["diverged"], info
+        self._progress = _READY
+        return result
 
     def _success(self, quantities: Quantities[float]) -> bool:
         """Return whether the goal is met now and was over all of the mode's `hold`."""
@@ -228,9 +233,15 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         return self._steps_held > self._hold_steps
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it."""
-        if not self._started:
-            raise ResetNeeded("call reset() before render()")
+        """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it.
+
+        Without a `render_mode` this warns and returns None, as in Gymnasium's own environments.
+        """
+        if self.render_mode is None:
+            warn_of_no_render_mode(self)
+            return None
+        if self._progress is not _READY:
+            raise self._progress.refuse("render")
         frames = self.camera.render(self._batch)
         return None if frames is None else frames[0]
 

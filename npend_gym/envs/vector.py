@@ -18,17 +18,19 @@ from npend_gym.envs.batch import Batch, BoolArray
 from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
 from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import (
+    Progress,
     ResetNeeded,
     checked_action,
     checked_autoreset_mode,
     lane_seeds,
     reset_mask,
 )
-from npend_gym.envs.picture import Camera
+from npend_gym.envs.picture import Camera, warn_of_no_render_mode
 
 MAX_LANES = 10_000_000
 MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
 MAX_THREADS = 1024
+_READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 ObsArray = NDArray[np.float32]
 BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
@@ -103,12 +105,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self.camera = Camera(render_mode, config.render_fps)
         self.render_mode = render_mode
         threads = _checks.count("threads", threads, high=MAX_THREADS)
+        self._threads = threads
         self._batch = Batch(config, self.num_envs, threads)
-        self._seeds: list[int] = []
+        self._generators: list[tuple[np.random.Generator, int]] = []  # of the lanes, and its seed
         self._steps = np.zeros(self.num_envs, np.int64)
         self._hold_steps = config.hold_steps
         self._steps_held = np.zeros(self.num_envs, np.int64)  # instants in a row with the goal met
-        self._done: BoolArray | None = None  # None until the first reset
+        self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over
+        self._progress = Progress.NEW
         self.closed = False
 
     # -- Gymnasium's interface --------------------------------------------------------------
@@ -141,14 +145,24 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         """
         given = dict(options or {})
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs)
-        if self._done is None and not mask.all():
-            raise ValueError("options['reset_mask'] must be all True in the first reset")
-        checked = self._batch.check_options(given, single=False)
-        self._seed(seed, mask)
+        if self._progress is not _READY and not mask.all():
+            raise ValueError(
+                "options['reset_mask'] must be all True in the first reset and in the one after "
+                "an interruption"
+            )
+        broken = self._progress is _UNFINISHED
+        batch = Batch(self.config, self.num_envs, self._threads) if broken else self._batch
+        checked = batch.check_options(given, single=False)
+        seeds = lane_seeds(seed, self.num_envs)
+        self._progress = _UNFINISHED
+        self._batch = batch
+        self._seed(seeds, mask)
+        batch.rngs = [generator for generator, _ in self._generators]
         self._begin(mask, checked)
-        done = np.zeros(self.num_envs, np.bool_) if self._done is None else self._done & ~mask
-        self._done = done
-        return self._batch.observation, self._with_masks(self._batch.every_lane()[1], mask)
+        self._done = self._done & ~mask
+        result = batch.observation, self._with_masks(batch.every_lane()[1], mask)
+        self._progress = _READY
+        return result
 
     def step(
         self, actions: Any
@@ -164,8 +178,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             Before the first reset, after a call of `step` or `reset` that was interrupted, or
             with autoreset disabled where a lane is done.
         """
-        if self._done is None:
-            raise ResetNeeded("call reset() before step()")
+        if self._progress is not _READY:
+            raise self._progress.refuse("step")
         waiting = self._done
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
             raise ResetNeeded(
@@ -176,14 +190,10 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         batch = self._batch
         action = checked_action(actions, (self.num_envs, self.config.joints.size))
         some_wait = np.count_nonzero(waiting) > 0
+        self._progress = _UNFINISHED
         if some_wait:
             batch.active[waiting] = 0.0
-        try:
-            batch.step(action)
-        except BaseException:
-            self._done = None  # interrupted half-way
-            batch.active[:] = 1.0
-            raise
+        batch.step(action)
         self._steps += 1
         if some_wait:  # autoreset of NEXT_STEP
             batch.active[waiting] = 1.0
@@ -205,7 +215,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         shown = self._after_step(info, done)
         if self.render_mode is not None:
             self.camera.follow(batch)
-        return batch.observation, reward, terminated, truncated, shown
+        result = batch.observation, reward, terminated, truncated, shown
+        self._progress = _READY
+        return result
 
     def _after_step(self, info: BatchInfo, done: BoolArray) -> dict[str, Any]:
         """Return the info, lanes that are done having been reset where the mode says so."""
@@ -230,9 +242,15 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         }
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
-        """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window."""
-        if self._done is None:
-            raise ResetNeeded("call reset() before render()")
+        """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window.
+
+        Without a `render_mode` this warns and returns None, as in Gymnasium's own environments.
+        """
+        if self.render_mode is None:
+            warn_of_no_render_mode(self)
+            return None
+        if self._progress is not _READY:
+            raise self._progress.refuse("render")
         return self.camera.render(self._batch)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -244,27 +262,29 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generators of the lanes."""
-        if not self._batch.rngs:
-            self._seed(None, np.ones(self.num_envs, np.bool_))
-        return tuple(self._batch.rngs)
+        return tuple(generator for generator, _ in self._seeded())
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seeds of the lanes."""
-        return tuple(self._seeds) if self.np_random else ()
+        return tuple(seed for _, seed in self._seeded())
 
     # -- parts ------------------------------------------------------------------------------
 
-    def _seed(self, seed: Any, mask: BoolArray) -> None:
-        seeds = lane_seeds(seed, self.num_envs)
-        if not self._batch.rngs:
-            fresh = [seeding.np_random(s) for s in seeds]
-            self._batch.rngs = [rng for rng, _ in fresh]
-            self._seeds = [number for _, number in fresh]
+    def _seeded(self) -> list[tuple[np.random.Generator, int]]:
+        """Return the generators of the lanes and their seeds, which the first call draws."""
+        if not self._generators:
+            self._seed([None] * self.num_envs, np.ones(self.num_envs, np.bool_))
+        return self._generators
+
+    def _seed(self, seeds: list[int | None], mask: BoolArray) -> None:
+        """Make the generators of the lanes of `mask` that are given a seed or have none."""
+        if not self._generators:
+            self._generators = [seeding.np_random(seed) for seed in seeds]
             return
         for lane in np.flatnonzero(mask).tolist():
             if seeds[lane] is not None:
-                self._batch.rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
+                self._generators[lane] = seeding.np_random(seeds[lane])
 
     def _begin(
         self, lanes: BoolArray, options: dict[str, FloatArray], *, anew: bool = True

@@ -1,0 +1,110 @@
+"""Threads that help with one call at a time, and that Ctrl-C may leave at any instant."""
+
+from __future__ import annotations
+
+import _thread
+from collections.abc import Callable
+from queue import SimpleQueue
+
+
+class Call:
+    """One call of `Helpers.run`, which its threads share.
+
+    Attributes
+    ----------
+    stopped : bool
+        True once the caller has left: what is not begun need not be done.
+    failure : BaseException or None
+        What was raised in a helping thread.
+    """
+
+    __slots__ = ("failure", "stopped", "work")
+
+    def __init__(self, work: Callable[[int, Call], None]) -> None:
+        self.work = work
+        self.stopped = False
+        self.failure: BaseException | None = None
+
+
+class _Share:
+    """The part that one helping thread has in a call."""
+
+    __slots__ = ("call", "finished", "taken", "worker")
+
+    def __init__(self, call: Call, worker: int) -> None:
+        self.call, self.worker = call, worker
+        self.taken = _thread.allocate_lock()  # by the thread, or by the caller who goes on alone
+        self.finished = _thread.allocate_lock()
+        self.finished.acquire()
+
+
+class Helpers:
+    """Threads that work beside the caller.
+
+    The exception of a signal, such as KeyboardInterrupt, can be raised after any bytecode. Inside
+    `threading` and `concurrent.futures` it leaves locks that are held, or released twice, and
+    threads that the interpreter waits for at its end. So this class uses nothing but calls that no
+    signal can divide: locks and queues of the interpreter itself, and threads that it does not
+    wait for. After such an exception a thread may still be busy, at most until it sees
+    `Call.stopped`: do not use the memory that it writes to again, and make new helpers.
+
+    Parameters
+    ----------
+    count : int
+        Number of threads beside the caller's; they start with the first call.
+    """
+
+    _started = 0
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._shares: SimpleQueue[_Share | None] = SimpleQueue()
+
+    def run(self, work: Callable[[int, Call], None]) -> None:
+        """Call ``work(0, call)`` here and ``work(k, call)`` in thread k; return when all are done.
+
+        A thread that is not awake when ``work(0, call)`` returns is not waited for, and does
+        nothing: the work must be something that one thread finishes where the others do not come,
+        such as a loop over an iterator that all of them share.
+
+        Raises
+        ------
+        BaseException
+            What `work` raised, here or in a thread.
+        """
+        call = Call(work)
+        shares = [_Share(call, worker) for worker in range(1, self._count + 1)]
+        try:
+            while self._started < self._count:
+                self._started += 1
+                _thread.start_new_thread(_serve, (self._shares,))
+            for share in shares:
+                self._shares.put(share)
+            work(0, call)
+            for share in shares:
+                if not share.taken.acquire(False):
+                    share.finished.acquire()
+        except BaseException:
+            call.stopped = True
+            raise
+        if call.failure is not None:
+            raise call.failure
+
+    def __del__(self) -> None:
+        for _ in range(self._started):
+            self._shares.put(None)
+
+
+def _serve(shares: SimpleQueue[_Share | None]) -> None:
+    """Do shares of calls until there is None."""
+    while True:
+        share = shares.get()
+        if share is None:
+            return
+        if share.taken.acquire(False):
+            try:
+                share.call.work(share.worker, share.call)
+            except BaseException as error:  # noqa: BLE001 - raised where `run` was called
+                share.call.failure = error
+            share.finished.release()
+        del share  # while this thread waits it keeps nothing alive
