@@ -4,6 +4,8 @@ from npend_gym import rl as rl
 from npend_gym import theory as theory
 from npend_gym._version import __version__ as __version__
 from npend_gym.chain import Chain as Chain
+from npend_gym.envs import NPendulumEnv as NPendulumEnv
+from npend_gym.envs import NPendulumVectorEnv as NPendulumVectorEnv
 from npend_gym.period import pseudo_periods as pseudo_periods
 from npend_gym.physics import IntegrationError as IntegrationError
 from npend_gym.physics import Trajectory as Trajectory

@@ -13,7 +13,7 @@ def register_envs() -> None:
     if ENV_ID not in registration.registry:
         registration.register(
             id=ENV_ID,
-            entry_point="npend_gym.envs:NPendulumEnv",
-            vector_entry_point="npend_gym.envs:NPendulumVectorEnv",
+            entry_point="npend_gym:NPendulumEnv",
+            vector_entry_point="npend_gym:NPendulumVectorEnv",
             max_episode_steps=MAX_EPISODE_STEPS,
         )
