@@ -12,7 +12,8 @@ from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.envs import Info, NPendulumEnv, Passive
 from npend_gym.physics import energy
-from npend_gym.render import Frame, Painter, Scene, Window, pygame_module
+from npend_gym.render import Frame, Painter, Scene, pygame_module
+from npend_gym.window import Window
 
 MAX_N = 200
 _DT, _STEPS = 0.02, 2  # s, and steps between two pictures

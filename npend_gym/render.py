@@ -1,10 +1,10 @@
-"""Pictures of a chain by pygame-ce (extra "render"), in memory; only `Window` opens a display."""
+"""Pictures of a chain by pygame-ce (extra "render"), in memory; no display is opened."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -190,7 +190,8 @@ def _mixed(colors: Sequence[Sequence[int]], part: float) -> list[int]:
     return [round(float(np.interp(part, at, channel))) for channel in zip(*colors, strict=True)]
 
 
-def _frame(name: str, value: object, shape: tuple[int, ...] = ()) -> Frame:
+def check_frame(name: str, value: object, shape: tuple[int, ...] = ()) -> Frame:
+    """Return the picture `value`, refused where it is not uint8 or not of `shape`."""
     out = np.asarray(value)
     right = out.shape == shape if shape else out.ndim == 3 and out.shape[2] == 3 and out.size
     if out.dtype != np.uint8 or not right:
@@ -202,63 +203,11 @@ def _frame(name: str, value: object, shape: tuple[int, ...] = ()) -> Frame:
 def tile(frames: Sequence[Frame]) -> Frame:
     """Return equal frames in a near-square grid, row by row."""
     _checks.count("number of frames", len(frames))
-    height, width, _ = shape = _frame("frames[0]", frames[0]).shape
+    height, width, _ = shape = check_frame("frames[0]", frames[0]).shape
     columns = math.ceil(math.sqrt(len(frames)))
     rows = math.ceil(len(frames) / columns)
     cells = np.full((rows * columns, *shape), _PAPER, dtype=np.uint8)
     for k, frame in enumerate(frames):
-        cells[k] = _frame(f"frames[{k}]", frame, shape)
+        cells[k] = check_frame(f"frames[{k}]", frame, shape)
     grid = cells.reshape(rows, columns, *shape).swapaxes(1, 2)
     return grid.reshape(rows * height, columns * width, 3)
-
-
-class Window:
-    """A window that the first frame opens; a copy of it starts closed.
-
-    Parameters
-    ----------
-    on_event : callable, optional
-        Is given every event of pygame that comes while a frame is shown.
-    """
-
-    def __init__(self, on_event: Callable[[Any], None] | None = None) -> None:
-        pygame_module()
-        self._on_event = on_event
-        self._clock: Any = None  # a pygame.time.Clock while the window is open
-        self._refused = False
-
-    def __reduce__(self) -> tuple[type[Window], tuple[Any]]:
-        return type(self), (self._on_event,)
-
-    def show(self, frame: Frame, fps: float) -> None:
-        """Show `frame`, and wait so that calls follow each other at `fps` a second.
-
-        Once the user has closed the window this does nothing, until `close` is called.
-        """
-        frame, fps = _frame("frame", frame), _checks.positive_number("fps", fps)
-        if self._refused:
-            return
-        pg, size = pygame_module(), (frame.shape[1], frame.shape[0])
-        pg.display.init()  # nothing where it is done already
-        self._clock = self._clock or pg.time.Clock()
-        screen = pg.display.get_surface()
-        if screen is None or screen.get_size() != size:
-            screen = pg.display.set_mode(size)
-            pg.display.set_caption("npend_gym")
-        screen.blit(pg.image.frombuffer(frame.tobytes(), size, "RGB"), (0, 0))
-        pg.display.flip()
-        events = pg.event.get()
-        if self._on_event is not None:
-            for event in events:
-                self._on_event(event)
-        if any(event.type == pg.QUIT for event in events):
-            self.close()
-            self._refused = True
-        else:
-            self._clock.tick(fps)
-
-    def close(self) -> None:
-        """Close the window; a later `show` opens a new one."""
-        if self._clock is not None:
-            pygame_module().display.quit()
-        self._clock, self._refused = None, False

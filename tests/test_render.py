@@ -7,7 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from npend_gym.render import Painter, Scene, Window, tile
+from npend_gym.render import Painter, Scene, tile
+from npend_gym.window import Window
 
 TIP, TORQUE = (0xD5, 0x5E, 0x00), (0xCC, 0x79, 0xA7)
 PAPER, DISC = (0xF3, 0xF4, 0xF6), (0xFF, 0xFF, 0xFF)

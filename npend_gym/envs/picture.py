@@ -13,6 +13,7 @@ from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
 from npend_gym.envs.batch import Batch, BoolArray
 from npend_gym.envs.info import Info
+from npend_gym.window import Window
 
 RENDER_MODES = ("human", "rgb_array")
 _TRACE_LENGTH = 150  # frames
@@ -43,7 +44,7 @@ class Camera:
         self._traces: dict[int, deque[FloatArray]] = {}
         try:
             self._painter = None if render_mode is None else render.Painter()
-            self._window = render.Window() if render_mode == "human" else None
+            self._window = Window() if render_mode == "human" else None
         except ImportError as error:
             raise DependencyNotInstalled(str(error)) from error
 
