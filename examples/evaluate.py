@@ -6,11 +6,14 @@ Run it with `python examples/evaluate.py --pretrained swingup-2 --video swingup-
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from tqdm import tqdm
+from training import env_of_task, evaluation_env
 
 from npend_gym.rl import (
     Controller,
@@ -38,7 +41,8 @@ def controller_of(name: str, keywords: dict[str, Any]) -> Controller:
     if name == "energy":
         return energy_swing_up(config)
     if name == "plan":
-        return planned_swing_up(config, **PLANS.get(config.chain.n, {}))
+        progress = partial(tqdm, desc="plans", leave=False, disable=None)
+        return planned_swing_up(config, **PLANS.get(config.chain.n, {}), progress=progress)
     if name == "damping":
         return modal_damping(config)
     return lqr(config, 0.0 if keywords["mode"] == "calm" else np.pi)
@@ -50,10 +54,9 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
         import train_sb3
 
         model, config = train_sb3.load_run(arguments.run)
-        return train_sb3.controller_of(model), train_sb3.evaluation_env(config)
+        return train_sb3.controller_of(model), evaluation_env(config["env_kwargs"])
     if arguments.controller:
-        mode, n = arguments.task.rsplit("-", 1)
-        keywords: dict[str, Any] = {"mode": mode, "n": int(n)}
+        keywords = env_of_task(arguments.task)
         return controller_of(arguments.controller, keywords), keywords
     policy = (
         Policy.load(arguments.policy)

@@ -1,7 +1,7 @@
 """Release thousands of chains and see how the period depends on N and on the starting angle.
 
-Run it with `python examples/passive_campaign.py`; what it measures is kept in `campaign/`. Stop it
-with Ctrl-C, or pull the plug: run again, it goes on where it stopped.
+Run it with `python examples/passive_campaign.py`; the results are written to `campaign/`. It may be
+interrupted at any time, even by a power failure: run it again and it continues where it stopped.
 """
 
 import sys

@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 from matplotlib.figure import Figure
 
-import npend_gym  # noqa: F401  makes "NPendulum-v0" known to Gymnasium
+import npend_gym  # noqa: F401  registers "NPendulum-v0" with Gymnasium
 
-TRIALS = 3  # a row of every array each; they differ in up to 0.017 rad added to pi/4 at the start
+TRIALS = 3  # one row of every array each; up to 0.017 rad is added to their start at pi/4
 LIMIT = 4000  # steps of 0.01 s
 
 figure = Figure(figsize=(10, 4.2), layout="constrained")
@@ -22,7 +22,10 @@ for n in (5, 10, 20, 100):
     options = {"n": n, "mode": "passive", "max_episode_steps": LIMIT}
     envs = gym.make_vec("NPendulum-v0", num_envs=TRIALS, **options)
     _, info = envs.reset(seed=0)
-    wait, truncated = np.zeros(TRIALS, np.int64), np.zeros(TRIALS, bool)  # no motor: 0 is to wait
+    wait, truncated = (
+        np.zeros(TRIALS, np.int64),
+        np.zeros(TRIALS, bool),
+    )  # there is no motor: 0 means wait
     while info["bobs_completed"].min() < n and not truncated.any():
         _, _, _, truncated, info = envs.step(wait)
     trials, ideal = info["pseudo_period"], info["ideal_period"][0]  # means over the bobs; model
@@ -44,7 +47,7 @@ left.set(title="Free release from 45 degrees", xlim=(4, 125), ylim=(2, 25))
 left.minorticks_off()
 left.legend(loc="lower right")
 
-# Three pendulums let go from high up: where does the tip go? info has the angles, not wrapped.
+# Three pendulums released from high up: where does the tip go? The angles in info are not wrapped.
 env = gym.make("NPendulum-v0", n=3, mode="passive")
 theta = [env.reset(options={"theta": [2.0, 2.0, 2.0]})[1]["theta"]]
 theta += [env.step(0)[-1]["theta"] for _ in range(1000)]  # the episode of 10 s

@@ -21,7 +21,7 @@ import train_cleanrl
 import train_es
 import train_imitation
 from evaluate import PLANS, controller_of
-from training import keep
+from training import env_of_task, keep
 
 from npend_gym.report.outputs import write_csv
 from npend_gym.rl import Controller, Policy, evaluate
@@ -37,15 +37,9 @@ LABELS = {
 TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
 
 
-def keywords_of(task: str) -> dict[str, Any]:
-    """Return the keywords of the environment in which `task` is evaluated."""
-    mode, n = task.rsplit("-", 1)
-    return {"mode": mode, "n": int(n), "observation": "sincos"}
-
-
 def references(task: str) -> dict[str, Controller]:
     """Return what a policy is compared with: chance, and controllers that know the equations."""
-    keywords, rng = keywords_of(task), np.random.default_rng(0)
+    keywords, rng = env_of_task(task), np.random.default_rng(0)
     mode, n = keywords["mode"], keywords["n"]
     names = {
         "balance": ["LQR"],
@@ -73,7 +67,7 @@ def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     if path.exists() or task not in trainer.TASKS:
         return
     policy, curve = trainer.train(trainer.settings_of(task, seed=seed), path.stem)
-    score = evaluate(policy, keywords_of(task)).as_row()
+    score = evaluate(policy, env_of_task(task)).as_row()
     policy.provenance["evaluation"] = score
     keep(policy, curve, path)
     print(f"{path.stem}: {score}", flush=True)
@@ -86,7 +80,7 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
     blank = {"seed": "", "steps": "", "seconds": ""}
     for task in tasks:
         for name, controller in references(task).items():
-            score = evaluate(controller, keywords_of(task)).as_row()
+            score = evaluate(controller, env_of_task(task)).as_row()
             rows.append({"task": task, "agent": name} | blank | score)
         for path in sorted(out.glob(f"{task}-*-seed*.npz")):
             agent, seed = path.stem.removeprefix(f"{task}-").split("-seed")
@@ -95,7 +89,7 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
                 curve = list(csv.DictReader(file))
             curves += [run | {key: row[key] for key in CURVE} for row in curve]
             end = {"steps": int(curve[-1]["steps"]), "seconds": float(curve[-1]["seconds"])}
-            rows.append(run | end | evaluate(Policy.load(path), keywords_of(task)).as_row())
+            rows.append(run | end | evaluate(Policy.load(path), env_of_task(task)).as_row())
     return rows, curves
 
 

@@ -20,7 +20,7 @@ import torch
 from torch import nn
 from torch.distributions.normal import Normal
 from tqdm import tqdm
-from training import Curve, main, network, policy_of
+from training import Curve, env_of_task, main, network, policy_of
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.rl import Policy
@@ -219,8 +219,8 @@ STEPS_OPTION = ("--steps", "environment steps in total")
 
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "swingup-2"."""
-    mode, n = task.rsplit("-", 1)
-    env = {"n": int(n), "mode": mode, "observation": "sincos", "max_episode_steps": EPISODE[mode]}
+    env = env_of_task(task)
+    env["max_episode_steps"] = EPISODE[env["mode"]]
     return Settings(env=env, **(TASKS.get(task, {}) | changes))
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
-from training import Curve, env_of, made_by, main
+from training import Curve, env_of_task, evaluation_env, made_by, main
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.rl import Policy
@@ -47,9 +47,7 @@ TASKS: dict[str, dict[str, Any]] = {
 
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "calm-20"."""
-    mode, n = task.rsplit("-", 1)
-    env = {"n": int(n), "mode": mode, "observation": "sincos"}
-    return Settings(env=env, **(TASKS.get(task, {}) | changes))
+    return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
 
 
 def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
@@ -107,7 +105,7 @@ def policy_of(weights: np.ndarray, settings: Settings, last: dict[str, Any]) -> 
         scale=np.ones(weights.size, np.float32),
         weights=[weights[None].astype(np.float32)],
         biases=[np.zeros(1, np.float32)],
-        env=env_of(settings),
+        env=evaluation_env(settings.env),
         provenance=made_by("train_es.py", settings, last),
     )
 

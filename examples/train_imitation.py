@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
-from training import Curve, main, network, policy_of
+from training import Curve, env_of_task, main, network, policy_of
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.rl import PlannedSwingUp, Policy, planned_swing_up
@@ -61,9 +61,7 @@ TASKS: dict[str, dict[str, Any]] = {
 
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "swingup-3"."""
-    mode, n = task.rsplit("-", 1)
-    env = {"n": int(n), "mode": mode, "observation": "sincos"}
-    return Settings(env=env, **(TASKS.get(task, {}) | changes))
+    return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
 
 
 class Dataset(NamedTuple):

@@ -23,6 +23,7 @@ import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
+from training import evaluation_env
 
 import npend_gym
 from npend_gym.rl import Controller, SB3VecEnv, evaluate
@@ -61,11 +62,6 @@ def controller_of(model: BaseAlgorithm) -> Controller:
     return lambda observation, _: model.predict(observation, deterministic=True)[0]
 
 
-def evaluation_env(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the environment of evaluations: episodes have the environment's own length."""
-    return {k: v for k, v in config["env_kwargs"].items() if k != "max_episode_steps"}
-
-
 def load_run(folder: Path) -> tuple[BaseAlgorithm, dict[str, Any]]:
     """Return the best model of a run and its config; weights only, no code is run."""
     config = yaml.safe_load((folder / "config.yml").read_text(encoding="utf-8"))
@@ -95,7 +91,7 @@ class Checkpoints(BaseCallback):
     def save(self) -> None:
         """Evaluate the model and write its weights."""
         score = evaluate(
-            controller_of(self.model), evaluation_env(self.config), episodes=50
+            controller_of(self.model), evaluation_env(self.config["env_kwargs"]), episodes=50
         ).as_row()
         for name in ("success", "return", "motor_work"):
             self.logger.record(f"held_out/{name}", score[name])

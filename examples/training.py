@@ -15,6 +15,12 @@ from npend_gym.rl import Policy
 Curve = list[dict[str, Any]]  # the learning curve, a row for every few updates
 
 
+def env_of_task(task: str) -> dict[str, Any]:
+    """Return the keywords of the environment of a task such as "swingup-2"."""
+    mode, n = task.rsplit("-", 1)
+    return {"n": int(n), "mode": mode, "observation": "sincos"}
+
+
 def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> Any:
     """Return a PyTorch network of two hidden tanh layers with orthogonal weights."""
     from torch import nn
@@ -55,14 +61,14 @@ def policy_of(
         scale=obs_scale.numpy(),
         weights=[layer.weight.detach().numpy() for layer in linear],
         biases=[layer.bias.detach().numpy() for layer in linear],
-        env=env_of(settings),
+        env=evaluation_env(settings.env),
         provenance=made_by(script, settings, last) | {"torch": torch.__version__},
     )
 
 
-def env_of(settings: Any) -> dict[str, Any]:
-    """Return the environment of evaluations: episodes have the environment's own length."""
-    return {k: v for k, v in settings.env.items() if k != "max_episode_steps"}
+def evaluation_env(env: dict[str, Any]) -> dict[str, Any]:
+    """Return the keywords for evaluation: episodes have the environment's own length."""
+    return {name: value for name, value in env.items() if name != "max_episode_steps"}
 
 
 def made_by(script: str, settings: Any, last: dict[str, Any]) -> dict[str, Any]:
