@@ -27,8 +27,8 @@ import numpy as np
 import psutil
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.experiments.campaign import Plan
-from npend_gym.experiments.campaign.measuring import carry_out, measured
+from npend_gym.experiments.campaign import CampaignPlan
+from npend_gym.experiments.campaign.task import measure_task, run_task
 from npend_gym.report.outputs import write_csv
 
 N, ROUNDS = 5, 3
@@ -108,12 +108,12 @@ class Peaks(threading.Thread):
 
 def task_ratio() -> float:
     """Return the CPU time of a task over that of its `pseudo_periods` alone, taken in turns."""
-    plan, chain = Plan(n=N, trials=2048), Chain.uniform(N)
+    plan, chain = CampaignPlan(n=N, trials=2048), Chain.uniform(N)
     (task,) = plan.tasks()
-    theta = np.repeat(measured(plan, task)[0][:, None], N, axis=1)
+    theta = np.repeat(measure_task(plan, task)[0][:, None], N, axis=1)
     best = [np.inf, np.inf]
     with tempfile.TemporaryDirectory() as out:
-        jobs = (lambda: carry_out(plan, Path(out), task), lambda: pseudo_periods(chain, theta))
+        jobs = (lambda: run_task(plan, Path(out), task), lambda: pseudo_periods(chain, theta))
         for _ in range(5):
             for k, job in enumerate(jobs):
                 began = time.process_time()

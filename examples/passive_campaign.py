@@ -8,21 +8,21 @@ import sys
 
 from tqdm import tqdm
 
-from npend_gym.experiments.campaign import Campaign, Plan
+from npend_gym.experiments.campaign import Campaign, CampaignPlan
 from npend_gym.experiments.campaign.analysis import analyse
-from npend_gym.report.campaign import analysis_text, write_analysis
+from npend_gym.report.campaign_report import analysis_text, write_analysis
 
 folder = sys.argv[1] if len(sys.argv) > 1 else "campaign"
 trials = int(sys.argv[2]) if len(sys.argv) > 2 else 100
 
 # Every combination of N and amplitude is released `trials` times, each time from a slightly
 # different angle: the amplitude plus up to one degree, drawn at random.
-plan = Plan(n=[3, 5, 10, 20], amplitude=[0.1, 0.3, 0.5, 0.7, 0.9, 1.1], trials=trials)
+plan = CampaignPlan(n=[3, 5, 10, 20], amplitude=[0.1, 0.3, 0.5, 0.7, 0.9, 1.1], trials=trials)
 
 if __name__ == "__main__":  # worker processes import this file, but must not start campaigns
     with Campaign(plan, folder) as campaign:
-        print(campaign.found.text() or f"{len(campaign.found.records)} tasks were done before")
-        bar = tqdm(total=plan.task_count, initial=len(campaign.found.records), unit="task")
+        print(campaign.status.text() or f"{len(campaign.status.records)} tasks were done before")
+        bar = tqdm(total=plan.task_count, initial=len(campaign.status.records), unit="task")
         for _task, record in campaign.run():  # on all cores; campaign.run("ray") on a cluster
             bar.update()
             if record.error:

@@ -14,7 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.experiments.release import Release, Run
+from npend_gym.experiments.release import ReleaseExperiment, Run
 from npend_gym.physics import Trajectory, simulate
 
 INSTANT_READINGS = ("bob", "link", "height")  # those that an instant of the motion completes
@@ -79,10 +79,10 @@ class Recording:
         return turned
 
 
-def record_release(release: Release, run: Run, interval: float) -> Recording:
-    """Record one measured run of `release` every `interval` [s].
+def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> Recording:
+    """Record one measured run of `experiment` every `interval` [s].
 
-    It lasts for `release.duration`, by default until the last bob has completed.
+    It lasts for `experiment.duration`, by default until the last bob has completed.
 
     Raises
     ------
@@ -90,9 +90,9 @@ def record_release(release: Release, run: Run, interval: float) -> Recording:
         If the reading is "listing", whose estimate is no instant, or the recording would be too
         long to be held.
     """
-    _checks.choice("reading", release.reading, INSTANT_READINGS)
+    _checks.choice("reading", experiment.reading, INSTANT_READINGS)
     interval = _checks.positive_number("interval", interval)
-    chain, seconds = release.chain(run.n), release.duration
+    chain, seconds = experiment.chain(run.n), experiment.duration
     if seconds is None:
         last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
         seconds = max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
@@ -105,15 +105,17 @@ def record_release(release: Release, run: Run, interval: float) -> Recording:
     motion = simulate(chain, run.start, 0.0, times)
     periods = np.where(run.periods <= times[-1], run.periods, np.nan)
     caption = f"release from {np.degrees(run.start):.3g} degrees, n = {run.n}"
-    arguments = release.as_dict() | {"n_values": [run.n], "trial": run.trial, "start": run.start}
+    arguments = experiment.as_dict() | {"n_values": [run.n], "trial": run.trial, "start": run.start}
     return Recording(
-        motion, periods, np.zeros(times.size), release.reading, caption,
-        provenance(arguments, release.seed),
+        motion, periods, np.zeros(times.size), experiment.reading, caption,
+        provenance(arguments, experiment.seed),
     )  # fmt: skip
 
 
 def record_first_trials(
-    release: Release, runs: Sequence[Run], progress: Callable[[Iterable[Run]], Iterable[Run]] = iter
+    experiment: ReleaseExperiment,
+    runs: Sequence[Run],
+    progress: Callable[[Iterable[Run]], Iterable[Run]] = iter,
 ) -> list[Recording]:
     """Record the first run of every n among `runs`, in the order of n, for a page.
 
@@ -122,9 +124,9 @@ def record_first_trials(
     firsts = {run.n: run for run in reversed(runs)}
     recordings: list[Recording] = []
     for run in progress([firsts[n] for n in sorted(firsts)]):
-        longest = float(np.nanmax([release.duration or 0.0, _INCOMPLETE_SECONDS, *run.periods]))
+        longest = float(np.nanmax([experiment.duration or 0.0, _INCOMPLETE_SECONDS, *run.periods]))
         interval = max(_PAGE_INTERVAL, longest / _PAGE_INSTANTS)
-        recordings.append(record_release(release, run, interval))
+        recordings.append(record_release(experiment, run, interval))
     return recordings
 
 

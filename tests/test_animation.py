@@ -10,7 +10,7 @@ from PIL import Image
 
 from npend_gym import __version__
 from npend_gym.cli import main
-from npend_gym.experiments.release import Release, measure
+from npend_gym.experiments.release import ReleaseExperiment, measure
 from npend_gym.recording import record_release
 from npend_gym.report.animation import Film, write
 
@@ -18,7 +18,7 @@ TIP = (0xD5, 0x5E, 0x00)
 
 
 def film(n=3, *, duration=None, size=240, **options):
-    plan = Release(n_values=[n], trials=1, duration=duration)
+    plan = ReleaseExperiment(n_values=[n], trials=1, duration=duration)
     interval = options.get("speed", 1.0) / options.get("fps", 25.0)
     return Film(
         record_release(plan, measure(plan, *plan.runs()[0]), interval), size=size, **options
@@ -156,7 +156,7 @@ def test_the_hero_film_is_what_its_comment_says():
         shown = np.asarray(image.convert("RGB")).astype(int)
     arguments = about["arguments"]
     trial, start = arguments.pop("trial"), arguments.pop("start")
-    plan = Release(**arguments)
+    plan = ReleaseExperiment(**arguments)
     recording = record_release(plan, measure(plan, 20, trial, start), 1.0 / about["fps"])
     again = Film(recording, fps=about["fps"], size=shown.shape[0]).picture(120)
     assert np.abs(shown - again).mean() < 2.0

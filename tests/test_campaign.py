@@ -15,8 +15,7 @@ import pytest
 
 from npend_gym import Chain, pseudo_periods
 from npend_gym.cli import main
-from npend_gym.experiments.campaign import BusyError, Campaign, DiskError, Plan, engine
-from npend_gym.experiments.campaign.measuring import measured
+from npend_gym.experiments.campaign import BusyError, Campaign, CampaignPlan, DiskError, engine
 from npend_gym.experiments.campaign.parts import (
     BOBS,
     RELEASES,
@@ -26,8 +25,9 @@ from npend_gym.experiments.campaign.parts import (
     table_digest,
 )
 from npend_gym.experiments.campaign.plan_file import read_plan_file
+from npend_gym.experiments.campaign.task import measure_task
 
-SMALL = Plan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
+SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
 
 
 def carried_out(plan, out, **workers):
@@ -51,7 +51,7 @@ def undisturbed(tmp_path_factory):
 
 
 def test_every_release_of_every_cell_is_in_one_task():
-    plan = Plan(n=[2, 5], masses=[1.0, 2.0], reading=["bob", "link"], trials=7, batch=10)
+    plan = CampaignPlan(n=[2, 5], masses=[1.0, 2.0], reading=["bob", "link"], trials=7, batch=10)
     tasks = list(plan.tasks())
     assert [k for task in tasks for k in range(task.first, task.last)] == list(range(8 * 7))
     assert len({task.id for task in tasks}) == len(tasks) == plan.task_count
@@ -61,16 +61,16 @@ def test_every_release_of_every_cell_is_in_one_task():
 
 
 def test_tasks_take_about_the_same_time_whatever_the_chain():
-    plan = Plan(n=[1, 5, 20, 100, 1000])
+    plan = CampaignPlan(n=[1, 5, 20, 100, 1000])
     assert [plan.batch_of(n) for n in (1, 5, 20, 100, 1000)] == [4096, 2048, 128, 16, 16]
 
 
 def test_a_plan_survives_its_own_record():
-    plan = Plan(n=range(2, 4), masses=[1, [1, 2.5]][:1], amplitude=np.array([0.1, 0.2]))
-    again = Plan(**json.loads(json.dumps(plan.as_dict())))
+    plan = CampaignPlan(n=range(2, 4), masses=[1, [1, 2.5]][:1], amplitude=np.array([0.1, 0.2]))
+    again = CampaignPlan(**json.loads(json.dumps(plan.as_dict())))
     assert again == plan
     assert again.digest == plan.digest
-    assert Plan(n=3, masses=[[1, 2, 3]]).as_dict()["masses"] == [[1.0, 2.0, 3.0]]
+    assert CampaignPlan(n=3, masses=[[1, 2, 3]]).as_dict()["masses"] == [[1.0, 2.0, 3.0]]
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_a_plan_survives_its_own_record():
 )
 def test_bad_plans_are_refused_by_name(values, error, message):
     with pytest.raises(error, match=message):
-        Plan.of(values)
+        CampaignPlan.of(values)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_bad_plans_are_refused_by_name(values, error, message):
 )
 def test_a_plan_can_be_a_file(name, text, tmp_path):
     (tmp_path / name).write_text(text)
-    assert Plan.of(read_plan_file(tmp_path / name)) == SMALL
+    assert CampaignPlan.of(read_plan_file(tmp_path / name)) == SMALL
 
 
 @pytest.mark.parametrize(
@@ -141,9 +141,11 @@ def test_a_bad_plan_file_is_refused(name, text, message, tmp_path):
 
 
 def test_a_task_is_the_pseudo_periods_of_its_releases_one_by_one():
-    plan = Plan(n=3, masses=[1.0, [1.0, 2.0, 0.5]], amplitude=[0.3, 0.9], trials=3, batch=100)
+    plan = CampaignPlan(
+        n=3, masses=[1.0, [1.0, 2.0, 0.5]], amplitude=[0.3, 0.9], trials=3, batch=100
+    )
     (task,) = plan.tasks()
-    starts, periods = measured(plan, task)
+    starts, periods = measure_task(plan, task)
     for k, (start, found) in enumerate(zip(starts, periods, strict=True)):
         cell = plan.cell(k // 3)
         assert cell["amplitude"] <= start < cell["amplitude"] + cell["spread"]
@@ -174,7 +176,7 @@ def test_tables_are_tidy_and_exact(undisturbed):
 
 
 def test_bobs_that_do_not_complete_have_no_period_but_count(tmp_path):
-    plan = Plan(n=[20], trials=3, duration=5.0)
+    plan = CampaignPlan(n=[20], trials=3, duration=5.0)
     carried_out(plan, tmp_path)
     rows = read_table(tmp_path, RELEASES, list(plan.tasks())).to_pydict()
     bobs = read_table(tmp_path, BOBS, list(plan.tasks())).to_pydict()["pseudo_period_s"]
@@ -182,7 +184,7 @@ def test_bobs_that_do_not_complete_have_no_period_but_count(tmp_path):
         done = [period for period in bobs[20 * k : 20 * k + 20] if period is not None]
         assert 0 < rows["completed"][k] == len(done) < 20
         assert rows["median_s"][k] == np.median(done)
-    nothing = Plan(n=[2], gravity=0.0, trials=2)
+    nothing = CampaignPlan(n=[2], gravity=0.0, trials=2)
     carried_out(nothing, tmp_path / "rest")
     rows = read_table(tmp_path / "rest", RELEASES, list(nothing.tasks())).to_pydict()
     assert rows["completed"] == [0, 0]
@@ -208,7 +210,7 @@ def test_the_folder_says_what_made_it_and_reads_as_a_partitioned_data_set(undist
     ("batch", "workers"), [(7, {}), (1000, {}), (16, {"backend": "threading", "count": 2})]
 )
 def test_no_result_depends_on_the_batch_or_the_workers(batch, workers, undisturbed, tmp_path):
-    plan = Plan(**(SMALL.as_dict() | {"batch": batch}))
+    plan = CampaignPlan(**(SMALL.as_dict() | {"batch": batch}))
     carried_out(plan, tmp_path, **workers)
     assert digests(plan, tmp_path) == digests(SMALL, undisturbed)
 
@@ -224,8 +226,8 @@ def test_a_campaign_goes_on_where_it_stopped(undisturbed, tmp_path):
     again = Campaign(None, tmp_path)
     assert again.plan == SMALL
     with again as campaign:
-        assert sorted(campaign.found.records) == sorted(before)
-        assert campaign.found.text() == ""
+        assert sorted(campaign.status.records) == sorted(before)
+        assert campaign.status.text() == ""
         after = [task.id for task, _ in campaign.run(count=1)]
     assert sorted(before + after) == sorted(task.id for task in SMALL.tasks())
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
@@ -245,10 +247,10 @@ def test_damage_is_found_told_and_repaired(undisturbed, tmp_path):
     kept = [line for line in journal if unrecorded[4:-8] not in line or '"n2-' not in line]
     (tmp_path / "journal.jsonl").write_text("".join(kept) + '{"plan": "torn')
     with Campaign(SMALL, tmp_path) as campaign:
-        assert campaign.found.text() == (
+        assert campaign.status.text() == (
             "found 2 part(s) damaged, 1 part(s) missing, 2 part(s) not recorded, "
             "1 half-written file(s), 1 line(s) of the journal unreadable; "
-            "what they stand for is measured anew"
+            "these releases are measured again"
         )
         assert len(list(campaign.run(count=1))) == 4
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
@@ -259,11 +261,11 @@ def test_one_driver_at_a_time(tmp_path):
     with Campaign(SMALL, tmp_path), pytest.raises(BusyError, match="another driver is at work"):
         Campaign(None, tmp_path).__enter__()
     with Campaign(SMALL, tmp_path) as campaign:  # released
-        assert not campaign.found.records
+        assert not campaign.status.records
 
 
 def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
-    carried_out(Plan(n=[2], trials=1), tmp_path)
+    carried_out(CampaignPlan(n=[2], trials=1), tmp_path)
     with pytest.raises(ValueError, match=r"another plan, with n = \[2\] where \[2, 3\] was given"):
         Campaign(SMALL, tmp_path)
     with pytest.raises(ValueError, match="there is no campaign"):
@@ -284,14 +286,14 @@ def test_a_failing_task_is_recorded_and_the_rest_goes_on(undisturbed, tmp_path, 
             raise ArithmeticError("no <b>step</b>")
         return pseudo_periods(chain, theta, **options)
 
-    monkeypatch.setattr("npend_gym.experiments.campaign.measuring.pseudo_periods", sometimes)
+    monkeypatch.setattr("npend_gym.experiments.campaign.task.pseudo_periods", sometimes)
     _, records = carried_out(SMALL, tmp_path)
     failed = [record for record in records if not record.done]
     assert failed
     assert {record.error for record in failed} == {"ArithmeticError: no <b>step</b>"}
     monkeypatch.undo()
     with Campaign(SMALL, tmp_path) as campaign:
-        assert f"{len(failed)} failed task(s)" in campaign.found.text()
+        assert f"{len(failed)} failed task(s)" in campaign.status.text()
         assert len(list(campaign.run(count=1))) == len(failed)
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
@@ -299,10 +301,10 @@ def test_a_failing_task_is_recorded_and_the_rest_goes_on(undisturbed, tmp_path, 
 def test_a_disk_that_takes_no_more_stops_the_campaign_and_loses_nothing(undisturbed, tmp_path):
     code = f"""
 import resource, sys
-from npend_gym.experiments.campaign import Campaign, DiskError, Plan
+from npend_gym.experiments.campaign import Campaign, DiskError, CampaignPlan
 resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500))  # a file of this many bytes is too large
 try:
-    with Campaign(Plan(**{SMALL.as_dict()!r}), sys.argv[1]) as campaign:
+    with Campaign(CampaignPlan(**{SMALL.as_dict()!r}), sys.argv[1]) as campaign:
         list(campaign.run(count=1))
 except DiskError as error:
     print("stopped:", error)
@@ -331,17 +333,17 @@ def test_a_full_disk_in_the_journal_stops_the_campaign(tmp_path, monkeypatch):
 
 
 def test_a_task_that_kills_its_workers_is_given_up_and_the_rest_is_done(monkeypatch):
-    monkeypatch.setattr(engine, "_STRIKES", 2)  # each costs new workers
+    monkeypatch.setattr(engine, "_MAX_ATTEMPTS", 2)  # each costs new workers
     with engine.workers("loky", 2):
         done = dict(engine.run(deadly.the_sixth, range(12)))
-    assert isinstance(done.pop(5), engine.Lost)
+    assert isinstance(done.pop(5), engine.WorkerLost)
     assert done == {k: k * k for k in range(12) if k != 5}
 
 
 @pytest.mark.parametrize("times", [2, pytest.param(5, marks=pytest.mark.long)])
 def test_workers_that_die_whatever_they_do_end_the_run(times, monkeypatch):
-    assert engine._FRUITLESS == 5
-    monkeypatch.setattr(engine, "_FRUITLESS", times)
+    assert engine._MAX_NO_PROGRESS == 5
+    monkeypatch.setattr(engine, "_MAX_NO_PROGRESS", times)
     with (
         engine.workers("loky", 2),
         pytest.raises(engine.WorkersLostError, match=f"{times} times in a row"),
@@ -367,12 +369,12 @@ def test_bad_workers_are_refused(arguments, message):
 
 def test_folders_with_any_name_are_used(tmp_path):
     real = tmp_path / "räume und zeichen ✓ #%'\""
-    carried_out(Plan(n=[2], trials=2), real)
+    carried_out(CampaignPlan(n=[2], trials=2), real)
     link = tmp_path / "link"
     link.symlink_to(real, target_is_directory=True)
     with Campaign(None, link / ".." / "link") as campaign:
         assert campaign.out == real
-        assert len(campaign.found.records) == 1
+        assert len(campaign.status.records) == 1
         with pytest.raises(BusyError):
             Campaign(None, real).__enter__()
     loop = tmp_path / "loop"
@@ -482,5 +484,5 @@ def test_a_campaign_whose_driver_and_workers_are_killed_comes_to_the_same_bytes(
     capsys.readouterr()
     assert main(["campaign", "--out", str(tmp_path), "--workers", "1"]) == 0
     assert "200 of 200 releases done" in capsys.readouterr().out
-    plan = Plan(**(SMALL.as_dict() | {"batch": 1}))
+    plan = CampaignPlan(**(SMALL.as_dict() | {"batch": 1}))
     assert digests(plan, tmp_path) == digests(SMALL, undisturbed)

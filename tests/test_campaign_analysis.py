@@ -9,9 +9,9 @@ import pytest
 from scripts import run_script
 
 from npend_gym.cli import main
-from npend_gym.experiments.campaign import Campaign, Plan
+from npend_gym.experiments.campaign import Campaign, CampaignPlan
 from npend_gym.experiments.campaign.analysis import analyse
-from npend_gym.report import campaign as report
+from npend_gym.report import campaign_report as report
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "passive_campaign.py"
 AMPLITUDES = [0.05, 0.3, 0.6, 0.9, 1.1]
@@ -25,7 +25,7 @@ def planted(chain, theta, **_options):
 
 
 def carried_out(plan, out, monkeypatch, measure):
-    monkeypatch.setattr("npend_gym.experiments.campaign.measuring.pseudo_periods", measure)
+    monkeypatch.setattr("npend_gym.experiments.campaign.task.pseudo_periods", measure)
     monkeypatch.setattr("npend_gym.theory.fundamental_period", lambda chain: np.sqrt(chain.n + 0.5))
     with Campaign(plan, out) as campaign:
         list(campaign.run(count=1))
@@ -33,15 +33,15 @@ def carried_out(plan, out, monkeypatch, measure):
 
 
 def test_a_planted_law_is_found_with_all_its_numbers(tmp_path, monkeypatch):
-    plan = Plan(n=[10, 20, 40], amplitude=AMPLITUDES, spread=0.0, trials=1)
+    plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, spread=0.0, trials=1)
     (group,) = carried_out(plan, tmp_path, monkeypatch, planted).groups
     assert [law.counts for law in group.laws] == [(10, 20, 40), (10,), (20,), (40,)]
     for law in group.laws:
         found = [law.c.value, law.b.value, law.d.value]
         np.testing.assert_allclose(found, [0.95, 0.2, 1.0], rtol=1e-6)
         assert np.abs(law.residuals).max() < 1e-9
-    assert len(group.exponents) == len(AMPLITUDES)
-    for exponent in group.exponents:
+    assert len(group.powers) == len(AMPLITUDES)
+    for exponent in group.powers:
         assert exponent.power.value == pytest.approx(0.5, abs=1e-12)
 
 
@@ -50,7 +50,7 @@ def test_intervals_hold_the_planted_numbers_where_the_data_scatter(tmp_path, mon
         rng = np.random.default_rng([chain.n, int(1e9 * theta[0, 0])])
         return planted(chain, theta, **options) * (1.0 + 1e-3 * rng.normal())
 
-    plan = Plan(n=[10, 15, 20, 30, 40], amplitude=AMPLITUDES, spread=0.0, trials=1, batch=1)
+    plan = CampaignPlan(n=[10, 15, 20, 30, 40], amplitude=AMPLITUDES, spread=0.0, trials=1, batch=1)
     (group,) = carried_out(plan, tmp_path, monkeypatch, noisy).groups
     law = group.laws[0]
     for estimate, truth in ((law.c, 0.95), (law.b, 0.2), (law.d, 1.0)):
@@ -66,32 +66,32 @@ def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
             periods[123] *= 1.01
         return periods
 
-    plan = Plan(n=3, amplitude=[0.1, 0.3], trials=1000, batch=1000)
-    numbers = carried_out(plan, tmp_path, monkeypatch, jumping).statistics
-    assert numbers.outlier_count == 1
-    (outlier,) = numbers.outliers
+    plan = CampaignPlan(n=3, amplitude=[0.1, 0.3], trials=1000, batch=1000)
+    stats = carried_out(plan, tmp_path, monkeypatch, jumping).statistics
+    assert stats.outlier_count == 1
+    (outlier,) = stats.outliers
     assert (outlier.cell, outlier.trial) == (1, 124)
     assert outlier.median_s / outlier.expected_s == pytest.approx(1.01, rel=1e-3)
-    assert numbers.histogram.sum() == 2000
+    assert stats.histogram.sum() == 2000
 
 
 def test_statistics_are_those_of_the_whole_table(tmp_path):
     from npend_gym.experiments.campaign.parts import RELEASES, read_table
 
-    plan = Plan(n=[2, 3], amplitude=[0.3, 0.7], trials=60, batch=13)
+    plan = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=60, batch=13)
     with Campaign(plan, tmp_path) as campaign:
         list(campaign.run(count=1))
     table = read_table(tmp_path, RELEASES, list(plan.tasks())).to_pydict()
-    numbers = analyse(tmp_path).statistics
+    stats = analyse(tmp_path).statistics
     for cell in range(4):
         rows = np.array(table["cell"]) == cell
         medians, starts = np.array(table["median_s"])[rows], np.array(table["start_rad"])[rows]
-        assert numbers.releases[cell] == 60
-        assert numbers.median[cell] == pytest.approx(medians.mean(), rel=1e-14)
-        assert numbers.start[cell] == pytest.approx(starts.mean(), rel=1e-14)
+        assert stats.releases[cell] == 60
+        assert stats.median[cell] == pytest.approx(medians.mean(), rel=1e-14)
+        assert stats.start[cell] == pytest.approx(starts.mean(), rel=1e-14)
         fit = np.polynomial.Polynomial.fit(starts, medians, 2)
         scatter = np.sqrt(np.sum((medians - fit(starts)) ** 2) / 57)
-        assert numbers.scatter[cell] == pytest.approx(scatter, rel=1e-3)
+        assert stats.scatter[cell] == pytest.approx(scatter, rel=1e-3)
 
 
 def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch):
@@ -101,7 +101,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
         return planted(chain, theta, **options)
 
     out = tmp_path / "<b>&amp;'\"ä"
-    result = carried_out(Plan(n=[2, 3], trials=2), out, monkeypatch, failing)
+    result = carried_out(CampaignPlan(n=[2, 3], trials=2), out, monkeypatch, failing)
     page = report.page(result, report.tables(result), [])
     assert "<script" not in page
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
@@ -110,7 +110,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
 
 
 def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, capsys):
-    plan = Plan(n=[10, 20, 40], amplitude=AMPLITUDES, trials=30)
+    plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, trials=30)
     carried_out(plan, tmp_path, monkeypatch, planted)
     assert main(["analyse", str(tmp_path)]) == 0
     assert "c = 0.9500" in capsys.readouterr().out
@@ -128,13 +128,16 @@ def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, cap
 
 
 def test_a_single_cell_has_no_law_and_says_so(tmp_path, monkeypatch):
-    result = carried_out(Plan(n=[5], trials=3), tmp_path, monkeypatch, planted)
-    assert result.groups[0].laws == result.groups[0].exponents == ()
+    result = carried_out(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+    assert result.groups[0].laws == result.groups[0].powers == ()
     assert "No law is fitted" in report.page(result, report.tables(result), [])
 
 
 def test_nothing_done_is_nothing_to_analyse(tmp_path):
-    with Campaign(Plan(n=[2]), tmp_path), pytest.raises(ValueError, match="nothing is done yet"):
+    with (
+        Campaign(CampaignPlan(n=[2]), tmp_path),
+        pytest.raises(ValueError, match="nothing is done yet"),
+    ):
         analyse(tmp_path)
 
 

@@ -9,10 +9,10 @@ import sys
 
 import pytest
 
-from npend_gym.experiments.campaign import Campaign, Plan
+from npend_gym.experiments.campaign import Campaign, CampaignPlan
 from npend_gym.experiments.campaign.parts import TABLES, table_digest
 
-PLAN = Plan(n=[2, 3], amplitude=[0.3, 0.7], trials=100, batch=16)
+PLAN = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=100, batch=16)
 MODULES = {"ray": "ray", "dask": "distributed"}
 
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from npend_gym.experiments.campaign.measuring import measured
-from npend_gym.experiments.campaign.plan import Plan
+from npend_gym.experiments.campaign.plan import CampaignPlan
+from npend_gym.experiments.campaign.task import measure_task
 from npend_gym.experiments.draws import starts
-from npend_gym.experiments.release import Release
+from npend_gym.experiments.release import ReleaseExperiment
 
 
 @given(st.integers(0, 2**63 - 1), st.integers(0, 10**12))
@@ -45,8 +45,8 @@ def test_release_campaign_and_environments_start_every_trial_alike(n):
         "NPendulum-v0", num_envs=trials, n=n, mode="passive", amplitude=0.6, spread=0.02
     )
     vector = lanes.reset(seed=seed)[1]["theta"][:, 0].tolist()
-    release = Release(n_values=[n], trials=trials, amplitude=0.6, spread=0.02, seed=seed)
-    plan = Plan(n=n, trials=trials, amplitude=0.6, spread=0.02, seed=seed)
+    release = ReleaseExperiment(n_values=[n], trials=trials, amplitude=0.6, spread=0.02, seed=seed)
+    plan = CampaignPlan(n=n, trials=trials, amplitude=0.6, spread=0.02, seed=seed)
     (task,) = plan.tasks()
     assert single == vector == [start for _, _, start in release.runs()]
-    assert measured(plan, task)[0].tolist() == single
+    assert measure_task(plan, task)[0].tolist() == single

@@ -11,12 +11,12 @@ import pytest
 
 from npend_gym import __version__, theory
 from npend_gym.cli import main
-from npend_gym.experiments.release import Release, run_release
+from npend_gym.experiments.release import ReleaseExperiment, run_release
 from npend_gym.recording import record_first_trials, record_release
-from npend_gym.report import page as report
-from npend_gym.report import release as results
+from npend_gym.report import release_page as report
+from npend_gym.report import release_tables as results
 
-PLAN = Release(n_values=(2, 5), trials=2, seed=3)
+PLAN = ReleaseExperiment(n_values=(2, 5), trials=2, seed=3)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -44,7 +44,7 @@ def data_of(path):
 def test_the_page_holds_the_recorded_motion_and_the_measured_numbers(path, runs):
     data = data_of(path)
     assert data["provenance"]["version"] == __version__
-    assert Release(**data["provenance"]["arguments"]).runs() == PLAN.runs()
+    assert ReleaseExperiment(**data["provenance"]["arguments"]).runs() == PLAN.runs()
     for shown, run in zip(data["releases"], (runs[0], runs[2]), strict=True):
         assert shown["n"] == run.n
         assert shown["periods"] == run.periods.tolist()
@@ -75,7 +75,7 @@ def test_nothing_in_the_page_points_outside(path):
 
 
 def test_bobs_that_do_not_complete_have_no_number(tmp_path):
-    plan = Release(n_values=[20], trials=1, duration=5.0)
+    plan = ReleaseExperiment(n_values=[20], trials=1, duration=5.0)
     path = written(plan, run_release(plan), tmp_path)
     (shown,) = data_of(path)["releases"]
     assert 0 < sum(t is None for t in shown["periods"]) < 20
@@ -85,7 +85,7 @@ def test_bobs_that_do_not_complete_have_no_number(tmp_path):
 
 
 def test_without_gravity_there_are_no_models_and_no_numbers(tmp_path):
-    plan = Release(n_values=[2], trials=1, gravity=0.0)
+    plan = ReleaseExperiment(n_values=[2], trials=1, gravity=0.0)
     path = written(plan, run_release(plan), tmp_path)
     (shown,) = data_of(path)["releases"]
     assert shown["models"] == {}

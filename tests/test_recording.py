@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.experiments.release import Release, Run, measure
+from npend_gym.experiments.release import ReleaseExperiment, Run, measure
 from npend_gym.recording import record_episode, record_release
 
 
 def recorded(interval=0.02, **fields):
-    plan = Release(**({"n_values": [3], "trials": 1} | fields))
+    plan = ReleaseExperiment(**({"n_values": [3], "trials": 1} | fields))
     return record_release(plan, measure(plan, *plan.runs()[0]), interval)
 
 
@@ -57,7 +57,7 @@ def test_the_provenance_makes_the_same_recording_again():
     recording = recorded(masses=[1.0, 2.0, 0.5], seed=4, duration=1.0)
     arguments = dict(recording.provenance["arguments"])
     trial, start = arguments.pop("trial"), arguments.pop("start")
-    plan = Release(**arguments)
+    plan = ReleaseExperiment(**arguments)
     assert plan.runs() == [(3, trial, start)]
     again = record_release(plan, measure(plan, 3, trial, start), 0.02)
     np.testing.assert_array_equal(again.motion.theta, recording.motion.theta)
@@ -115,6 +115,6 @@ def test_what_cannot_be_recorded_is_refused(change, message):
 
 
 def test_a_release_that_completes_nothing_is_recorded_for_the_papers_window():
-    plan = Release(n_values=[2], trials=1, gravity=0.0)
+    plan = ReleaseExperiment(n_values=[2], trials=1, gravity=0.0)
     recording = record_release(plan, Run(2, 1, 0.7, np.full(2, np.nan)), 0.5)
     assert recording.motion.times[-1] == 10.0

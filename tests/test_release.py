@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, __version__, pseudo_periods, theory
-from npend_gym.experiments.release import Release, bob_rows, run_release, summary_rows
-from npend_gym.report import release as report
+from npend_gym.experiments.release import ReleaseExperiment, bob_rows, run_release, summary_rows
+from npend_gym.report import release_tables as report
 
-SMALL = Release(n_values=(2, 5), trials=2, seed=7)
+SMALL = ReleaseExperiment(n_values=(2, 5), trials=2, seed=7)
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +31,9 @@ def test_a_run_is_the_pseudo_periods_of_its_chain(runs):
 
 
 def test_a_draw_depends_on_the_seed_plus_the_trial_alone():
-    alone = Release(n_values=(5,), trials=1, seed=7).runs()[0]
+    alone = ReleaseExperiment(n_values=(5,), trials=1, seed=7).runs()[0]
     assert alone in SMALL.runs()
-    (_, _, start), *_ = Release(n_values=(3,), trials=1, seed=8).runs()
+    (_, _, start), *_ = ReleaseExperiment(n_values=(3,), trials=1, seed=8).runs()
     assert start == SMALL.runs()[1][2]
 
 
@@ -63,7 +63,7 @@ def test_the_summary_compares_the_mean_with_each_model(runs):
 
 
 def test_bobs_that_do_not_complete_are_left_out_of_the_mean():
-    plan = Release(n_values=(20,), trials=1, duration=5.0)
+    plan = ReleaseExperiment(n_values=(20,), trials=1, duration=5.0)
     (run,) = run_release(plan)
     done = run.periods[np.isfinite(run.periods)]
     assert 0 < done.size < 20
@@ -74,7 +74,7 @@ def test_bobs_that_do_not_complete_are_left_out_of_the_mean():
 
 
 def test_without_a_completed_bob_the_table_shows_dashes():
-    plan = Release(n_values=(2,), trials=1, gravity=0.0)
+    plan = ReleaseExperiment(n_values=(2,), trials=1, gravity=0.0)
     text = report.summary_text(plan, run_release(plan))
     assert "0/2" in text
     assert "nan" not in text
@@ -102,20 +102,20 @@ def test_files_hold_what_was_measured_and_the_manifest_what_made_it(runs, tmp_pa
     assert manifest["provenance"]["arguments"]["seed"] == 7
     assert manifest["provenance"]["arguments"]["n_values"] == [2, 5]
     assert manifest["complete"] is True
-    again = Release(**json.loads((folder / "release.json").read_text()))
+    again = ReleaseExperiment(**json.loads((folder / "release.json").read_text()))
     assert again.runs() == SMALL.runs()
     for name, digest in manifest["sha256"].items():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 
 def test_figures_show_every_release(runs):
-    from npend_gym.report import figures
+    from npend_gym.report import release_figures
 
-    first = figures.period_against_n(SMALL, runs)
+    first = release_figures.period_against_n(SMALL, runs)
     (axes,) = first.axes
     drawn = [line.get_ydata() for line in axes.lines if line.get_marker() == "o"]
     assert [run.mean for run in runs] == [y[0] for y in drawn if len(y)]
-    second = figures.period_of_each_bob(SMALL, runs)
+    second = release_figures.period_of_each_bob(SMALL, runs)
     assert [axes.get_title() for axes in second.axes] == [
         "N = 2: 4 of 4 completed",
         "N = 5: 10 of 10 completed",
@@ -123,12 +123,12 @@ def test_figures_show_every_release(runs):
 
 
 def test_per_rod_chains_and_many_trials_can_be_drawn():
-    from npend_gym.report import figures
+    from npend_gym.report import release_figures
 
-    plan = Release(n_values=(3,), trials=4, masses=[1, 2, 3], lengths=[1, 0.5, 0.2])
+    plan = ReleaseExperiment(n_values=(3,), trials=4, masses=[1, 2, 3], lengths=[1, 0.5, 0.2])
     runs = run_release(plan)
-    assert len(figures.period_of_each_bob(plan, runs).axes) == 1
-    figures.period_against_n(plan, runs)
+    assert len(release_figures.period_of_each_bob(plan, runs).axes) == 1
+    release_figures.period_against_n(plan, runs)
 
 
 def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monkeypatch):
@@ -167,4 +167,4 @@ def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monk
 )
 def test_bad_arguments_are_refused_by_name(change, error, message):
     with pytest.raises(error, match=message):
-        Release(**change)
+        ReleaseExperiment(**change)

@@ -29,10 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: dict[str, Any]) -> int:
     """Analyse, print and write; return the exit code."""
     from npend_gym.experiments.campaign.analysis import analyse
-    from npend_gym.report.campaign import analysis_text, write_analysis
+    from npend_gym.report.campaign_report import analysis_text, write_analysis
 
     result = analyse(options["folder"])
-    text = result.found.text()
+    text = result.status.text()
     print(analysis_text(result))
     if text:
         warn(text)

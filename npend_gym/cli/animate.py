@@ -73,11 +73,11 @@ def run(options: dict[str, Any]) -> int:
 
 def _release(interval: float, n: int = 5, **options: Any) -> Recording:
     """Measure one release and record it every `interval` [s]."""
-    from npend_gym.experiments.release import Release, measure
+    from npend_gym.experiments.release import ReleaseExperiment, measure
     from npend_gym.recording import record_release
 
-    release = Release(n_values=[n], trials=1, **options)
-    return record_release(release, measure(release, *release.runs()[0]), interval)
+    experiment = ReleaseExperiment(n_values=[n], trials=1, **options)
+    return record_release(experiment, measure(experiment, *experiment.runs()[0]), interval)
 
 
 def _episode(

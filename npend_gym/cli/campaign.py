@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from npend_gym.cli.common import FAILED, INTERRUPTED, OK, integers, printable, warn
 
 if TYPE_CHECKING:
-    from npend_gym.experiments.campaign import Campaign, Plan
+    from npend_gym.experiments.campaign import Campaign, CampaignPlan
 
 ABOUT = """\
 Chains with every combination of the given values are released, `trials` times each. The results are
@@ -91,31 +91,31 @@ def run(options: dict[str, Any]) -> int:
         return _run(campaign, workers)
 
 
-def _plan(options: dict[str, Any]) -> Plan | None:
+def _plan(options: dict[str, Any]) -> CampaignPlan | None:
     """Return the plan of the file and the options; None where there are neither."""
-    from npend_gym.experiments.campaign import Plan
+    from npend_gym.experiments.campaign import CampaignPlan
     from npend_gym.experiments.campaign.plan_file import read_plan_file
 
     path: Path | None = options["plan"]
     values = {} if path is None else read_plan_file(path)
     values |= {name: options[name] for name, *_ in _OPTIONS if name in options}
-    return Plan.of(values) if values or path is not None else None
+    return CampaignPlan.of(values) if values or path is not None else None
 
 
 def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int:
     """Run with a progress bar; return the exit code."""
     from tqdm import tqdm
 
-    from npend_gym.report.campaign import finish
+    from npend_gym.report.campaign_report import finish
 
-    plan, found = campaign.plan, campaign.found
-    before = sum(task.releases for task in plan.tasks() if task.id in found.records)
+    plan, status = campaign.plan, campaign.status
+    before = sum(task.releases for task in plan.tasks() if task.id in status.records)
     print(
         f"{plan.releases} releases of {plan.cells} cells in {plan.task_count} tasks, "
         f"{before} releases done before"
     )
-    if found.text():
-        print(found.text(), flush=True)
+    if status.text():
+        print(status.text(), flush=True)
     failed = 0
     code = OK
     # disable=None: no bar where the error stream is not a terminal

@@ -15,7 +15,7 @@ from npend_gym.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from npend_gym.experiments.release import Release, Run
+    from npend_gym.experiments.release import ReleaseExperiment, Run
 
 ABOUT = """\
 One HTML file with the motion of the chains, the pseudo-period of every bob as it completes, and
@@ -41,24 +41,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: dict[str, Any]) -> int:
     """Measure or read, and write the page; return the exit code."""
     from npend_gym.recording import record_first_trials
-    from npend_gym.report import page
+    from npend_gym.report import release_page
 
     out: Path = options.pop("out")
-    prepare_file(out, page.SUFFIXES)
-    plan, runs = _measured(options)
-    recordings = record_first_trials(plan, runs, progress("recording"))
-    page.write(plan, runs, recordings, out)
+    prepare_file(out, release_page.SUFFIXES)
+    experiment, runs = _measured(options)
+    recordings = record_first_trials(experiment, runs, progress("recording"))
+    release_page.write(experiment, runs, recordings, out)
     print(printable(str(out)) + f": {out.stat().st_size / 1e6:.2f} MB")
     return OK
 
 
-def _measured(options: dict[str, Any]) -> tuple[Release, list[Run]]:
-    from npend_gym.experiments.release import Release, run_release
-    from npend_gym.report import release as report
+def _measured(options: dict[str, Any]) -> tuple[ReleaseExperiment, list[Run]]:
+    from npend_gym.experiments.release import ReleaseExperiment, run_release
+    from npend_gym.report import release_tables as report
 
     if "folder" not in options:
-        plan = Release(**options)
-        return plan, run_release(plan, progress("release"))
+        experiment = ReleaseExperiment(**options)
+        return experiment, run_release(experiment, progress("release"))
     folder = options.pop("folder")
     if options:
         name = "n" if "n_values" in options else next(iter(options))

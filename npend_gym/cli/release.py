@@ -44,26 +44,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: dict[str, Any]) -> int:
     """Carry out the experiment; return the exit code."""
-    from npend_gym.experiments.release import Release, measure
+    from npend_gym.experiments.release import ReleaseExperiment, measure
     from npend_gym.report import outputs
-    from npend_gym.report import release as report
+    from npend_gym.report import release_tables as report
 
     out: Path | None = options.pop("out", None)
     as_json: bool = options.pop("json", False)
     runs: list[Run] = []
     interrupted = False
-    plan = Release(**options)
+    experiment = ReleaseExperiment(**options)
     if out is not None:
         outputs.prepare_folder(out)
     try:
-        for one in progress("release")(plan.runs()):
-            runs.append(measure(plan, *one))  # noqa: PERF401 - kept when interrupted
+        for one in progress("release")(experiment.runs()):
+            runs.append(measure(experiment, *one))  # noqa: PERF401 - kept when interrupted
     except KeyboardInterrupt:
         interrupted = True
     if runs:
-        print(report.summary_json(plan, runs) if as_json else report.summary_text(plan, runs))
+        print(
+            report.summary_json(experiment, runs)
+            if as_json
+            else report.summary_text(experiment, runs)
+        )
     if runs and out is not None:
-        written = report.write(plan, runs, out, figures=can_draw())
+        written = report.write(experiment, runs, out, figures=can_draw())
         if not as_json:
             show_written(written)
     if interrupted:

@@ -1,1 +1,5 @@
 """Experiments: physics in, tidy tables out."""
+
+from npend_gym._faces import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

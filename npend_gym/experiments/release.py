@@ -20,13 +20,13 @@ PAPER_N = (5, 10, 20, 100)
 PAPER_AMPLITUDE = math.pi / 4  # rad
 PAPER_SPREAD = 0.017  # rad: one degree, the uncertainty of a reading
 PAPER_TRIALS = 3
-MAX_TRIALS = 1_000_000
+MAX_TRIALS_PER_N = 1_000_000
 
 _Planned: TypeAlias = tuple[int, int, float]  # n, trial, starting angle [rad]
 
 
 @dataclass(frozen=True)
-class Release:
+class ReleaseExperiment:
     """What to release: every n in `n_values`, `trials` times each.
 
     Attributes
@@ -64,7 +64,7 @@ class Release:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        _checks.count("trials", self.trials, high=MAX_TRIALS)
+        _checks.count("trials", self.trials, high=MAX_TRIALS_PER_N)
         _checks.count("seed", self.seed, low=0, high=2**63 - 1)
         _checks.choice("reading", self.reading, READINGS)
         amplitude = abs(_checks.number("amplitude", self.amplitude))
@@ -83,16 +83,7 @@ class Release:
 
     def chain(self, n: int) -> Chain:
         """Return the chain of `n` rods that is released."""
-        uniform = Chain.uniform(n)  # checks n
-        masses = _checks.array("masses", self.masses)
-        lengths = _checks.array("lengths", self.lengths)
-        for name, value in (("masses", masses), ("lengths", lengths)):
-            if value.ndim and value.shape != (n,):
-                raise ValueError(
-                    f"{name} must be one number or {n} of them for n = {n}, got shape {value.shape}"
-                )
-        ones = uniform.masses
-        return Chain(ones * masses, ones * lengths, self.gravity, self.damping)
+        return released_chain(n, self.masses, self.lengths, self.gravity, self.damping)
 
     def runs(self) -> list[_Planned]:
         """Return (n, trial, starting angle [rad]) of every run, trials counted from 1."""
@@ -104,6 +95,30 @@ class Release:
         listed = ("n_values", "masses", "lengths")
         values = asdict(self)
         return values | {name: np.asarray(values[name]).tolist() for name in listed}
+
+
+def released_chain(
+    n: int,
+    masses: ArrayLike = 1.0,
+    lengths: ArrayLike = 1.0,
+    gravity: float = STANDARD_GRAVITY,
+    damping: float = 0.0,
+) -> Chain:
+    """Return the chain of `n` rods; masses and lengths are one number or an array of shape (n,).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument breaks its rule.
+    """
+    ones = Chain.uniform(n).masses  # checks n
+    mass, length = _checks.array("masses", masses), _checks.array("lengths", lengths)
+    for name, value in (("masses", mass), ("lengths", length)):
+        if value.ndim and value.shape != (n,):
+            raise ValueError(
+                f"{name} must be one number or {n} of them for n = {n}, got shape {value.shape}"
+            )
+    return Chain(ones * mass, ones * length, gravity, damping)
 
 
 @dataclass(frozen=True)
@@ -122,20 +137,20 @@ class Run:
         return float(done.mean()) if done.size else math.nan
 
 
-def measure(release: Release, n: int, trial: int, start: float) -> Run:
-    """Carry out one run of `release`, from rest with all rods at `start` [rad]."""
+def measure(experiment: ReleaseExperiment, n: int, trial: int, start: float) -> Run:
+    """Carry out one run of `experiment`, from rest with all rods at `start` [rad]."""
     periods = pseudo_periods(
-        release.chain(n), start, reading=release.reading, duration=release.duration
+        experiment.chain(n), start, reading=experiment.reading, duration=experiment.duration
     )
     return Run(n, trial, start, periods)
 
 
 def run_release(
-    release: Release,
+    experiment: ReleaseExperiment,
     progress: Callable[[Iterable[_Planned]], Iterable[_Planned]] = iter,
 ) -> list[Run]:
-    """Carry out every run of `release`; `progress` may wrap the iteration, as tqdm does."""
-    return [measure(release, *run) for run in progress(release.runs())]
+    """Carry out every run of `experiment`; `progress` may wrap the iteration, as tqdm does."""
+    return [measure(experiment, *run) for run in progress(experiment.runs())]
 
 
 def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
@@ -154,19 +169,19 @@ def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
     ]
 
 
-def summary_rows(release: Release, runs: Sequence[Run]) -> list[dict[str, Any]]:
+def summary_rows(experiment: ReleaseExperiment, runs: Sequence[Run]) -> list[dict[str, Any]]:
     r"""Return a row for every n: what was measured, the models, and how far off they are.
 
     The relative error is the paper's, \|S - T\| / S with S measured and T the model.
     """
     return [
-        _summary(release, n, [run for run in runs if run.n == n])
+        _summary(experiment, n, [run for run in runs if run.n == n])
         for n in dict.fromkeys(run.n for run in runs)
     ]
 
 
-def _summary(release: Release, n: int, runs: Sequence[Run]) -> dict[str, Any]:
-    chain = release.chain(n)
+def _summary(experiment: ReleaseExperiment, n: int, runs: Sequence[Run]) -> dict[str, Any]:
+    chain = experiment.chain(n)
     periods = np.array([run.periods for run in runs])
     done = np.isfinite(periods)
     means = np.array([run.mean for run in runs])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
 from npend_gym._palette import BLACK, BLUE, ORANGE
-from npend_gym.experiments.campaign.analysis import AmplitudeLaw, Group
+from npend_gym.experiments.campaign.analysis import AmplitudeLaw, CellGroup
 from npend_gym.experiments.campaign.statistics import EDGES, FAR, Statistics
 from npend_gym.report.style import panels, shade, styled
 
@@ -18,19 +18,19 @@ _CURVES = 9  # drawn in one figure; the rest is in the tables
 
 
 @styled
-def law_against_n(group: Group) -> Figure:
+def law_against_n(group: CellGroup) -> Figure:
     """Draw the period against N with the fitted power at each amplitude, and what it leaves."""
     figure = Figure(figsize=(7.2, 5.6))
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
-    chosen = _spaced(group.exponents)
-    for k, found in enumerate(chosen):
-        counts = np.array([point.n for point in found.points])
-        periods = np.array([point.period for point in found.points])
+    chosen = _spaced(group.powers)
+    for k, fit in enumerate(chosen):
+        counts = np.array([point.n for point in fit.points])
+        periods = np.array([point.period for point in fit.points])
         color, marker = shade(k / max(1, len(chosen) - 1)), _MARKERS[k % len(_MARKERS)]
-        label = f"{found.amplitude:.3g} rad: exponent {found.power}"
+        label = f"{fit.amplitude:.3g} rad: exponent {fit.power}"
         top.plot(counts, periods, marker, color=color, label=label)
-        top.plot(counts, periods / (1.0 + found.residuals), color=color, linewidth=0.9)
-        bottom.plot(counts, found.residuals, marker + "-", color=color, linewidth=0.9, markersize=5)
+        top.plot(counts, periods / (1.0 + fit.residuals), color=color, linewidth=0.9)
+        bottom.plot(counts, fit.residuals, marker + "-", color=color, linewidth=0.9, markersize=5)
     slowest = {point.n: point.fundamental for point in group.points}
     counts = sorted(slowest)
     top.plot(counts, [slowest[n] for n in counts], color=ORANGE, label="$T_1$, slowest normal mode")
@@ -47,7 +47,7 @@ def law_against_n(group: Group) -> Figure:
 
 
 @styled
-def law_against_amplitude(group: Group) -> Figure:
+def law_against_amplitude(group: CellGroup) -> Figure:
     """Draw the period over T1 against the starting angle with the fitted laws, and residuals."""
     figure = Figure(figsize=(7.2, 5.9))
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
@@ -75,22 +75,22 @@ def law_against_amplitude(group: Group) -> Figure:
 
 
 @styled
-def residuals(numbers: Statistics) -> Figure:
+def residuals(stats: Statistics) -> Figure:
     """Draw how far the releases lie from the parabola of their cell."""
     figure = Figure(figsize=(7.2, 3.2))
     axes: Any = figure.add_subplot()
-    axes.stairs(numbers.histogram, EDGES, fill=True, color=BLUE)
+    axes.stairs(stats.histogram, EDGES, fill=True, color=BLUE)
     for far in (-FAR, FAR):
         axes.axvline(far, color=ORANGE, linewidth=1.0)
     axes.set(
         yscale="symlog", ylim=(0, None), ylabel="releases",
         xlabel="median over the bobs, less the parabola of its cell, over its scatter",
-        title=f"{int(numbers.histogram.sum())} releases, {numbers.outlier_count} beyond the lines",
+        title=f"{int(stats.histogram.sum())} releases, {stats.outlier_count} beyond the lines",
     )  # fmt: skip
     return figure
 
 
-def _title(group: Group) -> str:
+def _title(group: CellGroup) -> str:
     return group.label if len(group.label) < 90 else group.label[:87] + "..."
 
 

@@ -25,8 +25,8 @@ from scipy.optimize import OptimizeWarning, curve_fit
 
 from npend_gym import theory
 from npend_gym._checks import FloatArray
-from npend_gym.experiments.campaign.folder import Found, folder_of, inspect, read_plan
-from npend_gym.experiments.campaign.plan import Plan
+from npend_gym.experiments.campaign.folder import FolderStatus, check_folder, read_plan, resolved
+from npend_gym.experiments.campaign.plan import CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
 from npend_gym.experiments.fits import Estimate, estimates, power_law
 from npend_gym.experiments.law import (
@@ -36,7 +36,7 @@ from npend_gym.experiments.law import (
     linear_ratios,
     rope_ratios,
 )
-from npend_gym.experiments.release import Release
+from npend_gym.experiments.release import released_chain
 
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
 _EXACT_UP_TO = 300  # bobs; beyond them the rope's limit stands for the chain's
@@ -45,8 +45,8 @@ _GROUPED = ("masses", "lengths", "gravity", "damping", "reading")
 
 
 @dataclass(frozen=True)
-class Point:
-    """A cell as the laws see it: mean start `angle` [rad], `period` and `fundamental` [s]."""
+class CellResult:
+    """What was measured in a cell: mean start `angle` [rad], `period` and `fundamental` [s]."""
 
     cell: int
     n: int
@@ -63,12 +63,12 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Exponent:
+class PowerFit:
     """The fitted power of N + 1/2 at one amplitude and spread."""
 
     amplitude: float
     spread: float
-    points: tuple[Point, ...]
+    points: tuple[CellResult, ...]
     power: Estimate
     residuals: FloatArray
 
@@ -86,7 +86,7 @@ class AmplitudeLaw:
     exact : float, optional
         What c is in the limit of small angles, from the linearised equations; only for equal rods
         and masses without damping and the reading "bob".
-    points : tuple of Point
+    points : tuple of CellResult
     residuals : ndarray
         Measured over law, minus one, of each point.
     """
@@ -96,7 +96,7 @@ class AmplitudeLaw:
     b: Estimate
     d: Estimate
     exact: float | None
-    points: tuple[Point, ...]
+    points: tuple[CellResult, ...]
     residuals: FloatArray
 
     def ratio(self, angle: FloatArray) -> FloatArray:
@@ -105,12 +105,12 @@ class AmplitudeLaw:
 
 
 @dataclass(frozen=True)
-class Group:
-    """Cells that share `values`, with what was fitted to them."""
+class CellGroup:
+    """Cells that share `values`, and the laws that were fitted to them."""
 
     values: Mapping[str, Any]
-    points: tuple[Point, ...]
-    exponents: tuple[Exponent, ...]
+    points: tuple[CellResult, ...]
+    powers: tuple[PowerFit, ...]
     laws: tuple[AmplitudeLaw, ...]
 
     @property
@@ -121,58 +121,60 @@ class Group:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What a campaign's folder holds, and what follows from it."""
+    """The state of a campaign's folder, statistics of its cells, and the fitted laws."""
 
-    plan: Plan
+    plan: CampaignPlan
     out: Path
-    found: Found
+    status: FolderStatus
     statistics: Statistics
-    groups: tuple[Group, ...]
+    groups: tuple[CellGroup, ...]
 
 
 def analyse(out: Path | str) -> Analysis:
-    """Return the analysis of what is done of the campaign in `out`, be it complete or not.
+    """Analyse the finished tasks of the campaign in `out`, which need not be all.
 
     Raises
     ------
     ValueError
         If there is no campaign in `out`, or nothing of it is done.
     """
-    out = folder_of(out)
+    out = resolved(out)
     plan = read_plan(out)
     if plan is None:
         raise ValueError(f"there is no campaign in {out}: npend campaign --out {out} makes one")
-    found = inspect(plan, out)
-    tasks = [task for task in plan.tasks() if task.id in found.records]
+    status = check_folder(plan, out)
+    tasks = [task for task in plan.tasks() if task.id in status.records]
     if not tasks:
-        raise ValueError(f"nothing is done yet in {out}: npend campaign --out {out} goes on")
-    numbers = statistics(plan, out, tasks)
-    return Analysis(plan, out, found, numbers, tuple(_groups(plan, numbers)))
+        raise ValueError(f"nothing is done yet in {out}: npend campaign --out {out} continues it")
+    stats = statistics(plan, out, tasks)
+    return Analysis(plan, out, status, stats, tuple(_groups(plan, stats)))
 
 
-def _groups(plan: Plan, numbers: Statistics) -> Iterator[Group]:
-    grouped: dict[tuple[Any, ...], list[Point]] = {}
+def _groups(plan: CampaignPlan, stats: Statistics) -> Iterator[CellGroup]:
+    grouped: dict[tuple[Any, ...], list[CellResult]] = {}
     for index in range(plan.cells):
         cell = plan.cell(index)
-        if np.isfinite(numbers.median[index]) and cell["gravity"] > 0.0:
+        if np.isfinite(stats.median[index]) and cell["gravity"] > 0.0:
             key = tuple(cell[name] for name in _GROUPED)
-            grouped.setdefault(key, []).append(_point(index, cell, numbers))
+            grouped.setdefault(key, []).append(_point(index, cell, stats))
     for key, points in grouped.items():
         values: dict[str, Any] = dict(zip(_GROUPED, key, strict=True))
-        yield Group(values, tuple(points), tuple(_exponents(points)), tuple(_laws(values, points)))
+        yield CellGroup(
+            values, tuple(points), tuple(_power_fits(points)), tuple(_laws(values, points))
+        )
 
 
-def _point(index: int, cell: Mapping[str, Any], numbers: Statistics) -> Point:
+def _point(index: int, cell: Mapping[str, Any], stats: Statistics) -> CellResult:
     shared = {name: cell[name] for name in ("masses", "lengths", "gravity")}
-    chain = Release(n_values=(cell["n"],), **shared).chain(cell["n"])
-    return Point(
-        index, cell["n"], cell["amplitude"], cell["spread"], float(numbers.start[index]),
-        float(numbers.median[index]), theory.fundamental_period(chain),
+    chain = released_chain(cell["n"], **shared)
+    return CellResult(
+        index, cell["n"], cell["amplitude"], cell["spread"], float(stats.start[index]),
+        float(stats.median[index]), theory.fundamental_period(chain),
     )  # fmt: skip
 
 
-def _exponents(points: Sequence[Point]) -> Iterator[Exponent]:
-    def start(point: Point) -> tuple[float, float]:
+def _power_fits(points: Sequence[CellResult]) -> Iterator[PowerFit]:
+    def start(point: CellResult) -> tuple[float, float]:
         return point.amplitude, point.spread
 
     for (amplitude, spread), some in itertools.groupby(sorted(points, key=start), start):
@@ -183,10 +185,10 @@ def _exponents(points: Sequence[Point]) -> Iterator[Exponent]:
             line = power.value * np.log(x)
             over: FloatArray = np.log(y) - line
             residuals = np.exp(over - over.mean()) - 1.0
-            yield Exponent(amplitude, spread, own, power, residuals)
+            yield PowerFit(amplitude, spread, own, power, residuals)
 
 
-def _laws(values: Mapping[str, Any], points: Sequence[Point]) -> Iterator[AmplitudeLaw]:
+def _laws(values: Mapping[str, Any], points: Sequence[CellResult]) -> Iterator[AmplitudeLaw]:
     known = all(isinstance(values[name], float) for name in ("masses", "lengths"))
     known = known and values["damping"] == 0.0 and values["reading"] == "bob"
     small = [point for point in points if abs(point.angle) <= LAW_UP_TO]
@@ -198,7 +200,9 @@ def _laws(values: Mapping[str, Any], points: Sequence[Point]) -> Iterator[Amplit
             yield law
 
 
-def _law(counts: tuple[int, ...], points: tuple[Point, ...], *, known: bool) -> AmplitudeLaw | None:
+def _law(
+    counts: tuple[int, ...], points: tuple[CellResult, ...], *, known: bool
+) -> AmplitudeLaw | None:
     if len({abs(point.amplitude) for point in points}) < _AMPLITUDES:
         return None
 
@@ -209,13 +213,13 @@ def _law(counts: tuple[int, ...], points: tuple[Point, ...], *, known: bool) -> 
     with warnings.catch_warnings():
         warnings.simplefilter("error", OptimizeWarning)
         try:
-            found = cast("_Fit", curve_fit(ratio, x, y, p0=(1.0, 0.2, 0.5)))
+            values, covariance = cast("_Fit", curve_fit(ratio, x, y, p0=(1.0, 0.2, 0.5)))
         except (RuntimeError, OptimizeWarning):  # these points determine no such law
             return None
-    if not np.all(np.isfinite(found[1])):
+    if not np.all(np.isfinite(covariance)):
         return None
-    c, b, d = estimates(found[0], found[1], len(points))
-    residuals = y / ratio(x, *found[0].tolist()) - 1.0
+    c, b, d = estimates(values, covariance, len(points))
+    residuals = y / ratio(x, *values.tolist()) - 1.0
     return AmplitudeLaw(counts, c, b, d, _exact(counts) if known else None, points, residuals)
 
 

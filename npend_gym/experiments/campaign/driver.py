@@ -1,4 +1,4 @@
-"""The driver of a campaign: one at a time on a folder, resuming what another has left."""
+"""The driver of a campaign: it continues what is in the folder, and works there alone."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from npend_gym.experiments.campaign.folder import (
     CELLS,
     JOURNAL,
     LOCK,
-    Found,
-    folder_of,
-    inspect,
-    open_tasks,
+    FolderStatus,
+    check_folder,
     read_plan,
+    remaining_tasks,
+    resolved,
     write_plan,
 )
 from npend_gym.experiments.campaign.journal import Journal, Record
-from npend_gym.experiments.campaign.measuring import Unwritten, carry_out
 from npend_gym.experiments.campaign.parts import write_cells
-from npend_gym.experiments.campaign.plan import Plan, Task
+from npend_gym.experiments.campaign.plan import CampaignPlan, Task
+from npend_gym.experiments.campaign.task import WriteFailed, run_task
 
 filelock: Any = _extras.require("filelock", "campaign", "campaigns")
 
@@ -39,49 +39,53 @@ class BusyError(RuntimeError):
 class DiskError(RuntimeError):
     """The results cannot be written."""
 
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"{reason}; what is done is kept, the same command continues")
+
 
 class Campaign:
-    """A campaign in a folder, as a context: it holds the folder's lock.
+    """A campaign in a folder. As a context manager it holds the folder's lock.
 
     Parameters
     ----------
-    plan : Plan, optional
+    plan : CampaignPlan, optional
         By default the one in the folder.
     out : path
-        The folder, made if need be; for a cluster one that all machines share. What another driver
-        has left there is gone on with.
+        The folder; it is made if it does not exist. The machines of a cluster must share it. What
+        an earlier driver has done there is kept and continued.
 
     Attributes
     ----------
-    plan : Plan
+    plan : CampaignPlan
     out : Path
-    found : Found
-        What the folder held, once the context is entered.
+    status : FolderStatus
+        What the folder held when the context was entered.
 
     Raises
     ------
     ValueError
         If the folder holds another plan, a damaged one or none, or cannot be written to.
     BusyError
-        On entering, if another driver is at work on the folder.
+        From the context, if another driver is at work on the folder.
 
     Examples
     --------
-    >>> plan = Plan(n=[2, 3], trials=100)
-    >>> with Campaign(plan, "results") as campaign:  # doctest: +SKIP
-    ...     records = list(campaign.run(count=2))
+    >>> plan = CampaignPlan(n=[2, 3], trials=100)
+    >>> with Campaign(plan, "results") as campaign:
+    ...     for task, record in campaign.run():
+    ...         print(task.id, record.error)
     """
 
-    def __init__(self, plan: Plan | None, out: Path | str) -> None:
-        self.out = folder_of(out)
-        there = read_plan(self.out)
-        if plan is None and there is None:
+    def __init__(self, plan: CampaignPlan | None, out: Path | str) -> None:
+        self.out = resolved(out)
+        present = read_plan(self.out)
+        if plan is None and present is None:
             raise ValueError(f"there is no campaign in {self.out}: give a plan, or another folder")
-        if plan is not None and there is not None and plan != there:
-            raise ValueError(f"{self.out} holds another plan, with {_difference(plan, there)}")
-        self.plan = plan or there or Plan()
-        self._known = there is not None
-        self.found: Found
+        if plan is not None and present is not None and plan != present:
+            raise ValueError(f"{self.out} holds another plan, with {_difference(plan, present)}")
+        self.plan = plan or present or CampaignPlan()
+        self.status: FolderStatus
+        self._new = present is None
         self._lock = filelock.FileLock(self.out / LOCK, blocking=False)
 
     def __enter__(self) -> Self:
@@ -106,20 +110,20 @@ class Campaign:
 
     def _prepare(self) -> None:
         try:
-            if not self._known:
+            if self._new:
                 write_plan(self.plan, self.out)
             write_cells(self.plan, self.out / CELLS)
-            self.found = inspect(self.plan, self.out, clean=True)
+            self.status = check_folder(self.plan, self.out, clean=True)
         except OSError as error:
             raise DiskError(f"{self.out} cannot be written to: {error.strerror}") from error
 
     def run(
         self, backend: str = "loky", count: int | None = None, address: str | None = None
     ) -> Generator[tuple[Task, Record], None, None]:
-        """Carry out what is not done; yield each task with its record, when it is on the disk.
+        """Run the tasks that are not done; yield each with its record, once that is on the disk.
 
-        Parameters are those of `engine.workers`. Interrupted, or with the iterator closed, what
-        has been yielded is kept.
+        Parameters are those of `engine.workers`. When the run is interrupted or the generator is
+        closed, what has been yielded is kept.
 
         Raises
         ------
@@ -128,20 +132,23 @@ class Campaign:
         WorkersLostError
             If workers are lost again and again without any result.
         """
-        work = partial(carry_out, self.plan, self.out)
-        done = self.found.records
+        work = partial(run_task, self.plan, self.out)
+        tasks = remaining_tasks(self.plan, self.status)
         try:
             with (
-                Journal(self.out / JOURNAL, done.values()) as journal,
+                Journal(self.out / JOURNAL, self.status.records.values()) as journal,
                 engine.workers(backend, count, address),
             ):
-                for task, result in engine.run(work, open_tasks(self.plan, self.found)):
-                    if isinstance(result, Unwritten):
+                for task, result in engine.run(work, tasks):
+                    if isinstance(result, WriteFailed):
                         raise DiskError(result.reason)
-                    if isinstance(result, engine.Lost):
-                        result = Record(self.plan.digest, task.id, error=result.reason)  # noqa: PLW2901
-                    journal.append(result)
-                    yield task, result
+                    record = (
+                        Record(self.plan.digest, task.id, error=result.reason)
+                        if isinstance(result, engine.WorkerLost)
+                        else result
+                    )
+                    journal.append(record)
+                    yield task, record
         except OSError as error:
             raise DiskError(f"{error.strerror or error}: {self.out}") from error
 
@@ -152,10 +159,10 @@ class Campaign:
         self._lock.release()
 
 
-def _difference(plan: Plan, there: Plan) -> str:
-    given, held = plan.as_dict(), there.as_dict()
-    name = next(name for name in given if given[name] != held[name])
+def _difference(plan: CampaignPlan, present: CampaignPlan) -> str:
+    asked, held = plan.as_dict(), present.as_dict()
+    name = next(name for name in asked if asked[name] != held[name])
     return (
-        f"{name} = {held[name]} where {given[name]} was given: choose another folder, or give no "
-        f"plan to go on with that one"
+        f"{name} = {held[name]} where {asked[name]} was given: choose another folder, or give no "
+        f"plan to continue with that one"
     )

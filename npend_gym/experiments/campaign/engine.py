@@ -1,4 +1,4 @@
-"""Tasks through joblib's backends: local processes, threads, Ray and Dask, one path for all."""
+"""Tasks run by joblib's backends: local processes, threads, Ray and Dask, by the same code."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _R = TypeVar("_R")
 
 BACKENDS = ("loky", "threading", "ray", "dask")
 CLUSTERS = ("ray", "dask")
-_STRIKES = 3  # lost workers with a task under way, after which it is run alone
-_FRUITLESS = 5  # losses in a row without any result, after which something else is wrong
+_MAX_ATTEMPTS = 3  # lost workers while a task was running, after which it is run alone
+_MAX_NO_PROGRESS = 5  # losses in a row without any result, after which something else is wrong
 
 
 class WorkersLostError(RuntimeError):
@@ -26,8 +26,8 @@ class WorkersLostError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Lost:
-    """In place of a result: the task took its worker with it, each time."""
+class WorkerLost:
+    """In place of a result: every attempt at the task ended with the loss of its worker."""
 
     reason: str
 
@@ -36,7 +36,7 @@ class Lost:
 def workers(
     backend: str = "loky", count: int | None = None, address: str | None = None
 ) -> Generator[None, None, None]:
-    """Have `run` use a backend of joblib.
+    """Choose the backend of joblib that `run` uses.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def workers(
     count : int, optional
         Workers; by default as many as the machine or the cluster has cores.
     address : str, optional
-        Of a running cluster; by default Ray and Dask start one on this machine.
+        Address of a running cluster; by default Ray and Dask start one on this machine.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def workers(
 
 
 def check_workers(backend: str, count: int | None, address: str | None) -> None:
-    """Refuse what `workers` cannot do."""
+    """Check the arguments of `workers`, and raise its errors."""
     _checks.choice("backend", backend, BACKENDS)
     if count is not None:
         _checks.count("workers", count)
@@ -80,7 +80,7 @@ def check_workers(backend: str, count: int | None, address: str | None) -> None:
 def _ray(stack: ExitStack, count: int, address: str | None) -> None:
     ray = _extras.require("ray", "ray", "campaigns on Ray")
     backend = _extras.require("ray.util.joblib.ray_backend", "ray", "campaigns on Ray").RayBackend
-    # Ray's backend has all that joblib needs to hand out results as they come, but does not say so
+    # Ray's backend can return results as they come, but does not declare that it can
     streaming = type("StreamingRay", (backend,), {"supports_return_generator": True})
     joblib.register_parallel_backend("ray", streaming)
     if not ray.is_initialized():
@@ -99,89 +99,102 @@ def _dask(stack: ExitStack, count: int, address: str | None) -> None:
     stack.enter_context(dask.Client(cluster))
 
 
-def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R | Lost]]:
+def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R | WorkerLost]]:
     """Yield each of `tasks` with what `work` returns, in the order in which they end.
 
-    Tasks are hashable. A lost worker costs nothing but time: what was under way is done again,
-    and a task that was under way each of three times is run alone. `work` raises nothing; an
-    exception from it counts as a lost worker.
+    The loss of a worker costs only time: the tasks that were running are run again, and a task that
+    was running at three losses is run alone.
+
+    Parameters
+    ----------
+    work : callable
+        Is called with a task in a worker. It must raise nothing: an exception from it counts as a
+        lost worker.
+    tasks : iterable
+        Hashable.
 
     Raises
     ------
     WorkersLostError
         If workers are lost five times in a row without any result.
     """
-    coming = iter(tasks)
-    again: deque[_T] = deque()
-    alone: list[_T] = []
-    strikes: Counter[_T] = Counter()
-    fruitless = 0
+    pending = iter(tasks)
+    retry: deque[_T] = deque()
+    retry_alone: list[_T] = []
+    attempts: Counter[_T] = Counter()
+    no_progress = 0
 
-    def waiting() -> Iterator[_T]:
-        while again:
-            yield again.popleft()
-        # not `yield from`: that would end `coming` when a round is cut off
-        for task in coming:  # noqa: UP028
+    def remaining() -> Iterator[_T]:
+        while retry:
+            yield retry.popleft()
+        # not `yield from`: closing this generator would close `pending` too
+        for task in pending:  # noqa: UP028
             yield task
 
     while True:
-        before = _Round()
-        yield from before.results(work, waiting())
-        if not before.under_way and before.trouble is None:
+        pool = _Pool()
+        yield from pool.results(work, remaining())
+        if not pool.running and pool.error is None:
             break
-        fruitless = 0 if before.returned else fruitless + 1
-        if fruitless == _FRUITLESS:
+        no_progress = 0 if pool.returned else no_progress + 1
+        if no_progress == _MAX_NO_PROGRESS:
             raise WorkersLostError(
-                f"workers were lost {fruitless} times in a row: {before.reason}"
-            ) from before.trouble
-        strikes.update(list(before.under_way))
-        again.extend(task for task in before.under_way if strikes[task] < _STRIKES)
-        alone += [task for task in before.under_way if strikes[task] >= _STRIKES]
-    for task in alone:
-        last = _Round()
-        for _ in range(_STRIKES):
-            last = _Round()
-            yield from last.results(work, [task])
-            if last.returned or last.under_way:
-                break  # else the workers were not up yet again, and it has not been tried
-        if not last.returned:
-            yield task, Lost(last.reason)
+                f"workers were lost {no_progress} times in a row: {pool.reason}; what is done is "
+                "kept, the same command continues"
+            ) from pool.error
+        attempts.update(list(pool.running))
+        for task in pool.running:
+            (retry if attempts[task] < _MAX_ATTEMPTS else retry_alone).append(task)
+    for task in retry_alone:
+        yield from _run_alone(work, task)
 
 
-class _Round:
-    """Tasks until all are done or a worker is lost."""
+def _run_alone(work: Callable[[_T], _R], task: _T) -> Iterator[tuple[_T, _R | WorkerLost]]:
+    pool = _Pool()
+    for _ in range(_MAX_ATTEMPTS):
+        pool = _Pool()
+        yield from pool.results(work, [task])
+        if pool.returned:
+            return
+        if pool.running:
+            break  # otherwise the workers were not ready yet, and the task has not been tried
+    yield task, WorkerLost(pool.reason)
+
+
+class _Pool:
+    """One pool of workers, until all tasks are done or a worker is lost."""
 
     def __init__(self) -> None:
-        self.under_way: dict[Any, None] = {}
+        self.running: dict[Any, None] = {}  # in the order of dispatch
         self.returned = 0
-        self.trouble: Exception | None = None
+        self.error: Exception | None = None
 
     @property
     def reason(self) -> str:
-        text = str(self.trouble or "the backend gave up").strip()
-        kind = type(self.trouble).__name__ if self.trouble else "lost"
+        text = str(self.error or "the backend gave up").strip()
+        kind = type(self.error).__name__ if self.error else "lost"
         return f"{kind}: {text.splitlines()[0]}"
 
     def results(
         self, work: Callable[[_T], _R], tasks: Iterable[_T]
     ) -> Generator[tuple[_T, _R], None, None]:
-        """Yield tasks and results; note what is under way, and what went wrong with the workers."""
+        """Yield tasks and results; keep record of what is running, and of the workers' error."""
 
-        def handed_out() -> Iterator[Any]:
+        def dispatch() -> Iterator[Any]:
             for task in tasks:
-                self.under_way[task] = None
+                self.running[task] = None
                 yield joblib.delayed(_labelled)(work, task)
 
         parallel = joblib.Parallel(
             return_as="generator_unordered", pre_dispatch="2*n_jobs", batch_size=1
         )
         try:
-            for task, result in parallel(handed_out()):
-                del self.under_way[task]
+            for task, result in parallel(dispatch()):
+                del self.running[task]
                 self.returned += 1
                 yield task, result
         except Exception as error:  # noqa: BLE001 - each backend has its own for a lost worker
-            self.trouble = error
+            self.error = error
 
 
 def _labelled(work: Callable[[_T], _R], task: _T) -> tuple[_T, _R]:

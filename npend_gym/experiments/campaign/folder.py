@@ -1,4 +1,4 @@
-"""What lies in a campaign's folder: its plan, what is done, and what must be done again."""
+"""The folder of a campaign: its plan, which tasks are done, and which must be run again."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign.journal import Record, read_journal
 from npend_gym.experiments.campaign.parts import TABLES, sha256
-from npend_gym.experiments.campaign.plan import Plan, Task
+from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 PLAN, JOURNAL, CELLS, LOCK = "plan.json", "journal.jsonl", "cells.parquet", ".lock"
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a folder holds of a campaign.
+class FolderStatus:
+    """Which tasks of a campaign are done in a folder, and what is wrong with the folder.
 
     Attributes
     ----------
     records : dict
-        Task id -> record of the tasks whose parts are there and right.
+        Task id -> record of the tasks that are done: their parts have the recorded checksums.
     failed : dict
         Task id -> record of the tasks that failed.
     damaged, missing : int
-        Parts that differ from their checksum, or are gone.
+        Parts whose checksum differs, and parts that are recorded but absent.
     unrecorded : int
-        Parts that were written, but not recorded, before the end came.
+        Parts that were written but not recorded before the driver ended.
     leftovers : int
-        Files that were being written then.
+        Files that were being written when the driver ended.
     bad_lines : int
-        Lines of the journal that are torn, damaged, or another plan's.
+        Lines of the journal that are incomplete, damaged, or of another plan.
     """
 
     records: dict[str, Record]
@@ -47,7 +47,7 @@ class Found:
     bad_lines: int
 
     def text(self) -> str:
-        """Return what is odd, and what follows, as a line; empty where nothing is."""
+        """Return a line about what is wrong with the folder; empty where nothing is."""
         counts = {
             "part(s) damaged": self.damaged,
             "part(s) missing": self.missing,
@@ -56,17 +56,17 @@ class Found:
             "line(s) of the journal unreadable": self.bad_lines,
             "failed task(s)": len(self.failed),
         }
-        odd = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-        return f"found {odd}; what they stand for is measured anew" if odd else ""
+        wrong = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+        return f"found {wrong}; these releases are measured again" if wrong else ""
 
 
-def folder_of(out: Path | str) -> Path:
+def resolved(out: Path | str) -> Path:
     """Return the absolute path of a campaign's folder.
 
     Raises
     ------
     ValueError
-        If the path cannot be followed.
+        If the path is not valid, or a link in it leads nowhere.
     """
     try:
         return Path(out).resolve()
@@ -74,7 +74,7 @@ def folder_of(out: Path | str) -> Path:
         raise ValueError(f"out must be a path of a folder, got {_checks.show(str(out))}") from error
 
 
-def write_plan(plan: Plan, out: Path) -> None:
+def write_plan(plan: CampaignPlan, out: Path) -> None:
     """Write the plan to its folder."""
     state = {"version": __version__, "digest": plan.digest, "plan": plan.as_dict()}
     record = {"provenance": provenance(plan.as_dict(), plan.seed)}
@@ -83,7 +83,7 @@ def write_plan(plan: Plan, out: Path) -> None:
         file.write("\n")
 
 
-def read_plan(out: Path) -> Plan | None:
+def read_plan(out: Path) -> CampaignPlan | None:
     """Return the plan of the campaign in `out`; None where there is none.
 
     Raises
@@ -95,36 +95,35 @@ def read_plan(out: Path) -> Plan | None:
     try:
         text = path.read_text(encoding="utf-8")
     except (FileNotFoundError, NotADirectoryError):
-        return None  # the driver says what is wrong with the folder
+        return None  # the driver reports what is wrong with the folder
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
     try:
-        given: Any = json.loads(text)
-        version, digest, values = given["version"], given["digest"], given["plan"]
-        plan = Plan.of(values) if version == __version__ else None
+        state: Any = json.loads(text)
+        version, digest, values = state["version"], state["digest"], state["plan"]
+        plan = CampaignPlan.of(values) if version == __version__ else None
         if plan is not None and plan.digest != digest:
-            raise ValueError("its digest is another")
+            raise ValueError("its digest does not match")
     except (ValueError, TypeError, KeyError) as error:
         raise ValueError(
-            f"{path} is damaged ({error}): remove it and give the plan again; what was measured "
-            f"by the same plan is kept"
+            f"{path} is damaged ({error}): remove it and give the plan again; results of the same "
+            f"plan are kept"
         ) from error
     if plan is None:
         raise ValueError(
-            f"{path} was made by npend_gym {version}, this is {__version__}, which may measure "
-            f"other bits: go on with that version, or choose another folder"
+            f"{path} was made by npend_gym {version}, this is {__version__}, whose results may "
+            f"differ in their last bits: use that version, or choose another folder"
         )
     return plan
 
 
-def inspect(plan: Plan, out: Path, *, clean: bool = False) -> Found:
-    """Return what `out` holds of the campaign `plan`, every part read and checked.
+def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> FolderStatus:
+    """Read and check every part of the campaign `plan` in `out`.
 
-    With `clean`, files that were being written when the end came are removed: only the one driver
-    may do that.
+    With `clean`, half-written files are removed, which only the driver that holds the lock may do.
     """
     records, bad_lines = read_journal(out / JOURNAL, plan.digest)
-    right: dict[str, Record] = {}
+    done: dict[str, Record] = {}
     failed: dict[str, Record] = {}
     damaged = missing = unrecorded = 0
     for task in plan.tasks():
@@ -132,18 +131,18 @@ def inspect(plan: Plan, out: Path, *, clean: bool = False) -> Found:
         if record is not None and not record.done:
             failed[task.id] = record
             continue
-        found = {table: sha256(out / table / task.part) for table in TABLES}
+        digests = {table: sha256(out / table / task.part) for table in TABLES}
         if record is None:
-            unrecorded += sum(digest is not None for digest in found.values())
+            unrecorded += sum(digest is not None for digest in digests.values())
             continue
-        damaged += sum(d not in (None, record.parts.get(table)) for table, d in found.items())
-        missing += sum(digest is None for digest in found.values())
-        if found == record.parts:
-            right[task.id] = record
+        damaged += sum(d not in (None, record.parts.get(table)) for table, d in digests.items())
+        missing += sum(digest is None for digest in digests.values())
+        if digests == record.parts:
+            done[task.id] = record
     leftovers = list(_leftovers(out))
     for path in leftovers if clean else ():
         path.unlink(missing_ok=True)
-    return Found(right, failed, damaged, missing, unrecorded, len(leftovers), bad_lines)
+    return FolderStatus(done, failed, damaged, missing, unrecorded, len(leftovers), bad_lines)
 
 
 def _leftovers(out: Path) -> Iterator[Path]:
@@ -152,6 +151,6 @@ def _leftovers(out: Path) -> Iterator[Path]:
         yield from (out / table).glob("*/.*.part")
 
 
-def open_tasks(plan: Plan, found: Found) -> Iterator[Task]:
+def remaining_tasks(plan: CampaignPlan, status: FolderStatus) -> Iterator[Task]:
     """Yield the tasks that are not done."""
-    return (task for task in plan.tasks() if task.id not in found.records)
+    return (task for task in plan.tasks() if task.id not in status.records)

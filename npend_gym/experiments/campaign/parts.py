@@ -14,8 +14,8 @@ import numpy as np
 from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.experiments.campaign.plan import Plan, Task
-from npend_gym.experiments.release import Release
+from npend_gym.experiments.campaign.plan import CampaignPlan, Task
+from npend_gym.experiments.release import released_chain
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
 pq: Any = _extras.require("pyarrow.parquet", "campaign", "campaigns")
@@ -25,7 +25,7 @@ TABLES = (RELEASES, BOBS)
 
 
 def write_parts(
-    plan: Plan, out: Path, task: Task, starts: FloatArray, periods: FloatArray
+    plan: CampaignPlan, out: Path, task: Task, starts: FloatArray, periods: FloatArray
 ) -> dict[str, str]:
     """Write the parts of a task, whole or not at all; return table -> SHA-256."""
     about = provenance({"plan": plan.digest, "task": task.id}, plan.seed)
@@ -36,7 +36,7 @@ def write_parts(
     return {name: _write(table, out / name / task.part, about) for name, table in tables.items()}
 
 
-def _releases(plan: Plan, task: Task, starts: FloatArray, periods: FloatArray) -> Any:
+def _releases(plan: CampaignPlan, task: Task, starts: FloatArray, periods: FloatArray) -> Any:
     """Return the table with a row for every release."""
     cell, trial = _places(plan, task)
     done = np.isfinite(periods)
@@ -58,7 +58,7 @@ def _releases(plan: Plan, task: Task, starts: FloatArray, periods: FloatArray) -
     )
 
 
-def _bobs(plan: Plan, task: Task, periods: FloatArray) -> Any:
+def _bobs(plan: CampaignPlan, task: Task, periods: FloatArray) -> Any:
     """Return the table with a row for every release and bob, bobs counted from 1 at the pivot."""
     cell, trial = _places(plan, task)
     count, n = periods.shape
@@ -72,7 +72,7 @@ def _bobs(plan: Plan, task: Task, periods: FloatArray) -> Any:
     )
 
 
-def _places(plan: Plan, task: Task) -> tuple[Any, Any]:
+def _places(plan: CampaignPlan, task: Task) -> tuple[Any, Any]:
     cell, trial = np.divmod(np.arange(task.first, task.last), plan.trials)
     return cell, trial + 1
 
@@ -102,7 +102,7 @@ def sha256(path: Path) -> str | None:
         return None
 
 
-def write_cells(plan: Plan, path: Path) -> None:
+def write_cells(plan: CampaignPlan, path: Path) -> None:
     """Write what every cell number stands for, with the models' periods [s]."""
     cells = [plan.cell(index) for index in range(plan.cells)]
     chains = [_chain_columns(*(cell[name] for name in _CHAIN)) for cell in cells]
@@ -121,9 +121,7 @@ _CHAIN = ("n", "masses", "lengths", "gravity", "damping")
 
 @lru_cache(maxsize=1024)
 def _chain_columns(n: int, masses: Any, lengths: Any, gravity: float, damping: float) -> Any:
-    chain = Release(
-        n_values=(n,), masses=masses, lengths=lengths, gravity=gravity, damping=damping
-    ).chain(n)
+    chain = released_chain(n, masses, lengths, gravity, damping)
     return {
         "n": n,
         "masses_kg": chain.masses.tolist(),

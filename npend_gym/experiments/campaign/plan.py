@@ -21,7 +21,7 @@ from npend_gym.experiments.release import (
     PAPER_N,
     PAPER_SPREAD,
     PAPER_TRIALS,
-    Release,
+    ReleaseExperiment,
 )
 
 PerRod: TypeAlias = float | Sequence[float]
@@ -31,14 +31,14 @@ PerRod: TypeAlias = float | Sequence[float]
 SWEPT = ("n", "masses", "lengths", "gravity", "damping", "reading", "amplitude", "spread")
 _CHECKED_TOGETHER = (("n", "masses", "lengths"), ("amplitude", "spread"))
 MAX_CELLS = 1_000_000
-MAX_TRIALS = 10**12
+MAX_TRIALS_PER_CELL = 10**12
 MAX_BATCH = 1_000_000
 _SMALLEST, _LARGEST = 16, 4096  # releases in a task, where the plan does not say
 _WORK = 1e5  # releases times n^2 in a task: about a second on one core
 
 
 @dataclass(frozen=True)
-class Plan:
+class CampaignPlan:
     """A sweep of the release experiment: every combination of the values, `trials` times.
 
     Each of the first eight is one value or a list of values to sweep over.
@@ -88,7 +88,7 @@ class Plan:
     def __post_init__(self) -> None:
         for name in SWEPT:
             object.__setattr__(self, name, _values(name, getattr(self, name)))
-        _checks.count("trials", self.trials, high=MAX_TRIALS)
+        _checks.count("trials", self.trials, high=MAX_TRIALS_PER_CELL)
         if self.batch is not None:
             _checks.count("batch", self.batch, high=MAX_BATCH)
         _checks.count("the number of cells, the product of all lists,", self.cells, high=MAX_CELLS)
@@ -103,9 +103,11 @@ class Plan:
     def _sweep(self, name: str) -> tuple[Any, ...]:
         return getattr(self, name)
 
-    def _release(self, cell: Mapping[str, Any]) -> Release:
+    def _release(self, cell: Mapping[str, Any]) -> ReleaseExperiment:
         given = {name: cell[name] for name in SWEPT if name != "n"}
-        return Release(n_values=(cell["n"],), seed=self.seed, duration=self.duration, **given)
+        return ReleaseExperiment(
+            n_values=(cell["n"],), seed=self.seed, duration=self.duration, **given
+        )
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -149,7 +151,7 @@ class Plan:
         return sum(-(-per_n // self.batch_of(n)) for n in self._sweep("n"))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the plan as plain numbers and lists: `Plan(**plan.as_dict())` is the plan."""
+        """Return the plan as numbers and lists: `CampaignPlan(**plan.as_dict())` equals it."""
         return {name: json.loads(json.dumps(value)) for name, value in asdict(self).items()}
 
     @cached_property
@@ -159,7 +161,7 @@ class Plan:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> Plan:
+    def of(cls, given: Mapping[str, Any]) -> CampaignPlan:
         """Return the plan with the values `given`, as read from a file.
 
         Raises

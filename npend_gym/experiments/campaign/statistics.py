@@ -1,4 +1,4 @@
-"""Statistics of a campaign's releases by cell, and its outliers, one part in memory at a time."""
+"""Statistics of a campaign's releases by cell, and its outliers; one part in memory at a time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.experiments.campaign.parts import RELEASES, read_part
-from npend_gym.experiments.campaign.plan import Plan, Task
+from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 FAR = 6.0  # standard deviations, beyond which a release is an outlier
 EDGES = np.linspace(-8.0, 8.0, 65)  # of the histogram of residuals, in standard deviations
@@ -75,8 +75,8 @@ class Statistics:
 
 
 @dataclass(frozen=True)
-class _Piece:
-    """Releases of one cell in one part."""
+class _CellRows:
+    """The releases of one cell that lie in one part."""
 
     cell: int
     trial: NDArray[np.int64]
@@ -90,75 +90,75 @@ class _Piece:
         return np.vander(self.place[some], 3, increasing=True), self.columns["median_s"][some]
 
 
-def _pieces(plan: Plan, out: Path, tasks: list[Task]) -> Iterator[_Piece]:
+def _cell_rows(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Iterator[_CellRows]:
     for task in tasks:
         part = read_part(out / RELEASES / task.part)
         cells = part["cell"].to_numpy()
         columns = {name: _floats(part[name]) for name in _COLUMNS}
-        numbers, firsts = np.unique(cells, return_index=True)
-        for cell, first, last in zip(numbers, firsts, [*firsts[1:], len(cells)], strict=True):
-            rows = slice(int(first), int(last))
+        stats, firsts = np.unique(cells, return_index=True)
+        for cell, first, last in zip(stats, firsts, [*firsts[1:], len(cells)], strict=True):
+            span = slice(int(first), int(last))
             values = plan.cell(int(cell))
-            own = {name: column[rows] for name, column in columns.items()}
+            own = {name: column[span] for name, column in columns.items()}
             place = (own["start_rad"] - values["amplitude"]) / (values["spread"] or 1.0)
-            trial, done = (part[name].to_numpy()[rows] for name in ("trial", "completed"))
-            yield _Piece(int(cell), trial, done, own, place)
+            trial, done = (part[name].to_numpy()[span] for name in ("trial", "completed"))
+            yield _CellRows(int(cell), trial, done, own, place)
 
 
 def _floats(column: Any) -> FloatArray:
     return column.to_numpy().astype(np.float64)  # null becomes NaN
 
 
-def statistics(plan: Plan, out: Path, tasks: list[Task]) -> Statistics:
+def statistics(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Statistics:
     """Return the statistics of the releases of `tasks`, in three passes over their parts."""
     releases, completed = np.zeros((2, plan.cells), np.int64)
     sums, counts = np.zeros((2, plan.cells, len(_COLUMNS)))
     normal, right = np.zeros((plan.cells, 3, 3)), np.zeros((plan.cells, 3))
-    for piece in _pieces(plan, out, tasks):
-        k = piece.cell
-        releases[k] += len(piece.trial)
-        completed[k] += int(piece.completed.sum())
-        for j, values in enumerate(piece.columns.values()):
+    for rows in _cell_rows(plan, out, tasks):
+        k = rows.cell
+        releases[k] += len(rows.trial)
+        completed[k] += int(rows.completed.sum())
+        for j, values in enumerate(rows.columns.values()):
             some = np.isfinite(values)
             sums[k, j] += values[some].sum()
             counts[k, j] += some.sum()
-        powers, median = piece.median()
+        powers, median = rows.median()
         normal[k] += powers.T @ powers
         right[k] += powers.T @ median
     means = sums / np.where(counts, counts, np.nan)
     # by the pseudo-inverse: without a spread, or with few releases, there is no parabola to find
     parabola = np.einsum("kij,kj->ki", np.linalg.pinv(normal, hermitian=True), right)
     squares = np.zeros(plan.cells)
-    for piece in _pieces(plan, out, tasks):
-        powers, median = piece.median()
-        squares[piece.cell] += np.sum((median - powers @ parabola[piece.cell]) ** 2)
+    for rows in _cell_rows(plan, out, tasks):
+        powers, median = rows.median()
+        squares[rows.cell] += np.sum((median - powers @ parabola[rows.cell]) ** 2)
     count = counts[:, _COLUMNS.index("median_s")]
     scatter = np.sqrt(squares / np.where(count > 3, count - 3, np.nan))
-    far = _far(_pieces(plan, out, tasks), parabola, scatter, count)
+    far = _far(_cell_rows(plan, out, tasks), parabola, scatter, count)
     start, mean, median, tip = means.T
     return Statistics(releases, completed, start, mean, median, tip, parabola, scatter, *far)
 
 
 def _far(
-    pieces: Iterator[_Piece], parabola: FloatArray, scatter: FloatArray, count: FloatArray
+    cell_rows: Iterator[_CellRows], parabola: FloatArray, scatter: FloatArray, count: FloatArray
 ) -> tuple[list[Outlier], int, NDArray[np.int64]]:
     """Return the outliers, how many there are, and the histogram of all residuals."""
     outliers: list[Outlier] = []
     total = 0
     histogram = np.zeros(len(EDGES) - 1, np.int64)
-    for piece in pieces:
-        if count[piece.cell] < _ENOUGH:
+    for rows in cell_rows:
+        if count[rows.cell] < _ENOUGH:
             continue
-        powers, median = piece.median()
-        expected = powers @ parabola[piece.cell]
-        residual = (median - expected) / max(scatter[piece.cell], _NOISE * expected.mean())
+        powers, median = rows.median()
+        expected = powers @ parabola[rows.cell]
+        residual = (median - expected) / max(scatter[rows.cell], _NOISE * expected.mean())
         histogram += np.histogram(np.clip(residual, EDGES[0], EDGES[-1]), EDGES)[0]
-        some = np.flatnonzero(np.isfinite(piece.columns["median_s"]))
+        some = np.flatnonzero(np.isfinite(rows.columns["median_s"]))
         beyond = np.flatnonzero(np.abs(residual) > FAR)
         total += beyond.size
         outliers += [
             Outlier(
-                piece.cell, int(piece.trial[some[k]]), float(piece.columns["start_rad"][some[k]]),
+                rows.cell, int(rows.trial[some[k]]), float(rows.columns["start_rad"][some[k]]),
                 float(median[k]), float(expected[k]), float(residual[k]),
             )
             for k in beyond

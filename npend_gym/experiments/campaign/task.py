@@ -1,4 +1,4 @@
-"""One task: its releases drawn, measured and written. This is what workers run."""
+"""One task, as a worker runs it: its trials are drawn, measured and written."""
 
 from __future__ import annotations
 
@@ -15,61 +15,61 @@ from npend_gym._checks import FloatArray
 from npend_gym.experiments import draws
 from npend_gym.experiments.campaign.journal import Record
 from npend_gym.experiments.campaign.parts import write_parts
-from npend_gym.experiments.campaign.plan import Plan, Task
-from npend_gym.experiments.release import Release
+from npend_gym.experiments.campaign.plan import CampaignPlan, Task
+from npend_gym.experiments.release import released_chain
 from npend_gym.period import pseudo_periods
 
 
 @dataclass(frozen=True)
-class Unwritten:
-    """In place of a record: the disk, not the task, is in trouble."""
+class WriteFailed:
+    """In place of a record: the results could not be written, which is no fault of the task."""
 
     reason: str
 
 
-def carry_out(plan: Plan, out: Path, task: Task) -> Record | Unwritten:
+def run_task(plan: CampaignPlan, out: Path, task: Task) -> Record | WriteFailed:
     """Measure the releases of `task` and write them below `out`; return what to record.
 
-    What goes wrong in the measurement is recorded; the other tasks can go on.
+    An error in the measurement is recorded, and the other tasks can continue.
     """
     started = time.process_time()
     try:
-        starts, periods = measured(plan, task)
+        starts, periods = measure_task(plan, task)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is recorded
         return Record(plan.digest, task.id, error=f"{type(error).__name__}: {error}")
     try:
         digests = write_parts(plan, out, task, starts, periods)
     except OSError as error:
-        return Unwritten(f"{error.strerror or error}: {error.filename or out}")
+        return WriteFailed(f"{error.strerror or error}: {error.filename or out}")
     return Record(plan.digest, task.id, digests, cpu_s=round(time.process_time() - started, 6))
 
 
-def measured(plan: Plan, task: Task) -> tuple[FloatArray, FloatArray]:
+def measure_task(plan: CampaignPlan, task: Task) -> tuple[FloatArray, FloatArray]:
     """Return the starting angles [rad], (R,), and pseudo-periods [s], (R, n), of a task."""
     trials = plan.trials
     cells = range(task.first // trials, -(-task.last // trials))
     starts: list[FloatArray] = []
     periods: list[FloatArray] = []
-    for physics, group in groupby(map(plan.cell, cells), key=_physics):
-        angles: list[FloatArray] = []
+    for shared, group in groupby(map(plan.cell, cells), key=_without_start):
+        first_start = len(starts)
         for cell in group:
             base = (cells.start + len(starts)) * trials
             first, last = max(task.first, base) - base, min(task.last, base + trials) - base
-            angles.append(
+            starts.append(
                 draws.starts(plan.seed, first, last - first, cell["amplitude"], cell["spread"])
             )
-            starts.append(angles[-1])
-        periods.append(_periods(dict(physics), np.concatenate(angles), plan.duration))
+        angles = np.concatenate(starts[first_start:])
+        periods.append(_periods(angles, plan.duration, **dict(shared)))
     return np.concatenate(starts), np.concatenate(periods)
 
 
-def _physics(cell: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
-    """Return what releases must share to be measured side by side."""
+def _without_start(cell: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
+    """Return the values that releases must share to be measured side by side."""
     return tuple((name, cell[name]) for name in cell if name not in ("amplitude", "spread"))
 
 
-def _periods(physics: dict[str, Any], angles: FloatArray, duration: float | None) -> FloatArray:
-    n, reading = physics.pop("n"), physics.pop("reading")
-    chain = Release(n_values=(n,), **physics).chain(n)
+def _periods(
+    angles: FloatArray, duration: float | None, *, n: int, reading: str, **chain: Any
+) -> FloatArray:
     theta = np.repeat(angles[:, None], n, axis=1)
-    return pseudo_periods(chain, theta, reading=reading, duration=duration)
+    return pseudo_periods(released_chain(n, **chain), theta, reading=reading, duration=duration)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from npend_gym.experiments.release import Release, Run, bob_rows, summary_rows
+from npend_gym.experiments.release import ReleaseExperiment, Run, bob_rows, summary_rows
 from npend_gym.report.outputs import (
     json_text,
     prepare_folder,
@@ -33,10 +33,10 @@ T0: the paper's 2 pi N / sum sqrt(g m/(l M)); + ampl.: times its amplitude serie
 T1: period of the slowest normal mode; e: |measured - model| / measured"""
 
 
-def summary_text(release: Release, runs: Sequence[Run]) -> str:
+def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
     """Return the table of `summary_rows` as text, with a legend."""
     lines = ["".join(f"{name:>{width}}" for name, width in _COLUMNS)]
-    for row in summary_rows(release, runs):
+    for row in summary_rows(experiment, runs):
         cells = (
             f"{row['n']}",
             _seconds(row["measured_s"]),
@@ -49,13 +49,13 @@ def summary_text(release: Release, runs: Sequence[Run]) -> str:
             *(_percent(row[f"{key}_error"]) for key in ("ideal", "corrected", "fundamental")),
         )
         lines.append("".join(f"{c:>{w}}" for c, (_, w) in zip(cells, _COLUMNS, strict=True)))
-    lines += ["", LEGEND.format(reading=release.reading, seed=release.seed)]
+    lines += ["", LEGEND.format(reading=experiment.reading, seed=experiment.seed)]
     return "\n".join(lines)
 
 
-def summary_json(release: Release, runs: Sequence[Run]) -> str:
+def summary_json(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
     """Return `summary_rows` and what made them as JSON, null where there is no number."""
-    return json_text(release.as_dict(), summary=summary_rows(release, runs))
+    return json_text(experiment.as_dict(), summary=summary_rows(experiment, runs))
 
 
 def _seconds(value: float) -> str:
@@ -70,30 +70,32 @@ def _percent(value: float) -> str:
     return "-" if math.isnan(value) else f"{100 * value:.1f}%"
 
 
-def write(release: Release, runs: Sequence[Run], out: Path, *, figures: bool) -> list[Path]:
+def write(
+    experiment: ReleaseExperiment, runs: Sequence[Run], out: Path, *, figures: bool
+) -> list[Path]:
     """Write tables, manifest and (with `figures`) pictures into `out`; return what was written.
 
     Each file appears whole, by rename; the manifest, with the digests of the others, comes last.
     """
     prepare_folder(out)
     written = [
-        write_json(out / "release.json", release.as_dict()),
+        write_json(out / "release.json", experiment.as_dict()),
         write_csv(out / "periods.csv", bob_rows(runs)),
-        write_csv(out / "summary.csv", summary_rows(release, runs)),
+        write_csv(out / "summary.csv", summary_rows(experiment, runs)),
     ]
     if figures:
-        from npend_gym.report import figures as draw  # matplotlib, an extra
+        from npend_gym.report import release_figures as draw  # matplotlib, an extra
 
         written += [
-            write_figure(out / "period_against_n.png", draw.period_against_n(release, runs)),
-            write_figure(out / "period_of_each_bob.png", draw.period_of_each_bob(release, runs)),
+            write_figure(out / "period_against_n.png", draw.period_against_n(experiment, runs)),
+            write_figure(out / "period_of_each_bob.png", draw.period_of_each_bob(experiment, runs)),
         ]
-    complete = len(runs) == len(release.runs())
-    manifest = write_manifest(out, "release", release.as_dict(), written, complete=complete)
+    complete = len(runs) == len(experiment.runs())
+    manifest = write_manifest(out, "release", experiment.as_dict(), written, complete=complete)
     return [*written, manifest]
 
 
-def read(folder: Path) -> tuple[Release, list[Run]]:
+def read(folder: Path) -> tuple[ReleaseExperiment, list[Run]]:
     """Return what `write` wrote to `folder`: the release and its runs, to the last bit.
 
     Raises
@@ -107,7 +109,7 @@ def read(folder: Path) -> tuple[Release, list[Run]]:
         for name, data in files.items():
             if digests[name] != hashlib.sha256(data).hexdigest():
                 raise ValueError(f"{name} has been changed since")
-        release = Release(**json.loads(files["release.json"]))
+        experiment = ReleaseExperiment(**json.loads(files["release.json"]))
         periods: dict[tuple[int, int, float], list[float]] = {}
         for row in csv.DictReader(files["periods.csv"].decode().splitlines()):
             key = (int(row["n"]), int(row["trial"]), float(row["start_rad"]))
@@ -116,4 +118,4 @@ def read(folder: Path) -> tuple[Release, list[Run]]:
         raise ValueError(
             f"{folder} must hold results that `npend release --out` has written: {error}"
         ) from error
-    return release, [Run(*key, np.array(values)) for key, values in periods.items()]
+    return experiment, [Run(*key, np.array(values)) for key, values in periods.items()]

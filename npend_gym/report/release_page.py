@@ -17,9 +17,9 @@ import numpy as np
 from npend_gym import _files, theory
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
-from npend_gym.experiments.release import Release, Run, summary_rows
+from npend_gym.experiments.release import ReleaseExperiment, Run, summary_rows
 from npend_gym.recording import Recording
-from npend_gym.report.release import LEGEND
+from npend_gym.report.release_tables import LEGEND
 
 SUFFIXES = (".html",)
 _DECIMALS = 4  # kept of the places, in units of the chain's length
@@ -34,31 +34,34 @@ _COLUMNS = {
 
 
 def write(
-    release: Release, runs: Sequence[Run], recordings: Sequence[Recording], path: Path
+    experiment: ReleaseExperiment, runs: Sequence[Run], recordings: Sequence[Recording], path: Path
 ) -> Path:
     """Write `page` to `path`, whole or not at all."""
-    text = page(release, runs, recordings)
+    text = page(experiment, runs, recordings)
     with _files.replacing(path) as file:
         file.write(text)
     return path
 
 
-def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording]) -> str:
+def page(
+    experiment: ReleaseExperiment, runs: Sequence[Run], recordings: Sequence[Recording]
+) -> str:
     """Return the page as text: the animation of `recordings`, and what all `runs` measured."""
-    rows = summary_rows(release, runs)
+    rows = summary_rows(experiment, runs)
     data = {
-        "provenance": provenance(release.as_dict(), release.seed),
-        "releases": [_recorded(release, recording) for recording in recordings],
-        "law": _law(release, runs, rows),
+        "provenance": provenance(experiment.as_dict(), experiment.seed),
+        "releases": [_recorded(experiment, recording) for recording in recordings],
+        "law": _law(experiment, runs, rows),
     }
     n_values = ", ".join(str(row["n"]) for row in rows)
+    start, spread = math.degrees(experiment.amplitude), math.degrees(experiment.spread)
     texts = {
         "title": f"Release of N = {n_values} pendulums",
-        "about": f"Released from rest at {math.degrees(release.amplitude):.4g} degrees plus up to "
-        f'{math.degrees(release.spread):.3g} degrees; reading "{release.reading}", '
-        f"seed {release.seed}, {release.trials} trials for each N. The animation shows the first.",
-        "legend": LEGEND.format(reading=release.reading, seed=release.seed),
-        "command": command(release),
+        "about": f"Released from rest at {start:.4g} degrees plus up to {spread:.3g} degrees; "
+        f'reading "{experiment.reading}", seed {experiment.seed}, {experiment.trials} trials for '
+        "each N. The animation shows the first.",
+        "legend": LEGEND.format(reading=experiment.reading, seed=experiment.seed),
+        "command": command(experiment),
         "version": __version__,
     }
     folder = files("npend_gym.report")
@@ -72,23 +75,23 @@ def page(release: Release, runs: Sequence[Run], recordings: Sequence[Recording])
     )
 
 
-def command(release: Release) -> str:
-    """Return the `npend release` command that measures `release`."""
-    default, words = Release().as_dict(), ["npend release"]
-    for name, value in release.as_dict().items():
+def command(experiment: ReleaseExperiment) -> str:
+    """Return the `npend release` command that measures `experiment`."""
+    default, words = ReleaseExperiment().as_dict(), ["npend release"]
+    for name, value in experiment.as_dict().items():
         if value is not None and value != default[name]:
             option = "--n" if name == "n_values" else f"--{name}"
             words += [option, ",".join(str(one) for one in np.atleast_1d(value).tolist())]
     return " ".join(words)
 
 
-def _models(release: Release, n: int, start: float) -> dict[str, float]:
+def _models(experiment: ReleaseExperiment, n: int, start: float) -> dict[str, float]:
     """Return the models of the pseudo-period [s] that have a scale; none has without gravity."""
-    values = zip(_COLORS, theory.models(release.chain(n), start), strict=True)
+    values = zip(_COLORS, theory.models(experiment.chain(n), start), strict=True)
     return {name: value for name, value in values if math.isfinite(value)}
 
 
-def _recorded(release: Release, recording: Recording) -> dict[str, Any]:
+def _recorded(experiment: ReleaseExperiment, recording: Recording) -> dict[str, Any]:
     motion, n = recording.motion, recording.motion.chain.n
     start = float(motion.theta[0, 0])
     places = np.round(motion.positions() / motion.chain.total_length, _DECIMALS).astype("<f4")
@@ -100,21 +103,21 @@ def _recorded(release: Release, recording: Recording) -> dict[str, Any]:
         "periods": [float(t) if math.isfinite(t) else None for t in recording.periods],
         "models": {
             name: {"value": value, "color": _COLORS[name], "style": _STYLES.get(name, "")}
-            for name, value in _models(release, n, start).items()
+            for name, value in _models(experiment, n, start).items()
         },
     }
 
 
 def _law(
-    release: Release, runs: Sequence[Run], rows: Sequence[Mapping[str, Any]]
+    experiment: ReleaseExperiment, runs: Sequence[Run], rows: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return the diagram of the pseudo-period against N: its series and the ranges of its axes."""
     counts: list[int] = [row["n"] for row in rows]
     grid = counts
-    if not (np.ndim(release.masses) or np.ndim(release.lengths)):
+    if not (np.ndim(experiment.masses) or np.ndim(experiment.lengths)):
         low, high = max(1.0, min(counts) / 2), 1.5 * max(counts)
         grid = sorted({*np.geomspace(low, high, 40).round().astype(int).tolist(), *counts})
-    curves = {n: _models(release, n, release.amplitude) for n in grid}
+    curves = {n: _models(experiment, n, experiment.amplitude) for n in grid}
     series: list[dict[str, Any]] = [
         {
             "name": name, "color": color, "kind": "line", "style": _STYLES.get(name, ""),

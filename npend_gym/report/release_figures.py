@@ -10,7 +10,7 @@ import numpy as np
 from npend_gym import _extras, theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
-from npend_gym.experiments.release import Release, Run
+from npend_gym.experiments.release import ReleaseExperiment, Run
 
 try:
     from matplotlib.figure import Figure
@@ -25,21 +25,21 @@ _TRIALS = (shade(0.15), BLUE, BLACK)
 
 
 @styled
-def period_against_n(release: Release, runs: Sequence[Run]) -> Figure:
+def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figure:
     """Draw the pseudo-period against the number of pendulums, with the models."""
     figure = Figure(figsize=(6.4, 4.4))
     axes: Any = figure.add_subplot()
     counts = sorted({run.n for run in runs})
-    _draw_models(axes, release, counts)
+    _draw_models(axes, experiment, counts)
     for run in runs:
-        jitter = 1.0 + 0.03 * (run.trial - (release.trials + 1) / 2)
+        jitter = 1.0 + 0.03 * (run.trial - (experiment.trials + 1) / 2)
         x = np.full(run.n, run.n * jitter)
         axes.plot(x, run.periods, "_", color=_BOB, markersize=7, markeredgewidth=0.6)
         axes.plot(run.n * jitter, run.mean, "o", color=_MEASURED, markersize=5)
     axes.plot([], [], "o", color=_MEASURED, markersize=5, label="measured, mean of a trial")
     axes.plot([], [], "_", color=_BOB, markersize=7, label="measured, each bob")
     axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
-    axes.set_title(f'Release from {release.amplitude:.3g} rad, reading "{release.reading}"')
+    axes.set_title(f'Release from {experiment.amplitude:.3g} rad, reading "{experiment.reading}"')
     axes.xaxis.set(major_locator=FixedLocator(counts), minor_locator=NullLocator())
     axes.xaxis.set_major_formatter(ScalarFormatter())
     _plain_log_ticks(axes)
@@ -47,12 +47,12 @@ def period_against_n(release: Release, runs: Sequence[Run]) -> Figure:
     return figure
 
 
-def _draw_models(axes: Any, release: Release, counts: Sequence[int]) -> None:
-    per_rod = np.ndim(release.masses) or np.ndim(release.lengths)
+def _draw_models(axes: Any, experiment: ReleaseExperiment, counts: Sequence[int]) -> None:
+    per_rod = np.ndim(experiment.masses) or np.ndim(experiment.lengths)
     low, high = counts[0], counts[-1]
     grid = list(counts) if per_rod else np.unique(np.geomspace(low, high, 60, dtype=int))
-    chains = [release.chain(int(n)) for n in grid]
-    models = [theory.models(chain, release.amplitude) for chain in chains]
+    chains = [experiment.chain(int(n)) for n in grid]
+    models = [theory.models(chain, experiment.amplitude) for chain in chains]
     ideal, corrected, fundamental = np.array(models).T
     marker = "_" if len(grid) == 1 else None
     for values, style, color, label in (
@@ -71,7 +71,7 @@ def _plain_log_ticks(axes: Any) -> None:
 
 
 @styled
-def period_of_each_bob(release: Release, runs: Sequence[Run]) -> Figure:
+def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figure:
     """Draw the pseudo-period of every bob along the chain, a panel for each N."""
     counts = sorted({run.n for run in runs})
     columns = min(2, len(counts))
@@ -79,18 +79,18 @@ def period_of_each_bob(release: Release, runs: Sequence[Run]) -> Figure:
     figure = Figure(figsize=(1.2 + 3.2 * columns, 0.8 + 2.4 * rows))
     for k, n in enumerate(counts, start=1):
         axes: Any = figure.add_subplot(rows, columns, k)
-        chain = release.chain(n)
+        chain = experiment.chain(n)
         bobs = np.arange(1, n + 1)
         for run in (run for run in runs if run.n == n):
             # one inside the other, for trials can lie on top of each other
-            shrink = 1.0 - 0.7 * (run.trial - 1) / max(1, release.trials - 1)
+            shrink = 1.0 - 0.7 * (run.trial - 1) / max(1, experiment.trials - 1)
             color = _TRIALS[(run.trial - 1) % len(_TRIALS)]
             size = _marker_size(n) * shrink
             axes.plot(
                 bobs, run.periods, "o", color=color, markersize=size, markeredgewidth=0,
                 label=f"trial {run.trial}",
             )  # fmt: skip
-        models = theory.models(chain, release.amplitude)
+        models = theory.models(chain, experiment.amplitude)
         axes.axhline(models.ideal, color=_IDEAL, label="the paper's $T_0$")
         axes.axhline(models.fundamental, color=_FUNDAMENTAL, label="$T_1$, slowest normal mode")
         axes.set_ylim(0.0, None)

@@ -13,7 +13,7 @@ import numpy as np
 from npend_gym import _files
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign import Campaign
-from npend_gym.experiments.campaign.analysis import Analysis, Group
+from npend_gym.experiments.campaign.analysis import Analysis, CellGroup
 from npend_gym.experiments.campaign.folder import CELLS, JOURNAL, PLAN
 from npend_gym.experiments.campaign.journal import read_journal
 from npend_gym.experiments.campaign.parts import finite_or_none
@@ -48,13 +48,13 @@ def fit_rows(analysis: Analysis) -> list[dict[str, Any]]:
     return [row for group in analysis.groups for row in _group_rows(group)]
 
 
-def _group_rows(group: Group) -> list[dict[str, Any]]:
+def _group_rows(group: CellGroup) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    for found in group.exponents:
-        where = f"amplitude {found.amplitude:.6g}, spread {found.spread:.6g} rad"
-        worst = float(np.abs(found.residuals).max())
-        counts = [point.n for point in found.points]
-        rows.append(_fit(group, where, counts, "p", found.power, 0.5, worst))
+    for fit in group.powers:
+        where = f"amplitude {fit.amplitude:.6g}, spread {fit.spread:.6g} rad"
+        worst = float(np.abs(fit.residuals).max())
+        counts = [point.n for point in fit.points]
+        rows.append(_fit(group, where, counts, "p", fit.power, 0.5, worst))
     for law in group.laws:
         worst = float(np.abs(law.residuals).max())
         for name in ("c", "b", "d"):
@@ -65,15 +65,21 @@ def _group_rows(group: Group) -> list[dict[str, Any]]:
 
 
 def _fit(
-    group: Group, where: str, counts: Any, name: str, found: Any, exact: float | None, worst: float
+    group: CellGroup,
+    where: str,
+    counts: Any,
+    name: str,
+    estimate: Any,
+    exact: float | None,
+    worst: float,
 ) -> dict[str, Any]:
     return {
         "group": group.label,
         "cells": where,
         "n": " ".join(map(str, counts)),
         "parameter": name,
-        "value": found.value,
-        "+-": found.error,
+        "value": estimate.value,
+        "+-": estimate.error,
         "exact": exact,
         "largest_residual": worst,
     }
@@ -84,7 +90,7 @@ def residual_rows(analysis: Analysis) -> list[dict[str, Any]]:
     fits = [
         (name, fit)
         for group in analysis.groups
-        for name, some in (("power of N", group.exponents), ("amplitude", group.laws))
+        for name, some in (("power of N", group.powers), ("amplitude", group.laws))
         for fit in some
     ]
     return [
@@ -105,24 +111,24 @@ def residual_rows(analysis: Analysis) -> list[dict[str, Any]]:
 
 def cell_rows(analysis: Analysis) -> list[dict[str, Any]]:
     """Return a row for every cell that has been measured: its values and statistics."""
-    numbers, plan = analysis.statistics, analysis.plan
+    stats, plan = analysis.statistics, analysis.plan
     means = {
-        "start_rad": numbers.start,
-        "mean_s": numbers.mean,
-        "median_s": numbers.median,
-        "tip_s": numbers.tip,
-        "scatter_s": numbers.scatter,
+        "start_rad": stats.start,
+        "mean_s": stats.mean,
+        "median_s": stats.median,
+        "tip_s": stats.tip,
+        "scatter_s": stats.scatter,
     }
     return [
         {
             "cell": k,
             **{name: _text(value) for name, value in plan.cell(k).items()},
-            "releases": int(numbers.releases[k]),
-            "completed": int(numbers.completed[k]),
-            "bobs": int(numbers.releases[k]) * plan.cell(k)["n"],
+            "releases": int(stats.releases[k]),
+            "completed": int(stats.completed[k]),
+            "bobs": int(stats.releases[k]) * plan.cell(k)["n"],
             **{name: finite_or_none(float(values[k])) for name, values in means.items()},
         }
-        for k in np.flatnonzero(numbers.releases).tolist()
+        for k in np.flatnonzero(stats.releases).tolist()
     ]
 
 
@@ -132,7 +138,7 @@ def _text(value: Any) -> Any:
 
 def failure_rows(analysis: Analysis) -> list[dict[str, Any]]:
     """Return a row for every failed task, with its error."""
-    return [{"task": key, "error": r.error} for key, r in analysis.found.failed.items()]
+    return [{"task": key, "error": r.error} for key, r in analysis.status.failed.items()]
 
 
 def tables(analysis: Analysis) -> dict[str, list[dict[str, Any]]]:
@@ -149,13 +155,13 @@ def tables(analysis: Analysis) -> dict[str, list[dict[str, Any]]]:
 def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path]:
     """Write tables, figures, the page and a manifest into `out`; return what was written."""
     prepare_folder(out)
-    found = tables(analysis)
-    written = [write_csv(out / f"{name}.csv", rows) for name, rows in found.items() if rows]
+    contents = tables(analysis)
+    written = [write_csv(out / f"{name}.csv", rows) for name, rows in contents.items() if rows]
     pictures = _figures(analysis, out) if figures else []
     with _files.replacing(out / "report.html") as file:
-        file.write(page(analysis, found, pictures))
+        file.write(page(analysis, contents, pictures))
     written += [*pictures, out / "report.html"]
-    complete = len(analysis.found.records) == analysis.plan.task_count
+    complete = len(analysis.status.records) == analysis.plan.task_count
     arguments = analysis.plan.as_dict()
     return [*written, write_manifest(out, "analyse", arguments, written, complete=complete)]
 
@@ -165,7 +171,7 @@ def _figures(analysis: Analysis, out: Path) -> list[Path]:
 
     drawn: dict[str, Any] = {}
     for k, group in enumerate(analysis.groups[:_DRAWN]):
-        if group.exponents:
+        if group.powers:
             drawn[f"law_against_n_{k}"] = draw.law_against_n(group)
         if group.laws:
             drawn[f"law_against_amplitude_{k}"] = draw.law_against_amplitude(group)
@@ -181,12 +187,12 @@ def page(analysis: Analysis, rows: dict[str, list[dict[str, Any]]], pictures: li
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["shown"] = _shown
     source = (files("npend_gym.report") / "campaign.html").read_text(encoding="utf-8")
-    found = analysis.found
+    status = analysis.status
     return environment.from_string(source).render(
         analysis=analysis,
         version=__version__,
         measured=int(analysis.statistics.releases.sum()),
-        missing=analysis.plan.task_count - len(found.records) - len(found.failed),
+        missing=analysis.plan.task_count - len(status.records) - len(status.failed),
         far=f"{FAR:g}",
         **rows,
         pictures={p.stem: base64.b64encode(p.read_bytes()).decode() for p in pictures},
@@ -201,21 +207,21 @@ def _shown(value: Any) -> Any:
 
 def analysis_text(analysis: Analysis) -> str:
     """Return the fits as text for the terminal."""
-    numbers = analysis.statistics
+    stats = analysis.statistics
     lines = [
         (
-            f"{int(numbers.releases.sum())} of {analysis.plan.releases} releases, "
-            f"{int(numbers.completed.sum())} bobs completed, {numbers.outlier_count} outliers, "
-            f"{len(analysis.found.failed)} failed tasks"
+            f"{int(stats.releases.sum())} of {analysis.plan.releases} releases, "
+            f"{int(stats.completed.sum())} bobs completed, {stats.outlier_count} outliers, "
+            f"{len(analysis.status.failed)} failed tasks"
         )
     ]
     for group in analysis.groups:
         lines += ["", group.label]
-        for found in group.exponents:
-            counts = [point.n for point in found.points]
+        for fit in group.powers:
+            counts = [point.n for point in fit.points]
             lines.append(
-                f"  N = {counts[0]} to {counts[-1]} at {found.amplitude:.4g} rad: "
-                f"T ~ (N + 1/2)^p, p = {found.power}"
+                f"  N = {counts[0]} to {counts[-1]} at {fit.amplitude:.4g} rad: "
+                f"T ~ (N + 1/2)^p, p = {fit.power}"
             )
         for law in group.laws:
             exact = "" if law.exact is None else f" (exact {law.exact:.4f})"
