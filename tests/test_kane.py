@@ -5,7 +5,7 @@ import oracle
 import pytest
 
 from npend_gym import Chain
-from npend_gym.experiments.paper.formula import our_accelerations
+from npend_gym.physics import accelerations
 from npend_gym.physics.kane import derive, kane_accelerations
 
 
@@ -17,7 +17,7 @@ def test_kanes_method_gives_the_same_accelerations_for_unequal_rods(n):
         masses, lengths = rng.uniform(0.3, 3.0, n), rng.uniform(0.3, 3.0, n)
         theta, omega = rng.uniform(-np.pi, np.pi, n), rng.normal(0.0, 3.0, n)
         expected = oracle.accelerations(masses, lengths, 9.81, np.zeros(n), theta, omega, 0.0)
-        ours = our_accelerations(Chain(masses, lengths), theta, omega)
+        ours = accelerations(Chain(masses, lengths), theta, omega)
         got = by_kane(theta, omega, masses, lengths, 9.81)
         scale = np.abs(expected).max()
         np.testing.assert_allclose(got, ours, rtol=0.0, atol=1e-12 * scale)

@@ -2,17 +2,20 @@ import numpy as np
 import pytest
 
 from npend_gym.experiments.law import fit_law, scan
-from npend_gym.experiments.paper.chaos import growth
-from npend_gym.experiments.paper.figure_data import SOURCES, figure2, series
-from npend_gym.experiments.paper.grid import grid
-from npend_gym.experiments.paper.integrators import STEPS, runge_kutta_errors
-from npend_gym.report.paper_figures import FIGURES, write_figures
+from npend_gym.paper.checks.chaos import growth
+from npend_gym.paper.checks.integrators import STEPS, runge_kutta_errors
+from npend_gym.paper.checks.procedure import figure2, series
+from npend_gym.paper.claims import claims
+from npend_gym.paper.readings import grid
+from npend_gym.paper.registry import drawings, tables
+from npend_gym.paper.report import draw
 
 
 @pytest.fixture(scope="module")
 def results():
     data = scan((2, 10, 20, 50), (0.01, 0.3, np.pi / 4, 1.0, 1.2))
     law = data, fit_law(data)
+    seconds = {"Kane's derivation": (0.04, 0.07, 0.2), "our evaluation": (1e-6, 3e-6, 9e-6)}
     return {
         "trajectory": figure2(duration=20.0),
         "pseudo_periods": [series(5), series(10), series(5), series(10)],
@@ -20,20 +23,25 @@ def results():
         "law_against_n": law,
         "law_against_angle": law,
         "runge_kutta": (STEPS, *runge_kutta_errors()),
-        "kane_cost": (np.arange(1, 4), np.array([0.04, 0.07, 0.2]), np.array([10, 100]),
-                      np.array([1e-6, 3e-6])),
+        "kane_cost": [
+            {"what": what, "n": n, "seconds": value}
+            for what, values in seconds.items() for n, value in enumerate(values, start=1)
+        ],
         "lyapunov": {"45°": {2: growth(2, np.pi / 4, 5.0)}, "2 rad": {2: growth(2, 2.0, 5.0)}},
     }  # fmt: skip
 
 
-def test_every_figure_has_its_data(results):
-    assert set(FIGURES) == set(SOURCES) == set(results)
+def test_every_figure_and_table_belongs_to_a_claim(results):
+    assert set(drawings()) == set(results)
+    belong = [one.claim for one in (*drawings().values(), *tables().values())]
+    assert set(belong) <= set(claims())
 
 
-@pytest.mark.parametrize("name", list(FIGURES))
+@pytest.mark.parametrize("name", list(drawings()))
 def test_every_axis_says_what_it_shows(name, results):
-    figure = FIGURES[name](results[name])
+    figure = drawings()[name].draw(results[name])
     figure.draw_without_rendering()
+    assert figure.axes
     for axes in figure.axes:
         assert axes.get_ylabel()
         if axes.xaxis.get_tick_params().get("labelbottom", True):
@@ -41,13 +49,13 @@ def test_every_axis_says_what_it_shows(name, results):
 
 
 def test_units_stand_where_there_are_units(results):
-    axes = FIGURES["pseudo_periods"](results["pseudo_periods"]).axes[0]
+    axes = drawings()["pseudo_periods"].draw(results["pseudo_periods"]).axes[0]
     assert axes.get_ylabel() == "pseudo-period [s]"
-    assert FIGURES["trajectory"](results["trajectory"]).axes[0].get_xlabel() == "x [m]"
+    assert drawings()["trajectory"].draw(results["trajectory"]).axes[0].get_xlabel() == "x [m]"
 
 
 def test_the_drawn_points_are_the_measured_ones(results):
-    axes = FIGURES["pseudo_periods"](results["pseudo_periods"]).axes[1]
+    axes = drawings()["pseudo_periods"].draw(results["pseudo_periods"]).axes[1]
     drawn = {line.get_label(): line.get_ydata() for line in axes.lines}
     measured = results["pseudo_periods"][1].measured
     for trial in (1, 2, 3):
@@ -56,15 +64,13 @@ def test_the_drawn_points_are_the_measured_ones(results):
         )
 
 
-def test_figures_are_written_as_pdf_and_png_the_same_bytes_each_time(results, tmp_path):
-    some = {name: results[name] for name in ("runge_kutta", "kane_cost")} | {"unknown": 1}
+def test_a_figure_is_written_as_pdf_and_png_the_same_bytes_each_time(tmp_path):
     folders = [tmp_path / "a", tmp_path / "b"]
     for folder in folders:
         folder.mkdir()
-        written = write_figures(some, folder)
-        names = ["runge_kutta.pdf", "runge_kutta.png", "kane_cost.pdf", "kane_cost.png"]
-        assert [path.name for path in written] == names
-    for name in names:
-        first, second = ((folder / name).read_bytes() for folder in folders)
+        written = draw("runge_kutta", folder)
+        assert [path.name for path in written] == ["runge_kutta.pdf", "runge_kutta.png"]
+    for path in written:
+        first, second = ((folder / path.name).read_bytes() for folder in folders)
         assert first == second
-        assert first.startswith(b"%PDF" if name.endswith("pdf") else b"\x89PNG")
+        assert first.startswith(b"%PDF" if path.suffix == ".pdf" else b"\x89PNG")

@@ -11,8 +11,8 @@ from npend_gym.experiments.law import (
     rope_ratios,
     scan,
 )
-from npend_gym.experiments.paper import law
-from npend_gym.experiments.paper.finding import Verdict
+from npend_gym.paper.audit import finding
+from npend_gym.paper.registry import Verdict
 
 COUNTS, ANGLES = (2, 10, 20, 50), (0.01, 0.3, np.pi / 4, 1.0, 1.2)
 
@@ -81,12 +81,13 @@ def test_the_slowest_mode_has_the_square_root_of_n_and_a_half():
 
 
 def test_the_measured_law_is_neither_the_papers_nor_the_pendulums():
-    found = {finding.key: finding for finding in law.findings(COUNTS, ANGLES)}
-    assert found["sqrt-scaling"].verdict is Verdict.HOLDS
-    assert found["factor"].verdict is Verdict.CORRECTED
-    assert "2 pi x 0.8317" in found["factor"].ours
+    options = {"n_values": COUNTS[1:], "amplitudes": ANGLES, "n": COUNTS[-1]}
+    assert finding("sqrt-scaling", **options).verdict is Verdict.HOLDS
+    factor = finding("factor", **options)
+    assert factor.verdict is Verdict.CORRECTED
+    assert "2 pi x 0.8317" in factor.ours
     for key in ("period-law", "coincidence", "which-average", "readings", "small-angles"):
-        assert found[key].verdict is Verdict.FAILS, key
+        assert finding(key, **options).verdict is Verdict.FAILS, key
 
 
 def test_the_law_meets_what_was_measured_from_ten_bobs_up():

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from npend_gym import theory
-from npend_gym.experiments.paper import periods, procedure
-from npend_gym.experiments.paper.figure_data import figure2, series
-from npend_gym.experiments.paper.finding import Verdict
+from npend_gym.paper.audit import finding
+from npend_gym.paper.checks import periods, procedure
+from npend_gym.paper.checks.procedure import figure2, series
+from npend_gym.paper.registry import Verdict
 
 
 @pytest.mark.parametrize(
@@ -23,18 +24,18 @@ def test_digits_are_told_from_rounding_and_cutting(printed, value, how):
 
 
 def test_ideal_periods_are_the_formula_with_the_papers_gravity():
-    rows = periods.ideal_digits()
-    for row in rows:
-        assert row.value == pytest.approx(2 * np.pi * np.sqrt(row.n / 9.8), rel=1e-14)
-    assert [row.how for row in rows] == ["cut", "rounded", "rounded", "rounded"]
-    assert {row.how for row in periods.ideal_digits(9.81)} == {"neither"}
+    n = np.array([5, 10, 20, 100])
+    assert periods.ideal() == pytest.approx(2 * np.pi * np.sqrt(n / 9.8), rel=1e-14)
+    hows = periods.digits_of(periods.IDEAL, periods.ideal())
+    assert hows == ["cut", "rounded", "rounded", "rounded"]
+    assert set(periods.digits_of(periods.IDEAL, periods.ideal(9.81))) == {"neither"}
 
 
 def test_one_uncertainty_is_no_rounding_of_its_formula():
-    rows = periods.uncertainty_digits()
+    rows = [row for row in periods.digit_rows() if row["quantity"] == "Delta T"]
     assert len(rows) == 12
-    assert [(row.table, row.n) for row in rows if row.how == "neither"] == [(1, 5)]
-    assert rows[0].value == pytest.approx(0.311 * 4.48799, rel=1e-6)
+    assert [(row["table"], row["n"]) for row in rows if row["digits"] == "neither"] == [(1, 5)]
+    assert rows[0]["formula_s"] == pytest.approx(0.311 * 4.48799, rel=1e-6)
 
 
 def test_the_printed_digits_fix_the_fraction_that_made_them():
@@ -62,12 +63,11 @@ def test_uncertainty_of_the_angle_propagates_by_the_derivative_of_the_period():
 
 
 def test_the_audit_of_the_tables_of_periods():
-    found = {finding.key: finding for finding in periods.findings()}
-    assert found["t-digits"].verdict is Verdict.HOLDS
-    assert found["t0-digits"].verdict is Verdict.CORRECTED
-    assert "1.3958 (neither)" in found["dt-table-1"].ours
-    assert "neither" not in found["dt-table-2"].ours
-    assert found["dt-fraction-1"].verdict is Verdict.FAILS
+    assert finding("t-digits").verdict is Verdict.HOLDS
+    assert finding("t0-digits").verdict is Verdict.CORRECTED
+    assert "1.3958 (neither)" in finding("dt-table-1").ours
+    assert "neither" not in finding("dt-table-2").ours
+    assert finding("dt-fraction-1").verdict is Verdict.FAILS
     assert len(periods.digit_rows()) == 16
 
 
@@ -99,9 +99,8 @@ def test_ten_seconds_are_too_short_for_a_hundred_bobs():
 
 
 def test_the_audit_of_the_procedure():
-    found = {finding.key: finding for finding in procedure.findings((5, 10))}
-    assert found["figure-2"].verdict is Verdict.FAILS
-    assert found["sigma"].verdict is Verdict.CORRECTED
-    assert found["one-point"].verdict is Verdict.CORRECTED
-    assert found["central-mean"].ours.startswith("below T0 in every trial for 9 of 10")
-    assert found["listing-4"].ours.startswith("1 of its lines")
+    assert finding("figure-2").verdict is Verdict.FAILS
+    assert finding("sigma").verdict is Verdict.CORRECTED
+    assert finding("one-point", n_values=(5, 10)).verdict is Verdict.CORRECTED
+    assert finding("central-mean", n=10).ours.startswith("below T0 in every trial for 9 of 10")
+    assert finding("listing-4").ours.startswith("1 of its lines")

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from npend_gym import paper
 from npend_gym.cli import main
-from npend_gym.experiments import paper
-from npend_gym.experiments.paper import CONTENTS, MODULES, Finding, Verdict, audit, selected
-from npend_gym.report import paper as report
+from npend_gym.paper import Finding, Verdict, audit, report, selected
+from npend_gym.paper.audit import by_section, groups
+from npend_gym.paper.claims import claims, render
+from npend_gym.paper.registry import checks
 
 QUICK = ("pendulum", "equations", "derivation", "linear", "frequencies", "series", "listings")
 DOCUMENT = Path(__file__).parent.parent / "docs" / "paper_audit.md"
@@ -33,16 +35,29 @@ def test_the_audit_yields_every_finding_of_its_modules_once(findings):
     assert all(f.place and f.claim and f.printed and f.ours for f in findings)
 
 
-def test_no_key_is_a_modules_name_and_none_comes_twice():
-    keys = [key for section in CONTENTS.values() for key in section]
-    assert len(set(keys)) == len(keys)
-    assert not set(keys) & set(MODULES)
-    assert {module for section in CONTENTS.values() for module in section.values()} == set(MODULES)
+def test_every_claim_has_a_check_and_every_check_a_claim():
+    assert set(claims()) == set(checks())
+    assert not set(claims()) & set(groups().values())
+    assert all(claim.section and claim.place and claim.claim for claim in claims().values())
+
+
+def test_texts_show_numbers_and_keep_other_braces():
+    text = "sum_{k<=j} of {0, 1}: {ratio:.2f} for {counts}, {pairs:.0%}"
+    numbers = {"ratio": 0.123, "counts": [1, 2], "pairs": [(0.5, 1.0)]}
+    assert render(text, numbers) == "sum_{k<=j} of {0, 1}: 0.12 for 1, 2, (50%, 100%)"
+    with pytest.raises(KeyError, match="other"):
+        render("{other}", numbers)
+
+
+def test_a_claim_like_another_differs_where_it_says_so():
+    first, second = claims()["figure-4"], claims()["figure-5"]
+    assert (first.place, second.place) == ("Figure 4", "Figure 5")
+    assert (first.claim, first.ours, first.section) == (second.claim, second.ours, second.section)
 
 
 def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
     text = DOCUMENT.read_text(encoding="utf-8")
-    places = " ".join(re.findall(r"^\*\*(.*?): ", text, re.MULTILINE)).replace("also (", "Eq. (")
+    places = " ".join(re.findall(r"^\*\*(.*?): ", text, re.MULTILINE))
     named = {int(n) for n in re.findall(r"\((\d+)\)", places)}
     for first, last in re.findall(r"\((\d+)\)-\((\d+)\)", places):
         named |= set(range(int(first), int(last) + 1))
@@ -60,8 +75,11 @@ def test_the_committed_document_says_what_is_computed_now(findings):
 
 
 def test_findings_come_in_the_papers_order(findings):
-    keys = [finding.key for finding in paper.in_order(reversed(findings))]
+    assert [finding.key for finding in findings] == selected(QUICK)
+    shuffled = by_section(reversed(findings))
+    keys = [finding.key for some in shuffled.values() for finding in some]
     assert keys == selected(QUICK)
+    assert list(shuffled) == sorted(shuffled)
     assert keys.index("torque") < keys.index("eom") < keys.index("matrices") < keys.index("e-hat")
 
 
@@ -71,11 +89,11 @@ def test_the_text_shows_verdict_place_and_both_values(findings):
     assert "DOES NOT HOLD: Eq. (28) [series-value]" in text
     assert "printed: 0.049" in text
     assert "ours:    0.03997" in text
-    assert text.endswith("not decidable")
+    assert text.endswith("1 is not decidable")
 
 
 def test_markdown_keeps_its_own_characters_out_of_the_text():
-    odd = Finding("eom", "Eq. (1)", "a * b < |c|", "x | y", "2 * 3", Verdict.HOLDS, "so_so")
+    odd = Finding("eom", "2", "Eq. (1)", "a * b < |c|", "x | y", "2 * 3", "so_so", Verdict.HOLDS)
     text = report.audit_markdown([odd])
     assert r"A \* b \< \|c\|" not in text  # a symbol is no word to begin with a capital
     assert r"**Eq. (1): a \* b \< \|c\|.** *holds*" in text
@@ -159,7 +177,7 @@ def test_what_was_found_is_kept_when_the_rest_fails(
     assert main(["paper", "--out", str(tmp_path)]) == code
     captured = capsys.readouterr()
     assert message in captured.err
-    assert "1 findings: 1 not decidable" in captured.out
+    assert "1 finding: 1 is not decidable" in captured.out
     assert json.loads((tmp_path / "manifest.json").read_text())["complete"] is False
 
 

@@ -3,17 +3,21 @@ import pytest
 from scipy.special import ellipk
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.experiments.paper import tables
-from npend_gym.experiments.paper.finding import Verdict
-from npend_gym.experiments.paper.grid import AMPLITUDES, ERRORS, Grid, grid, grid_rows, sensitivity
-from npend_gym.experiments.paper.measured import bob_periods, fundamental_periods, ideal_periods
-from npend_gym.experiments.paper.readings import (
+from npend_gym.paper.audit import outcome
+from npend_gym.paper.checks import tables
+from npend_gym.paper.measured import bob_periods, fundamental_periods, ideal_periods
+from npend_gym.paper.readings import (
+    AMPLITUDES,
     AS_PRINTED,
     AS_WRITTEN,
+    ERRORS,
+    Grid,
     Reading,
     all_readings,
     error,
+    grid,
 )
+from npend_gym.paper.registry import Verdict
 
 ANGLE = 0.777
 
@@ -112,7 +116,7 @@ def test_all_readings_are_different():
 def planted(errors):
     errors = np.asarray(errors, float)
     readings = (AS_WRITTEN, AS_PRINTED, Reading(divisor="T"))[: len(errors)]
-    return Grid((5, 10, 20, 100), readings, errors, ERRORS, AMPLITUDES)
+    return Grid((5, 10, 20, 100), readings, errors)
 
 
 def test_a_grid_knows_the_worst_cell_the_nearest_reading_and_the_scatter():
@@ -124,22 +128,20 @@ def test_a_grid_knows_the_worst_cell_the_nearest_reading_and_the_scatter():
     assert result.nearest == 2
     assert result.cells_met.tolist() == [0, 0, 11]
     assert result.printed_scatter == pytest.approx([0.080, 0.041, 0.014, 0.175])
-    assert [row["worst_distance"] for row in grid_rows(result)] == pytest.approx(
-        [0.03, 0.1, np.inf]
-    )
+    assert [row["worst_distance"] for row in result.rows()] == pytest.approx([0.03, 0.1, np.inf])
 
 
 def test_sensitivity_is_the_slope_of_the_error_in_the_angle():
     result = planted([0.2 + 3.0 * AMPLITUDES])
-    assert sensitivity(result, AS_WRITTEN) == pytest.approx([3.0] * 4)
+    assert result.sensitivity(AS_WRITTEN) == pytest.approx([3.0] * 4)
 
 
 def test_had_a_reading_met_the_tables_the_audit_would_say_so():
     met = planted([ERRORS + 0.1, ERRORS])
-    assert tables._nearest(met).verdict is Verdict.HOLDS
-    assert tables._table(met, 2).verdict is Verdict.HOLDS
-    assert tables._scatter(met).verdict is Verdict.HOLDS
-    assert tables._nearest(planted([ERRORS + 0.1, ERRORS + 0.2])).verdict is Verdict.FAILS
+    for key in ("tables-together", "table-3", "tables-scatter"):
+        assert outcome(key, result=met).verdict is Verdict.HOLDS, key
+    missed = planted([ERRORS + 0.1, ERRORS + 0.2])
+    assert outcome("tables-together", result=missed).verdict is Verdict.FAILS
 
 
 def test_an_exponential_grows_at_one_rate():
@@ -149,10 +151,9 @@ def test_an_exponential_grows_at_one_rate():
 
 
 def test_the_audit_of_the_short_columns_finds_no_reading_and_too_much_scatter():
-    found = {finding.key: finding for finding in tables.findings((5, 10))}
+    short = grid((5, 10))
     for key in ("table-1", "table-2", "table-3", "tables-together", "tables-scatter"):
-        assert found[key].verdict is Verdict.FAILS, key
-    assert found["e-at-5"].verdict is Verdict.HOLDS
-    assert found["amplitudes"].ours.startswith("3 of 12")
-    result = grid((5, 10))
-    assert np.all(result.scatter[:, 0] < result.printed_scatter[0])
+        assert outcome(key, result=short).verdict is Verdict.FAILS, key
+    assert outcome("e-at-5").verdict is Verdict.HOLDS
+    assert outcome("amplitudes").numbers["inside"] == 3
+    assert np.all(short.scatter[:, 0] < short.printed_scatter[0])

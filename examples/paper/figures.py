@@ -7,12 +7,12 @@ draws all of them, in some three minutes.
 import sys
 from pathlib import Path
 
-from npend_gym.experiments.paper.figure_data import SOURCES
-from npend_gym.report.paper_figures import write_figures
+from npend_gym.paper.registry import drawings
+from npend_gym.paper.report import draw
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "figures")
 folder.mkdir(parents=True, exist_ok=True)
 
-for name in sys.argv[2:] or SOURCES:
-    for path in write_figures({name: SOURCES[name]()}, folder):
+for name in sys.argv[2:] or drawings():
+    for path in draw(name, folder):
         print("drawn:", path)

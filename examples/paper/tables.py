@@ -8,8 +8,7 @@ import sys
 
 import numpy as np
 
-from npend_gym.experiments.paper.grid import grid, sensitivity
-from npend_gym.experiments.paper.readings import AS_WRITTEN
+from npend_gym.paper.readings import AS_WRITTEN, grid
 
 columns = tuple(int(n) for n in sys.argv[1:]) or (5, 10, 20)
 
@@ -19,7 +18,7 @@ print(f"{len(result.readings)} readings of e(N), N = {', '.join(map(str, columns
 
 for title, e in (
     ("printed", result.printed),
-    ("the text taken at its word", result.of(AS_WRITTEN)),
+    ("the text read literally", result.of(AS_WRITTEN)),
     ("the reading nearest to all that is printed", result.errors[result.nearest]),
 ):
     print(f"\n{title}:")
@@ -30,7 +29,7 @@ print(f"\nthe nearest: {result.readings[result.nearest]}")
 print(f"it is off by {result.distances[result.nearest]:.3f} where it is off most")
 
 # The trials differ in nothing but their starting angles. Do these differ enough?
-needed = result.printed_scatter / sensitivity(result, AS_WRITTEN)
+needed = result.printed_scatter / result.sensitivity(AS_WRITTEN)
 available = np.ptp(result.amplitudes, axis=0)
 for n, want, have in zip(columns, needed, available, strict=True):
     print(f"N = {n}: the angles would have to differ by {want:.3f} rad and differ by {have:.3f}")

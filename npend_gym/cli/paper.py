@@ -9,33 +9,31 @@ from typing import TYPE_CHECKING, Any
 from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, progress, show_written, warn
 
 if TYPE_CHECKING:
-    from npend_gym.experiments.paper import Finding
+    from npend_gym.paper import Finding
 
 ABOUT = """\
-Every equation, number and claim of the source paper, computed anew and judged. All of it takes
-some four minutes; items can be had one by one, see `npend paper --list`.
+Every equation, number and claim of the source paper, computed again and judged. All of it takes
+some four minutes, most single findings take seconds: `npend paper --list` shows their keys.
 """
 EXAMPLES = """\
 examples:
   npend paper --out results                findings.csv, audit.md, tables and figures
   npend paper --only eom,series-value      two findings
   npend paper --only series-value --json   for a script
-  npend paper --only chaos                 those of one module, `npend_gym.experiments.paper.chaos`
+  npend paper --only chaos                 those of one module, `npend_gym.paper.checks.chaos`
   npend paper --only run-time --kane-n 12  Kane's method on more rods; 12 take minutes
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend paper`."""
-    from npend_gym.experiments.paper import KANE_N
-
     text = "findings, by their keys, or modules (all)"
     parser.add_argument("--only", type=_names, metavar="KEY,KEY,...", help=text)
-    parser.add_argument("--list", action="store_true", help="list the keys and leave")
+    parser.add_argument("--list", action="store_true", help="list the keys and exit")
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     text = "write findings.csv, audit.md, tables, figures and manifest.json there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
-    text = f"largest chain whose equations Kane's method derives ({KANE_N})"
+    text = "largest chain whose equations Kane's method derives (6)"
     parser.add_argument("--kane-n", type=int, metavar="N", help=text)
 
 
@@ -45,20 +43,19 @@ def _names(text: str) -> list[str]:
 
 def run(options: dict[str, Any]) -> int:
     """Audit the paper; return the exit code."""
-    from npend_gym.experiments.paper import CONTENTS, KANE_N, audit, selected
+    from npend_gym import paper
+    from npend_gym.paper import report
     from npend_gym.physics import IntegrationError
     from npend_gym.report import outputs
-    from npend_gym.report import paper as report
 
     out: Path | None = options.get("out")
-    only, kane_n = options.get("only"), options.get("kane_n", KANE_N)
+    only, kane_n = options.get("only"), options.get("kane_n", paper.KANE_N)
     as_json: bool = options.get("json", False)
     if options.get("list", False):
-        for section, keys in CONTENTS.items():
-            print(section, *(f"  {key:20} {module}" for key, module in keys.items()), sep="\n")
+        print(report.contents_text())
         return OK
-    keys = selected(only)
-    pending = audit(only, kane_n=kane_n)
+    keys = paper.selected(only)
+    pending = paper.audit(only, kane_n=kane_n)
     if out is not None:
         outputs.prepare_folder(out)
     findings: list[Finding] = []

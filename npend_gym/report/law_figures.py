@@ -11,14 +11,11 @@ from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, Scala
 from npend_gym import theory
 from npend_gym._palette import BLACK, FAINT, GREEN, ORANGE, PINK
 from npend_gym.experiments.law import Law, Scan
-from npend_gym.report.style import TRIALS, panels, shade, styled
+from npend_gym.report.style import TRIALS, panels, shade
 
 
-@styled
-def law_against_n(data: tuple[Scan, Law]) -> Figure:
+def law_against_n(figure: Figure, scan: Scan, law: Law) -> None:
     """Draw the pseudo-period against N with the paper's model and the law, and the residuals."""
-    scan, law = data
-    figure = Figure(figsize=(7.2, 5.6))
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
     counts = np.unique(np.geomspace(1, int(scan.n_values[-1]), 60).astype(np.int64))
     ideal = theory.single_period() * np.sqrt(counts)
@@ -50,14 +47,10 @@ def law_against_n(data: tuple[Scan, Law]) -> Figure:
     bottom.xaxis.set_major_formatter(ScalarFormatter())
     _plain_seconds(top)
     top.legend()
-    return figure
 
 
-@styled
-def law_against_angle(data: tuple[Scan, Law]) -> Figure:
+def law_against_angle(figure: Figure, scan: Scan, law: Law) -> None:
     """Draw the pseudo-period over T1 against the starting angle, and what the law leaves."""
-    scan, law = data
-    figure = Figure(figsize=(7.2, 6.2))
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.4, 1.0))
     angle = np.linspace(0.0, float(scan.amplitudes[-1]), 300)
     pendulum = 1.0 + theory.amplitude_correction(angle)
@@ -86,7 +79,6 @@ def law_against_angle(data: tuple[Scan, Law]) -> Figure:
     bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
     handles, labels = top.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    return figure
 
 
 def _plain_seconds(axes: Any) -> None:

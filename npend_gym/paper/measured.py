@@ -1,4 +1,4 @@
-"""Pseudo-periods of the paper's chains, each measured once and kept for tables and figures."""
+"""Pseudo-periods of the paper's chains, each measured once and kept, and the paper's models."""
 
 from __future__ import annotations
 
@@ -13,32 +13,17 @@ from npend_gym.chain import Chain
 from npend_gym.period import LISTING_DURATION, pseudo_periods
 
 PAPER_GRAVITY = 9.8  # m/s^2: the model's in the paper's last listing; its simulation has 9.81
-RTOL = 1e-7  # pseudo-periods right to 1e-4 s and better; the printed errors have three digits
 RODS = ("1 m", "1/n m")  # the text, and the default of the paper's integrate_pendulum
+_RTOL = 1e-7  # pseudo-periods right to 1e-4 s and better; the printed errors have three digits
 
 
 @cache
 def bob_periods(n: int, theta0: float, reading: str = "bob", rods: str = "1 m") -> FloatArray:
     """Return the pseudo-period [s] of every bob of `n` equal rods released at `theta0` [rad].
 
-    Parameters
-    ----------
-    n : int
-    theta0 : float
-        Starting angle of all rods [rad].
-    reading : str
-        See `npend_gym.pseudo_periods`.
-    rods : {"1 m", "1/n m"}
-        Length of every rod.
+    NaN where a bob does not complete within 10 s on rods of 1/n m, which is 10 sqrt(n) s (six
+    periods of the slowest mode) on rods of 1 m.
 
-    Returns
-    -------
-    ndarray, shape (n,)
-        Read-only; NaN where a bob does not complete within 10 s on rods of 1/n m, which is
-        10 sqrt(n) s (six periods of the slowest mode) on rods of 1 m.
-
-    Notes
-    -----
     Scaling all lengths by s scales all times by sqrt(s), so that rods of 1/n m need no run of their
     own. "listing" does not scale, for it counts frames and compares heights with 0.01 m: it sees
     10 s of either chain. On rods of 1/n m the last seconds of chains of some 50 bobs and more are
@@ -46,14 +31,12 @@ def bob_periods(n: int, theta0: float, reading: str = "bob", rods: str = "1 m") 
     """
     if reading == "listing":
         chain = Chain.uniform(n, length=1.0 if rods == "1 m" else 1.0 / n)
-        periods = pseudo_periods(chain, theta0, reading=reading, rtol=RTOL)
+        periods = pseudo_periods(chain, theta0, reading=reading, rtol=_RTOL)
     elif rods == "1 m":
-        window = LISTING_DURATION * math.sqrt(n)
-        periods = pseudo_periods(
-            Chain.uniform(n), theta0, reading=reading, duration=window, rtol=RTOL
-        )
+        chain, window = Chain.uniform(n), LISTING_DURATION * math.sqrt(n)
+        periods = pseudo_periods(chain, theta0, reading=reading, duration=window, rtol=_RTOL)
     else:
-        periods = bob_periods(n, theta0, reading, RODS[0]) / math.sqrt(n)
+        periods = bob_periods(n, theta0, reading, "1 m") / math.sqrt(n)
     periods.flags.writeable = False
     return periods
 
@@ -71,6 +54,4 @@ def ideal_periods(count: int) -> FloatArray:
 @cache
 def fundamental_periods(count: int) -> FloatArray:
     """Return the period [s] of the slowest mode of chains 0..count of rods of 1 m."""
-    return np.array(
-        [0.0, *(theory.fundamental_period(Chain.uniform(n)) for n in range(1, count + 1))]
-    )
+    return np.array([0.0, *map(theory.fundamental_period, map(Chain.uniform, range(1, count + 1)))])

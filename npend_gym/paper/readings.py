@@ -1,28 +1,35 @@
 """The grid of readings: every way in which the paper's error e(N) might have been computed.
 
 The paper says e = (1/N) sum_i |S_i - T_i| / S_i, "cumulative", and leaves open what S_i and T_i
-are. A `Reading` fixes it; `errors` evaluates many of them on measured pseudo-periods.
+are. A `Reading` fixes it; `grid` evaluates many of them on measured pseudo-periods.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import theory
 from npend_gym._checks import FloatArray
-from npend_gym.experiments.paper.measured import (
-    RODS,
-    bob_periods,
-    fundamental_periods,
-    ideal_periods,
-)
+from npend_gym.experiments.release import PAPER_N
+from npend_gym.paper.measured import RODS, bob_periods, fundamental_periods, ideal_periods
 from npend_gym.period import LISTING_DURATION, READINGS
+
+AMPLITUDES = np.array(
+    [[0.77578, 0.797476, 0.78477, 0.777],
+     [0.77253, 0.77720, 0.79765, 0.77676],
+     [0.77419, 0.77749, 0.78107, 0.78599]]
+)  # rad; a row for each of Tables 1-3, a column for each N of PAPER_N  # fmt: skip
+ERRORS = np.array(
+    [[0.142, 0.108, 0.147, 0.376], [0.194, 0.137, 0.158, 0.207], [0.222, 0.149, 0.161, 0.382]]
+)  # the printed e
+HALF_DIGIT = 0.5e-3  # of a printed e
 
 WINDOWS = ("10 s", "sufficient")
 STATISTICS: dict[str, Callable[[FloatArray], FloatArray]] = {  # of the bobs of a chain, a row each
@@ -80,7 +87,7 @@ class Reading:
         )
 
 
-AS_WRITTEN = Reading()  # the text taken at its word, with the window that the bobs need
+AS_WRITTEN = Reading()  # the text read literally, with the window that the bobs need
 AS_PRINTED = Reading("listing", "1/n m", "10 s", "mean of 1/T", terms="as drawn")  # the listings
 
 
@@ -93,39 +100,22 @@ def all_readings(estimators: Sequence[str] = READINGS) -> Iterator[Reading]:
     for estimator, rods, window in itertools.product(estimators, RODS, WINDOWS):
         if window == "sufficient" and (estimator == "listing" or rods == "1/n m"):
             continue  # the listing has no other window; on short rods 10 s are sufficient
-        for (statistic, terms), model, model_rods in itertools.product(
-            sums, MODELS, dict.fromkeys(("1 m", rods))
+        model_rods = dict.fromkeys(("1 m", rods))
+        for (statistic, terms), model, of, divisor, average in itertools.product(
+            sums, MODELS, model_rods, DIVISORS, AVERAGES
         ):
-            for divisor, average in itertools.product(DIVISORS, AVERAGES):
-                yield Reading(
-                    estimator, rods, window, statistic, model, model_rods, terms, divisor, average
-                )
+            yield Reading(estimator, rods, window, statistic, model, of, terms, divisor, average)
 
 
 def error(reading: Reading, n: int, theta0: float) -> float:
     """Return e(n) for a release at `theta0` [rad]; NaN where no bob completes."""
     simulated, index = _simulated(reading, n, theta0)
-    predicted = _model(reading, n, theta0)[index]
+    predicted = _model(reading.model, reading.model_rods, reading.terms, n, theta0)[index]
     divisor = simulated if reading.divisor == "S" else predicted
     done = np.isfinite(simulated) & (divisor > 0.0)  # T(0) = 0 divides nothing
     if not done.any():
         return np.nan
     return AVERAGES[reading.average]((simulated - predicted)[done] / divisor[done])
-
-
-def errors(
-    readings: Sequence[Reading], n_values: Sequence[int], amplitudes: FloatArray
-) -> FloatArray:
-    """Return e of every reading, shape (R, trials, N), for `amplitudes` [rad], (trials, N)."""
-    return np.array(
-        [
-            [
-                [error(r, n, float(a)) for n, a in zip(n_values, row, strict=True)]
-                for row in amplitudes
-            ]
-            for r in readings
-        ]
-    )
 
 
 def _simulated(reading: Reading, n: int, theta0: float) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -154,23 +144,13 @@ def _periods(estimator: str, rods: str, window: str, n: int, theta0: float) -> F
 
 
 @cache
-def _statistic(
-    statistic: str, estimator: str, rods: str, window: str, n: int, theta0: float
-) -> FloatArray:
-    periods = _periods(estimator, rods, window, n, theta0)
+def _statistic(statistic: str, *source: Any) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
-        return STATISTICS[statistic](periods)
+        return STATISTICS[statistic](_periods(*source))
 
 
 @cache
-def _model_factor(model: str, theta0: float) -> float:
-    if model == "T0 corrected":
-        return 1.0 + float(theory.amplitude_correction(theta0))
-    return {"T0 x 1.049": 1.049, "T0 x 1.311": 1.311}.get(model, 1.0)
-
-
-@cache
-def _model_periods(model: str, model_rods: str, terms: str, n: int, theta0: float) -> FloatArray:
+def _model(model: str, model_rods: str, terms: str, n: int, theta0: float) -> FloatArray:
     """Return T(0), ..., T(n) [s]."""
     lengths = np.ones(n + 1)
     if model_rods == "1/n m":
@@ -178,8 +158,76 @@ def _model_periods(model: str, model_rods: str, terms: str, n: int, theta0: floa
             np.full(n + 1, n) if terms in BOB_SUMS else np.maximum(1, np.arange(n + 1))
         )
     periods = fundamental_periods(n) if model == "T1" else ideal_periods(n)
-    return periods * np.sqrt(lengths) * _model_factor(model, theta0)
+    factors = {"T0 x 1.049": 1.049, "T0 x 1.311": 1.311}
+    if model == "T0 corrected":
+        factors[model] = 1.0 + float(theory.amplitude_correction(theta0))
+    return periods * np.sqrt(lengths) * factors.get(model, 1.0)
 
 
-def _model(reading: Reading, n: int, theta0: float) -> FloatArray:
-    return _model_periods(reading.model, reading.model_rods, reading.terms, n, theta0)
+class Grid:
+    """e(N) by many readings beside the printed one, in the columns `n_values`.
+
+    Attributes
+    ----------
+    errors : ndarray, shape (R, 3, C)
+        e of each of the `readings`, trial and column.
+    printed, amplitudes : ndarray, shape (3, C)
+        The paper's e and starting angles [rad].
+    distances : ndarray, shape (R,)
+        How far each reading is off where it is off most; infinite without an e.
+    nearest : int
+        Index of the reading with the least distance.
+    cells_met : ndarray, shape (R,)
+        In how many cells each reading gives the printed digits.
+    scatter, printed_scatter : ndarray, shapes (R, C) and (C,)
+        Range of e over the trials.
+    """
+
+    def __init__(
+        self, n_values: tuple[int, ...], readings: Sequence[Reading], errors: FloatArray
+    ) -> None:
+        columns = [PAPER_N.index(n) for n in n_values]
+        self.n_values, self.readings, self.errors = n_values, readings, errors
+        self.printed, self.amplitudes = ERRORS[:, columns], AMPLITUDES[:, columns]
+        off = np.abs(errors - self.printed)
+        worst = off.max(axis=(1, 2))
+        self.distances = np.where(np.isnan(worst), np.inf, worst)
+        self.nearest = int(np.argmin(self.distances))
+        self.cells_met = (off <= HALF_DIGIT).sum(axis=(1, 2))
+        self.scatter, self.printed_scatter = np.ptp(errors, axis=1), np.ptp(self.printed, axis=0)
+
+    def of(self, reading: Reading) -> FloatArray:
+        """Return e of one reading, shape (3, C)."""
+        return self.errors[self.readings.index(reading)]
+
+    def sensitivity(self, reading: Reading) -> FloatArray:
+        """Return |de/dtheta0| [1/rad] of a reading in each column, between its extreme angles."""
+        e, columns = self.of(reading), range(len(self.n_values))
+        low, high = self.amplitudes.argmin(axis=0), self.amplitudes.argmax(axis=0)
+        return np.abs(e[high, columns] - e[low, columns]) / np.ptp(self.amplitudes, axis=0)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the tidy table: a row for every reading, the nearest first."""
+        names = [f"e_{trial}_{n}" for trial in (1, 2, 3) for n in self.n_values]
+        return [
+            asdict(self.readings[k])
+            | {"worst_distance": float(self.distances[k])}
+            | dict(zip(names, self.errors[k].ravel().tolist(), strict=True))
+            for k in map(int, np.argsort(self.distances, kind="stable"))
+        ]
+
+
+@cache
+def grid(n_values: tuple[int, ...] = PAPER_N, estimators: tuple[str, ...] = READINGS) -> Grid:
+    """Return the grid of readings for the columns `n_values`, at the printed starting angles.
+
+    The whole grid takes more than a minute, nearly all of it for N = 100; it is kept.
+    """
+    readings = tuple(all_readings(estimators))
+    return Grid(n_values, readings, np.array([errors(one, n_values) for one in readings]))
+
+
+def errors(reading: Reading, n_values: tuple[int, ...] = PAPER_N) -> FloatArray:
+    """Return e of a reading in every trial and column, shape (3, C)."""
+    columns = {n: AMPLITUDES[:, PAPER_N.index(n)].tolist() for n in n_values}
+    return np.array([[error(reading, n, a) for a in angles] for n, angles in columns.items()]).T

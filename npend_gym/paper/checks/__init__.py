@@ -1,0 +1,1 @@
+"""One module for each group of claims: its checks, and the figures and tables beside them."""

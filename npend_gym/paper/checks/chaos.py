@@ -1,0 +1,144 @@
+"""What the paper says of chaos: Lyapunov exponents, eigenvalues at rest, volume in phase space."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from npend_gym import Chain, simulate, theory
+from npend_gym._palette import ORANGE
+from npend_gym.chaos import Growth, tangent_growth, volume_change
+from npend_gym.experiments.fits import power_law
+from npend_gym.experiments.release import PAPER_AMPLITUDE
+from npend_gym.paper.motions import samples
+from npend_gym.paper.registry import Outcome, Verdict, check, figure, holds_if, table
+from npend_gym.physics import linearise
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Number of rods -> periods of the slowest mode for which their motion is followed
+FROM_QUARTER = {1: 150, 2: 400, 3: 2000, 5: 600, 10: 200, 20: 60}
+FROM_TWO = {2: 400, 3: 200, 5: 60, 10: 15, 20: 12}
+
+
+@cache
+def growth(n: int, theta0: float, periods: float, length: float = 1.0) -> Growth:
+    """Return the growth along the release of `n` equal rods from rest at `theta0` [rad].
+
+    Followed for `periods` periods of the slowest mode.
+    """
+    chain = Chain.uniform(n, length=length)
+    return tangent_growth(chain, theta0, duration=periods * theory.fundamental_period(chain))
+
+
+def runs() -> dict[str, dict[int, Growth]]:
+    """Return the growth along releases from the paper's angle and a larger one, by angle and N."""
+    quarter = {n: growth(n, PAPER_AMPLITUDE, periods) for n, periods in FROM_QUARTER.items()}
+    return {"45°": quarter, "2 rad": {n: growth(n, 2.0, p) for n, p in FROM_TWO.items()}}
+
+
+@check("chaos-energy")
+def _with_energy() -> Outcome:
+    angles = [0.1, math.pi / 4, 1.2, 1.5, 2.0]
+    found = [growth(2, angle, 200) for angle in angles]
+    chaotic, rates = [run.chaotic for run in found], [run.rate for run in found]
+    holds = chaotic == sorted(chaotic) and not chaotic[0] and chaotic[-1]
+    return holds_if(holds, angles=angles, rates=rates, bound=found[0].bound)
+
+
+@check("no-solution")
+def _no_solution() -> Outcome:
+    run = growth(2, 2.0, FROM_TWO[2])
+    return holds_if(run.rate < run.bound, Verdict.CORRECTED, rate=run.rate)
+
+
+@check("chaos-n")
+def _with_n() -> Outcome:
+    quarter, two = runs().values()
+    rates = np.array([run.rate for run in two.values()])
+    regular = [str(n) for n, run in quarter.items() if not run.chaotic]
+    estimates = [
+        f"{n}: {run.exponent(0.25):.2g} -> {run.exponent(0.5):.2g} -> {run.exponent():.2g}"
+        for n, run in quarter.items()
+    ]
+    holds = bool(np.all(np.diff(rates) > 0.0)) and not regular
+    otherwise = Verdict.CORRECTED if regular else Verdict.FAILS
+    power = power_law(list(two), rates).value
+    return holds_if(
+        holds, otherwise, rates=rates, power=power, estimates=estimates, regular=regular
+    )
+
+
+def _spread(run: Growth, points: int) -> list[int]:
+    """Return the indices of about `points` instants, evenly spaced in the logarithm of time."""
+    return (np.unique(np.geomspace(1, run.times.size, points).astype(np.int64)) - 1).tolist()
+
+
+@table("lyapunov", "chaos-n")
+def growth_rows(points: int = 200) -> list[dict[str, float]]:
+    """Return the tidy table of the estimates, at about `points` instants of every run."""
+    return [
+        {"angle_rad": angle, "n": n, "time_s": float(run.times[k]),
+         "exponent_so_far_per_s": float(run.logarithm[k] / run.times[k])}
+        for angle, of_angle in zip((PAPER_AMPLITUDE, 2.0), runs().values(), strict=True)
+        for n, run in of_angle.items()
+        for k in _spread(run, points)
+    ]  # fmt: skip
+
+
+@figure("lyapunov", "chaos-n", size=(7.2, 3.8), data=runs)
+def _draw_growth(figure: Figure, data: dict[str, dict[int, Growth]]) -> None:
+    """Draw how the largest Lyapunov exponent converges."""
+    from npend_gym.report.style import panels, shade
+
+    box: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+    for axes, (angle, of_angle) in zip(panels(figure, 1, len(data)), data.items(), strict=True):
+        for k, (n, run) in enumerate(of_angle.items()):
+            kept = _spread(run, 400)
+            estimates = np.abs(run.logarithm[kept]) / run.times[kept]
+            color = shade(k / max(1, len(of_angle) - 1))
+            axes.plot(run.times[kept], estimates, color=color, linewidth=1.0)
+            axes.annotate(f"N = {n}", (run.times[-1], run.exponent()), xytext=(4, -3), fontsize=8,
+                          textcoords="offset points", bbox=box)  # fmt: skip
+        last = max(float(run.times[-1]) for run in of_angle.values())
+        time = np.geomspace(10.0, last, 100)
+        label = "ln t / t: a regular motion"
+        axes.plot(time, np.log(time) / time, "--", color=ORANGE, linewidth=0.9, label=label)
+        axes.set(xscale="log", yscale="log", xlabel="time [s]", title=f"Released from {angle}")
+        axes.set(ylabel="largest exponent, so far [1/s]", xlim=(2.0, 4.0 * last))
+        axes.legend(loc="lower left")
+
+
+@check("attracting-point")
+def _attraction() -> Outcome:
+    chain = samples(4)[0].chain
+    real = float(np.max(np.abs(np.linalg.eigvals(linearise(chain, 0.0).A).real)))
+    volume = abs(volume_change(chain))
+    return holds_if(real > 1e-6 or volume > 1e-6, real=real, volume=volume)
+
+
+def neighbour_growth(
+    n: int, duration: float = 10.0, nudge: float = 1e-8, length: float = 1.0
+) -> float:
+    """Return how much a random change of the start by `nudge` [rad] grows at most.
+
+    Within `duration` [s] after the paper's release of `n` rods of `length` [m]: the largest
+    change of an angle, by the largest at the start.
+    """
+    chain, times = Chain.uniform(n, length=length), np.linspace(0.0, duration, 201)
+    change = np.random.default_rng(n).uniform(-nudge, nudge, n)
+    first, second = (
+        simulate(chain, PAPER_AMPLITUDE + start, 0.0, times, rtol=1e-13, atol=1e-14).theta
+        for start in (np.zeros(n), change)
+    )
+    return float(np.max(np.abs(second - first)) / np.max(np.abs(change)))
+
+
+@check("chaos-errors")
+def _within_the_window() -> Outcome:
+    factors = [neighbour_growth(n) for n in (5, 20, 100)]
+    return holds_if(max(factors) > 1e6, factors=factors)

@@ -1,0 +1,98 @@
+"""Section 3: characteristic frequencies and the pseudo-period T(N) that follows from them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from npend_gym import Chain, theory
+from npend_gym._checks import FloatArray
+from npend_gym.paper.checks.linear import paper_matrices
+from npend_gym.paper.motions import samples
+from npend_gym.paper.registry import Outcome, Verdict, check, corrected_if, holds_if
+
+
+@check("beats")
+def _beats() -> Outcome:
+    def closest(chain: Chain) -> float:  # ratio of neighbouring frequencies: near one, they beat
+        omega, _ = theory.normal_modes(chain)
+        return float(np.min(omega[1:] / omega[:-1]))
+
+    equal, light = [closest(Chain.uniform(n)) for n in (2, 5, 20)], closest(Chain([1.0, 0.01], 1.0))
+    return holds_if(max(equal) < 1.2, Verdict.CORRECTED, equal=equal, light=light)
+
+
+def diagonal_frequencies(chain: Chain) -> FloatArray:
+    """Return the roots of Eq. (24) [rad/s], before M replaces the mass that each rod carries."""
+    return np.sqrt(chain.gravity * chain.masses / (chain.lengths * chain.carried_masses))
+
+
+def generalised_roots(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
+    """Return the omega [rad/s] with det(stiffness - omega^2 mass) = 0, increasing."""
+    squares = np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.astype(np.float64)
+    return np.sqrt(np.sort(squares))
+
+
+@check("determinant")
+def _determinant() -> Outcome:
+    chain = samples(4)[0].chain
+    mass, stiffness = paper_matrices(chain)
+    unit = float(np.max(np.abs(generalised_roots(mass, mass) - 1.0)))  # K is printed equal to M
+    expected = np.sort(diagonal_frequencies(chain))
+    mended = float(np.max(np.abs(generalised_roots(stiffness, mass) / expected - 1.0)))
+    judge = holds_if if unit > 1e-9 else corrected_if
+    return judge(unit > 1e-9 or mended < 1e-9, unit=unit, mended=mended)
+
+
+def paper_frequencies(chain: Chain) -> FloatArray:
+    """Return omega_j = sqrt(g m_j / (l_j M)) [rad/s] of the text after Eq. (24), in rod order."""
+    return np.sqrt(chain.gravity * chain.masses / (chain.lengths * chain.masses.sum()))
+
+
+@check("normal-frequencies")
+def _normal_frequencies() -> Outcome:
+    spectra: list[str] = []
+    worst = 0.0
+    for n in (2, 5, 100):
+        exact, _ = theory.normal_modes(Chain.uniform(n))
+        paper = paper_frequencies(Chain.uniform(n))
+        worst = max(worst, float(np.max(np.abs(np.sort(paper) / exact - 1.0))))
+        spectra.append(f"N={n}: {exact[0]:.3f} to {exact[-1]:.3f}, the paper's {paper[0]:.3f}")
+    return holds_if(worst < 1e-3, spectra="; ".join(spectra))
+
+
+@check("carried-mass")
+def _carried_mass() -> Outcome:
+    chains = map(Chain.uniform, (2, 10, 100))
+    ratios = [chain.masses.sum() / chain.carried_masses for chain in chains]
+    shown = [(float(ratio.mean()), float(ratio[-1])) for ratio in ratios]
+    return holds_if(all(ratio.max() < 1.1 for ratio in ratios), shares=shown)
+
+
+def period_ratio(chain: Chain) -> float:
+    """Return the paper's T(N), Eq. (25), by the period of the slowest mode."""
+    return theory.ideal_period(chain) / theory.fundamental_period(chain)
+
+
+@check("period")
+def _period() -> Outcome:
+    ratios = np.array([period_ratio(motion.chain) for motion in samples(4)])
+    least, greatest = ratios.min(), ratios.max()
+    grain = period_ratio(Chain([1.0, 1e-6], 1.0))
+    holds = bool(least > 0.95 and greatest < 1.05)
+    return holds_if(holds, least=least, greatest=greatest, grain=grain)
+
+
+@check("period-equal")
+def _period_equal() -> Outcome:
+    chains = [Chain.uniform(n, length=0.7) for n in (1, 2, 5, 100)]
+    closed = [2.0 * math.pi * math.sqrt(0.7 * chain.n / chain.gravity) for chain in chains]
+    algebra = np.max(np.abs(np.array([*map(theory.ideal_period, chains)]) / closed - 1.0))
+    return holds_if(bool(algebra < 1e-12), algebra=algebra)
+
+
+@check("better-with-n")
+def _better_with_n() -> Outcome:
+    errors = [abs(period_ratio(Chain.uniform(n)) - 1.0) for n in (1, 2, 5, 20, 100, 500)]
+    return holds_if(errors[-1] < errors[1], errors=errors)

@@ -1,0 +1,145 @@
+"""What the paper says of Kane's method, and what its derivation costs."""
+
+from __future__ import annotations
+
+import time
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from npend_gym import Chain
+from npend_gym._checks import FloatArray
+from npend_gym._palette import BLACK, BLUE, ORANGE
+from npend_gym.experiments.fits import power_law
+from npend_gym.paper.audit import KANE_N
+from npend_gym.paper.motions import largest_error
+from npend_gym.paper.registry import Outcome, Verdict, check, figure, holds_if, table
+from npend_gym.physics import accelerations
+from npend_gym.physics.kane import derive, kane_accelerations, sympy_and_mechanics
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CHECKED_N = 6  # accelerations are compared for up to this many rods
+OUR_COUNTS = (10, 30, 100, 300, 1000, 3000, 10000)
+
+
+@cache
+def kane_error() -> float:
+    """Return how far Kane's accelerations of unequal rods are off ours, relatively."""
+
+    def error(n: int) -> float:
+        by_kane = kane_accelerations(n)
+        return largest_error(
+            lambda at: at.alpha, lambda at: by_kane(at.theta, at.omega, at.m, at.l, at.g), n
+        )
+
+    return max(error(n) for n in range(1, CHECKED_N + 1))
+
+
+@check("kane-listing")
+def _listing() -> Outcome:
+    version = sympy_and_mechanics()[0].__version__
+    return holds_if(kane_error() < 1e-12, sympy=version, off=kane_error())
+
+
+@check("kane-order")
+def _order() -> Outcome:
+    return holds_if(kane_error() > 1e-12, off=kane_error())
+
+
+class KaneCost(NamedTuple):
+    """Cost of deriving the equations of `n` rods by Kane's method."""
+
+    n: int
+    seconds: float
+    operations: int  # in the mass matrix and the forcing
+
+
+@cache
+def kane_costs(largest: int = KANE_N) -> tuple[KaneCost, ...]:
+    """Return the cost of Kane's method for 1..`largest` rods, the fastest of up to three runs."""
+    derive(1)  # what is done once for all is no cost of n rods
+    return tuple(_cost(n) for n in range(1, largest + 1))
+
+
+def _cost(n: int) -> KaneCost:
+    sympy, _ = sympy_and_mechanics()
+    seconds: list[float] = []
+    for _ in range(3 if n < KANE_N else 1):
+        sympy.core.cache.clear_cache()
+        start = time.perf_counter()
+        derive(n)
+        seconds.append(time.perf_counter() - start)
+    equations = derive(n)
+    size = sympy.count_ops(equations.mass_matrix) + sympy.count_ops(equations.forcing)
+    return KaneCost(n, min(seconds), int(size))
+
+
+def exponential_misfit(x: FloatArray, y: FloatArray) -> float:
+    """Return the root mean square residual of log y about its best straight line in x."""
+    line = np.polyval(np.polyfit(x, np.log(y), 1), x)
+    return float(np.sqrt(np.mean((np.log(y) - line) ** 2)))
+
+
+@check("run-time")
+def _run_time(kane_n: int = KANE_N) -> Outcome:
+    counts, seconds, operations = np.array(kane_costs(kane_n)[1:], float).T
+    by_power = exponential_misfit(np.log(counts), operations)
+    by_exponential = exponential_misfit(counts, operations)
+    return holds_if(
+        by_exponential < by_power, by_power=by_power, by_exponential=by_exponential, last=kane_n,
+        seconds=seconds[[0, -1]], seconds_power=power_law(counts, seconds).value,
+        operations=operations[[0, -1]], power=power_law(counts, operations).value,
+        steps=operations[1:] / operations[:-1],
+    )  # fmt: skip
+
+
+@cache
+def our_seconds(n: int, repeats: int = 20, states: int = 50) -> float:
+    """Return the time [s] in which our dynamics of `n` rods are evaluated, fastest of many."""
+    chain = Chain.uniform(n)
+    theta, omega = np.broadcast_to(np.linspace(0.1, 1.0, 2 * n).reshape(2, 1, n), (2, states, n))
+    seconds: list[float] = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        accelerations(chain, theta, omega)  # in one call: a call takes longer than few rods do
+        seconds.append((time.perf_counter() - start) / states)
+    return min(seconds)
+
+
+@check("log-time")
+def _logarithmic_time() -> Outcome:
+    counts = OUR_COUNTS[-3:]
+    microseconds = [1e6 * our_seconds(n) for n in counts]
+    power = power_law(counts, microseconds).value
+    verdict = Verdict.FAILS if power > 0.5 else Verdict.UNDECIDABLE
+    return Outcome(verdict, {"first": microseconds[0], "last": microseconds[-1], "power": power})
+
+
+@table("kane_cost", "run-time")
+def cost_rows(kane_n: int = KANE_N) -> list[dict[str, Any]]:
+    """Return the tidy table of costs: Kane's derivations, then evaluations of our dynamics."""
+    return [{"what": "Kane's derivation"} | cost._asdict() for cost in kane_costs(kane_n)] + [
+        {"what": "our evaluation", "n": n, "seconds": our_seconds(n), "operations": ""}
+        for n in OUR_COUNTS
+    ]
+
+
+@figure("kane_cost", "run-time", size=(5.6, 3.8), data=cost_rows)
+def _draw_costs(figure: Figure, data: list[dict[str, Any]]) -> None:
+    """Draw the cost of Kane's method beside ours; `data` is the table of costs."""
+    axes = figure.subplots()
+    for what, style, color, label in (
+        ("Kane's derivation", "s-", ORANGE, "Kane's method, one derivation"),
+        ("our evaluation", "o-", BLUE, "here, one evaluation"),
+    ):
+        some = [(row["n"], row["seconds"]) for row in data if row["what"] == what]
+        n, seconds = np.array(some, float).T
+        axes.plot(n, seconds, style, color=color, label=label)
+        if what == "our evaluation":
+            guide = seconds[-1] * n / n[-1]
+            axes.plot(n, guide, "--", color=BLACK, linewidth=0.9, label="proportional to N")
+    axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="time [s]")
+    axes.legend()

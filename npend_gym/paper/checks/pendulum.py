@@ -1,0 +1,129 @@
+"""Section 1 and what else the paper says of one pendulum: T0, isochrony, the small angle."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import ellipj, ellipk
+
+from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym.chain import STANDARD_GRAVITY
+from npend_gym.experiments.fits import power_law
+from npend_gym.paper.registry import Outcome, Verdict, check, corrected_if, holds_if
+from npend_gym.physics import accelerations
+from npend_gym.physics.energy import potential_energy
+
+PENDULUM = Chain(masses=1.3, lengths=0.7)  # not of unit size, so that no factor can hide
+LENGTH = float(PENDULUM.lengths[0])
+RATE = math.sqrt(PENDULUM.gravity / LENGTH)  # rad/s, of small swings
+ANGLES = np.linspace(-3.0, 3.0, 25)  # rad
+QUARTER = math.pi / 4  # rad, the paper's release
+
+
+def measured_period(theta0: float, chain: Chain = PENDULUM) -> float:
+    """Return the period [s] of one pendulum released from `theta0` [rad], by simulation."""
+    return float(pseudo_periods(chain, theta0, reading="link", rtol=1e-13)[0])
+
+
+def excess(theta0: float, chain: Chain = PENDULUM) -> float:
+    """Return T/T0 - 1 of one pendulum released from `theta0` [rad], by simulation."""
+    return measured_period(theta0, chain) / theory.single_period(float(chain.lengths[0])) - 1.0
+
+
+@check("history")
+def _history() -> Outcome:
+    return Outcome(Verdict.UNDECIDABLE, {})
+
+
+@check("torque")
+def _torque() -> Outcome:
+    step = 1e-5
+    energy = [potential_energy(PENDULUM, (ANGLES + s)[:, None]) for s in (step, -step)]
+    slope = (energy[0] - energy[1]) / (2.0 * step)
+    weight = float(PENDULUM.masses[0]) * PENDULUM.gravity * LENGTH
+    off = float(np.max(np.abs(slope - weight * np.sin(ANGLES))) / weight)
+    return holds_if(off < 1e-8, off=off, excess=1.0 / math.sin(1.0) - 1.0)
+
+
+@check("pendulum-equation")
+def _equation() -> Outcome:
+    rate = PENDULUM.gravity / LENGTH
+    ours = accelerations(PENDULUM, ANGLES[:, None], 0.0)[:, 0]
+    off = float(np.max(np.abs(ours + rate * np.sin(ANGLES))) / rate)
+    return holds_if(off < 1e-12, off=off)
+
+
+@check("small-swing")
+def _small_swing() -> Outcome:
+    times = np.linspace(0.0, 5.0 * 2.0 * math.pi / RATE, 301)
+    path = simulate(PENDULUM, 1e-3, 0.0, times, rtol=1e-12, atol=1e-16)
+    off = float(np.max(np.abs(path.theta[:, 0] - 1e-3 * np.cos(RATE * times))) / 1e-3)
+    return holds_if(off < 1e-5, off=off)
+
+
+@check("one-radian")
+def _one_radian() -> Outcome:
+    found = excess(1.0)
+    return holds_if(found < 0.01, Verdict.CORRECTED, excess=found)
+
+
+@check("nonlinear")
+def _nonlinear() -> Outcome:
+    times = np.linspace(0.0, measured_period(QUARTER), 257)
+    path = simulate(PENDULUM, QUARTER, 0.0, times, rtol=1e-12, atol=1e-13)
+    spectrum = np.abs(np.fft.rfft(path.theta[:-1, 0]))
+    third = float(spectrum[3] / spectrum[1])
+    return holds_if(third < 1e-6, Verdict.CORRECTED, third=third)
+
+
+@check("elliptic")
+def _elliptic() -> Outcome:
+    # sin(theta/2) = k sn(K(k) + sqrt(g/l) t, k), k = sin(theta0/2): at rest at theta0 for t = 0
+    times, k = np.linspace(0.0, 10.0, 301), math.sin(0.5 * 2.0)
+    sn = ellipj(ellipk(k * k) + RATE * times, k * k)[0]
+    path = simulate(PENDULUM, 2.0, 0.0, times, rtol=1e-13, atol=1e-14)
+    off = float(np.max(np.abs(path.theta[:, 0] - 2.0 * np.arcsin(k * sn))))
+    return corrected_if(off < 1e-9, off=off)
+
+
+@check("single-period")
+def _single_period() -> Outcome:
+    off = abs(excess(1e-3))
+    return holds_if(off < 1e-6, off=off)
+
+
+@check("isochrony")
+def _isochrony() -> Outcome:
+    ratios = [1.0 + excess(a) for a in (0.1, QUARTER, 1.5)]
+    return holds_if(max(ratios) < 1.0 + 1e-6, Verdict.CORRECTED, ratios=ratios)
+
+
+@check("cubic-error")
+def _cubic_error() -> Outcome:
+    angles = np.geomspace(0.02, 0.2, 5)
+    torque = angles - np.sin(angles)
+    errors = {"torque": torque, "relative": torque / angles, "period": [*map(excess, angles)]}
+    orders = {name: power_law(angles, error).value for name, error in errors.items()}
+    return holds_if(abs(orders["period"] - 3.0) < 0.1, Verdict.CORRECTED, **orders)
+
+
+@check("one-pendulum")
+def _one_pendulum() -> Outcome:
+    measured = measured_period(QUARTER, Chain.uniform(1))
+    exact = float(theory.pendulum_period(QUARTER))
+    return corrected_if(abs(measured - exact) < 1e-8, measured=measured, formula=exact)
+
+
+@check("right-angle")
+def _right_angle() -> Outcome:
+    alpha = float(accelerations(Chain.uniform(1), math.pi / 2, 0.0)[0])
+    return holds_if(abs(alpha) < 1e-9, alpha=alpha, relative=alpha / STANDARD_GRAVITY)
+
+
+@check("third-order")
+def _third_order() -> Outcome:
+    two = Chain.uniform(2)
+    off_two = theory.fundamental_period(two) / theory.ideal_period(two) - 1.0
+    second = excess(0.01, Chain.uniform(1)) / 0.01**2
+    return holds_if(abs(off_two) < 1e-6, off_two=off_two, second=second)

@@ -1,0 +1,102 @@
+"""Section 4 and the circular error: the amplitude series, as printed and corrected."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from npend_gym import theory
+from npend_gym._checks import FloatArray
+from npend_gym.paper.checks.pendulum import LENGTH, QUARTER, measured_period
+from npend_gym.paper.readings import ERRORS
+from npend_gym.paper.registry import Outcome, check, corrected_if, holds_if
+
+MAX_TERMS = 40
+EXACT = float(theory.amplitude_correction(QUARTER))
+
+
+def printed_sums(theta0: float, terms: int = MAX_TERMS) -> FloatArray:
+    """Return the partial sums of Eq. (27) as printed, with 2^(2 pi), of 1..`terms` terms."""
+    n = np.arange(1, terms + 1)
+    binomial = np.array([float(math.comb(2 * k, k)) for k in n.tolist()])
+    return np.cumsum((binomial / 2.0 ** (2.0 * math.pi)) ** 2 * math.sin(0.5 * theta0) ** (2 * n))
+
+
+def corrected_sums(theta0: float, terms: int = MAX_TERMS) -> FloatArray:
+    """Return the partial sums of Eq. (27) with 2^(2n), of 1..`terms` terms."""
+    return np.array([float(theory.amplitude_correction(theta0, k)) for k in range(1, terms + 1)])
+
+
+def terms_for(value: float, digits: int, sums: FloatArray) -> int | None:
+    """Return how many terms make a sum that rounds to `value` at `digits` digits, if any do."""
+    hits = np.flatnonzero(np.round(sums, digits) == value)
+    return int(hits[0]) + 1 if hits.size else None
+
+
+def _origin(value: float, sums: FloatArray) -> str:
+    found = terms_for(value, 3, sums)
+    return "the printed value is no partial sum" if found is None else "the printed value"
+
+
+@check("amplitude-series")
+def _amplitude_series() -> Outcome:
+    angles = [0.1, QUARTER, 1.5, 2.5]
+    measured = np.array([measured_period(angle) for angle in angles])
+    off = float(np.max(np.abs(measured / theory.pendulum_period(angles, LENGTH) - 1.0)))
+    first = printed_sums(QUARTER)[0] / corrected_sums(QUARTER)[0]
+    return corrected_if(off < 1e-9, off=off, angles=angles, first=first)
+
+
+@check("series-taylor")
+def _series_taylor() -> Outcome:
+    # Delta T/T0 = c2 theta0^2 + c4 theta0^4 + ..., fitted to the exact period
+    angles = np.linspace(0.05, 0.5, 10)
+    design = angles[:, None] ** np.array([2.0, 4.0, 6.0, 8.0])
+    c2, c4 = np.linalg.lstsq(design, theory.amplitude_correction(angles), rcond=None)[0][:2]
+    holds = abs(16 * c2 - 1) < 1e-6 and abs(3072 * c4 / 11 - 1) < 1e-3
+    return holds_if(bool(holds), second=1.0 / c2, fourth=3072 * c4)
+
+
+@check("series-value")
+def _series_value() -> Outcome:
+    sums, holds = printed_sums(QUARTER), abs(EXACT - 0.049) < 5e-4
+    return holds_if(holds, exact=EXACT, cut_off=sums[9], origin=_origin(0.049, sums))
+
+
+@check("series-diverges")
+def _series_diverges() -> Outcome:
+    printed, sums = printed_sums(QUARTER), corrected_sums(QUARTER)
+    last, limit = np.diff(printed)[-2:], 2.0 * math.degrees(math.asin(0.25))
+    return holds_if(
+        abs(sums[-1] - EXACT) > 1e-12, after_5=sums[4], after_40=sums[-1],
+        growth=last[1] / last[0], tends=16 * math.sin(QUARTER / 2) ** 2, limit=limit,
+    )  # fmt: skip
+
+
+def circular_error(correction: float) -> float:
+    """Return e-hat = 1 - |T - T0| / T of Eq. (36), for T = T0 (1 + correction)."""
+    return 1.0 - abs(correction) / (1.0 + correction)
+
+
+@check("e-hat")
+def _circular_error() -> Outcome:
+    corrections = np.linspace(0.0, 0.5, 6).tolist()
+    off = max(abs(circular_error(c) - 1.0 / (1.0 + c)) for c in corrections)
+    return corrected_if(off < 1e-12, off=off, perfect=circular_error(0.0))
+
+
+@check("e-hat-value")
+def _circular_error_value() -> Outcome:
+    value = circular_error(EXACT)
+    printed = 1.0 / (1.0 + printed_sums(QUARTER))
+    return holds_if(
+        abs(value - 0.309) < 5e-4, value=value, error=1.0 - value, cut_off=printed[14],
+        later=printed[19], origin=_origin(0.309, printed),
+    )  # fmt: skip
+
+
+@check("circular-bound")
+def _circular_bound() -> Outcome:
+    bound = EXACT / (1.0 + EXACT)
+    return holds_if(float(ERRORS.max()) < bound, bound=bound, least=float(ERRORS.min()))

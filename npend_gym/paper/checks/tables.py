@@ -1,0 +1,149 @@
+"""Tables 1-3 of the paper: starting angles and cumulative average decimal errors e(N)."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from npend_gym import Chain, pseudo_periods, theory
+from npend_gym._checks import FloatArray
+from npend_gym._palette import AMBER, BLACK, FAINT, GREEN
+from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
+from npend_gym.paper import readings as tried
+from npend_gym.paper.readings import AMPLITUDES, AS_WRITTEN, ERRORS, HALF_DIGIT, Grid, grid
+from npend_gym.paper.registry import Outcome, Verdict, check, figure, holds_if, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+THRESHOLD = 0.309  # the paper's circular error e-hat
+
+
+@check("amplitudes")
+def _amplitudes() -> Outcome:
+    offsets = AMPLITUDES - PAPER_AMPLITUDE
+    inside = int(((offsets >= 0.0) & (offsets <= PAPER_SPREAD)).sum())
+    either = int((np.abs(offsets) <= PAPER_SPREAD).sum())
+    degrees = np.deg2rad([45.0, 46.0])
+    by_listing = int(np.isclose(AMPLITUDES[..., None], degrees, atol=5e-6).any(axis=-1).sum())
+    otherwise = Verdict.CORRECTED if either == 12 else Verdict.FAILS
+    return holds_if(inside == 12, otherwise, inside=inside, either=either, by_listing=by_listing)
+
+
+@check("trials")
+def _trials() -> Outcome:
+    draws = product((0, 1), repeat=3)  # of random.randint(0, 1), three times
+    alike = float(np.mean([len(set(draw)) < 3 for draw in draws]))
+    return holds_if(alike == 0.0, Verdict.CORRECTED, alike=alike)
+
+
+@check("table-1", "table-2", "table-3")
+def _table(key: str, result: Grid | None = None) -> Outcome:
+    result, trial = result or grid(), int(key[-1]) - 1
+    off = np.abs(result.errors[:, trial] - result.printed[trial]).max(axis=1)
+    best = int(np.nanargmin(off))
+    return holds_if(
+        bool(off[best] <= HALF_DIGIT), printed=result.printed[trial], off=off[best],
+        literal=result.of(AS_WRITTEN)[trial], nearest=result.errors[best, trial],
+        readings=len(result.readings), reading=result.readings[best],
+    )  # fmt: skip
+
+
+@check("tables-together")
+def _nearest(result: Grid | None = None) -> Outcome:
+    result = result or grid()
+    k, scatter = result.nearest, float(result.printed_scatter.max())
+    return holds_if(
+        bool(result.distances[k] <= HALF_DIGIT), off=result.distances[k],
+        nearest=result.readings[k], met=int(result.cells_met.max()), scatter=scatter,
+        readings=len(result.readings), bound=scatter / 2.0,
+        listing=result.of(tried.AS_PRINTED).mean(axis=0),
+    )  # fmt: skip
+
+
+@check("tables-scatter")
+def _scatter(result: Grid | None = None) -> Outcome:
+    result = result or grid()
+    able = int(np.all(result.scatter >= result.printed_scatter, axis=1).sum())
+    return holds_if(
+        able > 0, able=able, readings=len(result.readings), printed=result.printed_scatter,
+        ours=np.ptp(result.of(AS_WRITTEN), axis=0), median=np.nanmedian(result.scatter, axis=0),
+        needed=result.printed_scatter / result.sensitivity(AS_WRITTEN),
+        available=np.ptp(result.amplitudes, axis=0), widest=np.nanmax(result.scatter[:, 0]),
+    )  # fmt: skip
+
+
+@check("e-at-5")
+def _below() -> Outcome:
+    worst = float(ERRORS[:, 0].max())
+    return holds_if(worst < 0.23, worst=worst)
+
+
+def growth(counts: tuple[int, ...], e: FloatArray) -> tuple[float, float]:
+    """Return d ln e/dN between the first and between the last two: equal for an exponential."""
+    slopes = np.diff(np.log(e)) / np.diff(np.asarray(counts, float))
+    return float(slopes[0]), float(slopes[-1])
+
+
+@check("e-exponential")
+def _exponential(n_values: tuple[int, ...] = PAPER_N) -> Outcome:
+    first, last = growth(n_values, tried.errors(AS_WRITTEN, n_values).mean(axis=0))
+    falls = sum(growth(PAPER_N, row)[0] < 0.0 for row in ERRORS)
+    return holds_if(last >= first and falls == 0, first=first, last=last, falls=falls)
+
+
+@check("e-truncation")
+def _truncation() -> Outcome:
+    chain = Chain.uniform(PAPER_N[-1])
+    ideal = theory.ideal_period(chain)
+    # with a tolerance near the odeint default, and with one that is a hundred times tighter
+    mean = [pseudo_periods(chain, PAPER_AMPLITUDE, rtol=r).mean() for r in (1.5e-8, 1.5e-10)]
+    loose, tight = (abs(s - ideal) / s for s in mean)
+    share = float(abs(loose - tight) / tight)
+    return holds_if(share > 0.01, share=share)
+
+
+@check("e-threshold")
+def _threshold() -> Outcome:
+    correction = float(theory.amplitude_correction(PAPER_AMPLITUDE))
+    circular = correction / (1.0 + correction)
+    met, within = int((circular > ERRORS).sum()), int((ERRORS < THRESHOLD).sum())
+    return holds_if(2 * met > ERRORS.size, within=within, met=met, circular=circular)
+
+
+@table("errors_by_reading", "tables-together")
+def _rows() -> list[dict[str, Any]]:
+    return grid().rows()
+
+
+@figure("readings", "tables-together", size=(7.2, 4.2), data=grid)
+def _draw_readings(figure: Figure, data: Grid) -> None:
+    """Draw e(N) and its range over the trials, by every reading and as printed in Tables 1-3."""
+    from npend_gym.report.style import TRIALS, panels
+
+    left, right = panels(figure, 1, 2)
+    shift = np.random.default_rng(0).uniform(-0.3, 0.3, len(data.readings))
+    columns = np.arange(len(data.n_values))
+    written = data.readings.index(AS_WRITTEN)
+    for axes, cloud in ((left, data.errors.mean(axis=1)), (right, data.scatter)):
+        for column in columns:
+            axes.plot(column + shift, cloud[:, column], ",", color=FAINT, rasterized=True, zorder=1)
+        axes.plot(columns, cloud[written], "D--", color=GREEN, markersize=5)
+        axes.plot(columns, cloud[data.nearest], "v--", color=AMBER, markersize=6)
+        axes.set(xlabel="number of pendulums N", yscale="log")
+        axes.set_xticks(columns, [str(n) for n in data.n_values])
+    for trial, ((marker, color), e) in enumerate(zip(TRIALS, data.printed, strict=True), start=1):
+        left.plot(columns, e, marker, color=color, markersize=7, label=f"printed, trial {trial}")
+    right.plot(columns, data.printed_scatter, "*", color=BLACK, markersize=11)
+    left.set(ylabel="e(N)", ylim=(0.02, 2.0), title="Cumulative average error")
+    right.set(ylabel="range of e(N)", ylim=(1e-5, 1.0), title="Its range over the three trials")
+    for style, color, size, label in (
+        ("o", FAINT, 3, f"{len(data.readings)} readings"),
+        ("D--", GREEN, 5, "the text read literally"),
+        ("v--", AMBER, 6, "nearest to all printed"),
+        ("*", BLACK, 11, "printed, range over the trials"),
+    ):
+        left.plot([], [], style, color=color, markersize=size, label=label)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
