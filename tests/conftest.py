@@ -7,6 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from compiling import compile_together
 from hypothesis import settings
 from hypothesis import strategies as st
 
@@ -22,6 +23,17 @@ def pytest_xdist_auto_num_workers(config):
     if config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
         return 0
     return min(4, os.cpu_count() or 1)
+
+
+# A worker has one core
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled(request, tmp_path_factory):
+    """Share out what must be compiled before the workers begin, where there are any."""
+    if hasattr(request.config, "workerinput"):
+        compile_together(tmp_path_factory.getbasetemp().parent)
 
 
 settings.register_profile("fixed", derandomize=True, deadline=None, max_examples=100)
