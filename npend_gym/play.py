@@ -1,4 +1,4 @@
-"""A chain to play with: a live window on the environment (extra "render")."""
+"""A chain to play with, in a live window (extra "render")."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
+from npend_gym._palette import BLUE, GREEN, INK, ORANGE, PAPER, rgb
 from npend_gym.envs import Info, NPendulumEnv, Passive
 from npend_gym.physics import energy
 from npend_gym.render import Frame, Painter, Scene, pygame_module
@@ -18,18 +19,18 @@ from npend_gym.window import Window
 MAX_N = 200
 _DT, _STEPS = 0.02, 2  # s, and steps between two pictures
 _SIZE, _PANEL = 560, 320  # pixels
-_TRACE = 150  # places of the tip
-_SMALLEST, _STEP = math.radians(5.0), math.radians(5.0)
-_INK, _FAINT, _PAPER = (0x2B, 0x33, 0x3B), (0x9A, 0xA3, 0xAC), (0xF3, 0xF4, 0xF6)
-_BLUE, _ORANGE, _GREEN = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0x00, 0x9E, 0x73)
+_TRACE = 150  # latest places of the tip that are drawn
+_ANGLE = math.radians(5.0)  # smallest amplitude, and its change by a key
+_INK, _PAPER, _BLUE, _ORANGE, _GREEN = map(rgb, (INK, PAPER, BLUE, ORANGE, GREEN))
+_FAINT = rgb("#9AA3AC")
 _HELP = (
-    "mouse: pull a bob", "left, right: torque at the pivot", "space: pause    r: release anew",
+    "mouse: pull a bob", "left, right: torque at the pivot", "space: pause    r: release again",
     "up, down: number of pendulums", "page up, page down: amplitude", "q: quit",
 )  # fmt: skip
 
 
 class Play(Passive):
-    """The free release, with a motor in every joint for the player's hand."""
+    """The free release, with a motor in every joint, by which the player moves the chain."""
 
     name = "play"
     dt = _DT
@@ -37,7 +38,7 @@ class Play(Passive):
 
 
 class Game:
-    """What the window shows and how it answers; knows events, but opens no window.
+    """What the window shows and how it answers to events. It opens no window itself.
 
     Parameters
     ----------
@@ -60,18 +61,18 @@ class Game:
         self.release()
 
     def release(self) -> None:
-        """Release the chain anew, from rest."""
+        """Release the chain from rest."""
         self._env = NPendulumEnv(
             n=self.n, mode=Play(), actuated=range(self.n), amplitude=self.amplitude
         )
         self._config = self._env.config
         self.info: Info[float, int, bool] = self._env.reset(seed=self.seed)[1]
-        self._turn = 0.0  # torque at the pivot over its limit, by the keys
-        self._held: int | None = None  # bob in the player's hand
-        self._hand = np.zeros(2)  # where that is [m]
+        self._key_action = 0.0  # torque at the pivot by the keys, divided by its limit
+        self._held_bob: int | None = None  # by the mouse
+        self._mouse = np.zeros(2)  # its place [m]
         self._pushed = False
         self._trace: list[FloatArray] = []
-        self._turned: dict[int, FloatArray] = {}  # where each bob completed
+        self._marks: dict[int, FloatArray] = {}  # where each bob completed
 
     # -- the motion ------------------------------------------------------------------------------
 
@@ -82,13 +83,13 @@ class Game:
 
     @property
     def periods(self) -> FloatArray:
-        """Pseudo-period of each bob [s], zero where not complete and while the player pushes."""
+        """Pseudo-period of each bob [s]; 0 where not complete, and while the player pushes."""
         return np.zeros(self.n) if self._pushed else self.info["pseudo_periods"]
 
     def advance(self) -> None:
-        """Let 0.02 s go by, unless paused.
+        """Advance the time by 0.02 s, unless paused.
 
-        After a push time begins anew: pseudo-periods are those of the free motion since.
+        After a push the time starts at 0 again: pseudo-periods are those of the free motion since.
         """
         if self.paused:
             return
@@ -98,57 +99,57 @@ class Game:
             state = {name: self.info[name] for name in ("theta", "omega")}
             self.info = self._env.reset(options=state)[1]
         if pushing:
-            self._turned = {}
+            self._marks = {}
         self._pushed = pushing
         self.info = self._env.step(action)[4]
         places = self.positions
         self._trace = [*self._trace[1 - _TRACE :], places[-1]]
         for bob in np.flatnonzero(self.periods).tolist():
-            self._turned.setdefault(bob, places[bob])
+            self._marks.setdefault(bob, places[bob])
 
     def _action(self) -> NDArray[np.float32]:
-        """Return the torque at every joint over its limit: of the keys, and of the hand."""
-        share = np.zeros(self.n)
-        share[0] = self._turn
-        if self._held is not None:
-            chain, bob, theta = self._config.chain, self._held, self.info["theta"]
+        """Return the torque on every joint, divided by its limit: of the keys and of the mouse."""
+        action = np.zeros(self.n)
+        action[0] = self._key_action
+        if self._held_bob is not None:
+            chain, bob, theta = self._config.chain, self._held_bob, self.info["theta"]
             speed = energy.velocities(chain, theta, self.info["omega"])[bob]
             mass, rate = chain.masses.mean(), math.sqrt(chain.gravity / chain.lengths.mean())
-            # a spring to the hand, damped for the force is held for a step
-            pull = rate * (self._hand - self.positions[bob]) - 0.5 * speed
+            # a spring to the mouse, damped because the force is held for a step
+            pull = rate * (self._mouse - self.positions[bob]) - 0.5 * speed
             force = 4.0 * mass * rate * pull
             along = chain.lengths * (np.cos(theta) * force[0] + np.sin(theta) * force[1])
-            along[bob + 1 :] = 0.0  # nothing beyond the bob feels it at once
-            # torque on joint j moves all that hangs below it
-            share += np.cumsum(along[::-1])[::-1] / self._config.max_torque
-        return np.clip(share, -1.0, 1.0).astype(np.float32)
+            along[bob + 1 :] = 0.0  # the force does not act on the rods beyond the bob
+            # the torque on joint j acts on everything below it
+            action += np.cumsum(along[::-1])[::-1] / self._config.max_torque
+        return np.clip(action, -1.0, 1.0).astype(np.float32)
 
     # -- the player ------------------------------------------------------------------------------
 
     def handle(self, event: Any) -> None:
-        """Do what an event of pygame asks for; others do nothing."""
+        """Answer to an event of pygame."""
         pg = pygame_module()
         if event.type == pg.QUIT:
             self.over = True
         elif event.type in (pg.KEYDOWN, pg.KEYUP):
             self._key(event.key, down=event.type == pg.KEYDOWN)
         elif event.type == pg.MOUSEBUTTONDOWN and event.pos[0] < _SIZE:
-            self._hand = self._place(event.pos)
-            self._held = int(np.argmin(np.hypot(*(self.positions - self._hand).T)))
+            self._mouse = self._place(event.pos)
+            self._held_bob = int(np.argmin(np.hypot(*(self.positions - self._mouse).T)))
         elif event.type == pg.MOUSEBUTTONUP:
-            self._held = None
+            self._held_bob = None
         elif event.type == pg.MOUSEMOTION:
-            self._hand = self._place(event.pos)
+            self._mouse = self._place(event.pos)
 
     def _place(self, pixel: tuple[int, int]) -> FloatArray:
-        """Return where a pixel lies [m]."""
+        """Return the place of a pixel [m]."""
         return self._painter.place(pixel) * self._config.chain.total_length
 
     def _key(self, key: int, *, down: bool) -> None:
         pg = pygame_module()
-        turns = {pg.K_LEFT: -1.0, pg.K_RIGHT: 1.0}
-        if key in turns:
-            self._turn = turns[key] if down else 0.0
+        torques = {pg.K_LEFT: -1.0, pg.K_RIGHT: 1.0}
+        if key in torques:
+            self._key_action = torques[key] if down else 0.0
         elif not down:
             return
         elif key in (pg.K_q, pg.K_ESCAPE):
@@ -162,10 +163,10 @@ class Game:
 
     def _change(self, key: int) -> None:
         pg = pygame_module()
-        more = {pg.K_UP: 1, pg.K_DOWN: -1}.get(key, 0)
-        wider = {pg.K_PAGEUP: _STEP, pg.K_PAGEDOWN: -_STEP}.get(key, 0.0)
-        n = min(max(self.n + more, 1), MAX_N)
-        amplitude = min(max(self.amplitude + wider, _SMALLEST), math.pi - _SMALLEST)
+        n_change = {pg.K_UP: 1, pg.K_DOWN: -1}.get(key, 0)
+        angle_change = {pg.K_PAGEUP: _ANGLE, pg.K_PAGEDOWN: -_ANGLE}.get(key, 0.0)
+        n = min(max(self.n + n_change, 1), MAX_N)
+        amplitude = min(max(self.amplitude + angle_change, _ANGLE), math.pi - _ANGLE)
         if (n, amplitude) != (self.n, self.amplitude):
             self.n, self.amplitude = n, amplitude
             self.release()
@@ -173,7 +174,7 @@ class Game:
     # -- the picture -----------------------------------------------------------------------------
 
     def picture(self) -> Frame:
-        """Return what is to be seen now, of shape (560, 880, 3)."""
+        """Return the picture of this moment, shape (560, 880, 3)."""
         done = self.periods[self.periods > 0.0]
         chain = self._painter.paint(
             Scene(
@@ -186,13 +187,13 @@ class Game:
                 torque=float(self._action()[0]),
                 caption=f"n = {self.n}" + (", paused" if self.paused else ""),
                 trace=np.reshape(self._trace, (-1, 2)),
-                marks=np.reshape(list(self._turned.values()), (-1, 2)),
+                marks=np.reshape(list(self._marks.values()), (-1, 2)),
             )
         )
         return np.hstack([chain, self._panel()])
 
     def _panel(self) -> Frame:
-        """Return the pseudo-periods of all bobs as a diagram, and the keys."""
+        """Return the diagram of the pseudo-periods of all bobs, and the help text."""
         pg = pygame_module()
         pg.font.init()
         font = pg.font.Font(None, 21)

@@ -43,7 +43,7 @@ def test_left_alone_the_chain_completes_the_pseudo_periods_of_a_release():
     np.testing.assert_allclose(game.periods, expected, atol=1e-4)
 
 
-def test_space_pauses_and_goes_on(pg):
+def test_space_pauses_and_continues(pg):
     game = Game(2)
     run(game, 0.2)
     key(pg, game, "SPACE")
@@ -132,7 +132,7 @@ def test_keys_change_number_and_amplitude_within_their_limits(pg):
     assert game.amplitude < np.pi
 
 
-def test_r_releases_anew(pg):
+def test_r_releases_the_chain_again(pg):
     game = Game(2)
     first = game.info["theta"]
     run(game, 1.0)
