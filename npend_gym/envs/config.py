@@ -62,29 +62,9 @@ class EnvConfig:
 
     Parameters
     ----------
-    n : int
-        Number of rods.
-    mode : {"swingup", "passive", "balance", "calm"}, str or Mode
-        The task. A task of your own is an instance of a class derived from `Mode`, or the class
-        by name, "package.module:Class", which can be written to JSON.
-    masses, lengths, damping, drag, quadratic_drag : float or array_like, shape (n,)
-        As in `npend_gym.Chain` [kg, m, N m s/rad, N s/m, N s^2/m^2].
-    gravity : float
-        [m/s^2].
-    actuated : sequence of int
-        Joints with an actuator, in the order of the action; joint 0 is the pivot.
-    max_torque : float, optional
-        Torque of the action 1 [N m]. By default the mode's `torque_share` of the torque that
-        holds the whole chain horizontal.
-    dt : float, optional
-        Time of a step [s]; by default the mode's.
-    substeps : int, optional
-        Runge-Kutta steps in a step, always this many. By default as many as the fastest normal
-        mode needs to turn by at most 1/16 rad in each, and more while a rod would turn by more
-        than 1/20 rad. ``info["energy_error"]`` shows how well the energy is kept.
-    observation : {"angles", "sincos"}
-    amplitude, spread : float
-        Of a release: all rods start at `amplitude` plus one draw from [0, spread) [rad].
+    **keywords
+        Those of `NPendulumEnv`, all optional. As attributes they have the values that are used:
+        `mode` is an instance, and `dt` and `max_torque` are numbers.
 
     Attributes
     ----------

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import TypedDict  # that of Python 3.10 cannot be generic
 
 from npend_gym._checks import FloatArray
+
+BoolArray = NDArray[np.bool_]
 
 _Real = TypeVar("_Real")
 _Count = TypeVar("_Count")
@@ -47,3 +51,36 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     """Whether the state has left all bounds; the last finite state is kept then."""
     success: _Truth
     """Whether the goal of the mode has held without interruption for the mode's `hold` seconds."""
+
+
+BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
+
+
+def with_masks(info: BatchInfo, present: BoolArray) -> dict[str, Any]:
+    """Return the info of a vector environment with a mask ``_key`` for every key.
+
+    The masks are `present` (B,); those of the pseudo-periods only where a bob has completed.
+    """
+    measured = present & (info["bobs_completed"] > 0)
+    return {
+        **info,
+        **dict.fromkeys([f"_{key}" for key in info], present),
+        "_pseudo_period": measured,
+        "_pseudo_periods": measured.copy(),
+    }
+
+
+def final_info(observation: NDArray[Any], info: BatchInfo, done: BoolArray) -> dict[str, Any]:
+    """Return the keys that tell the last observation and info of episodes that are over."""
+    last = np.full(done.size, None, dtype=object)
+    for lane in np.flatnonzero(done).tolist():
+        last[lane] = observation[lane].copy()
+    return {
+        "final_obs": last,
+        "_final_obs": done.copy(),
+        "final_info": {
+            key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
+            for key, value in with_masks(info, done).items()
+        },
+        "_final_info": done.copy(),
+    }

@@ -12,7 +12,10 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym.envs.batch import BoolArray
+from npend_gym.envs.info import BoolArray
+
+MAX_LANES = 10_000_000
+MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
 
 
 class Progress(Enum):
@@ -37,6 +40,14 @@ class ResetNeeded(gym.error.ResetNeeded, RuntimeError):  # noqa: N818 - a name o
     """Raised by `step` and `render` where `reset` must be called first."""
 
 
+def lanes_are_done(done: BoolArray) -> ResetNeeded:
+    """Return the error of a step with autoreset disabled in which lanes are done."""
+    return ResetNeeded(
+        f"autoreset is disabled and lanes {_checks.show(np.flatnonzero(done).tolist())} are done: "
+        'reset them with reset(options={"reset_mask": done})'
+    )
+
+
 def checked_autoreset_mode(value: Any) -> AutoresetMode:
     """Return the autoreset mode of that name or value."""
     if isinstance(value, AutoresetMode):
@@ -50,19 +61,19 @@ def checked_autoreset_mode(value: Any) -> AutoresetMode:
     return names[value]
 
 
-def lane_seeds(seed: Any, count: int) -> list[int | None]:
-    """Return the seed of every lane: seed + k, or seed[k]; None leaves a generator alone."""
-    if seed is None:
-        return [None] * count
-    if not isinstance(seed, (list, tuple, np.ndarray)):
-        first = _checks.count("seed", seed, low=0)
-        return [first + lane for lane in range(count)]
-    listed: list[Any] = list(seed)  # pyright: ignore[reportUnknownArgumentType]
-    if len(listed) != count:
+def checked_num_envs(value: Any, n: int) -> int:
+    """Return the number of environments of n rods each."""
+    count = _checks.count("num_envs", value, high=MAX_LANES)
+    if count * n > MAX_RODS_IN_ALL:
         raise ValueError(
-            f"seed must have an entry for each of the {count} lanes, got {len(listed)}"
+            f"num_envs times n must be at most {MAX_RODS_IN_ALL}, got {count} times {n}"
         )
-    return [None if s is None else _checks.count("seed", s, low=0) for s in listed]
+    return count
+
+
+def checked_episode_steps(value: Any) -> int | None:
+    """Return the number of steps after which an episode is truncated; None for never."""
+    return None if value is None else _checks.count("max_episode_steps", value, high=2**63 - 1)
 
 
 def reset_mask(mask: Any, count: int) -> BoolArray:

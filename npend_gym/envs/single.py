@@ -26,38 +26,38 @@ _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 class NPendulumEnv(gym.Env[ObsArray, Any]):
     r"""The N-pendulum: n point masses on massless rods, hung from a pivot.
 
-    What `gym.make("NPendulum-v0")` wraps. The vector form is `NPendulumVectorEnv`.
+    This is what `gym.make("NPendulum-v0")` returns inside its wrappers; `NPendulumVectorEnv` steps
+    many of them at once.
 
     Description
     -----------
-    A planar chain moves under gravity, joint damping, drag of the air and torques at the actuated
-    joints (by default the base). The state is exact up to the integrator: the equations of motion
-    are solved through the rod tensions (`npend_gym.physics.kernels.dynamics`), which equals the
-    paper's system A(theta) theta'' = b, by Runge-Kutta steps of order 4, `substeps` a step. All
-    results are the same bits on every machine.
+    A planar chain moves under gravity, damping in its joints, drag of the air, and torques at the
+    actuated joints (by default at the pivot). The equations of motion are exact:
+    `npend_gym.physics.accelerations` solves them through the tensions of the rods. Each step takes
+    several Runge-Kutta steps of order 4. Every machine computes the same bits.
 
     Action
     ------
-    ``Box(-1, 1, (len(actuated),), float32)``: torque at each actuated joint over `max_torque`,
-    positive counter-clockwise on the rod below the joint; beyond the box it is clipped. In mode
-    "passive" ``Discrete(1)``: 0 is to wait.
+    ``Box(-1, 1, (len(actuated),), float32)``: the torque at each actuated joint divided by
+    `max_torque`. A positive torque turns the rod below the joint counter-clockwise. Values outside
+    the box are clipped. Mode "passive" has ``Discrete(1)``: the only action, 0, is to wait.
 
-    ==================== ============================================ =================
-    mode                 task                                         default max_torque
-    ==================== ============================================ =================
-    "passive"            free release, the paper's experiment         none
-    "swingup" (default)  from hanging to upright and slow             0.5 of the static
-    "balance"            stay upright; fails when the tip falls       0.5 of the static
-    "calm"               bring the released chain to rest             0.2 of the static
-    ==================== ============================================ =================
+    ==================== ============================================ ================== ======
+    mode                 task                                         default max_torque dt [s]
+    ==================== ============================================ ================== ======
+    "passive"            free release, the paper's experiment         no motor           0.01
+    "swingup" (default)  from hanging to upright and slow             0.5 of the static  0.05
+    "balance"            stay upright; fails when the tip falls       0.5 of the static  0.02
+    "calm"               bring the released chain to rest             0.2 of the static  0.05
+    ==================== ============================================ ================== ======
 
     The static torque g sum_i l_i sum_{k>=i} m_k holds the whole chain horizontal. Half of it
-    cannot lift the chain in one go: it must be swung. `dt` is 0.01 s in mode "passive", so that
-    the paper's 10 s are 1000 steps, 0.02 s in "balance", where the fall is quick, 0.05 s else.
+    cannot lift the chain directly: the chain must be swung up.
 
     Observation
     -----------
-    float32, in rad and rad/s, angles from the downward vertical, counter-clockwise positive:
+    float32, in rad and rad/s. Angles are measured from the downward vertical, positive
+    counter-clockwise:
 
     ============= ========= ========================================== ================
     observation   shape     entries                                    bounds
@@ -68,65 +68,57 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     Reward
     ------
-    Between 0 and 1 a step; 0 in mode "passive". With `height` of the centre of mass (0 hanging,
-    1 upright), `tip` height over length, `kinetic` and `energy` above rest in units of the energy
-    that lifts the chain upright, `left` the energy over that at the start, `effort` the mean
-    square of the clipped actions, and calmness = 1 / (1 + 4 kinetic):
+    Between 0 and 1 in each step; 0 in mode "passive". The names are those of `Quantities`, and
+    calmness = 1 / (1 + 4 kinetic_energy):
 
-    - swingup: height^2 (1 + calmness) / 2 (1 - effort / 10)
-    - balance: max(tip, 0) (1 + calmness) / 2 (1 - effort / 10)
-    - calm: (1 / (1 + left) + 1 / (1 + 100 left)) / 2 (1 - effort / 10)
+    - swingup: height^2 (1 + calmness) / 2 (1 - mean_squared_action / 10)
+    - balance: max(tip, 0) (1 + calmness) / 2 (1 - mean_squared_action / 10)
+    - calm: (1 / (1 + e) + 1 / (1 + 100 e)) / 2 (1 - mean_squared_action / 10), e = energy_fraction
 
     Starting state
     --------------
-    passive, calm: at rest, all rods at `amplitude` plus one draw from [0, spread) common to all.
-    swingup, balance: each angle and angular velocity drawn within 0.05 (0.02) of hanging
-    (standing) at rest. ``reset(options={...})`` takes, for this episode: "theta", "omega" (n,),
-    "amplitude", "masses", "lengths", "damping", "drag", "quadratic_drag" (n,), "gravity"; one
-    number stands for all rods.
+    passive, calm: at rest, all rods at `amplitude` plus one draw from [0, spread) that all share.
+    swingup, balance: each angle and angular velocity is drawn within 0.05 (0.02) of hanging
+    (standing) at rest. ``reset(options={...})`` chooses a start or another chain for one episode.
 
     Episode end
     -----------
-    Terminates in mode "balance" when the tip falls below half the chain's length. Truncated after
-    1000 steps (`gym.make`'s TimeLimit), and where the state leaves all bounds (\|theta\| > 1e5
-    or \|omega\| > 1e6, or no number): then ``info["diverged"]`` is True and the last sound state
-    is kept.
+    Mode "balance" terminates when the tip falls below half the chain's length. Episodes are
+    truncated after 1000 steps (by `gym.make`), and when the state leaves all bounds
+    (\|theta\| > 1e5, \|omega\| > 1e6, or NaN): ``info["diverged"]`` is then True and the last
+    finite state is kept.
 
     Info
     ----
-    The same keys from the reset on. ``time`` [s]; ``energy`` above hanging at rest [J];
-    ``energy_error``: energy less that at the start less the work of torque, damping and drag, over
-    the larger of the two energies; ``bobs_completed``, ``pseudo_periods`` (n,) [s] (0.0 where not
-    yet) and their mean ``pseudo_period``, in the reading "bob" of `npend_gym.pseudo_periods`;
-    ``ideal_period``, the paper's T0 [s]; ``tip_height`` over the pivot [m]; ``theta`` (n,),
-    unwrapped, and ``omega`` (n,); ``diverged``; ``success``, whether the task is done as of now,
-    on the last step that of the episode:
+    The keys of `Info`, the same from the reset on. ``info["success"]`` is True while
 
-    - swingup: for the last 5 s, `height` > 0.95 and `kinetic` < 0.01
+    - swingup: height > 0.95 and kinetic_energy < 0.01 have held for 5 s
     - balance: the tip has not fallen below half the chain's length
-    - calm: `left` < 0.01
-    - passive: never; there is no task
+    - calm: energy_fraction < 0.01
+    - passive: never, because there is no task
 
     Parameters
     ----------
     n : int
         Number of rods.
-    mode : {"swingup", "passive", "balance", "calm"} or npend_gym.envs.modes.Mode
-        The task; an instance of a class of your own derived from Mode will do.
+    mode : {"swingup", "passive", "balance", "calm"}, str or Mode
+        The task. A task of your own is an instance of a class derived from `Mode`, or the name of
+        that class, "package.module:Class"; only a name can be written to JSON with the spec.
     masses, lengths, damping, drag, quadratic_drag : float or array_like, shape (n,)
         As in `npend_gym.Chain` [kg, m, N m s/rad, N s/m, N s^2/m^2].
     gravity : float
         [m/s^2].
     actuated : sequence of int
-        Joints with an actuator, in the order of the action; joint 0 is the base.
+        Joints with a motor, in the order of the action; joint 0 is the pivot.
     max_torque : float, optional
-        [N m]; by default as in the table above, of the chain as made (options change nothing).
+        Torque of the action 1 [N m]; by default as in the table above, for the chain as made
+        (the options of `reset` do not change it).
     dt : float, optional
-        Time of a step [s].
+        Time of a step [s]; by default as in the table above.
     substeps : int, optional
-        Runge-Kutta steps a step, that many always; by default so many that in each the fastest
-        normal mode turns by at most 1/16 rad, and more where a rod would turn by more than 1/20
-        rad. ``info["energy_error"]`` tells how well the energy is kept.
+        Runge-Kutta steps in a step, always this many. By default there are enough for the fastest
+        normal mode to turn by at most 1/16 rad in each, and more while a rod would turn by more
+        than 1/20 rad. ``info["energy_error"]`` shows how well the energy is kept.
     observation : {"angles", "sincos"}
     amplitude, spread : float
         Of the release [rad].
@@ -135,7 +127,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     Raises
     ------
     TypeError, ValueError
-        If a keyword breaks its rule.
+        If a keyword is unknown or breaks its rule.
 
     Version history
     ---------------
@@ -171,15 +163,20 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Parameters
         ----------
         seed : int, optional
-            Seed of the generator; without, it goes on.
+            Seed of the random generator; without one, the generator continues.
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), "masses", "lengths", "damping",
             "drag", "quadratic_drag", each (n,) or one number; "amplitude", "gravity", numbers.
 
+        Returns
+        -------
+        observation : ndarray, float32, shape (2n,) or (3n,)
+        info : Info
+
         Raises
         ------
         ValueError, TypeError
-            If an option is unknown or breaks its rule; nothing has changed then.
+            If an option is unknown or breaks its rule; the environment is then unchanged.
         """
         broken = self._progress is _UNFINISHED
         batch = Batch(self.config, 1) if broken else self._batch
