@@ -16,6 +16,7 @@ from tqdm import tqdm
 from training import env_of_task, evaluation_env
 
 from npend_gym.rl import (
+    HELD_OUT,
     Controller,
     Evaluation,
     Policy,
@@ -26,7 +27,6 @@ from npend_gym.rl import (
     planned_swing_up,
     pretrained_names,
 )
-from npend_gym.rl.evaluation import HELD_OUT
 
 CONTROLLERS = ("LQR", "damping", "energy", "plan")
 # arguments of planned_swing_up by the number of rods

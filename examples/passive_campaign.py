@@ -8,9 +8,8 @@ import sys
 
 from tqdm import tqdm
 
-from npend_gym.experiments.campaign import Campaign, CampaignPlan
-from npend_gym.experiments.campaign.analysis import analyse
-from npend_gym.report.campaign_report import analysis_text, write_analysis
+from npend_gym.experiments import Campaign, CampaignPlan, analyse
+from npend_gym.report import analysis_text, write_analysis
 
 folder = sys.argv[1] if len(sys.argv) > 1 else "campaign"
 trials = int(sys.argv[2]) if len(sys.argv) > 2 else 100

@@ -23,9 +23,8 @@ import train_imitation
 from evaluate import PLANS, controller_of
 from training import env_of_task, keep
 
-from npend_gym.report.outputs import write_csv
-from npend_gym.rl import Controller, Policy, evaluate
-from npend_gym.rl.policies import PRETRAINED
+from npend_gym.report import write_csv
+from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate
 
 DOCS = Path(__file__).parents[1] / "docs"
 TRAINERS = {"PPO": train_cleanrl, "ES": train_es, "imitation": train_imitation}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym._provenance import provenance
-from npend_gym.report.outputs import write_csv
+from npend_gym.report import write_csv
 from npend_gym.rl import Policy
 
 Curve = list[dict[str, Any]]  # the learning curve, a row for every few updates

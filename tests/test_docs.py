@@ -40,7 +40,7 @@ def test_every_picture_is_drawn_by_a_command_that_some_page_names():
         assert re.search(rf"images/{name}\.", pages), f"no page shows {name}"
 
 
-@pytest.mark.parametrize("face", ["physics", "envs", "rl"])
+@pytest.mark.parametrize("face", ["physics", "envs", "rl", "experiments", "paper"])
 def test_the_reference_has_every_public_name(face):
     pages = (ROOT / "docs" / "reference").glob("*.md")
     reference = "".join(page.read_text(encoding="utf-8") for page in pages)

@@ -16,7 +16,10 @@ from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.compiled import notice
 from npend_gym.compiled.jit import cache_folder
 
-FACES = ("npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl")
+FACES = (
+    "npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl", "npend_gym.experiments",
+    "npend_gym.report", "npend_gym.paper",
+)  # fmt: skip
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
 

@@ -10,12 +10,12 @@ from scipy.linalg import eigh
 from scipy.special import ellipk, jn_zeros
 
 from npend_gym import Chain, chaos, simulate, theory
-from npend_gym.paper.audit import groups, outcome
 from npend_gym.paper.checks import frequencies, integrators, kane, linear, listings
 from npend_gym.paper.checks import pendulum as one
 from npend_gym.paper.checks import series as amplitude
 from npend_gym.paper.checks.chaos import growth
 from npend_gym.paper.checks.equations import accelerations, lagrange_accelerations
+from npend_gym.paper.findings import groups, outcome
 from npend_gym.paper.motions import EXACT, compare, lagrangian, samples, slope
 from npend_gym.paper.registry import Verdict
 

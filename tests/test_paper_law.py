@@ -11,7 +11,7 @@ from npend_gym.experiments.law import (
     rope_ratios,
     scan,
 )
-from npend_gym.paper.audit import finding
+from npend_gym.paper.findings import finding
 from npend_gym.paper.registry import Verdict
 
 COUNTS, ANGLES = (2, 10, 20, 50), (0.01, 0.3, np.pi / 4, 1.0, 1.2)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from npend_gym import theory
-from npend_gym.paper.audit import finding
 from npend_gym.paper.checks import periods, procedure
 from npend_gym.paper.checks.procedure import figure2, series
+from npend_gym.paper.findings import finding
 from npend_gym.paper.registry import Verdict
 
 

@@ -11,8 +11,8 @@ import pytest
 from npend_gym import paper
 from npend_gym.cli import main
 from npend_gym.paper import Finding, Verdict, audit, report, selected
-from npend_gym.paper.audit import by_section, groups
 from npend_gym.paper.claims import claims, render
+from npend_gym.paper.findings import by_section, groups
 from npend_gym.paper.registry import checks
 
 QUICK = ("pendulum", "equations", "derivation", "linear", "frequencies", "series", "listings")

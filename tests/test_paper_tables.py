@@ -3,8 +3,8 @@ import pytest
 from scipy.special import ellipk
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.paper.audit import outcome
 from npend_gym.paper.checks import tables
+from npend_gym.paper.findings import outcome
 from npend_gym.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.paper.readings import (
     AMPLITUDES,

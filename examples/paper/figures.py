@@ -7,8 +7,7 @@ draws all of them, in some three minutes.
 import sys
 from pathlib import Path
 
-from npend_gym.paper.registry import drawings
-from npend_gym.paper.report import draw
+from npend_gym.paper import draw, drawings
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "figures")
 folder.mkdir(parents=True, exist_ok=True)

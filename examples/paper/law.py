@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 from npend_gym import Chain, theory
-from npend_gym.experiments.law import (
+from npend_gym.experiments import (
     LAW_UP_TO,
     N_VALUES,
     count_exponent,

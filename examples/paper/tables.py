@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from npend_gym.paper.readings import AS_WRITTEN, grid
+from npend_gym.paper import AS_WRITTEN, grid
 
 columns = tuple(int(n) for n in sys.argv[1:]) or (5, 10, 20)
 

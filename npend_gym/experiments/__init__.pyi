@@ -8,8 +8,11 @@ from npend_gym.experiments.campaign.plan import CampaignPlan as CampaignPlan
 from npend_gym.experiments.draws import starts as starts
 from npend_gym.experiments.fits import Estimate as Estimate
 from npend_gym.experiments.fits import power_law as power_law
+from npend_gym.experiments.law import LAW_UP_TO as LAW_UP_TO
+from npend_gym.experiments.law import N_VALUES as N_VALUES
 from npend_gym.experiments.law import Law as Law
 from npend_gym.experiments.law import Scan as Scan
+from npend_gym.experiments.law import count_exponent as count_exponent
 from npend_gym.experiments.law import fit_law as fit_law
 from npend_gym.experiments.law import linear_ratios as linear_ratios
 from npend_gym.experiments.law import rope_ratios as rope_ratios

@@ -4,7 +4,6 @@
 `checks` have one check per claim, beside its figures and tables. `audit` puts both together.
 """
 
-from npend_gym.paper.audit import KANE_N, Finding, audit, selected
-from npend_gym.paper.registry import Verdict
+from npend_gym._faces import attach_stub
 
-__all__ = ["KANE_N", "Finding", "Verdict", "audit", "selected"]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym import _files
-from npend_gym.paper.audit import KANE_N, Finding, by_section, groups, selected
 from npend_gym.paper.claims import claims
+from npend_gym.paper.findings import KANE_N, Finding, by_section, groups, selected
 from npend_gym.paper.registry import Verdict, call, drawings, tables
 from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
 

@@ -28,8 +28,10 @@ class Trajectory:
     chain : Chain
     times : ndarray, shape (T,)
         Instants [s].
-    theta, omega : ndarray, shape (T, n)
-        Angles [rad], unwrapped, and angular velocities [rad/s].
+    theta : ndarray, shape (T, n)
+        Angles [rad], unwrapped.
+    omega : ndarray, shape (T, n)
+        Angular velocities [rad/s].
     provenance : dict
         What made it: versions, method, tolerances, torque, motion of the pivot.
     pivot : Pivot

@@ -60,7 +60,7 @@ class CampaignPlan:
         Releases of each cell, a cell being one combination.
     seed : int
         Seed of the draws. A trial's draw depends on `seed` plus its number alone, as in
-        `npend_gym.experiments.release`: not on the cell, the batch, the workers or the order.
+        `npend_gym.experiments.starts`: not on the cell, the batch, the workers or the order.
     duration : float, optional
         Window [s]; by default long enough for every bob.
     batch : int, optional

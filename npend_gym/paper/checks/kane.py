@@ -12,7 +12,7 @@ from npend_gym import Chain
 from npend_gym._checks import FloatArray
 from npend_gym._palette import BLACK, BLUE, ORANGE
 from npend_gym.experiments.fits import power_law
-from npend_gym.paper.audit import KANE_N
+from npend_gym.paper.findings import KANE_N
 from npend_gym.paper.motions import largest_error
 from npend_gym.paper.registry import Outcome, Verdict, check, figure, holds_if, table
 from npend_gym.physics import accelerations

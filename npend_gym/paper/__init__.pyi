@@ -1,0 +1,12 @@
+from npend_gym.paper.claims import Claim as Claim
+from npend_gym.paper.findings import KANE_N as KANE_N
+from npend_gym.paper.findings import Finding as Finding
+from npend_gym.paper.findings import audit as audit
+from npend_gym.paper.findings import selected as selected
+from npend_gym.paper.readings import AS_WRITTEN as AS_WRITTEN
+from npend_gym.paper.readings import Grid as Grid
+from npend_gym.paper.readings import Reading as Reading
+from npend_gym.paper.readings import grid as grid
+from npend_gym.paper.registry import Verdict as Verdict
+from npend_gym.paper.registry import drawings as drawings
+from npend_gym.paper.report import draw as draw

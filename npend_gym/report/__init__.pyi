@@ -1,0 +1,3 @@
+from npend_gym.report.campaign_report import analysis_text as analysis_text
+from npend_gym.report.campaign_report import write_analysis as write_analysis
+from npend_gym.report.outputs import write_csv as write_csv
