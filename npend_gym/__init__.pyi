@@ -1,4 +1,6 @@
+from npend_gym import chaos as chaos
 from npend_gym import envs as envs
+from npend_gym import experiments as experiments
 from npend_gym import physics as physics
 from npend_gym import rl as rl
 from npend_gym import theory as theory
