@@ -27,7 +27,7 @@ import numpy as np
 import psutil
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.experiments.campaign import CampaignPlan
+from npend_gym.experiments import CampaignPlan
 from npend_gym.experiments.campaign.task import measure_task, run_task
 from npend_gym.report.outputs import write_csv
 

@@ -1,4 +1,4 @@
-"""The same bits as where the package was made: short computations and the digests of their results.
+"""Short computations and the digests that their results must have, the same on every machine.
 
 A digest that differs means that this machine, or its versions of Numba and NumPy, computes
 something else; the name of the check says where to look.
@@ -62,7 +62,7 @@ GOLDEN: dict[str, str] = {
 
 
 class Outcome(NamedTuple):
-    """A check, and the SHA-256 of the bytes that it should have given and gave."""
+    """A check with the expected and the computed SHA-256 of its results."""
 
     name: str
     golden: str
@@ -70,7 +70,7 @@ class Outcome(NamedTuple):
 
     @property
     def same(self) -> bool:
-        """Whether not a byte differs."""
+        """Whether no byte differs."""
         return self.golden == self.found
 
 

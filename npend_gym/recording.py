@@ -14,7 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.experiments.release import ReleaseExperiment, Run
+from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.physics import Trajectory, simulate
 
 INSTANT_READINGS = ("bob", "link", "height")  # those that an instant of the motion completes

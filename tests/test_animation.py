@@ -10,7 +10,7 @@ from PIL import Image
 
 from npend_gym import __version__
 from npend_gym.cli import main
-from npend_gym.experiments.release import ReleaseExperiment, measure
+from npend_gym.experiments import ReleaseExperiment, measure
 from npend_gym.recording import record_release
 from npend_gym.report.animation import Film, write
 

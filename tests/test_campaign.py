@@ -15,7 +15,8 @@ import pytest
 
 from npend_gym import Chain, pseudo_periods
 from npend_gym.cli import main
-from npend_gym.experiments.campaign import BusyError, Campaign, CampaignPlan, DiskError, engine
+from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
+from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.parts import (
     BOBS,
     RELEASES,
@@ -99,7 +100,7 @@ def test_a_plan_survives_its_own_record():
 )
 def test_bad_plans_are_refused_by_name(values, error, message):
     with pytest.raises(error, match=message):
-        CampaignPlan.of(values)
+        CampaignPlan.from_dict(values)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +116,7 @@ def test_bad_plans_are_refused_by_name(values, error, message):
 )
 def test_a_plan_can_be_a_file(name, text, tmp_path):
     (tmp_path / name).write_text(text)
-    assert CampaignPlan.of(read_plan_file(tmp_path / name)) == SMALL
+    assert CampaignPlan.from_dict(read_plan_file(tmp_path / name)) == SMALL
 
 
 @pytest.mark.parametrize(
@@ -301,7 +302,7 @@ def test_a_failing_task_is_recorded_and_the_rest_goes_on(undisturbed, tmp_path, 
 def test_a_disk_that_takes_no_more_stops_the_campaign_and_loses_nothing(undisturbed, tmp_path):
     code = f"""
 import resource, sys
-from npend_gym.experiments.campaign import Campaign, DiskError, CampaignPlan
+from npend_gym.experiments import Campaign, CampaignPlan, DiskError
 resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500))  # a file of this many bytes is too large
 try:
     with Campaign(CampaignPlan(**{SMALL.as_dict()!r}), sys.argv[1]) as campaign:

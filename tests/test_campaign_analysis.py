@@ -9,8 +9,7 @@ import pytest
 from scripts import run_script
 
 from npend_gym.cli import main
-from npend_gym.experiments.campaign import Campaign, CampaignPlan
-from npend_gym.experiments.campaign.analysis import analyse
+from npend_gym.experiments import Campaign, CampaignPlan, analyse
 from npend_gym.report import campaign_report as report
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "passive_campaign.py"

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from npend_gym.experiments.campaign import Campaign, CampaignPlan
+from npend_gym.experiments import Campaign, CampaignPlan
 from npend_gym.experiments.campaign.parts import TABLES, table_digest
 
 PLAN = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=100, batch=16)

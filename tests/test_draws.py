@@ -6,10 +6,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from npend_gym.experiments.campaign.plan import CampaignPlan
+from npend_gym.experiments import CampaignPlan, ReleaseExperiment, starts
 from npend_gym.experiments.campaign.task import measure_task
-from npend_gym.experiments.draws import starts
-from npend_gym.experiments.release import ReleaseExperiment
 
 
 @given(st.integers(0, 2**63 - 1), st.integers(0, 10**12))

@@ -11,7 +11,7 @@ import pytest
 
 from npend_gym import __version__, theory
 from npend_gym.cli import main
-from npend_gym.experiments.release import ReleaseExperiment, run_release
+from npend_gym.experiments import ReleaseExperiment, run_release
 from npend_gym.recording import record_first_trials, record_release
 from npend_gym.report import release_page as report
 from npend_gym.report import release_tables as results

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.experiments.release import ReleaseExperiment, Run, measure
+from npend_gym.experiments import ReleaseExperiment, Run, measure
 from npend_gym.recording import record_episode, record_release
 
 

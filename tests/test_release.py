@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, __version__, pseudo_periods, theory
-from npend_gym.experiments.release import ReleaseExperiment, bob_rows, run_release, summary_rows
+from npend_gym.experiments import ReleaseExperiment, bob_rows, run_release, summary_rows
 from npend_gym.report import release_tables as report
 
 SMALL = ReleaseExperiment(n_values=(2, 5), trials=2, seed=7)

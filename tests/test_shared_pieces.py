@@ -11,7 +11,7 @@ from npend_gym import Chain, theory
 from npend_gym._extras import require
 from npend_gym._palette import ORANGE, rgb
 from npend_gym._provenance import provenance
-from npend_gym.experiments.fits import power_law
+from npend_gym.experiments import power_law
 
 
 def test_an_installed_library_is_returned():

@@ -1,4 +1,4 @@
-"""`npend analyse`: what the releases of a campaign came to."""
+"""`npend analyse`: fits and statistics of a campaign's results."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from npend_gym.cli.common import OK, can_draw, show_written, warn
 
 ABOUT = """\
 The period against N and the amplitude is fitted with confidence intervals, see docs/campaigns.md.
-Works on what is done, while a campaign runs or after it.
+It uses the tasks that are finished, while a campaign runs or after it.
 """
 EXAMPLES = """\
 examples:
@@ -22,13 +22,13 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend analyse`."""
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="a campaign's folder")
-    text = "where to write (FOLDER/analysis)"
+    text = "where to write (default FOLDER/analysis)"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
 
 def run(options: dict[str, Any]) -> int:
     """Analyse, print and write; return the exit code."""
-    from npend_gym.experiments.campaign.analysis import analyse
+    from npend_gym.experiments import analyse
     from npend_gym.report.campaign_report import analysis_text, write_analysis
 
     result = analyse(options["folder"])

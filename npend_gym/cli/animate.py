@@ -35,15 +35,15 @@ _FPS = 25.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend animate`."""
-    parser.add_argument("--n", type=int, help="number of pendulums (5)")
+    parser.add_argument("--n", type=int, help="number of pendulums (default 5)")
     add_release_options(parser, leave_out=("n_values", "trials"))
-    text = "film this policy instead: one of the package's by its name, or a file (.npz)"
+    text = "film an episode of this policy: the name of one in the package, or a file (.npz)"
     parser.add_argument("--policy", metavar="NAME|FILE", help=text)
-    text = "pictures a second (25; with a policy one for each step, at most 25)"
+    text = "pictures a second (default 25; with a policy one for each step, at most 25)"
     parser.add_argument("--fps", type=float, metavar="HZ", help=text)
-    text = "seconds of the motion in a second of the film (1)"
+    text = "seconds of the motion in a second of the film (default 1)"
     parser.add_argument("--speed", type=float, metavar="FACTOR", help=text)
-    text = "height in pixels; the width is twice that (480)"
+    text = "height in pixels; the width is twice that (default 480)"
     parser.add_argument("--size", type=int, metavar="PIXELS", help=text)
     text = "file to write, .gif or .mp4"
     parser.add_argument("--out", type=Path, metavar="FILE", required=True, help=text)
@@ -73,7 +73,7 @@ def run(options: dict[str, Any]) -> int:
 
 def _release(interval: float, n: int = 5, **options: Any) -> Recording:
     """Measure one release and record it every `interval` [s]."""
-    from npend_gym.experiments.release import ReleaseExperiment, measure
+    from npend_gym.experiments import ReleaseExperiment, measure
     from npend_gym.recording import record_release
 
     experiment = ReleaseExperiment(n_values=[n], trials=1, **options)

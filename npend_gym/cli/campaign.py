@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from npend_gym.cli.common import FAILED, INTERRUPTED, OK, integers, printable, warn
 
 if TYPE_CHECKING:
-    from npend_gym.experiments.campaign import Campaign, CampaignPlan
+    from npend_gym.experiments import Campaign, CampaignPlan
 
 ABOUT = """\
 Chains with every combination of the given values are released, `trials` times each. The results are
@@ -49,40 +49,45 @@ _PER_ROD = _listed(_per_rod, "numbers, or of numbers for each rod joined by colo
 
 # Option, type, placeholder, help; the option is the plan's name
 _OPTIONS = (
-    ("n", integers, "N,...", "numbers of pendulums (5,10,20,100)"),
-    ("masses", _PER_ROD, "KG[:KG...],...", "masses of the bobs, of all or one per rod (1)"),
-    ("lengths", _PER_ROD, "M[:M...],...", "lengths of the rods, of all or one per rod (1)"),
-    ("gravity", _NUMBERS, "M/S2,...", "accelerations of gravity (9.81)"),
-    ("damping", _NUMBERS, "NMS,...", "viscous dampings of every joint (0)"),
-    ("reading", _listed(str, "readings"), "NAME,...", "what completes a pseudo-period (bob)"),
-    ("amplitude", _NUMBERS, "RAD,...", "starting angles of all rods (pi/4)"),
-    ("spread", _NUMBERS, "RAD,...", "a trial adds one draw from [0, RAD) to all rods (0.017)"),
-    ("trials", int, "COUNT", "releases of each combination (3)"),
-    ("seed", int, "SEED", "seed of the draws (0)"),
-    ("duration", float, "S", "window (until all bobs have completed)"),
-    ("batch", int, "COUNT", "releases in a task (about a second of work)"),
+    ("n", integers, "N,...", "numbers of pendulums (default 5,10,20,100)"),
+    ("masses", _PER_ROD, "KG[:KG...],...", "masses: one for all bobs, or one for each (default 1)"),
+    ("lengths", _PER_ROD, "M[:M...],...", "lengths: one for all rods, or one for each (default 1)"),
+    ("gravity", _NUMBERS, "M/S2,...", "accelerations of gravity (default 9.81)"),
+    ("damping", _NUMBERS, "NMS,...", "viscous dampings of every joint (default 0)"),
+    (
+        "reading",
+        _listed(str, "readings"),
+        "NAME,...",
+        "when a pseudo-period ends (default bob)",
+    ),
+    ("amplitude", _NUMBERS, "RAD,...", "starting angles of all rods (default pi/4)"),
+    ("spread", _NUMBERS, "RAD,...", "a trial adds one random angle from [0, RAD) (default 0.017)"),
+    ("trials", int, "COUNT", "releases of each combination (default 3)"),
+    ("seed", int, "SEED", "seed of the random angles (default 0)"),
+    ("duration", float, "S", "longest time of a trial (default: until all bobs have completed)"),
+    ("batch", int, "COUNT", "releases in a task (default: about a second of work)"),
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend campaign`."""
-    text = "a TOML, YAML or JSON file with any of the values below, by name; options go before it"
+    text = "a TOML, YAML or JSON file with any of these values; an option replaces the file's value"
     parser.add_argument("plan", type=Path, nargs="?", default=None, metavar="FILE", help=text)
-    text = "folder of the results; a cluster's machines must share it"
+    text = "folder of the results; the machines of a cluster must share it"
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=text)
     for name, kind, placeholder, text in _OPTIONS:
         parser.add_argument(f"--{name}", type=kind, metavar=placeholder, help=text)
-    text = "loky, local processes; threading, local threads; ray or dask, a cluster (loky)"
+    text = "loky: local processes; threading: local threads; ray, dask: a cluster (default loky)"
     parser.add_argument("--backend", metavar="NAME", help=text)
-    text = "of a running Ray or Dask cluster (one is started on this machine)"
+    text = "address of a running Ray or Dask cluster (default: one is started on this machine)"
     parser.add_argument("--address", help=text)
-    text = "workers (one for each core)"
+    text = "number of workers (default: one for each core)"
     parser.add_argument("--workers", type=int, metavar="COUNT", help=text)
 
 
 def run(options: dict[str, Any]) -> int:
-    """Carry out the campaign, or what is left of it; return the exit code."""
-    from npend_gym.experiments.campaign import Campaign
+    """Run the tasks of the campaign that are not done; return the exit code."""
+    from npend_gym.experiments import Campaign
     from npend_gym.experiments.campaign.engine import check_workers
 
     workers = options.get("backend", "loky"), options.get("workers"), options.get("address")
@@ -93,13 +98,13 @@ def run(options: dict[str, Any]) -> int:
 
 def _plan(options: dict[str, Any]) -> CampaignPlan | None:
     """Return the plan of the file and the options; None where there are neither."""
-    from npend_gym.experiments.campaign import CampaignPlan
+    from npend_gym.experiments import CampaignPlan
     from npend_gym.experiments.campaign.plan_file import read_plan_file
 
     path: Path | None = options["plan"]
     values = {} if path is None else read_plan_file(path)
     values |= {name: options[name] for name, *_ in _OPTIONS if name in options}
-    return CampaignPlan.of(values) if values or path is not None else None
+    return CampaignPlan.from_dict(values) if values or path is not None else None
 
 
 def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int:

@@ -47,25 +47,27 @@ def integers(text: str) -> list[int]:
 
 _numbers.__name__, integers.__name__ = "number or list", "list of integers"  # for error messages
 
-# Option, field of Release that it sets, type, placeholder, help
+# Option, field of ReleaseExperiment that it sets, type, placeholder, help
 _RELEASE_OPTIONS = (
-    ("--n", "n_values", integers, "N,N,...", "numbers of pendulums (5,10,20,100)"),
-    ("--trials", "trials", int, "COUNT", "trials for each N (3)"),
-    ("--amplitude", "amplitude", float, "RAD", "starting angle of all rods (pi/4)"),
-    ("--spread", "spread", float, "RAD", "a trial adds one draw from [0, RAD) to all rods (0.017)"),
-    ("--seed", "seed", int, "SEED", "seed of the draws (0)"),
-    ("--duration", "duration", float, "S", "window, the paper's is 10 (until all have completed)"),
-    ("--masses", "masses", _numbers, "KG[,KG...]", "mass of the bobs, one or per rod (1)"),
-    ("--lengths", "lengths", _numbers, "M[,M...]", "length of the rods, one or per rod (1)"),
-    ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (9.81)"),
-    ("--damping", "damping", float, "NMS", "viscous damping of every joint (0)"),
+    ("--n", "n_values", integers, "N,N,...", "numbers of pendulums (default 5,10,20,100)"),
+    ("--trials", "trials", int, "COUNT", "trials for each N (default 3)"),
+    ("--amplitude", "amplitude", float, "RAD", "starting angle of all rods (default pi/4)"),
+    ("--spread", "spread", float, "RAD",
+     "each trial adds one random angle from [0, RAD) to all rods (default 0.017)"),
+    ("--seed", "seed", int, "SEED", "seed of the random angles (default 0)"),
+    ("--duration", "duration", float, "S",
+     "longest time of a trial; the paper's is 10 (default: until all bobs have completed)"),
+    ("--masses", "masses", _numbers, "KG[,KG...]", "mass of all bobs, or of each (default 1)"),
+    ("--lengths", "lengths", _numbers, "M[,M...]", "length of all rods, or of each (default 1)"),
+    ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (default 9.81)"),
+    ("--damping", "damping", float, "NMS", "viscous damping of every joint (default 0)"),
     ("--reading", "reading", str, "NAME",
-     "what completes a pseudo-period: bob, link, height or listing (bob)"),
+     "what completes a pseudo-period: bob, link, height or listing (default bob)"),
 )  # fmt: skip
 
 
 def add_release_options(parser: argparse.ArgumentParser, *, leave_out: Sequence[str] = ()) -> None:
-    """Add an option for every field of `Release`, except those to `leave_out`."""
+    """Add an option for every field of `ReleaseExperiment`, except those in `leave_out`."""
     for option, field, kind, placeholder, text in _RELEASE_OPTIONS:
         if field not in leave_out:
             parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)

@@ -6,16 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import (
-    OK,
-    add_release_options,
-    prepare_file,
-    printable,
-    progress,
-)
+from npend_gym.cli.common import OK, add_release_options, prepare_file, printable, progress
 
 if TYPE_CHECKING:
-    from npend_gym.experiments.release import ReleaseExperiment, Run
+    from npend_gym.experiments import ReleaseExperiment, Run
 
 ABOUT = """\
 One HTML file with the motion of the chains, the pseudo-period of every bob as it completes, and
@@ -32,7 +26,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend page`."""
     add_release_options(parser)
-    text = "results of `npend release --out FOLDER`, in place of a release of its own"
+    text = "show the results of `npend release --out FOLDER` instead of measuring"
     parser.add_argument("--from", dest="folder", type=Path, metavar="FOLDER", help=text)
     text = "file to write, .html"
     parser.add_argument("--out", type=Path, metavar="FILE", required=True, help=text)
@@ -53,7 +47,7 @@ def run(options: dict[str, Any]) -> int:
 
 
 def _measured(options: dict[str, Any]) -> tuple[ReleaseExperiment, list[Run]]:
-    from npend_gym.experiments.release import ReleaseExperiment, run_release
+    from npend_gym.experiments import ReleaseExperiment, run_release
     from npend_gym.report import release_tables as report
 
     if "folder" not in options:

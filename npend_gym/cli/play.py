@@ -24,10 +24,10 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend play`."""
-    parser.add_argument("--n", type=int, help="number of pendulums (5)")
-    text = "starting angle of all rods (pi/4)"
+    parser.add_argument("--n", type=int, help="number of pendulums (default 5)")
+    text = "starting angle of all rods (default pi/4)"
     parser.add_argument("--amplitude", type=float, metavar="RAD", help=text)
-    text = "seed of what is added to that, up to 0.017 rad (0)"
+    text = "seed of the random angle that is added, up to 0.017 rad (default 0)"
     parser.add_argument("--seed", type=int, help=text)
 
 

@@ -17,7 +17,7 @@ from npend_gym.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from npend_gym.experiments.release import Run
+    from npend_gym.experiments import Run
 
 ABOUT = """\
 The paper's experiment: chains of N equal pendulums are released from rest, the pseudo-period of
@@ -36,15 +36,15 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend release`."""
     add_release_options(parser)
-    text = "print the summary, and the release, as JSON"
+    text = "print the summary and its provenance as JSON"
     parser.add_argument("--json", action="store_true", help=text)
-    text = "write periods.csv, summary.csv, manifest.json and figures there"
+    text = "write tables (CSV), release.json, manifest.json and figures there"
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
 
 def run(options: dict[str, Any]) -> int:
-    """Carry out the experiment; return the exit code."""
-    from npend_gym.experiments.release import ReleaseExperiment, measure
+    """Run the experiment; return the exit code."""
+    from npend_gym.experiments import ReleaseExperiment, measure
     from npend_gym.report import outputs
     from npend_gym.report import release_tables as report
 

@@ -1,4 +1,4 @@
-"""`npend verify`: whether this machine computes the same bits as the one of the makers."""
+"""`npend verify`: whether this machine computes the same bits as the committed digests."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 from npend_gym.cli.common import FAILED, OK, warn
 
 ABOUT = """\
-Short runs of everything that is compiled, and the SHA-256 of their results beside those committed
-with the package. Exit code 1 if a byte differs anywhere.
+Runs everything that is compiled for a short time, and compares the SHA-256 of the results with the
+digests in the package. Exit code 1 if one byte differs.
 """
 EXAMPLES = """\
 examples:
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: dict[str, Any]) -> int:
-    """Compare, and print each check as it comes; return the exit code."""
+    """Compare, and print each check when it is done; return the exit code."""
     from npend_gym._machine import machine
     from npend_gym.digests import Outcome, outcomes
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
 from npend_gym._palette import BLACK, BLUE, ORANGE
-from npend_gym.experiments.campaign.analysis import AmplitudeLaw, CellGroup
+from npend_gym.experiments import AmplitudeLaw, CellGroup
 from npend_gym.experiments.campaign.statistics import EDGES, FAR, Statistics
 from npend_gym.report.style import panels, shade, styled
 

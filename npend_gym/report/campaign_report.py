@@ -12,8 +12,7 @@ import numpy as np
 
 from npend_gym import _files
 from npend_gym._version import __version__
-from npend_gym.experiments.campaign import Campaign
-from npend_gym.experiments.campaign.analysis import Analysis, CellGroup
+from npend_gym.experiments import Analysis, Campaign, CellGroup
 from npend_gym.experiments.campaign.folder import CELLS, JOURNAL, PLAN
 from npend_gym.experiments.campaign.journal import read_journal
 from npend_gym.experiments.campaign.parts import finite_or_none

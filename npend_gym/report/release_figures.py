@@ -10,7 +10,7 @@ import numpy as np
 from npend_gym import _extras, theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
-from npend_gym.experiments.release import ReleaseExperiment, Run
+from npend_gym.experiments import ReleaseExperiment, Run
 
 try:
     from matplotlib.figure import Figure

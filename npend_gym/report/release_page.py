@@ -17,7 +17,7 @@ import numpy as np
 from npend_gym import _files, theory
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
-from npend_gym.experiments.release import ReleaseExperiment, Run, summary_rows
+from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
 from npend_gym.recording import Recording
 from npend_gym.report.release_tables import LEGEND
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from npend_gym.experiments.release import ReleaseExperiment, Run, bob_rows, summary_rows
+from npend_gym.experiments import ReleaseExperiment, Run, bob_rows, summary_rows
 from npend_gym.report.outputs import (
     json_text,
     prepare_folder,

@@ -101,7 +101,7 @@ def read_plan(out: Path) -> CampaignPlan | None:
     try:
         state: Any = json.loads(text)
         version, digest, values = state["version"], state["digest"], state["plan"]
-        plan = CampaignPlan.of(values) if version == __version__ else None
+        plan = CampaignPlan.from_dict(values) if version == __version__ else None
         if plan is not None and plan.digest != digest:
             raise ValueError("its digest does not match")
     except (ValueError, TypeError, KeyError) as error:

@@ -1,4 +1,4 @@
-"""What a campaign releases: cells of a sweep, their trials, and the tasks that share them out."""
+"""What a campaign releases: the cells of a sweep, their trials, and how tasks divide them."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from npend_gym.experiments.release import (
 
 PerRod: TypeAlias = float | Sequence[float]
 
-# A cell takes one value of each, the last varying fastest: what makes the chain comes first, so
-# that neighbouring cells are measured side by side.
+# A cell has one value of each, and the last name varies fastest. The names that make the chain come
+# first, so that neighbouring cells have equal chains and are measured side by side.
 SWEPT = ("n", "masses", "lengths", "gravity", "damping", "reading", "amplitude", "spread")
 _CHECKED_TOGETHER = (("n", "masses", "lengths"), ("amplitude", "spread"))
 MAX_CELLS = 1_000_000
@@ -64,12 +64,12 @@ class CampaignPlan:
     duration : float, optional
         Window [s]; by default long enough for every bob.
     batch : int, optional
-        Releases in a task; by default so many that it takes about a second on one core.
+        Releases in a task; by default as many as take about a second on one core.
 
     Raises
     ------
     TypeError, ValueError
-        If a value breaks its rule, alone or with the others, or is named twice.
+        If a value breaks its rule, alone or together with others, or is named twice.
     """
 
     n: int | Sequence[int] = PAPER_N
@@ -104,9 +104,9 @@ class CampaignPlan:
         return getattr(self, name)
 
     def _release(self, cell: Mapping[str, Any]) -> ReleaseExperiment:
-        given = {name: cell[name] for name in SWEPT if name != "n"}
+        values = {name: cell[name] for name in SWEPT if name != "n"}
         return ReleaseExperiment(
-            n_values=(cell["n"],), seed=self.seed, duration=self.duration, **given
+            n_values=(cell["n"],), seed=self.seed, duration=self.duration, **values
         )
 
     @cached_property
@@ -156,13 +156,13 @@ class CampaignPlan:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the plan and of the package's version: what the results depend on."""
+        """Digest of all that the results depend on: the plan and the package's version."""
         text = json.dumps([__version__, self.as_dict()], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> CampaignPlan:
-        """Return the plan with the values `given`, as read from a file.
+    def from_dict(cls, values: Mapping[str, Any]) -> CampaignPlan:
+        """Return the plan with `values`, such as those read from a file.
 
         Raises
         ------
@@ -170,12 +170,12 @@ class CampaignPlan:
             If a name is unknown or a value breaks its rule.
         """
         known = [field.name for field in fields(cls)]
-        for name in given:
+        for name in values:
             if name not in known:
                 raise ValueError(
                     f"a plan has the names {', '.join(known)}; got {_checks.show(name)}"
                 )
-        return cls(**given)
+        return cls(**values)
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class Task:
 
     @property
     def id(self) -> str:
-        """Name of the task, the same whenever the plan is."""
+        """Name of the task; equal plans have equal names."""
         return f"n{self.n}-{self.number:07d}"
 
     @property
@@ -206,11 +206,11 @@ class Task:
         return self.last - self.first
 
 
-def _values(name: str, given: Any) -> tuple[Any, ...]:
-    """Return the values of a swept name, checked one by one, numbers as int and float."""
-    if isinstance(given, np.ndarray):
-        given = given.tolist()
-    values: tuple[Any, ...] = tuple(given) if isinstance(given, (list, tuple, range)) else (given,)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+def _values(name: str, value: Any) -> tuple[Any, ...]:
+    """Return the values of a swept name as a tuple, each of them checked."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    values: tuple[Any, ...] = tuple(value) if isinstance(value, (list, tuple, range)) else (value,)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
     if not values:
         raise ValueError(f"{name} must name at least one value, got none")
     if name == "n":

@@ -16,8 +16,8 @@ from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 FAR = 6.0  # standard deviations, beyond which a release is an outlier
 EDGES = np.linspace(-8.0, 8.0, 65)  # of the histogram of residuals, in standard deviations
-_ENOUGH = 20  # releases of a cell, below which none of them can be called an outlier
-_NOISE = 1e-8  # of the period: what the integration's tolerance may leave
+_ENOUGH = 20  # releases that a cell must have, so that one of them can be called an outlier
+_NOISE = 1e-8  # of the period: error that the integration's tolerance allows
 _LISTED = 100
 _COLUMNS = ("start_rad", "mean_s", "median_s", "tip_s")
 
@@ -26,8 +26,8 @@ _COLUMNS = ("start_rad", "mean_s", "median_s", "tip_s")
 class Outlier:
     """A release whose median over the bobs is far from those of its cell.
 
-    `expected_s` is the parabola in the starting angle through the cell's releases at its start,
-    `deviations` how many standard deviations of theirs it is away.
+    `expected_s` is the value, at its starting angle, of the parabola fitted to the cell's releases;
+    `deviations` is the distance from it in standard deviations of these releases.
     """
 
     cell: int
@@ -40,7 +40,7 @@ class Outlier:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """What the releases of each cell came to; all arrays have an entry for each of the C cells.
+    """Statistics of the releases of each cell; arrays of shape (C,) have an entry for each cell.
 
     Attributes
     ----------
@@ -50,15 +50,16 @@ class Statistics:
         Means over the releases of the starting angle [rad], and of the mean and median over the
         bobs and of the last bob [s]; NaN where there are none.
     parabola : ndarray, shape (C, 3)
-        Of the median against the place of the start within the spread, from 0 to 1 [s].
+        Coefficients [s] of 1, u, u^2 of the median, u from 0 to 1 being the place of the starting
+        angle within the spread.
     scatter : ndarray, shape (C,)
         Standard deviation about the parabola [s].
     outliers : list of Outlier
-        The farthest first, a hundred at most.
+        At most a hundred, the farthest first.
     outlier_count : int
-        How many there are.
+        Number of outliers, also of those not listed.
     histogram : ndarray of int
-        Residuals over the scatter, between `EDGES`.
+        Number of residuals, in units of the scatter, between `EDGES`.
     """
 
     releases: NDArray[np.int64]
@@ -85,7 +86,7 @@ class _CellRows:
     place: FloatArray  # of the start within the spread
 
     def median(self) -> tuple[FloatArray, FloatArray]:
-        """Return the powers 1, u, u^2 of the place, shape (R, 3), and the median [s], where any."""
+        """Return 1, u, u^2 of the place, shape (R, 3), and the median [s], where there is one."""
         some = np.isfinite(self.columns["median_s"])
         return np.vander(self.place[some], 3, increasing=True), self.columns["median_s"][some]
 
@@ -95,8 +96,8 @@ def _cell_rows(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Iterator[_Ce
         part = read_part(out / RELEASES / task.part)
         cells = part["cell"].to_numpy()
         columns = {name: _floats(part[name]) for name in _COLUMNS}
-        stats, firsts = np.unique(cells, return_index=True)
-        for cell, first, last in zip(stats, firsts, [*firsts[1:], len(cells)], strict=True):
+        present, firsts = np.unique(cells, return_index=True)
+        for cell, first, last in zip(present, firsts, [*firsts[1:], len(cells)], strict=True):
             span = slice(int(first), int(last))
             values = plan.cell(int(cell))
             own = {name: column[span] for name, column in columns.items()}
