@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and archives of arrays that are read with suspicion."""
+"""Files that appear whole or not at all, and archives of arrays from sources not trusted."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, N
     Raises
     ------
     OSError
-        Naming the path, if it cannot be written, or is there and no regular file.
+        With the path, if it cannot be written, or exists and is not a regular file.
     """
     if path.exists() and not path.is_file():
-        raise FileExistsError(errno.EEXIST, "is there already and no regular file", str(path))
+        raise FileExistsError(errno.EEXIST, "exists and is not a regular file", str(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     opened: IO[Any] = (
         temporary.open("xb") if binary else temporary.open("x", encoding="utf-8", newline="")

@@ -12,6 +12,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from npend_gym import Chain
+from npend_gym.cli import main
 
 # Begun in the background by a shell, this process and so those of the tests would ignore Ctrl-C
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -59,6 +60,21 @@ def chains_in_motion(draw, max_n=12):
 def uneven():
     """A chain of four unequal rods, without damping."""
     return Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3])
+
+
+@pytest.fixture
+def refusal(capsys):
+    """A function that runs a command with bad arguments, and returns its one line of error."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 2
+        error = capsys.readouterr().err
+        assert len(error.strip().splitlines()) == 1
+        return error
+
+    return run
 
 
 @pytest.fixture(scope="session")

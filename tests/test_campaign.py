@@ -31,7 +31,7 @@ from npend_gym.experiments.campaign.task import measure_task
 SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
 
 
-def carried_out(plan, out, **workers):
+def completed(plan, out, **workers):
     with Campaign(plan, out) as campaign:
         records = [record for _, record in campaign.run(**({"count": 1} | workers))]
     return campaign, records
@@ -44,7 +44,7 @@ def digests(plan, out):
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     out = tmp_path_factory.mktemp("undisturbed")
-    carried_out(SMALL, out)
+    completed(SMALL, out)
     return out
 
 
@@ -66,7 +66,7 @@ def test_tasks_take_about_the_same_time_whatever_the_chain():
     assert [plan.batch_of(n) for n in (1, 5, 20, 100, 1000)] == [4096, 2048, 128, 16, 16]
 
 
-def test_a_plan_survives_its_own_record():
+def test_a_plan_equals_the_plan_that_is_made_from_its_dict():
     plan = CampaignPlan(n=range(2, 4), masses=[1, [1, 2.5]][:1], amplitude=np.array([0.1, 0.2]))
     again = CampaignPlan(**json.loads(json.dumps(plan.as_dict())))
     assert again == plan
@@ -176,9 +176,9 @@ def test_tables_are_tidy_and_exact(undisturbed):
     assert releases["tip_s"][110] == periods[-1]
 
 
-def test_bobs_that_do_not_complete_have_no_period_but_count(tmp_path):
+def test_bobs_that_do_not_complete_have_null_as_their_period(tmp_path):
     plan = CampaignPlan(n=[20], trials=3, duration=5.0)
-    carried_out(plan, tmp_path)
+    completed(plan, tmp_path)
     rows = read_table(tmp_path, RELEASES, list(plan.tasks())).to_pydict()
     bobs = read_table(tmp_path, BOBS, list(plan.tasks())).to_pydict()["pseudo_period_s"]
     for k in range(3):
@@ -186,13 +186,13 @@ def test_bobs_that_do_not_complete_have_no_period_but_count(tmp_path):
         assert 0 < rows["completed"][k] == len(done) < 20
         assert rows["median_s"][k] == np.median(done)
     nothing = CampaignPlan(n=[2], gravity=0.0, trials=2)
-    carried_out(nothing, tmp_path / "rest")
+    completed(nothing, tmp_path / "rest")
     rows = read_table(tmp_path / "rest", RELEASES, list(nothing.tasks())).to_pydict()
     assert rows["completed"] == [0, 0]
     assert rows["mean_s"] == rows["median_s"] == rows["tip_s"] == [None, None]
 
 
-def test_the_folder_says_what_made_it_and_reads_as_a_partitioned_data_set(undisturbed):
+def test_the_folder_is_a_partitioned_data_set_with_its_provenance(undisturbed):
     import pyarrow.dataset as ds
     import pyarrow.parquet as pq
 
@@ -212,14 +212,14 @@ def test_the_folder_says_what_made_it_and_reads_as_a_partitioned_data_set(undist
 )
 def test_no_result_depends_on_the_batch_or_the_workers(batch, workers, undisturbed, tmp_path):
     plan = CampaignPlan(**(SMALL.as_dict() | {"batch": batch}))
-    carried_out(plan, tmp_path, **workers)
+    completed(plan, tmp_path, **workers)
     assert digests(plan, tmp_path) == digests(SMALL, undisturbed)
 
 
 # Nothing lost, nothing done twice
 
 
-def test_a_campaign_goes_on_where_it_stopped(undisturbed, tmp_path):
+def test_a_campaign_continues_where_it_stopped(undisturbed, tmp_path):
     with Campaign(SMALL, tmp_path) as campaign:
         running = campaign.run(count=1)
         before = [next(running)[0].id for _ in range(5)]
@@ -234,8 +234,8 @@ def test_a_campaign_goes_on_where_it_stopped(undisturbed, tmp_path):
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
 
-def test_damage_is_found_told_and_repaired(undisturbed, tmp_path):
-    carried_out(SMALL, tmp_path)
+def test_damage_is_found_reported_and_repaired(undisturbed, tmp_path):
+    completed(SMALL, tmp_path)
     truncated, flipped, gone, unrecorded = [task.part for task in SMALL.tasks()][:4]
     data = (tmp_path / BOBS / truncated).read_bytes()
     (tmp_path / BOBS / truncated).write_bytes(data[:-20])
@@ -258,7 +258,7 @@ def test_damage_is_found_told_and_repaired(undisturbed, tmp_path):
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_one_driver_at_a_time(tmp_path):
+def test_a_second_driver_on_a_folder_is_refused(tmp_path):
     with Campaign(SMALL, tmp_path), pytest.raises(BusyError, match="another driver is at work"):
         Campaign(None, tmp_path).__enter__()
     with Campaign(SMALL, tmp_path) as campaign:  # released
@@ -266,7 +266,7 @@ def test_one_driver_at_a_time(tmp_path):
 
 
 def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
-    carried_out(CampaignPlan(n=[2], trials=1), tmp_path)
+    completed(CampaignPlan(n=[2], trials=1), tmp_path)
     with pytest.raises(ValueError, match=r"another plan, with n = \[2\] where \[2, 3\] was given"):
         Campaign(SMALL, tmp_path)
     with pytest.raises(ValueError, match="there is no campaign"):
@@ -281,14 +281,14 @@ def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
         Campaign(None, tmp_path)
 
 
-def test_a_failing_task_is_recorded_and_the_rest_goes_on(undisturbed, tmp_path, monkeypatch):
+def test_a_failing_task_is_recorded_and_the_others_continue(undisturbed, tmp_path, monkeypatch):
     def sometimes(chain, theta, **options):
         if chain.n == 3 and len(theta) == 16:
             raise ArithmeticError("no <b>step</b>")
         return pseudo_periods(chain, theta, **options)
 
     monkeypatch.setattr("npend_gym.experiments.campaign.task.pseudo_periods", sometimes)
-    _, records = carried_out(SMALL, tmp_path)
+    _, records = completed(SMALL, tmp_path)
     failed = [record for record in records if not record.done]
     assert failed
     assert {record.error for record in failed} == {"ArithmeticError: no <b>step</b>"}
@@ -299,7 +299,7 @@ def test_a_failing_task_is_recorded_and_the_rest_goes_on(undisturbed, tmp_path, 
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
 
-def test_a_disk_that_takes_no_more_stops_the_campaign_and_loses_nothing(undisturbed, tmp_path):
+def test_a_full_disk_stops_the_campaign_and_loses_nothing(undisturbed, tmp_path):
     code = f"""
 import resource, sys
 from npend_gym.experiments import Campaign, CampaignPlan, DiskError
@@ -333,7 +333,7 @@ def test_a_full_disk_in_the_journal_stops_the_campaign(tmp_path, monkeypatch):
             next(running)
 
 
-def test_a_task_that_kills_its_workers_is_given_up_and_the_rest_is_done(monkeypatch):
+def test_a_task_that_kills_its_workers_is_given_up_and_the_others_are_done(monkeypatch):
     monkeypatch.setattr(engine, "_MAX_ATTEMPTS", 2)  # each costs new workers
     with engine.workers("loky", 2):
         done = dict(engine.run(deadly.the_sixth, range(12)))
@@ -342,7 +342,7 @@ def test_a_task_that_kills_its_workers_is_given_up_and_the_rest_is_done(monkeypa
 
 
 @pytest.mark.parametrize("times", [2, pytest.param(5, marks=pytest.mark.long)])
-def test_workers_that_die_whatever_they_do_end_the_run(times, monkeypatch):
+def test_workers_that_always_die_end_the_run(times, monkeypatch):
     assert engine._MAX_NO_PROGRESS == 5
     monkeypatch.setattr(engine, "_MAX_NO_PROGRESS", times)
     with (
@@ -368,9 +368,9 @@ def test_bad_workers_are_refused(arguments, message):
 # Paths
 
 
-def test_folders_with_any_name_are_used(tmp_path):
+def test_folders_may_have_any_name(tmp_path):
     real = tmp_path / "räume und zeichen ✓ #%'\""
-    carried_out(CampaignPlan(n=[2], trials=2), real)
+    completed(CampaignPlan(n=[2], trials=2), real)
     link = tmp_path / "link"
     link.symlink_to(real, target_is_directory=True)
     with Campaign(None, link / ".." / "link") as campaign:
@@ -421,13 +421,8 @@ def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys):
         ("analyse OUT", "there is no campaign"),
     ],
 )
-def test_bad_arguments_exit_with_2_and_one_line(arguments, message, tmp_path, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(arguments.replace("OUT", str(tmp_path)).split())
-    assert caught.value.code == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert len(error.strip().splitlines()) == 1
+def test_bad_arguments_exit_with_2_and_one_line(arguments, message, tmp_path, refusal):
+    assert message in refusal(*arguments.replace("OUT", str(tmp_path)).split())
 
 
 def command(out, *arguments):
@@ -464,7 +459,7 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
 
 
 @pytest.mark.parametrize("records", [[40], pytest.param([0, 40, 120], marks=pytest.mark.long)])
-def test_a_campaign_whose_driver_and_workers_are_killed_comes_to_the_same_bytes(
+def test_a_campaign_whose_driver_and_workers_are_killed_ends_with_the_same_bytes(
     records, undisturbed, tmp_path, capsys
 ):
     plan = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "50", "--seed", "4", "--batch", "1"]

@@ -23,7 +23,7 @@ def planted(chain, theta, **_options):
     return np.repeat(periods, chain.n, axis=1)
 
 
-def carried_out(plan, out, monkeypatch, measure):
+def completed(plan, out, monkeypatch, measure):
     monkeypatch.setattr("npend_gym.experiments.campaign.task.pseudo_periods", measure)
     monkeypatch.setattr("npend_gym.theory.fundamental_period", lambda chain: np.sqrt(chain.n + 0.5))
     with Campaign(plan, out) as campaign:
@@ -33,7 +33,7 @@ def carried_out(plan, out, monkeypatch, measure):
 
 def test_a_planted_law_is_found_with_all_its_numbers(tmp_path, monkeypatch):
     plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, spread=0.0, trials=1)
-    (group,) = carried_out(plan, tmp_path, monkeypatch, planted).groups
+    (group,) = completed(plan, tmp_path, monkeypatch, planted).groups
     assert [law.counts for law in group.laws] == [(10, 20, 40), (10,), (20,), (40,)]
     for law in group.laws:
         found = [law.c.value, law.b.value, law.d.value]
@@ -44,13 +44,13 @@ def test_a_planted_law_is_found_with_all_its_numbers(tmp_path, monkeypatch):
         assert exponent.power.value == pytest.approx(0.5, abs=1e-12)
 
 
-def test_intervals_hold_the_planted_numbers_where_the_data_scatter(tmp_path, monkeypatch):
+def test_intervals_hold_the_planted_numbers_of_scattered_data(tmp_path, monkeypatch):
     def noisy(chain, theta, **options):
         rng = np.random.default_rng([chain.n, int(1e9 * theta[0, 0])])
         return planted(chain, theta, **options) * (1.0 + 1e-3 * rng.normal())
 
     plan = CampaignPlan(n=[10, 15, 20, 30, 40], amplitude=AMPLITUDES, spread=0.0, trials=1, batch=1)
-    (group,) = carried_out(plan, tmp_path, monkeypatch, noisy).groups
+    (group,) = completed(plan, tmp_path, monkeypatch, noisy).groups
     law = group.laws[0]
     for estimate, truth in ((law.c, 0.95), (law.b, 0.2), (law.d, 1.0)):
         assert estimate.error > 0.0
@@ -66,7 +66,7 @@ def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
         return periods
 
     plan = CampaignPlan(n=3, amplitude=[0.1, 0.3], trials=1000, batch=1000)
-    stats = carried_out(plan, tmp_path, monkeypatch, jumping).statistics
+    stats = completed(plan, tmp_path, monkeypatch, jumping).statistics
     assert stats.outlier_count == 1
     (outlier,) = stats.outliers
     assert (outlier.cell, outlier.trial) == (1, 124)
@@ -100,7 +100,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
         return planted(chain, theta, **options)
 
     out = tmp_path / "<b>&amp;'\"ä"
-    result = carried_out(CampaignPlan(n=[2, 3], trials=2), out, monkeypatch, failing)
+    result = completed(CampaignPlan(n=[2, 3], trials=2), out, monkeypatch, failing)
     page = report.page(result, report.tables(result), [])
     assert "<script" not in page
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
@@ -110,7 +110,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
 
 def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, capsys):
     plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, trials=30)
-    carried_out(plan, tmp_path, monkeypatch, planted)
+    completed(plan, tmp_path, monkeypatch, planted)
     assert main(["analyse", str(tmp_path)]) == 0
     assert "c = 0.9500" in capsys.readouterr().out
     names = {path.name for path in (tmp_path / "analysis").iterdir()}
@@ -126,13 +126,13 @@ def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, cap
     assert len(re.findall("data:image/png;base64,iVBOR", page)) == 3
 
 
-def test_a_single_cell_has_no_law_and_says_so(tmp_path, monkeypatch):
-    result = carried_out(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+def test_for_a_single_cell_no_law_is_fitted_and_the_report_says_so(tmp_path, monkeypatch):
+    result = completed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
     assert result.groups[0].laws == result.groups[0].powers == ()
     assert "No law is fitted" in report.page(result, report.tables(result), [])
 
 
-def test_nothing_done_is_nothing_to_analyse(tmp_path):
+def test_a_campaign_without_finished_tasks_is_not_analysed(tmp_path):
     with (
         Campaign(CampaignPlan(n=[2]), tmp_path),
         pytest.raises(ValueError, match="nothing is done yet"),
@@ -140,7 +140,7 @@ def test_nothing_done_is_nothing_to_analyse(tmp_path):
         analyse(tmp_path)
 
 
-def test_the_example_carries_out_and_analyses_a_campaign(tmp_path, monkeypatch):
+def test_the_example_runs_and_analyses_a_campaign(tmp_path, monkeypatch):
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")  # no worker processes
     shown = run_script(EXAMPLE, tmp_path / "out", 2, cwd=tmp_path)
     assert "48 of 48 releases" in shown

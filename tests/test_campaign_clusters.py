@@ -25,7 +25,7 @@ def expected(tmp_path_factory):
 
 
 @pytest.mark.parametrize("backend", MODULES)
-def test_a_cluster_of_two_workers_comes_to_the_same_bytes(backend, expected, tmp_path):
+def test_a_cluster_of_two_workers_writes_the_same_bytes(backend, expected, tmp_path):
     pytest.importorskip(MODULES[backend])
     arguments = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "100", "--batch", "16"]
     done = subprocess.run(
@@ -63,7 +63,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("backend", MODULES)
-def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(backend, tmp_path):
+def test_a_killed_worker_of_a_cluster_costs_only_time(backend, tmp_path):
     pytest.importorskip(MODULES[backend])
     script = tmp_path / "killer.py"
     script.write_text(_KILLER.replace("sys.argv[2] if len(sys.argv) > 2 else OUT", "OUT"))
@@ -75,7 +75,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(backend, tmp_path):
     assert "all done" in done.stdout, done.stderr
 
 
-def test_a_missing_library_is_told_with_how_to_install_it(tmp_path):
+def test_a_missing_library_is_named_with_the_command_that_installs_it(tmp_path):
     from importlib.util import find_spec
 
     missing = [name for name, module in MODULES.items() if find_spec(module) is None]

@@ -63,7 +63,7 @@ def test_the_diagram_of_the_law_has_every_measured_value(path, runs):
         assert value == theory.fundamental_period(PLAN.chain(n))
 
 
-def test_nothing_in_the_page_points_outside(path):
+def test_the_page_refers_to_nothing_outside(path):
     text = path.read_text("utf-8")
     outside = set(re.findall(r"https?://[^\"' ]+", text))
     assert outside == {"http://www.w3.org/2000/svg"}  # a name, not an address
@@ -112,14 +112,12 @@ def test_page_from_results_is_the_page_of_the_release(path, runs, tmp_path):
     assert out.read_bytes() == path.read_bytes()
 
 
-def test_changed_results_are_refused(runs, tmp_path, capsys):
+def test_changed_results_are_refused(runs, tmp_path, refusal):
     results.write(PLAN, runs, tmp_path, figures=False)
     table = tmp_path / "periods.csv"
     table.write_text(table.read_text().replace("2.7", "2.8"))
-    with pytest.raises(SystemExit) as caught:
-        main(["page", "--from", str(tmp_path), "--out", str(tmp_path / "a.html")])
-    assert caught.value.code == 2
-    assert "periods.csv has been changed since" in capsys.readouterr().err
+    error = refusal("page", "--from", str(tmp_path), "--out", str(tmp_path / "a.html"))
+    assert "periods.csv has been changed since" in error
 
 
 @pytest.mark.parametrize(
@@ -133,12 +131,9 @@ def test_changed_results_are_refused(runs, tmp_path, capsys):
         ("", "--out"),
     ],
 )
-def test_bad_arguments_of_page_exit_with_2(arguments, message, capsys, tmp_path, monkeypatch):
+def test_bad_arguments_of_page_exit_with_2(arguments, message, refusal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as caught:
-        main(["page", *arguments.split()])
-    assert caught.value.code == 2
-    assert message in capsys.readouterr().err
+    assert message in refusal("page", *arguments.split())
     assert not list(tmp_path.iterdir())
 
 
@@ -207,7 +202,7 @@ def test_the_page_plays_and_pauses_by_the_space_key(page):
     assert time_of(page) == pytest.approx(paused + 0.04, abs=0.011)
 
 
-def test_the_animation_comes_to_its_end_and_begins_again(page, runs):
+def test_the_animation_ends_and_can_be_played_again(page, runs):
     page.select_option("#speed", "4")
     page.click("#play")
     wait_for(page, lambda: page.text_content("#play") == "Play")

@@ -150,13 +150,8 @@ def test_the_command_lists_its_keys(capsys):
         ("--only eom --out /dev/null/x", "out must be a folder"),
     ],
 )
-def test_bad_arguments_exit_with_2_and_one_line(arguments, message, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["paper", *arguments.split()])
-    assert caught.value.code == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert len(error.strip().splitlines()) == 1
+def test_bad_arguments_exit_with_2_and_one_line(arguments, message, refusal):
+    assert message in refusal("paper", *arguments.split())
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.cli import main
 from npend_gym.play import Game, play
 
 
@@ -197,8 +196,5 @@ def test_without_a_display_the_command_says_so():
         ("--seed -1", "seed must be at least 0"),
     ],
 )
-def test_bad_arguments_of_play_exit_with_2(arguments, message, capsys):
-    with pytest.raises(SystemExit) as caught:
-        main(["play", *arguments.split()])
-    assert caught.value.code == 2
-    assert message in capsys.readouterr().err
+def test_bad_arguments_of_play_exit_with_2(arguments, message, refusal):
+    assert message in refusal("play", *arguments.split())

@@ -178,7 +178,7 @@ def test_a_fifo_or_a_folder_is_neither_read_nor_replaced(path, tmp_path):
     for place in (fifo, folder):
         with pytest.raises(ValueError, match="it is no file"):
             Trajectory.load(place)
-        with pytest.raises(OSError, match=f"no regular file.*{place.name}"):
+        with pytest.raises(OSError, match=f"not a regular file.*{place.name}"):
             path.save(place)
     assert fifo.is_fifo()
     assert sorted(tmp_path.iterdir()) == [fifo, folder]

@@ -80,7 +80,7 @@ def test_without_a_completed_bob_the_table_shows_dashes():
     assert "nan" not in text
 
 
-def test_files_hold_what_was_measured_and_the_manifest_what_made_it(runs, tmp_path):
+def test_files_hold_the_measured_values_and_the_manifest_their_provenance(runs, tmp_path):
     written = report.write(SMALL, runs, tmp_path / "a b" / "out", figures=True)
     names = {path.name for path in written}
     assert names == {

@@ -9,8 +9,8 @@ So trial t of every chain starts from the same angle, and seeds that differ by l
 of trials share trials.
 
 Making a generator takes 20 us, a quarter of a release of one rod, and each is used once. NumPy
-keeps both of its algorithms fixed for ever; here they are carried out for many seeds at once, in
-0.2 us a draw: SeedSequence, which hashes a seed into 256 bits, and the first output of PCG64.
+never changes the two algorithms; here they are computed for many seeds at once, in 0.2 us a draw:
+SeedSequence, which hashes a seed into 256 bits, and the first output of PCG64.
 """
 
 from __future__ import annotations

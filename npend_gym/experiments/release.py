@@ -138,7 +138,7 @@ class Run:
 
 
 def measure(experiment: ReleaseExperiment, n: int, trial: int, start: float) -> Run:
-    """Carry out one run of `experiment`, from rest with all rods at `start` [rad]."""
+    """Measure one run of `experiment`, from rest with all rods at `start` [rad]."""
     periods = pseudo_periods(
         experiment.chain(n), start, reading=experiment.reading, duration=experiment.duration
     )
@@ -149,7 +149,7 @@ def run_release(
     experiment: ReleaseExperiment,
     progress: Callable[[Iterable[_Planned]], Iterable[_Planned]] = iter,
 ) -> list[Run]:
-    """Carry out every run of `experiment`; `progress` may wrap the iteration, as tqdm does."""
+    """Measure every run of `experiment`; `progress` may wrap the iteration, for a progress bar."""
     return [measure(experiment, *run) for run in progress(experiment.runs())]
 
 

@@ -58,7 +58,7 @@ class Film:
         self.fps = _checks.positive_number("fps", fps)
         self.speed = _checks.positive_number("speed", speed)
         if _checks.count("size", size, low=120, high=2160) % 2:
-            raise ValueError(f"size must be even, for video has no odd sizes, got {size}")
+            raise ValueError(f"size must be even, because videos have even sizes, got {size}")
         self._painter = Painter(size)
         motion = recording.motion
         interval = self.speed / self.fps
@@ -165,7 +165,7 @@ def _diagrams(recording: Recording, size: int) -> tuple[Frame, Frame, tuple[int,
 def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
     """Write `film` to `path`, .gif or .mp4, whole or not at all; provenance is in its comment.
 
-    `progress` may wrap the iteration over the pictures, as tqdm does.
+    `progress` may wrap the iteration over the pictures, for a progress bar.
 
     Raises
     ------

@@ -100,7 +100,7 @@ def _law_label(law: AmplitudeLaw) -> str:
 
 
 def _spaced(items: Any) -> Any:
-    """Return so many of `items` as one figure can show, spaced evenly, first and last included."""
+    """Return at most nine of `items`, spaced evenly, with the first and the last."""
     places = np.unique(np.linspace(0, len(items) - 1, min(_CURVES, len(items))).astype(int))
     return [items[k] for k in places]
 

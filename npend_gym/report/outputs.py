@@ -49,7 +49,7 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
 
 
 def json_text(arguments: Mapping[str, Any], **tables: Sequence[Mapping[str, Any]]) -> str:
-    """Return `tables` and what made them as JSON, null where there is no number."""
+    """Return `tables` and their provenance as JSON; NaN becomes null."""
     about = {"provenance": provenance(arguments, arguments.get("seed"))}
     plain = {name: [_nulled(row) for row in rows] for name, rows in tables.items()}
     return json.dumps(about | plain, indent=2, allow_nan=False)

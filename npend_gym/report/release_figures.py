@@ -82,7 +82,7 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
         chain = experiment.chain(n)
         bobs = np.arange(1, n + 1)
         for run in (run for run in runs if run.n == n):
-            # one inside the other, for trials can lie on top of each other
+            # smaller and smaller, because trials may lie on top of each other
             shrink = 1.0 - 0.7 * (run.trial - 1) / max(1, experiment.trials - 1)
             color = _TRIALS[(run.trial - 1) % len(_TRIALS)]
             size = _marker_size(n) * shrink

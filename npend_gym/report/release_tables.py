@@ -54,7 +54,7 @@ def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
 
 
 def summary_json(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
-    """Return `summary_rows` and what made them as JSON, null where there is no number."""
+    """Return `summary_rows` and their provenance as JSON; NaN becomes null."""
     return json_text(experiment.as_dict(), summary=summary_rows(experiment, runs))
 
 

@@ -80,7 +80,7 @@ def _record(line: str) -> Record | None:
 
 
 class Journal:
-    """The journal at `path`, begun anew with `records` and open for more."""
+    """The journal at `path`, rewritten with `records` and open for more."""
 
     def __init__(self, path: Path, records: Iterable[Record]) -> None:
         with _files.replacing(path) as file:  # a torn last line would spoil the next
