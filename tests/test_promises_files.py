@@ -82,7 +82,7 @@ def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
             np.testing.assert_array_equal(mine, its)
     file.write_bytes(whole)
     (tmp_path / "a.json").write_text('{"env": ')
-    with pytest.raises(ValueError, match=r"a\.json is no provenance"):
+    with pytest.raises(ValueError, match=r"a\.json does not describe a policy"):
         Policy.load(file)
 
 

@@ -31,8 +31,8 @@ function place(release, bob, time) {
 
 // ---- the chain -------------------------------------------------------------------------------
 
-const RAMP = [[0, 114, 178], [0, 158, 115], [230, 159, 0]];
-const TIP = "#d55e00", TRACE_SECONDS = 3;
+const { ramp: RAMP, tip: TIP } = data.palette;
+const TRACE_SECONDS = 3;
 
 function ramp(share) {
   const at = 2 * share, k = Math.min(Math.floor(at), 1);

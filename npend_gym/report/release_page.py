@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from npend_gym import _files, theory
+from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, SKY, rgb
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
@@ -23,6 +24,11 @@ from npend_gym.report.release_tables import LEGEND
 
 SUFFIXES = (".html",)
 _DECIMALS = 4  # kept of the places, in units of the chain's length
+# Name of a colour in the page: colour on light and on dark paper
+_PALETTE = {
+    "blue": (BLUE, SKY), "orange": (ORANGE, ORANGE), "amber": ("#B87700", AMBER),
+    "green": (GREEN, GREEN),
+}  # fmt: skip
 _COLORS = {"T0": "orange", "T0 + ampl.": "amber", "T1": "green"}
 _STYLES = {"T0 + ampl.": "dashed"}
 _COLUMNS = {
@@ -52,6 +58,7 @@ def page(
         "provenance": provenance(experiment.as_dict(), experiment.seed),
         "releases": [_recorded(experiment, recording) for recording in recordings],
         "law": _law(experiment, runs, rows),
+        "palette": {"ramp": [rgb(color) for color in (BLUE, GREEN, AMBER)], "tip": ORANGE},
     }
     n_values = ", ".join(str(row["n"]) for row in rows)
     start, spread = math.degrees(experiment.amplitude), math.degrees(experiment.spread)
@@ -70,9 +77,14 @@ def page(
         summary=_table(rows),
         # a "<" could end the element
         data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
-        style=(folder / "page.css").read_text("utf-8"),
+        style=_palette_css() + (folder / "page.css").read_text("utf-8"),
         script=(folder / "page.js").read_text("utf-8"),
     )
+
+
+def _palette_css() -> str:
+    colors = (f"--{name}: light-dark({light}, {dark});" for name, (light, dark) in _PALETTE.items())
+    return f":root {{ {' '.join(colors)} }}\n"
 
 
 def command(experiment: ReleaseExperiment) -> str:
