@@ -116,7 +116,7 @@ The best weights, `best.pth`, in 50 episodes of seeds that training has not seen
 {json.dumps(checkpoints.score, indent=2)}
 ```
 
-They were chosen by these same episodes; judge them by others:
+They were chosen by these same episodes, so evaluate them with others:
 `python examples/evaluate.py --run FOLDER --seed 2000000`.
 """
 

@@ -1,4 +1,4 @@
-"""Every example runs, and the README tells the truth."""
+"""Every example runs, and the table of the README is what the command prints."""
 
 import math
 import re

@@ -137,7 +137,7 @@ def mujoco_chain(n: int, dt: float = 0.01) -> tuple[Any, Any]:
     for i in range(n):
         body = body.add_body(pos=[0, 0, -1 if i else 0])
         body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0])
-        # MuJoCo wants some inertia; 1e-9 kg m^2 changes nothing that is seen here
+        # MuJoCo needs some inertia; 1e-9 kg m^2 has no visible effect
         body.mass, body.ipos, body.inertia = 1.0, [0, 0, -1], [1e-9] * 3
         body.explicitinertial = True
     model = spec.compile()
