@@ -1,15 +1,25 @@
 import sys
+from functools import cache
 
 import numpy as np
 import oracle
 import pytest
 
 from npend_gym import Chain
-from npend_gym.physics import accelerations
+from npend_gym.physics import accelerations, kane
 from npend_gym.physics.kane import derive, kane_accelerations
 
 
+@pytest.fixture(scope="module")
+def derive_once():
+    """`derive`, for these tests and for `kane_accelerations`, that keeps what it derived."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kane, "derive", cache(derive))
+        yield kane.derive
+
+
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6])
+@pytest.mark.usefixtures("derive_once")
 def test_kanes_method_gives_the_same_accelerations_for_unequal_rods(n):
     rng = np.random.default_rng(n)
     by_kane = kane_accelerations(n)
@@ -31,11 +41,11 @@ def test_one_number_stands_for_all_rods():
     np.testing.assert_allclose(kane_accelerations(2)(0.1, 0.0, 2.0, 0.5, 3.0), expected)
 
 
-def test_the_equations_grow_as_a_cube_of_n():
+def test_the_equations_grow_as_a_cube_of_n(derive_once):
     import sympy
 
     def size(n):
-        system = derive(n)
+        system = derive_once(n)
         return int(sympy.count_ops(system.mass_matrix) + sympy.count_ops(system.forcing))
 
     assert np.diff([size(n) for n in range(2, 8)], 4).tolist() == [0, 0]
