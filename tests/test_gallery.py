@@ -28,6 +28,7 @@ def pictures(notebook):
     )
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries below the kernel
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_the_gallery_prints_what_it_shows(tmp_path):

@@ -41,14 +41,15 @@ def test_one_number_stands_for_all_rods():
     np.testing.assert_allclose(kane_accelerations(2)(0.1, 0.0, 2.0, 0.5, 3.0), expected)
 
 
-def test_the_equations_grow_as_a_cube_of_n(derive_once):
+@pytest.mark.parametrize("largest", [6, pytest.param(7, marks=pytest.mark.long)])
+def test_the_equations_grow_as_a_cube_of_n(largest, derive_once):
     import sympy
 
     def size(n):
         system = derive_once(n)
         return int(sympy.count_ops(system.mass_matrix) + sympy.count_ops(system.forcing))
 
-    assert np.diff([size(n) for n in range(2, 8)], 4).tolist() == [0, 0]
+    assert not np.diff([size(n) for n in range(2, largest + 1)], 4).any()
 
 
 @pytest.mark.parametrize(

@@ -127,6 +127,7 @@ def test_runge_kutta_has_its_orders():
     np.testing.assert_allclose(remainders[:-1] / remainders[1:], 8.0, rtol=0.05)
 
 
+@pytest.mark.long
 def test_kanes_equations_grow_as_a_cube():
     costs = kane.kane_costs(5)
     operations = np.array([cost.operations for cost in costs[1:]], float)

@@ -1,20 +1,17 @@
 """SB3VecEnv against Stable-Baselines3's own vector environments."""
 
+from importlib.util import find_spec
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
-import npend_gym  # noqa: F401 - registers the environments
+from npend_gym import rl
 
-pytest.importorskip("stable_baselines3")
-
-from stable_baselines3 import PPO
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
-
-from npend_gym.rl import SB3VecEnv
-
+# Stable-Baselines3 imports PyTorch: seconds that not every worker of the tests must spend
+pytestmark = pytest.mark.skipif(
+    find_spec("stable_baselines3") is None, reason="stable_baselines3 is not installed"
+)
 COUNT = 3
 
 
@@ -23,13 +20,15 @@ def native(**keywords):
 
 
 def dummy(**keywords):
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
     return VecMonitor(DummyVecEnv([lambda: gym.make("NPendulum-v0", **keywords)] * COUNT))
 
 
 @pytest.mark.parametrize("mode", ["swingup", "balance"])
 def test_it_returns_what_dummyvecenv_with_vecmonitor_returns(mode):
     keywords = {"n": 2, "mode": mode, "max_episode_steps": 60}
-    ours, theirs = SB3VecEnv(native(**keywords), info_keys=("time",)), dummy(**keywords)
+    ours, theirs = rl.SB3VecEnv(native(**keywords), info_keys=("time",)), dummy(**keywords)
     for env in (ours, theirs):
         env.seed(5)
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
@@ -58,11 +57,11 @@ def test_it_returns_what_dummyvecenv_with_vecmonitor_returns(mode):
 
 def test_other_autoreset_modes_are_refused():
     with pytest.raises(ValueError, match="autoreset_mode SAME_STEP"):
-        SB3VecEnv(gym.make_vec("NPendulum-v0", num_envs=2))
+        rl.SB3VecEnv(gym.make_vec("NPendulum-v0", num_envs=2))
 
 
 def test_options_reach_the_lanes_in_the_next_reset_only():
-    env = SB3VecEnv(native(n=2))
+    env = rl.SB3VecEnv(native(n=2))
     theta = [np.full(2, 0.1 * k) for k in range(COUNT)]
     env.set_options([{"theta": angles, "omega": np.zeros(2)} for angles in theta])
     np.testing.assert_allclose(env.reset(), [[0.1 * k] * 2 + [0.0] * 2 for k in range(COUNT)])
@@ -73,7 +72,9 @@ def test_options_reach_the_lanes_in_the_next_reset_only():
 
 
 def test_all_lanes_of_a_native_env_share_its_attributes_and_methods():
-    env = SB3VecEnv(native(n=2, render_mode=None))
+    from stable_baselines3.common.monitor import Monitor
+
+    env = rl.SB3VecEnv(native(n=2, render_mode=None))
     assert env.get_attr("num_envs", indices=[0, 2]) == [COUNT, COUNT]
     assert env.get_attr("config")[0].chain.n == 2
     assert env.render_mode is None
@@ -88,7 +89,7 @@ def test_all_lanes_of_a_native_env_share_its_attributes_and_methods():
 
 
 def test_each_env_of_gymnasiums_vector_env_has_its_own_attributes_and_methods():
-    env = SB3VecEnv(
+    env = rl.SB3VecEnv(
         gym.make_vec(
             "CartPole-v1",
             num_envs=COUNT,
@@ -115,9 +116,12 @@ def test_each_env_of_gymnasiums_vector_env_has_its_own_attributes_and_methods():
 
 
 def test_ppo_learns_on_it_and_is_evaluated():
-    torch = pytest.importorskip("torch")
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.evaluation import evaluate_policy
+
     torch.set_num_threads(1)
-    env = SB3VecEnv(native(n=1, mode="balance", observation="sincos", max_episode_steps=50))
+    env = rl.SB3VecEnv(native(n=1, mode="balance", observation="sincos", max_episode_steps=50))
     model = PPO("MlpPolicy", env, n_steps=32, batch_size=48, n_epochs=1, seed=0)
     before = model.policy.get_distribution(torch.zeros(1, 3)).mode().item()
     model.learn(300)
@@ -129,6 +133,6 @@ def test_ppo_learns_on_it_and_is_evaluated():
 
 def test_pictures_of_all_lanes_are_put_side_by_side():
     pytest.importorskip("pygame")
-    env = SB3VecEnv(native(n=2, render_mode="rgb_array"))
+    env = rl.SB3VecEnv(native(n=2, render_mode="rgb_array"))
     env.reset()
     assert env.render().shape[2] == 3
