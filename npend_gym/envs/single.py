@@ -148,7 +148,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.metadata = NPendulumEnv.metadata | {"render_fps": config.render_fps}
         self.render_mode = render_mode
         self.camera = Camera(render_mode, config.render_fps)
-        self._batch = Batch(config, 1)
+        self._batch: Batch = Batch(config, 1)
         self._mode = config.mode
         self._action_shape = (config.joints.size,)
         self._hold_steps = config.hold_steps

@@ -93,7 +93,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self.camera = Camera(render_mode, config.render_fps)
         self.render_mode = render_mode
         self._threads = _checks.count("threads", threads, high=MAX_THREADS)
-        self._batch = Batch(config, self.num_envs, self._threads)
+        self._batch: Batch = Batch(config, self.num_envs, self._threads)
         self._generators = Generators(self.num_envs)
         self._steps = np.zeros(self.num_envs, np.int64)
         self._hold_steps = config.hold_steps
