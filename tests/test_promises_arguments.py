@@ -10,8 +10,7 @@ import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.cli import main
-from npend_gym.envs.single import NPendulumEnv
-from npend_gym.envs.vector import NPendulumVectorEnv
+from npend_gym.envs import NPendulumEnv, NPendulumVectorEnv
 
 ENORMOUS = 10**400
 ITSELF = []

@@ -8,32 +8,32 @@ import numpy as np
 import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym.envs.modes import Mode
+from npend_gym.envs import Mode
 
 STILL = np.zeros(1, np.float32)
 
 
 def successes(env, steps, **options):
     """Return ``info["success"]`` from the reset on, the motor being off."""
-    seen = [env.reset(seed=0, options=options)[1]["success"]]
-    return seen + [env.step(STILL)[-1]["success"] for _ in range(steps)]
+    flags = [env.reset(seed=0, options=options)[1]["success"]]
+    return flags + [env.step(STILL)[-1]["success"] for _ in range(steps)]
 
 
 def test_swingup_succeeds_once_upright_and_slow_for_five_seconds_and_not_after_the_fall():
     # let go 1e-9 rad from upright it is 0.3 rad away after log(3e8) sqrt(l/g) = 6.2 s
     env = gym.make("NPendulum-v0", n=1)
-    seen = successes(env, 130, theta=np.pi - 1e-9, omega=0.0)
-    assert seen[:100] == [False] * 100  # up to 4.95 s
-    assert seen[100:115] == [True] * 15
-    assert not seen[130]
+    flags = successes(env, 130, theta=np.pi - 1e-9, omega=0.0)
+    assert flags[:100] == [False] * 100  # up to 4.95 s
+    assert flags[100:115] == [True] * 15
+    assert not flags[130]
     assert env.reset()[1]["success"] is False
 
 
 @pytest.mark.parametrize("dt", [0.03, 0.1])
 def test_the_five_seconds_do_not_depend_on_the_time_step(dt):
     env = gym.make("NPendulum-v0", n=1, dt=dt)
-    seen = successes(env, 200, theta=np.pi, omega=0.0)
-    assert seen.index(True) == np.ceil(round(5.0 / dt, 9))
+    flags = successes(env, 200, theta=np.pi, omega=0.0)
+    assert flags.index(True) == np.ceil(round(5.0 / dt, 9))
 
 
 @pytest.mark.parametrize(
@@ -64,12 +64,12 @@ def test_balance_succeeds_until_the_tip_falls_below_half():
 def test_calm_succeeds_below_a_hundredth_of_the_starting_energy():
     env = gym.make("NPendulum-v0", n=3, mode="calm", damping=2.0)
     _, first = env.reset(seed=0)
-    seen = [env.step(STILL)[-1] for _ in range(1000)]
+    flags = [env.step(STILL)[-1] for _ in range(1000)]
     assert first["success"] is False
-    assert [info["success"] for info in seen] == [
-        info["energy"] < 0.01 * first["energy"] for info in seen
+    assert [info["success"] for info in flags] == [
+        info["energy"] < 0.01 * first["energy"] for info in flags
     ]
-    assert seen[-1]["success"]
+    assert flags[-1]["success"]
 
 
 def test_passive_never_succeeds():
@@ -102,13 +102,13 @@ def test_a_users_mode_succeeds_while_it_has_not_failed(vector):
     )
     env.reset(seed=0)
     still = np.zeros((2, 1), np.float32) if vector else STILL
-    seen, ended = [], False
+    flags, ended = [], False
     while not ended:
         _, _, terminated, _, info = env.step(still)
         ended = np.all(terminated)
-        seen.append(bool(np.all(info["success"])))
-    assert seen == [False] * 9 + [True] * (len(seen) - 10) + [False]  # held from 0.5 s on
-    assert len(seen) > 10
+        flags.append(bool(np.all(info["success"])))
+    assert flags == [False] * 9 + [True] * (len(flags) - 10) + [False]  # held from 0.5 s on
+    assert len(flags) > 10
 
 
 def vector_env():
@@ -117,29 +117,29 @@ def vector_env():
     return env
 
 
-def test_every_lane_has_its_own_clock_and_a_reset_starts_it_anew():
+def test_every_lane_has_its_own_clock_and_a_reset_restarts_it():
     env, still = vector_env(), np.zeros((3, 1), np.float32)
     for _ in range(50):
         env.step(still)
     mask = np.array([True, False, False])
     info = env.reset(options={"reset_mask": mask, "theta": np.pi, "omega": 0.0})[1]
     assert info["_success"].tolist() == mask.tolist()
-    seen = np.array([env.step(still)[-1]["success"] for _ in range(110)])
-    assert seen.argmax(axis=0).tolist() == [99, 0, 49]  # 5 s after the start of each
-    assert not seen[:, 1].any()
-    assert seen.any(axis=0).tolist() == [True, False, True]
+    flags = np.array([env.step(still)[-1]["success"] for _ in range(110)])
+    assert flags.argmax(axis=0).tolist() == [99, 0, 49]  # 5 s after the start of each
+    assert not flags[:, 1].any()
+    assert flags.any(axis=0).tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize("copier", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_goes_on_counting(copier):
+def test_a_copy_continues_to_count(copier):
     env, still = vector_env(), np.zeros((3, 1), np.float32)
     for _ in range(95):
         env.step(still)
     twin = copier(env)
     for _ in range(10):
-        seen = env.step(still)[-1]["success"]
-        assert seen.tolist() == twin.step(still)[-1]["success"].tolist()
-    assert seen.tolist() == [True, False, True]
+        flags = env.step(still)[-1]["success"]
+        assert flags.tolist() == twin.step(still)[-1]["success"].tolist()
+    assert flags.tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize("autoreset", ["NEXT_STEP", "SAME_STEP"])

@@ -7,6 +7,7 @@ import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import npend_gym  # noqa: F401 - registers the environments
+from npend_gym.envs import NPendulumVectorEnv
 from npend_gym.envs.modes import MODES
 
 ALL_MODES = tuple(MODES)
@@ -52,23 +53,23 @@ def lane(value, k):
 
 
 @pytest.mark.parametrize("mode", ["passive", "calm"])
-def test_lanes_that_whirl_change_no_bit_of_others_and_are_the_single_env_too(mode):
+def test_fast_lanes_change_no_bit_of_others_and_are_the_single_env_too(mode):
     count, n = 20, 3
     omega = np.zeros((count, n))
     omega[3], omega[7], omega[18] = 60.0, -25.0, 9.0  # cut into 8, 4 and 2 parts at the start
     theta = np.linspace(-1.5, 1.5, count * n).reshape(count, n)
     envs = make_vec(count, n=n, mode=mode, damping=0.003, drag=0.01)
-    seen = [envs.reset(seed=0, options={"theta": theta, "omega": omega})]
+    outputs = [envs.reset(seed=0, options={"theta": theta, "omega": omega})]
     rng = np.random.default_rng(1)
     actions = rng.uniform(-1.0, 1.0, (60, count, 1))
     if mode == "passive":
         actions = np.zeros((60, count), int)
-    seen += [envs.step(action) for action in actions]
+    outputs += [envs.step(action) for action in actions]
     for k in (0, 3, 4, 7, 16, 18, 19):
         alone = gym.make("NPendulum-v0", n=n, mode=mode, damping=0.003, drag=0.01)
         start = alone.reset(seed=k, options={"theta": theta[k], "omega": omega[k]})
-        assert_same(lane(seen[0][0], k), start[0])
-        for (observation, reward, _, _, info), action in zip(seen[1:], actions, strict=True):
+        assert_same(lane(outputs[0][0], k), start[0])
+        for (observation, reward, _, _, info), action in zip(outputs[1:], actions, strict=True):
             mine = alone.step(action[k])
             assert_same(observation[k], mine[0])
             assert_same(reward[k], mine[1])
@@ -119,7 +120,7 @@ def test_threads_and_tiles_change_no_bit(mode, threads):
     shared.close()
 
 
-def test_next_step_resets_in_the_step_after_and_ignores_its_action():
+def test_autoreset_in_the_next_step_ignores_its_action():
     env = make_vec(2, n=1, max_episode_steps=3)
     env.reset(seed=0)
     action = np.ones((2, 1), np.float32)
@@ -240,8 +241,6 @@ def test_bad_actions_are_refused_and_change_no_lane(action, error, message):
     ],
 )
 def test_bad_keywords_are_refused_by_name(keywords, message):
-    from npend_gym.envs.vector import NPendulumVectorEnv
-
     with pytest.raises(ValueError, match=message):
         NPendulumVectorEnv(**{"num_envs": 2, **keywords})
 
@@ -267,15 +266,15 @@ def test_one_diverged_lane_disturbs_no_other():
     env.reset(seed=0, options={"omega": np.array([[0.1], [0.999e6]]), "gravity": 9.81})
     calm.reset(seed=0, options={"omega": 0.1, "gravity": 9.81})
     action = np.zeros((2, 1), np.float32)
-    seen = [(env.step(action), calm.step(action)) for _ in range(10)]
-    assert any(step[-1]["diverged"][1] for step, _ in seen)
-    for step, reference in seen:
+    outputs = [(env.step(action), calm.step(action)) for _ in range(10)]
+    assert any(step[-1]["diverged"][1] for step, _ in outputs)
+    for step, reference in outputs:
         assert np.isfinite(step[0]).all()
         assert_same(step[0][0], reference[0][0])
 
 
 @pytest.mark.parametrize("copier", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_made_in_mid_episode_goes_on_bit_for_bit(copier):
+def test_a_copy_made_within_an_episode_continues_bit_for_bit(copier):
     env = make_vec(3, n=2, threads=2, max_episode_steps=15)
     actions = actions_for(env, 40)
     run(env, actions[:20])
