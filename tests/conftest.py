@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +22,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config):
     """Give the whole suite a worker per core, four at most; named files or tests run here."""
-    if config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
-        return 0
-    return min(4, os.cpu_count() or 1)
+    whole = all(Path(argument).is_dir() for argument in config.args)
+    return min(4, os.cpu_count() or 1) if whole else 0
 
 
 # A worker has one core
