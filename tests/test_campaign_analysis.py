@@ -41,7 +41,7 @@ def test_a_planted_law_is_found_with_all_its_numbers(tmp_path, monkeypatch):
         assert np.abs(law.residuals).max() < 1e-9
     assert len(group.powers) == len(AMPLITUDES)
     for exponent in group.powers:
-        assert exponent.power.value == pytest.approx(0.5, abs=1e-12)
+        assert exponent.p.value == pytest.approx(0.5, abs=1e-12)
 
 
 def test_intervals_hold_the_planted_numbers_of_scattered_data(tmp_path, monkeypatch):

@@ -107,6 +107,19 @@ def test_help_of_every_command_shows_examples_of_it(command, capsys):
     assert f"  npend {command}" in examples
 
 
+def test_help_and_its_options_import_nothing_heavy():
+    code = """
+import contextlib, io, sys
+from npend_gym.cli import COMMANDS, main
+for arguments in ([], *([name] for name in COMMANDS)):
+    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+        main([*arguments, "--help"])
+print([name for name in ("numba", "scipy", "matplotlib", "torch", "tqdm") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def test_help_names_every_command_and_the_exit_codes(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])

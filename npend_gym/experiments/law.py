@@ -101,16 +101,8 @@ def scan(
             done = ratio[np.isfinite(ratio)]
             some = done if done.size else np.array([np.nan])
             cells[:, row, column] = some.mean(), np.median(some), ratio[-1], done.size / n
-    mean, median, tip, completed = cells
-    return Scan(
-        np.array(n_values),
-        np.array(amplitudes),
-        mean,
-        median,
-        tip,
-        completed,
-        np.array(fundamental),
-    )
+    # its rows are mean, median, tip, completed
+    return Scan(np.array(n_values), np.array(amplitudes), *cells, np.array(fundamental))
 
 
 @cache

@@ -27,7 +27,7 @@ def law_against_n(group: CellGroup) -> Figure:
         counts = np.array([point.n for point in fit.points])
         periods = np.array([point.period for point in fit.points])
         color, marker = shade(k / max(1, len(chosen) - 1)), _MARKERS[k % len(_MARKERS)]
-        label = f"{fit.amplitude:.3g} rad: exponent {fit.power}"
+        label = f"{fit.amplitude:.3g} rad: exponent {fit.p}"
         top.plot(counts, periods, marker, color=color, label=label)
         top.plot(counts, periods / (1.0 + fit.residuals), color=color, linewidth=0.9)
         bottom.plot(counts, fit.residuals, marker + "-", color=color, linewidth=0.9, markersize=5)

@@ -12,7 +12,7 @@ import numpy as np
 
 from npend_gym import _files
 from npend_gym._version import __version__
-from npend_gym.experiments import Analysis, Campaign, CellGroup
+from npend_gym.experiments import AmplitudeLaw, Analysis, Campaign, CellGroup, PowerFit
 from npend_gym.experiments.campaign.folder import CELLS, JOURNAL, PLAN
 from npend_gym.experiments.campaign.journal import read_journal
 from npend_gym.experiments.campaign.parts import finite_or_none
@@ -49,43 +49,38 @@ def fit_rows(analysis: Analysis) -> list[dict[str, Any]]:
 
 def _group_rows(group: CellGroup) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    for fit in group.powers:
-        where = f"amplitude {fit.amplitude:.6g}, spread {fit.spread:.6g} rad"
-        worst = float(np.abs(fit.residuals).max())
-        counts = [point.n for point in fit.points]
-        rows.append(_fit(group, where, counts, "p", fit.power, 0.5, worst))
+
+    def add(fit: PowerFit | AmplitudeLaw, cells: str, exact: dict[str, float | None]) -> None:
+        rows.extend(
+            {
+                "group": group.label,
+                "cells": cells,
+                "n": _joined({result.n for result in fit.points}),
+                "parameter": name,
+                "value": getattr(fit, name).value,
+                "+-": getattr(fit, name).error,
+                "exact": value,
+                "largest_residual": float(np.abs(fit.residuals).max()),
+            }
+            for name, value in exact.items()
+        )
+
+    for power in group.powers:
+        cells = f"amplitude {power.amplitude:.6g}, spread {power.spread:.6g} rad"
+        add(power, cells, {"p": 0.5})
     for law in group.laws:
-        worst = float(np.abs(law.residuals).max())
-        for name in ("c", "b", "d"):
-            exact = law.exact if name == "c" else None
-            where = f"{len(law.points)} cells up to {max(abs(p.angle) for p in law.points):.3g} rad"
-            rows.append(_fit(group, where, law.counts, name, getattr(law, name), exact, worst))
+        largest = max(abs(result.angle) for result in law.points)
+        add(law, f"{len(law.points)} cells up to {largest:.3g} rad",
+            {"c": law.exact, "b": None, "d": None})  # fmt: skip
     return rows
 
 
-def _fit(
-    group: CellGroup,
-    where: str,
-    counts: Any,
-    name: str,
-    estimate: Any,
-    exact: float | None,
-    worst: float,
-) -> dict[str, Any]:
-    return {
-        "group": group.label,
-        "cells": where,
-        "n": " ".join(map(str, counts)),
-        "parameter": name,
-        "value": estimate.value,
-        "+-": estimate.error,
-        "exact": exact,
-        "largest_residual": worst,
-    }
+def _joined(n_values: set[int]) -> str:
+    return " ".join(map(str, sorted(n_values)))
 
 
 def residual_rows(analysis: Analysis) -> list[dict[str, Any]]:
-    """Return a row for every cell and law that it was used for, with what the law leaves."""
+    """Return a row for every cell and law that it was used for, with the law's residual."""
     fits = [
         (name, fit)
         for group in analysis.groups
@@ -97,7 +92,7 @@ def residual_rows(analysis: Analysis) -> list[dict[str, Any]]:
             "law": name,
             "cell": point.cell,
             "n": point.n,
-            "n_fitted": " ".join(map(str, sorted({p.n for p in fit.points}))),
+            "n_fitted": _joined({result.n for result in fit.points}),
             "angle_rad": point.angle,
             "period_s": point.period,
             "fundamental_s": point.fundamental,
@@ -220,7 +215,7 @@ def analysis_text(analysis: Analysis) -> str:
             counts = [point.n for point in fit.points]
             lines.append(
                 f"  N = {counts[0]} to {counts[-1]} at {fit.amplitude:.4g} rad: "
-                f"T ~ (N + 1/2)^p, p = {fit.power}"
+                f"T ~ (N + 1/2)^p, p = {fit.p}"
             )
         for law in group.laws:
             exact = "" if law.exact is None else f" (exact {law.exact:.4f})"

@@ -1,14 +1,13 @@
 """The law that the releases of a campaign follow, fitted against N and the amplitude.
 
-Of each cell the mean over its releases of the median over the bobs is taken. Cells that share all
-but n, amplitude and spread make a group. In a group
+The period T of a cell is the mean, over its releases, of the median over the bobs. Cells differing
+only in n, amplitude and spread make a group. Two laws are fitted to a group:
 
-    T ~ (N + 1/2)^p                               at each amplitude, from three N up,
-    T = c T1(N) [1 + b a^2 / (1 + d a^2)]         for each N, and for all from ten bobs up together,
+    T ~ (N + 1/2)^p                          at each amplitude with at least three N,
+    T = c T1(N) [1 + b a^2 / (1 + d a^2)]    for each N, and for all N from ten up together.
 
-T1 being the exact period of the slowest mode and a the mean starting angle, up to 1.2 rad. The
-intervals are those of least squares: they measure how well the form fits, for the releases have no
-noise.
+T1 is the exact period of the slowest mode, a the mean starting angle, up to 1.2 rad. The intervals
+are those of least squares. The releases have no noise, so they measure how well the formula fits.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ class PowerFit:
     amplitude: float
     spread: float
     points: tuple[CellResult, ...]
-    power: Estimate
+    p: Estimate
     residuals: FloatArray
 
 
@@ -84,8 +83,8 @@ class AmplitudeLaw:
     c, b, d : Estimate
         b and d in 1/rad^2.
     exact : float, optional
-        What c is in the limit of small angles, from the linearised equations; only for equal rods
-        and masses without damping and the reading "bob".
+        The exact c, from the linearised equations: known for equal rods and masses without damping
+        and the reading "bob".
     points : tuple of CellResult
     residuals : ndarray
         Measured over law, minus one, of each point.
