@@ -44,11 +44,14 @@ class Statistics:
 
     Attributes
     ----------
-    releases, completed : ndarray of int, shape (C,)
-        Releases measured, and bobs that completed in them.
-    start, mean, median, tip : ndarray, shape (C,)
-        Means over the releases of the starting angle [rad], and of the mean and median over the
-        bobs and of the last bob [s]; NaN where there are none.
+    releases : ndarray of int, shape (C,)
+        Releases measured.
+    completed : ndarray of int, shape (C,)
+        Bobs that completed in them.
+    start : ndarray, shape (C,)
+        Mean over the releases of the starting angle [rad]; NaN where there are none.
+    mean, median, tip : ndarray, shape (C,)
+        Means over the releases of the mean and median over the bobs and of the last bob [s].
     parabola : ndarray, shape (C, 3)
         Coefficients [s] of 1, u, u^2 of the median, u from 0 to 1 being the place of the starting
         angle within the spread.
