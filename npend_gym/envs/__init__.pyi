@@ -1,12 +1,12 @@
 from npend_gym.envs.config import EnvConfig as EnvConfig
 from npend_gym.envs.config import EnvKeywords as EnvKeywords
 from npend_gym.envs.info import Info as Info
-from npend_gym.envs.inputs import ResetNeeded as ResetNeeded
 from npend_gym.envs.modes import Balance as Balance
 from npend_gym.envs.modes import Calm as Calm
 from npend_gym.envs.modes import Mode as Mode
 from npend_gym.envs.modes import Passive as Passive
 from npend_gym.envs.modes import Quantities as Quantities
 from npend_gym.envs.modes import SwingUp as SwingUp
+from npend_gym.envs.progress import ResetNeeded as ResetNeeded
 from npend_gym.envs.single import NPendulumEnv as NPendulumEnv
 from npend_gym.envs.vector import NPendulumVectorEnv as NPendulumVectorEnv

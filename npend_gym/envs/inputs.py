@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from enum import Enum
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
@@ -16,36 +14,6 @@ from npend_gym.envs.info import BoolArray
 
 MAX_LANES = 10_000_000
 MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
-
-
-class Progress(Enum):
-    """How far the last call of an environment that changes its state has come.
-
-    `step` and `reset` note UNFINISHED before their first change and READY after their last. At
-    whatever instant an exception ends them (KeyboardInterrupt, or one in a user's mode), the
-    environment has changed nothing, or it has done everything, or it refuses to go on until it is
-    reset. That reset makes everything but the random generators anew.
-    """
-
-    NEW = "call reset() before {}()"
-    READY = ""
-    UNFINISHED = "the last step() or reset() was interrupted: call reset() before {}()"
-
-    def refuse(self, call: str) -> ResetNeeded:
-        """Return the error of a call, by name, that must not be made now."""
-        return ResetNeeded(self.value.format(call))
-
-
-class ResetNeeded(gym.error.ResetNeeded, RuntimeError):  # noqa: N818 - a name of Gymnasium
-    """Raised by `step` and `render` where `reset` must be called first."""
-
-
-def lanes_are_done(done: BoolArray) -> ResetNeeded:
-    """Return the error of a step with autoreset disabled in which lanes are done."""
-    return ResetNeeded(
-        f"autoreset is disabled and lanes {_checks.show(np.flatnonzero(done).tolist())} are done: "
-        'reset them with reset(options={"reset_mask": done})'
-    )
 
 
 def checked_autoreset_mode(value: Any) -> AutoresetMode:
@@ -76,8 +44,8 @@ def checked_episode_steps(value: Any) -> int | None:
     return None if value is None else _checks.count("max_episode_steps", value, high=2**63 - 1)
 
 
-def reset_mask(mask: Any, count: int) -> BoolArray:
-    """Return the lanes to reset; all of them where there is no mask."""
+def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:
+    """Return the lanes to reset: all where there is no mask, or where `every` lane must be."""
     if mask is None:
         return np.ones(count, np.bool_)
     shown = _checks.show(mask)
@@ -87,6 +55,10 @@ def reset_mask(mask: Any, count: int) -> BoolArray:
         raise ValueError(
             f"options['reset_mask'] must have the shape ({count},) and be True somewhere, "
             f"got {shown}"
+        )
+    if every and not mask.all():
+        raise ValueError(
+            "options['reset_mask'] must be all True in the first reset and after an interruption"
         )
     return np.array(mask, np.bool_)  # pyright: ignore[reportUnknownArgumentType]
 

@@ -12,9 +12,10 @@ from typing_extensions import Unpack
 from npend_gym.envs.batch import Batch
 from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
 from npend_gym.envs.info import Info
-from npend_gym.envs.inputs import Progress, checked_action
+from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.picture import Camera, warn_of_no_render_mode
+from npend_gym.envs.progress import Progress
 
 ObsArray = NDArray[np.float32]
 
@@ -90,7 +91,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     Info
     ----
-    The keys of `Info`, the same from the reset on. ``info["success"]`` is True while
+    The keys of `Info`, the same from the reset on: ``time``, ``energy``, ``energy_error``,
+    ``bobs_completed``, ``pseudo_period``, ``pseudo_periods``, ``ideal_period``, ``tip_height``,
+    ``theta``, ``omega``, ``diverged`` and ``success``, which is True while
 
     - swingup: height > 0.95 and kinetic_energy < 0.01 have held for 5 s
     - balance: the tip has not fallen below half the chain's length

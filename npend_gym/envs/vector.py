@@ -18,15 +18,14 @@ from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
 from npend_gym.envs.generators import Generators
 from npend_gym.envs.info import BatchInfo, BoolArray, final_info, with_masks
 from npend_gym.envs.inputs import (
-    Progress,
     checked_action,
     checked_autoreset_mode,
     checked_episode_steps,
     checked_num_envs,
-    lanes_are_done,
     reset_mask,
 )
 from npend_gym.envs.picture import Camera, warn_of_no_render_mode
+from npend_gym.envs.progress import Progress, lanes_are_done
 
 MAX_THREADS = 1024
 _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
@@ -129,12 +128,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             If seed or options break a rule; no lane has then changed.
         """
         given = dict(options or {})
-        mask = reset_mask(given.pop("reset_mask", None), self.num_envs)
-        if self._progress is not _READY and not mask.all():
-            raise ValueError(
-                "options['reset_mask'] must be all True in the first reset and after an "
-                "interruption"
-            )
+        every = self._progress is not _READY
+        mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
         broken = self._progress is _UNFINISHED
         batch = Batch(self.config, self.num_envs, self._threads) if broken else self._batch
         checked = batch.check_options(given, single=False)
