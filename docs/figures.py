@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from npend_gym import Chain, __version__, physics, pseudo_periods, simulate
 from npend_gym._checks import FloatArray
 from npend_gym._palette import BLACK, BLUE, FAINT, GREEN, ORANGE
-from npend_gym.physics.energy import positions
-from npend_gym.report.style import panels, styled
+from npend_gym.report import panels, styled
 
 HERE = Path(__file__).parent / "images"
 
@@ -36,7 +35,7 @@ def tensions() -> Figure:
     chain = Chain.uniform(6)
     theta = np.array([0.9, 0.3, 1.1, -0.2, -0.9, 0.4])  # so that no rods overlap
     omega = np.array([2.0, 3.0, 2.0, 3.0, 4.0, 3.0])
-    place = positions(chain, theta)
+    place = simulate(chain, theta, omega, [0.0]).positions()[0]
     tension = physics.tensions(chain, theta, omega)
     figure = Figure(figsize=(8.6, 3.6))
     left, middle, last = figure.subplots(1, 3, width_ratios=(0.7, 1, 1))
