@@ -121,6 +121,31 @@ def tangent_growth(
     return Growth(step * np.arange(1.0, count + 1.0), logarithm)
 
 
+def neighbour_distance(
+    chain: Chain, theta: ArrayLike, change: ArrayLike, times: ArrayLike
+) -> FloatArray:
+    """Return how far two releases from rest are apart, as tightly integrated as can be.
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, change : array_like, shape (n,)
+        Angles of the one start, and how much those of the other differ from them [rad].
+    times : array_like, shape (T,)
+        Instants [s].
+
+    Returns
+    -------
+    ndarray, shape (T,)
+        The largest difference of an angle [rad].
+    """
+    first, second = (
+        simulate(chain, start, 0.0, times, rtol=1e-13, atol=1e-14).theta
+        for start in (np.asarray(theta), theta + np.asarray(change))
+    )
+    return np.abs(second - first).max(axis=1)
+
+
 def volume_change(chain: Chain, theta0: float = 1.0, duration: float = 2.0) -> float:
     """Return by how much volume in phase space changes along a motion, relatively.
 

@@ -7,8 +7,7 @@ from npend_gym.paper.checks.integrators import STEPS, runge_kutta_errors
 from npend_gym.paper.checks.procedure import figure2, series
 from npend_gym.paper.claims import claims
 from npend_gym.paper.readings import grid
-from npend_gym.paper.registry import drawings, tables
-from npend_gym.paper.report import draw
+from npend_gym.paper.report import DRAWINGS, TABLES, draw
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +31,14 @@ def results():
 
 
 def test_every_figure_and_table_belongs_to_a_claim(results):
-    assert set(drawings()) == set(results)
-    belong = [one.claim for one in (*drawings().values(), *tables().values())]
+    assert set(DRAWINGS) == set(results)
+    belong = [one.claim for one in (*DRAWINGS.values(), *TABLES.values())]
     assert set(belong) <= set(claims())
 
 
-@pytest.mark.parametrize("name", list(drawings()))
+@pytest.mark.parametrize("name", list(DRAWINGS))
 def test_every_axis_says_what_it_shows(name, results):
-    figure = drawings()[name].draw(results[name])
+    figure = DRAWINGS[name].draw(results[name])
     figure.draw_without_rendering()
     assert figure.axes
     for axes in figure.axes:
@@ -49,13 +48,13 @@ def test_every_axis_says_what_it_shows(name, results):
 
 
 def test_units_stand_where_there_are_units(results):
-    axes = drawings()["pseudo_periods"].draw(results["pseudo_periods"]).axes[0]
+    axes = DRAWINGS["pseudo_periods"].draw(results["pseudo_periods"]).axes[0]
     assert axes.get_ylabel() == "pseudo-period [s]"
-    assert drawings()["trajectory"].draw(results["trajectory"]).axes[0].get_xlabel() == "x [m]"
+    assert DRAWINGS["trajectory"].draw(results["trajectory"]).axes[0].get_xlabel() == "x [m]"
 
 
 def test_the_drawn_points_are_the_measured_ones(results):
-    axes = drawings()["pseudo_periods"].draw(results["pseudo_periods"]).axes[1]
+    axes = DRAWINGS["pseudo_periods"].draw(results["pseudo_periods"]).axes[1]
     drawn = {line.get_label(): line.get_ydata() for line in axes.lines}
     measured = results["pseudo_periods"][1].measured
     for trial in (1, 2, 3):

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from npend_gym import theory
-from npend_gym.paper.checks import periods, procedure
+from npend_gym.paper.checks import periods
 from npend_gym.paper.checks.procedure import figure2, series
-from npend_gym.paper.findings import finding
+from npend_gym.paper.findings import finding, outcome
 from npend_gym.paper.registry import Verdict
 
 
@@ -40,9 +40,9 @@ def test_one_uncertainty_is_no_rounding_of_its_formula():
 
 def test_the_printed_digits_fix_the_fraction_that_made_them():
     for table, fraction in ((1, 0.311), (2, 0.427), (3, 0.293)):
-        low, high = periods.fraction_bounds(table).T
-        inside = (low <= fraction) & (fraction <= high)
-        assert inside.tolist() == [table != 1, True, True, True]
+        numbers = outcome(f"dt-table-{table}").numbers
+        assert numbers["low"] <= fraction <= numbers["high"] < numbers["low"] + 1e-4
+        assert bool(numbers["wrong"]) is (table == 1)
 
 
 def test_error_bars_are_the_sum_that_the_listing_spells_out():
@@ -51,15 +51,17 @@ def test_error_bars_are_the_sum_that_the_listing_spells_out():
 
 
 def test_only_the_first_fraction_has_an_origin_in_the_paper():
-    assert periods.origins(1) == ["sum of 2k/135, k = 1..6"]
-    assert periods.origins(2) == periods.origins(3) == []
+    first, *others = (outcome(f"dt-fraction-{table}").numbers["origin"] for table in (1, 2, 3))
+    assert first == "The printed value is sum of 2k/135, k = 1..6."
+    assert all(text.startswith("No form of the paper's series") for text in others)
 
 
 def test_uncertainty_of_the_angle_propagates_by_the_derivative_of_the_period():
     angle, spread = 0.3, 1e-4
     slope = angle / 8 + 11 * angle**3 / 768  # of theta^2/16 + 11 theta^4/3072
     expected = slope * spread / (1 + theory.amplitude_correction(angle))
-    assert periods.amplitude_uncertainty(angle, spread) == pytest.approx(expected, rel=2e-3)
+    found = outcome("dt-random", theta0=angle, error=spread).numbers["spread"]
+    assert found == pytest.approx(expected, rel=2e-3)
 
 
 def test_the_audit_of_the_tables_of_periods():
@@ -88,14 +90,14 @@ def test_neighbours_of_three_pendulums_from_45_degrees_part_no_faster_than_time(
 
 
 def test_one_pendulum_has_the_same_period_by_link_and_bob_and_half_of_it_by_height():
-    found = procedure.definitions(1, 0.5)
+    found = outcome("pseudo-complete", n=1, theta0=0.5).numbers
     period = float(theory.pendulum_period(0.5))
     assert found == pytest.approx({"link": period, "bob": period, "height": period / 2})
 
 
 def test_ten_seconds_are_too_short_for_a_hundred_bobs():
-    assert procedure.completed_within(5) == 5
-    assert procedure.completed_within(100) == 21
+    shown = outcome("window").numbers["completed"]
+    assert shown == ["5 of 5", "10 of 10", "20 of 20", "21 of 100"]
 
 
 def test_the_audit_of_the_procedure():

@@ -3,7 +3,6 @@ import pytest
 from scipy.special import ellipk
 
 from npend_gym import Chain, pseudo_periods
-from npend_gym.paper.checks import tables
 from npend_gym.paper.findings import outcome
 from npend_gym.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.paper.readings import (
@@ -145,9 +144,10 @@ def test_had_a_reading_met_the_tables_the_audit_would_say_so():
 
 
 def test_an_exponential_grows_at_one_rate():
-    counts = [5, 10, 20, 100]
-    first, last = tables.growth(counts, 0.1 * np.exp(0.01 * np.array(counts)))
-    assert first == pytest.approx(last) == pytest.approx(0.01)
+    e = 0.1 * np.exp(0.01 * np.array([5, 10, 20, 100]))
+    numbers = outcome("e-exponential", e=e).numbers
+    assert numbers["first"] == pytest.approx(0.01)
+    assert numbers["last"] == pytest.approx(0.01)
 
 
 def test_the_audit_of_the_short_columns_finds_no_reading_and_too_much_scatter():

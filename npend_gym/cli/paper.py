@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +46,8 @@ def run(options: dict[str, Any]) -> int:
     """Audit the paper; return the exit code."""
     from npend_gym import paper
     from npend_gym.paper import report
+    from npend_gym.paper.claims import claims
+    from npend_gym.paper.findings import groups
     from npend_gym.physics import IntegrationError
     from npend_gym.report import outputs
 
@@ -52,7 +55,8 @@ def run(options: dict[str, Any]) -> int:
     only, kane_n = options.get("only"), options.get("kane_n", paper.KANE_N)
     as_json: bool = options.get("json", False)
     if options.get("list", False):
-        print(report.contents_text())
+        for section, found in groupby(claims().values(), lambda claim: claim.section):
+            print(section, *(f"  {one.key:20} {groups()[one.key]}" for one in found), sep="\n")
         return OK
     keys = paper.selected(only)
     pending = paper.audit(only, kane_n=kane_n)

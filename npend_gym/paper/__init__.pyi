@@ -8,5 +8,5 @@ from npend_gym.paper.readings import Grid as Grid
 from npend_gym.paper.readings import Reading as Reading
 from npend_gym.paper.readings import grid as grid
 from npend_gym.paper.registry import Verdict as Verdict
-from npend_gym.paper.registry import drawings as drawings
+from npend_gym.paper.report import DRAWINGS as DRAWINGS
 from npend_gym.paper.report import draw as draw

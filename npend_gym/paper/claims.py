@@ -1,7 +1,5 @@
 """What the paper says: every equation, number and claim, read from `claims.ini`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from configparser import RawConfigParser
@@ -18,22 +16,7 @@ _NUMBER = re.compile(r"\{([a-z]\w*)(?::([^{}]*))?\}")
 
 @dataclass(frozen=True)
 class Claim:
-    """One equation, number or claim of the paper.
-
-    Attributes
-    ----------
-    key : str
-        Short unique name, such as "eom"; `npend paper --only KEY` shows what is found.
-    section, place : str
-        Section of the paper, and every place where it is said, such as "Eq. (12); Eq. (38)".
-    claim : str
-        What is said, in a few words.
-    printed : str
-        The paper's own formula or number; "-" if it prints none.
-    ours, note : str
-        What was computed, "-" if nothing was, and why that is so. In `claims.ini` the computed
-        numbers stand as {name:format}, see `render`.
-    """
+    """One equation, number or claim of the paper; its fields are explained in `claims.ini`."""
 
     key: str
     section: str
@@ -60,16 +43,16 @@ def claims() -> dict[str, Claim]:
     return {key: Claim(key, **texts) for key, texts in fields.items()}
 
 
+def printed(key: str) -> tuple[str, ...]:
+    """Return the numbers that the paper prints, as `claims.ini` lists them for a claim."""
+    return tuple(claims()[key].printed.split(", "))
+
+
 def render(template: str, numbers: Mapping[str, Any]) -> str:
     """Return `template` with every {name:format} replaced by the number of that name.
 
-    The members of a list or an array are formatted one by one and joined by commas, those of a
-    tuple likewise, in brackets.
-
-    Raises
-    ------
-    KeyError
-        If the template names a number that was not computed.
+    The members of a list, array or tuple are formatted one by one and joined by commas, those of a
+    tuple in brackets. KeyError is raised if the template names a number that is not there.
     """
     return _NUMBER.sub(lambda found: _show(numbers[found[1]], found[2] or ""), template)
 

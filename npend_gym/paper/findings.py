@@ -1,17 +1,14 @@
 """The audit: each claim of the paper computed and judged."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
 from npend_gym import _checks
+from npend_gym.paper.checks.kane import KANE_N
 from npend_gym.paper.claims import Claim, claims, render
-from npend_gym.paper.registry import Outcome, Verdict, call, checks
-
-KANE_N = 6  # the largest chain that Kane's method is tried on by default: some seconds
+from npend_gym.paper.registry import CHECKS, Outcome, Verdict, call
 
 
 @dataclass(frozen=True)
@@ -23,23 +20,11 @@ class Finding(Claim):
 
 def groups() -> dict[str, str]:
     """Return the group of each claim, the module that checks it, in the order of the paper."""
-    known = checks()
-    return {key: known[key].__module__.rpartition(".")[-1] for key in claims()}
+    return {key: CHECKS[key].__module__.rpartition(".")[-1] for key in claims()}
 
 
 def selected(only: Sequence[str] | None = None) -> list[str]:
-    """Return the keys of claims that `only` names, in the order of the paper.
-
-    Parameters
-    ----------
-    only : sequence of str, optional
-        Keys of claims or names of groups; all claims by default.
-
-    Raises
-    ------
-    ValueError
-        If `only` names neither a claim nor a group.
-    """
+    """Return the keys of the claims that `only` names, by key or by group, in the paper's order."""
     known = groups()
     names = {*known, *known.values()}
     for name in only or ():
@@ -53,7 +38,7 @@ def selected(only: Sequence[str] | None = None) -> list[str]:
 
 
 def audit(only: Sequence[str] | None = None, *, kane_n: int = KANE_N) -> Iterator[Finding]:
-    """Return an iterator over the findings that `only` names, each computed when asked for.
+    """Return an iterator over the findings, each computed when asked for, in the paper's order.
 
     Parameters
     ----------
@@ -61,11 +46,6 @@ def audit(only: Sequence[str] | None = None, *, kane_n: int = KANE_N) -> Iterato
         Keys of claims or names of groups, see `selected`.
     kane_n : int
         Largest chain whose equations are derived by Kane's method; the time grows fast.
-
-    Returns
-    -------
-    iterator of Finding
-        In the order of the paper.
 
     Raises
     ------
@@ -80,7 +60,7 @@ def audit(only: Sequence[str] | None = None, *, kane_n: int = KANE_N) -> Iterato
 
 def outcome(key: str, **options: Any) -> Outcome:
     """Compute the verdict and the numbers of one claim, with `options` of its check."""
-    return call(checks()[key], key=key, **options)
+    return call(CHECKS[key], key=key, **options)
 
 
 def finding(key: str, **options: Any) -> Finding:
@@ -92,9 +72,8 @@ def finding(key: str, **options: Any) -> Finding:
 
 def by_section(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
     """Return `findings` by sections of the paper, both in the paper's order."""
-    found = {one.key: one for one in findings}
+    order = list(claims())
     sections: dict[str, list[Finding]] = {}
-    for key in claims():
-        if key in found:
-            sections.setdefault(found[key].section, []).append(found[key])
+    for one in sorted(findings, key=lambda one: order.index(one.key)):
+        sections.setdefault(one.section, []).append(one)
     return sections

@@ -1,7 +1,5 @@
 """Pseudo-periods of the paper's chains, each measured once and kept, and the paper's models."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 
@@ -21,8 +19,7 @@ _RTOL = 1e-7  # pseudo-periods right to 1e-4 s and better; the printed errors ha
 def bob_periods(n: int, theta0: float, reading: str = "bob", rods: str = "1 m") -> FloatArray:
     """Return the pseudo-period [s] of every bob of `n` equal rods released at `theta0` [rad].
 
-    NaN where a bob does not complete within 10 s on rods of 1/n m, which is 10 sqrt(n) s (six
-    periods of the slowest mode) on rods of 1 m.
+    NaN where a bob does not complete within 10 s on rods of 1/n m, or 10 sqrt(n) s on rods of 1 m.
 
     Scaling all lengths by s scales all times by sqrt(s), so that rods of 1/n m need no run of their
     own. "listing" does not scale, for it counts frames and compares heights with 0.01 m: it sees
@@ -43,10 +40,7 @@ def bob_periods(n: int, theta0: float, reading: str = "bob", rods: str = "1 m") 
 
 @cache
 def ideal_periods(count: int) -> FloatArray:
-    """Return the paper's T0 [s] of chains 0..count of rods of 1 m, with its own g = 9.8 m/s^2.
-
-    Its T0 of no pendulum is zero (the last listing), and is drawn.
-    """
+    """Return the paper's T0 [s] of chains 0..count of rods of 1 m, with its own g = 9.8 m/s^2."""
     chains = [Chain.uniform(n, gravity=PAPER_GRAVITY) for n in range(1, count + 1)]
     return np.array([0.0, *map(theory.ideal_period, chains)])
 

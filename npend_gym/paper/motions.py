@@ -1,23 +1,19 @@
 """Random chains in motion, on which formulas of the paper are compared with the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from npend_gym import Chain
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
 from npend_gym.paper.registry import Outcome, check, corrected_if, holds_if
 from npend_gym.physics import accelerations
 
-SAMPLES = 20
 EXACT = 1e-11  # relative: what rounding may leave of an identity
 
-# Formulas are evaluated at complex angles too, see `slope`
-Array = Any
+Array = Any  # formulas are evaluated at complex angles too, see `slope`
 Term = Callable[["Motion"], Array]
 
 
@@ -46,18 +42,18 @@ class Motion:
         pick = np.minimum if rule == "max" else np.maximum  # mu falls along the chain
         return pick.outer(self.mu, self.mu)
 
-    def moved(self, **change: Array) -> Motion:
+    def moved(self, **change: Array) -> "Motion":
         """Return this motion with `theta` or `omega` changed, and the same accelerations."""
         state = {"theta": self.theta, "omega": self.omega, "alpha": self.alpha}
         return Motion(self.chain, **(state | change))
 
 
 @cache
-def samples(n: int, count: int = SAMPLES) -> tuple[Motion, ...]:
+def samples(n: int) -> tuple[Motion, ...]:
     """Return chains of `n` unequal rods in random states, with the accelerations they have."""
     rng = np.random.default_rng(n)
     motions: list[Motion] = []
-    for _ in range(count):
+    for _ in range(20):
         chain = Chain(rng.uniform(0.3, 3.0, n), rng.uniform(0.3, 3.0, n))
         motions.append(Motion(chain, rng.uniform(-np.pi, np.pi, n), rng.normal(0.0, 3.0, n)))
     return tuple(motions)
@@ -74,17 +70,9 @@ def slope(f: Term, motion: Motion, name: str) -> FloatArray:
 
     By a complex step, f(x + ih) = f(x) + ih f'(x) + O(h^2): exact to rounding.
     """
-    step = 1e-20
-    x = getattr(motion, name)
+    x, step = getattr(motion, name), 1e-20
     rows = [f(motion.moved(**{name: x + 1j * step * e})) for e in np.eye(motion.n)]
     return np.array([np.imag(row) / step for row in rows])
-
-
-def partial_rates(motion: Motion, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the derivatives of x'_j, y'_j and y_j by "theta" or "omega" of rod i, as (i, j)."""
-    terms: tuple[Term, ...] = (lambda at: at.x_dot, lambda at: at.y_dot, lambda at: at.y)
-    by_x, by_y, by_height = (slope(term, motion, name) for term in terms)
-    return by_x, by_y, by_height
 
 
 def along_the_motion(f: Term, motion: Motion) -> FloatArray:
@@ -92,6 +80,12 @@ def along_the_motion(f: Term, motion: Motion) -> FloatArray:
     step = 1e-20j
     theta, omega = motion.theta + step * motion.omega, motion.omega + step * motion.alpha
     return np.imag(f(motion.moved(theta=theta, omega=omega))) / step.imag
+
+
+def partial_rates(motion: Motion, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the derivatives of x'_j, y'_j and y_j by "theta" or "omega" of rod i, as (i, j)."""
+    terms = slope(lambda at: np.array([at.x_dot, at.y_dot, at.y]), motion, name)
+    return terms[:, 0], terms[:, 1], terms[:, 2]
 
 
 def largest_error(truth: Term, term: Term, n: int = 4) -> float:
@@ -106,26 +100,10 @@ def largest_error(truth: Term, term: Term, n: int = 4) -> float:
 
 
 def compare(
-    truth: Term,
-    as_printed: Term,
-    corrected: Term | None = None,
-    *,
-    n: int = 4,
-    tolerance: float = EXACT,
-    **numbers: float,
-) -> Outcome:
-    """Judge a formula on random chains of `n` rods in motion.
-
-    Parameters
-    ----------
-    truth, as_printed, corrected : callable
-        What the formula stands for, what the paper prints, and how it must read.
-    n : int
-    tolerance : float
-        Relative error up to which two values are the same.
-    **numbers : float
-        More numbers that the claim's text shows.
-    """
+    truth: Term, as_printed: Term, corrected: Term | None = None, *, n: int = 4,
+    tolerance: float = EXACT, **numbers: float,
+) -> Outcome:  # fmt: skip
+    """Judge a formula on random chains of `n` rods, by what it stands for; `numbers` are added."""
     off = largest_error(truth, as_printed, n)
     if corrected is None:
         return holds_if(off < tolerance, off=off, **numbers)

@@ -4,8 +4,6 @@ The paper says e = (1/N) sum_i |S_i - T_i| / S_i, "cumulative", and leaves open 
 are. A `Reading` fixes it; `grid` evaluates many of them on measured pseudo-periods.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.experiments.release import PAPER_N
+from npend_gym.paper.claims import printed
 from npend_gym.paper.measured import RODS, bob_periods, fundamental_periods, ideal_periods
 from npend_gym.period import LISTING_DURATION, READINGS
 
@@ -26,9 +25,7 @@ AMPLITUDES = np.array(
      [0.77253, 0.77720, 0.79765, 0.77676],
      [0.77419, 0.77749, 0.78107, 0.78599]]
 )  # rad; a row for each of Tables 1-3, a column for each N of PAPER_N  # fmt: skip
-ERRORS = np.array(
-    [[0.142, 0.108, 0.147, 0.376], [0.194, 0.137, 0.158, 0.207], [0.222, 0.149, 0.161, 0.382]]
-)  # the printed e
+ERRORS = np.array([printed(f"table-{trial}") for trial in (1, 2, 3)], float)  # the printed e
 HALF_DIGIT = 0.5e-3  # of a printed e
 
 WINDOWS = ("10 s", "sufficient")
@@ -52,39 +49,23 @@ AVERAGES: dict[str, Callable[[FloatArray], float]] = {
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to compute e(N).
+    """One way to compute e(N)."""
 
-    Attributes
-    ----------
-    estimator, rods, window : str
-        What completes a pseudo-period; length of the rods; time in which it must.
-    statistic : str
-        Of the bobs of a chain, or "each bob".
-    model, model_rods : str
-        T, and the length of rods that it is computed for (the paper's is for 1 m).
-    terms : str
-        What the sum over i runs over.
-    divisor, average : str
-        Of each term, abs(S - T) / divisor, and over the terms.
-    """
-
-    estimator: str = "bob"
-    rods: str = "1 m"
-    window: str = "sufficient"
-    statistic: str = "mean"
-    model: str = "T0"
-    model_rods: str = "1 m"
-    terms: str = "chains 1..N"
-    divisor: str = "S"
-    average: str = "mean"
+    estimator: str = "bob"  # what completes a pseudo-period
+    rods: str = "1 m"  # their length
+    window: str = "sufficient"  # the time in which bobs must complete
+    statistic: str = "mean"  # of the bobs of a chain, or "each bob"
+    model: str = "T0"  # T
+    model_rods: str = "1 m"  # length of rods that T is computed for: the paper's is for 1 m
+    terms: str = "chains 1..N"  # what the sum over i runs over
+    divisor: str = "S"  # of each term, |S - T| / divisor
+    average: str = "mean"  # over the terms
 
     def __str__(self) -> str:
         statistic = self.statistic + " of the bobs" * (self.statistic in STATISTICS)
-        return (
-            f'"{self.estimator}", rods {self.rods}, window {self.window}, {statistic}, '
-            f"{self.model} for rods of {self.model_rods}, {self.terms}, "
-            f"|S - T|/{self.divisor}, {self.average}"
-        )
+        measured = f'"{self.estimator}", rods {self.rods}, window {self.window}, {statistic}'
+        model = f"{self.model} for rods of {self.model_rods}, {self.terms}"
+        return f"{measured}, {model}, |S - T|/{self.divisor}, {self.average}"
 
 
 AS_WRITTEN = Reading()  # the text read literally, with the window that the bobs need
@@ -93,10 +74,7 @@ AS_PRINTED = Reading("listing", "1/n m", "10 s", "mean of 1/T", terms="as drawn"
 
 def all_readings(estimators: Sequence[str] = READINGS) -> Iterator[Reading]:
     """Yield every reading that differs from the others."""
-    sums = [
-        *itertools.product(STATISTICS, CHAIN_SUMS),
-        *(("each bob", terms) for terms in BOB_SUMS),
-    ]
+    sums = [*itertools.product(STATISTICS, CHAIN_SUMS), *itertools.product(["each bob"], BOB_SUMS)]
     for estimator, rods, window in itertools.product(estimators, RODS, WINDOWS):
         if window == "sufficient" and (estimator == "listing" or rods == "1/n m"):
             continue  # the listing has no other window; on short rods 10 s are sufficient
@@ -152,11 +130,8 @@ def _statistic(statistic: str, *source: Any) -> FloatArray:
 @cache
 def _model(model: str, model_rods: str, terms: str, n: int, theta0: float) -> FloatArray:
     """Return T(0), ..., T(n) [s]."""
-    lengths = np.ones(n + 1)
-    if model_rods == "1/n m":
-        lengths = 1.0 / (
-            np.full(n + 1, n) if terms in BOB_SUMS else np.maximum(1, np.arange(n + 1))
-        )
+    counts = np.full(n + 1, n) if terms in BOB_SUMS else np.maximum(1, np.arange(n + 1))
+    lengths = 1.0 / counts if model_rods == "1/n m" else np.ones(n + 1)
     periods = fundamental_periods(n) if model == "T1" else ideal_periods(n)
     factors = {"T0 x 1.049": 1.049, "T0 x 1.311": 1.311}
     if model == "T0 corrected":
@@ -167,20 +142,7 @@ def _model(model: str, model_rods: str, terms: str, n: int, theta0: float) -> Fl
 class Grid:
     """e(N) by many readings beside the printed one, in the columns `n_values`.
 
-    Attributes
-    ----------
-    errors : ndarray, shape (R, 3, C)
-        e of each of the `readings`, trial and column.
-    printed, amplitudes : ndarray, shape (3, C)
-        The paper's e and starting angles [rad].
-    distances : ndarray, shape (R,)
-        How far each reading is off where it is off most; infinite without an e.
-    nearest : int
-        Index of the reading with the least distance.
-    cells_met : ndarray, shape (R,)
-        In how many cells each reading gives the printed digits.
-    scatter, printed_scatter : ndarray, shapes (R, C) and (C,)
-        Range of e over the trials.
+    `errors` has shape (R, 3, C): reading, trial, column.
     """
 
     def __init__(
@@ -188,12 +150,13 @@ class Grid:
     ) -> None:
         columns = [PAPER_N.index(n) for n in n_values]
         self.n_values, self.readings, self.errors = n_values, readings, errors
-        self.printed, self.amplitudes = ERRORS[:, columns], AMPLITUDES[:, columns]
+        self.printed, self.amplitudes = ERRORS[:, columns], AMPLITUDES[:, columns]  # (3, C)
         off = np.abs(errors - self.printed)
         worst = off.max(axis=(1, 2))
-        self.distances = np.where(np.isnan(worst), np.inf, worst)
+        self.distances = np.where(np.isnan(worst), np.inf, worst)  # infinite without an e
         self.nearest = int(np.argmin(self.distances))
-        self.cells_met = (off <= HALF_DIGIT).sum(axis=(1, 2))
+        self.cells_met = (off <= HALF_DIGIT).sum(axis=(1, 2))  # where the printed digits are met
+        # Range of e over the trials, (R, C) and (C,)
         self.scatter, self.printed_scatter = np.ptp(errors, axis=1), np.ptp(self.printed, axis=0)
 
     def of(self, reading: Reading) -> FloatArray:
@@ -201,7 +164,7 @@ class Grid:
         return self.errors[self.readings.index(reading)]
 
     def sensitivity(self, reading: Reading) -> FloatArray:
-        """Return abs(de/dtheta0) [1/rad] of a reading in each column, from its extreme angles."""
+        """Return |de/dtheta0| [1/rad] of a reading in each column, between its extreme angles."""
         e, columns = self.of(reading), range(len(self.n_values))
         low, high = self.amplitudes.argmin(axis=0), self.amplitudes.argmax(axis=0)
         return np.abs(e[high, columns] - e[low, columns]) / np.ptp(self.amplitudes, axis=0)

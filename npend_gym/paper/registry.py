@@ -9,15 +9,15 @@ computes what the claim "torque" of `claims.ini` needs, and nothing else: the ve
 numbers that the claim's text names. What several checks need is computed by cached functions.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from enum import Enum
-from functools import cache
-from importlib import import_module
-from pkgutil import iter_modules
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # an extra
+else:
+    Figure: TypeAlias = Any
 
 _T = TypeVar("_T")
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -55,19 +55,16 @@ class Drawing(NamedTuple):
     claim: str
     size: tuple[float, float]
     data: Callable[..., Any]
-    fill: Callable[[Any, Any], None]
+    fill: Callable[[Figure, Any], None]
 
-    def draw(self, data: Any) -> Any:
-        """Return `data` as a figure of matplotlib, in the package's style."""
-        from npend_gym.report.style import Figure, styled
+    def draw(self, data: Any) -> Figure:
+        """Return `data` as a figure in the package's style."""
+        from npend_gym.report import style
 
-        @styled
-        def filled() -> Figure:
-            figure = Figure(figsize=self.size)
+        with style.context():
+            figure = style.Figure(figsize=self.size)
             self.fill(figure, data)
-            return figure
-
-        return filled()
+        return figure
 
 
 class Table(NamedTuple):
@@ -77,16 +74,17 @@ class Table(NamedTuple):
     rows: Callable[..., list[dict[str, Any]]]
 
 
-_checks: dict[str, Callable[..., Outcome]] = {}
-_drawings: dict[str, Drawing] = {}
-_tables: dict[str, Table] = {}
+# Checks by the keys of their claims, figures and tables by name; npend_gym.paper.checks fills them
+CHECKS: dict[str, Callable[..., Outcome]] = {}
+DRAWINGS: dict[str, Drawing] = {}
+TABLES: dict[str, Table] = {}
 
 
 def check(*keys: str) -> Callable[[_F], _F]:
     """Register a function as the check of a claim; of several like claims, it has a `key`."""
 
     def register(compute: _F) -> _F:
-        _checks.update(dict.fromkeys(keys, compute))
+        CHECKS.update(dict.fromkeys(keys, compute))
         return compute
 
     return register
@@ -96,7 +94,7 @@ def table(name: str, claim: str) -> Callable[[_F], _F]:
     """Register a function that returns the rows of `name`.csv, which is written with a claim."""
 
     def register(rows: _F) -> _F:
-        _tables[name] = Table(claim, rows)
+        TABLES[name] = Table(claim, rows)
         return rows
 
     return register
@@ -108,35 +106,10 @@ def figure(
     """Register a function that draws `data()` into an empty figure, written with a claim."""
 
     def register(fill: _F) -> _F:
-        _drawings[name] = Drawing(claim, size, data, fill)
+        DRAWINGS[name] = Drawing(claim, size, data, fill)
         return fill
 
     return register
-
-
-@cache
-def _load() -> None:
-    package = import_module("npend_gym.paper.checks")
-    for module in iter_modules(package.__path__, package.__name__ + "."):
-        import_module(module.name)
-
-
-def checks() -> dict[str, Callable[..., Outcome]]:
-    """Return every check by the key of its claim."""
-    _load()
-    return _checks
-
-
-def drawings() -> dict[str, Drawing]:
-    """Return every figure by its name."""
-    _load()
-    return _drawings
-
-
-def tables() -> dict[str, Table]:
-    """Return every table by its name."""
-    _load()
-    return _tables
 
 
 def call(function: Callable[..., _T], **options: Any) -> _T:

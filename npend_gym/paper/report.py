@@ -1,17 +1,15 @@
 """The audit as text for the terminal, CSV files, Markdown and figures."""
 
-from __future__ import annotations
-
 import textwrap
 from collections import Counter
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from npend_gym import _files
-from npend_gym.paper.claims import claims
-from npend_gym.paper.findings import KANE_N, Finding, by_section, groups, selected
-from npend_gym.paper.registry import Verdict, call, drawings, tables
+from npend_gym.paper.findings import KANE_N, Finding, by_section, selected
+from npend_gym.paper.registry import DRAWINGS, TABLES, Verdict, call
 from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
 
 _WIDTH = 100
@@ -22,17 +20,6 @@ _VERBS = {  # of one finding, and of several
     Verdict.FAILS: ("does not hold", "do not hold"),
     Verdict.UNDECIDABLE: ("is not decidable", "are not decidable"),
 }
-
-
-def contents_text() -> str:
-    """Return the keys of all claims and their modules, by sections of the paper."""
-    lines: list[str] = []
-    for key, group in groups().items():
-        section = claims()[key].section
-        if section not in lines:
-            lines.append(section)
-        lines.append(f"  {key:20} {group}")
-    return "\n".join(lines)
 
 
 def audit_text(findings: Sequence[Finding]) -> str:
@@ -59,34 +46,15 @@ def _count(findings: Sequence[Finding]) -> str:
 
 def audit_rows(findings: Sequence[Finding]) -> list[dict[str, str]]:
     """Return the tidy table: a row for every finding, in the order of the paper."""
-    rows = [
-        vars(finding) | {"verdict": finding.verdict.value}
-        for some in by_section(findings).values()
-        for finding in some
-    ]
+    ordered = [finding for some in by_section(findings).values() for finding in some]
+    rows = [vars(finding) | {"verdict": finding.verdict.value} for finding in ordered]
     return [{name: row[name] for name in _COLUMNS} for row in rows]
-
-
-_ABOUT = """\
-# The paper, audited
-
-S. Charles, *The Lagrangian Mechanics and Pseudo-Periodicity of The Many-Body Planar Pendulum
-System* (10 March 2019): every numbered equation, number and claim, in the paper's order, with what
-was computed about it. Equations, figures and tables are numbered as LaTeX numbers the source; what
-defines or assumes, and so can be neither true nor false, is left out.
-
-This file is made by `npend paper --out FOLDER`, as `audit.md`; each item names the command that
-computes it alone. Verdicts follow from comparisons of computed numbers. Notation: theta' is the
-time derivative, N the number of rods, T0 the paper's ideal period 2 pi N / sum sqrt(g m/(l M)), T1
-the period of the slowest normal mode, S a measured pseudo-period, a starting angle is that of all
-rods, released from rest. "Off by" is the largest error relative to the largest value, on 20 random
-motions of a chain of unequal rods where nothing else is said; 1e-15 is rounding.
-"""
 
 
 def audit_markdown(findings: Sequence[Finding]) -> str:
     """Return the audit as Markdown: a summary, then each finding with its note and command."""
-    lines = [_ABOUT, f"**{_count(findings)}.**", ""]
+    about = files("npend_gym.paper").joinpath("about.md").read_text("utf-8")
+    lines = [about, f"**{_count(findings)}.**", ""]
     lines += ["| section | " + " | ".join(v.value for v in Verdict) + " |", "|---|" + 4 * "---:|"]
     sections = by_section(findings)
     for section, some in sections.items():
@@ -119,19 +87,13 @@ def _capital(text: str) -> str:
 
 def _escaped(text: str) -> str:
     """Return `text` with the characters escaped that Markdown would take for its own."""
-    for character in "\\*<|":
-        text = text.replace(character, "\\" + character)
-    return text
+    return text.translate({ord(character): "\\" + character for character in "\\*<|"})
 
 
 def write(
-    findings: Sequence[Finding],
-    out: Path,
-    *,
-    only: Sequence[str] | None = None,
-    kane_n: int = KANE_N,
-    figures: bool,
-) -> list[Path]:
+    findings: Sequence[Finding], out: Path, *, only: Sequence[str] | None = None,
+    kane_n: int = KANE_N, figures: bool,
+) -> list[Path]:  # fmt: skip
     """Write findings, tables, manifest and (with `figures`) pictures into `out`.
 
     Tables and figures are those that belong to the findings. Each file appears whole, by rename;
@@ -142,10 +104,10 @@ def write(
         file.write(audit_markdown(findings))
     written = [out / "audit.md", write_csv(out / "findings.csv", audit_rows(findings))]
     keys = {finding.key for finding in findings}
-    for name, table in tables().items():
+    for name, table in TABLES.items():
         if table.claim in keys:
             written.append(write_csv(out / f"{name}.csv", call(table.rows, kane_n=kane_n)))
-    for name, drawing in drawings().items():
+    for name, drawing in DRAWINGS.items():
         if figures and drawing.claim in keys:
             written += draw(name, out, kane_n=kane_n)
     arguments: dict[str, Any] = {"only": only, "kane_n": kane_n}
@@ -154,13 +116,7 @@ def write(
 
 
 def draw(name: str, out: Path, **options: Any) -> list[Path]:
-    """Draw the figure `name` and write it to the folder `out` as PDF and as PNG.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    """
-    drawing = drawings()[name]
+    """Draw the figure `name` and write it to the folder `out` as PDF and as PNG."""
+    drawing = DRAWINGS[name]
     figure = drawing.draw(call(drawing.data, **options))
     return [write_figure(out / f"{name}.{kind}", figure) for kind in ("pdf", "png")]

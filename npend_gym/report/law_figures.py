@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
 
 from npend_gym import theory
 from npend_gym._palette import BLACK, FAINT, GREEN, ORANGE, PINK
 from npend_gym.experiments.law import Law, Scan
-from npend_gym.report.style import TRIALS, panels, shade
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # an extra
 
 
-def law_against_n(figure: Figure, scan: Scan, law: Law) -> None:
+def law_against_n(figure: Figure, data: tuple[Scan, Law]) -> None:
     """Draw the pseudo-period against N with the paper's model and the law, and the residuals."""
+    from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
+
+    from npend_gym.report.style import TRIALS, panels
+
+    scan, law = data
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
     counts = np.unique(np.geomspace(1, int(scan.n_values[-1]), 60).astype(np.int64))
     ideal = theory.single_period() * np.sqrt(counts)
@@ -49,8 +54,13 @@ def law_against_n(figure: Figure, scan: Scan, law: Law) -> None:
     top.legend()
 
 
-def law_against_angle(figure: Figure, scan: Scan, law: Law) -> None:
+def law_against_angle(figure: Figure, data: tuple[Scan, Law]) -> None:
     """Draw the pseudo-period over T1 against the starting angle, and what the law leaves."""
+    from matplotlib.ticker import PercentFormatter
+
+    from npend_gym.report.style import panels, shade
+
+    scan, law = data
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.4, 1.0))
     angle = np.linspace(0.0, float(scan.amplitudes[-1]), 300)
     pendulum = 1.0 + theory.amplitude_correction(angle)
@@ -82,5 +92,7 @@ def law_against_angle(figure: Figure, scan: Scan, law: Law) -> None:
 
 
 def _plain_seconds(axes: Any) -> None:
+    from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
+
     axes.yaxis.set(major_locator=FixedLocator([2, 3, 5, 10, 20, 30]), minor_locator=NullLocator())
     axes.yaxis.set_major_formatter(ScalarFormatter())

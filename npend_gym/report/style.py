@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from functools import wraps
 from importlib.resources import as_file, files
 from typing import Any, ParamSpec
@@ -21,15 +22,22 @@ TRIALS = (("o", SKY), ("s", BLUE), ("^", BLACK))
 _P = ParamSpec("_P")
 
 
+@contextmanager
+def context() -> Generator[None, None, None]:
+    """Draw in the package's style, whatever the user's own, inside a `with` statement."""
+    with (
+        as_file(files("npend_gym.report") / "npend.mplstyle") as style,
+        matplotlib.style.context(["default", str(style)]),
+    ):
+        yield
+
+
 def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
     """Draw in the package's style, whatever the user's own."""
 
     @wraps(draw)
     def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
-        with (
-            as_file(files("npend_gym.report") / "npend.mplstyle") as style,
-            matplotlib.style.context(["default", str(style)]),
-        ):
+        with context():
             return draw(*args, **kwargs)
 
     return styled

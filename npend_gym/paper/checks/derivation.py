@@ -1,42 +1,9 @@
 """Appendix A of the paper: the derivatives of the Lagrangian, line by line."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from npend_gym.paper.motions import (
-    Array,
-    Motion,
-    along_the_motion,
-    formula,
-    lagrangian,
-    partial_rates,
-    slope,
-)
-
-formula(
-    "rate-x-by-angle",
-    lambda at: partial_rates(at, "theta")[0],
-    lambda at: -at.xi * np.outer(at.l * np.sin(at.theta), at.omega),
-    lambda at: -at.xi * (at.l * at.omega * np.sin(at.theta))[:, None],
-)
-formula(
-    "rate-y-by-angle",
-    lambda at: partial_rates(at, "theta")[1],
-    lambda at: at.xi * (at.l * at.omega * np.cos(at.theta))[:, None],
-)
-formula(
-    "height-by-angle",
-    lambda at: partial_rates(at, "theta")[2],
-    lambda at: at.xi * (at.l * np.sin(at.theta))[:, None],
-)
-
-
-def force(motion: Motion) -> Array:
-    """Return dL/dtheta_i, the last line of Eq. (43), with pi_ij = max(i, j)."""
-    l, omega = motion.l, motion.omega
-    twist = (np.sin(motion.between) * motion.carried("max")) @ (l * omega)
-    return -motion.g * l * np.sin(motion.theta) * motion.mu - l * omega * twist
+from npend_gym.paper.checks.equations import expanded_left, expanded_right, force, momentum
+from npend_gym.paper.motions import Array, Motion, along_the_motion, formula, partial_rates
 
 
 def force_as_printed(motion: Motion) -> Array:
@@ -47,26 +14,7 @@ def force_as_printed(motion: Motion) -> Array:
     return -l * (omega * np.sum(weight * l * twist, axis=1) + gravity)
 
 
-formula("force", lambda at: slope(lagrangian, at, "theta"), force_as_printed, force)
-formula("pi-max", lambda at: (at.xi * at.m) @ at.xi.T, lambda at: at.carried("max"))
-formula(
-    "rates-by-velocity",
-    lambda at: np.array(partial_rates(at, "omega")[:2]),
-    lambda at: at.xi * (at.l * np.array([np.cos(at.theta), np.sin(at.theta)]))[:, :, None],
-)
-formula(
-    "height-by-velocity",
-    lambda at: partial_rates(at, "omega")[2],
-    lambda at: np.zeros((at.n, at.n)),
-)
-
-
-def momentum_true(motion: Motion) -> Array:
-    """Return dL/domega_i by differentiation."""
-    return slope(lagrangian, motion, "omega")
-
-
-def momentum(motion: Motion) -> Array:
+def last_momentum(motion: Motion) -> Array:
     """Return dL/domega_i, the last line of Eq. (48)."""
     reached = (np.cos(motion.between) * motion.l * motion.omega) @ motion.xi
     return motion.l * np.sum(motion.xi * motion.m * reached, axis=1)
@@ -80,30 +28,11 @@ def momentum_as_printed(motion: Motion) -> Array:
     return motion.l * (np.sin(q) * (xi @ sines) + np.cos(q) * (xi @ cosines))
 
 
-formula("momentum", momentum_true, momentum_as_printed, momentum)
-
-
 def momentum_by_speeds(motion: Motion, lengths: Array) -> Array:
     """Return the line after Eq. (48), whose factor is l_j as printed and should be l_i."""
     along = np.outer(np.cos(motion.theta), motion.x_dot)
     along = along + np.outer(np.sin(motion.theta), motion.y_dot)
     return (motion.xi * lengths * along) @ motion.m
-
-
-formula(
-    "momentum-by-speeds",
-    momentum_true,
-    lambda at: momentum_by_speeds(at, at.l[None, :]),
-    lambda at: momentum_by_speeds(at, at.l[:, None]),
-)
-
-
-def momentum_rate(motion: Motion) -> Array:
-    """Return the last line of Eq. (49), with pi_ij = max(i, j)."""
-    u = motion.omega
-    gyro = (u[None, :] ** 2 - u[:, None] * u[None, :]) * np.sin(motion.between)
-    turning = motion.alpha * np.cos(motion.between)
-    return motion.l * (((turning + gyro) * motion.carried("max")) @ motion.l)
 
 
 def momentum_rate_as_printed(motion: Motion) -> Array:
@@ -114,9 +43,23 @@ def momentum_rate_as_printed(motion: Motion) -> Array:
     return motion.l * ((x + y) @ motion.m)
 
 
+formula("rate-x-by-angle", lambda at: partial_rates(at, "theta")[0],
+        lambda at: -at.xi * np.outer(at.l * np.sin(at.theta), at.omega),
+        lambda at: -at.xi * (at.l * at.omega * np.sin(at.theta))[:, None])  # fmt: skip
+formula("rate-y-by-angle", lambda at: partial_rates(at, "theta")[1],
+        lambda at: at.xi * (at.l * at.omega * np.cos(at.theta))[:, None])  # fmt: skip
+formula("height-by-angle", lambda at: partial_rates(at, "theta")[2],
+        lambda at: at.xi * (at.l * np.sin(at.theta))[:, None])  # fmt: skip
+formula("force", force, force_as_printed, lambda at: at.l * expanded_left(at, "max"))
+formula("pi-max", lambda at: (at.xi * at.m) @ at.xi.T, lambda at: at.carried("max"))
 formula(
-    "momentum-rate",
-    lambda at: along_the_motion(momentum, at),
-    momentum_rate_as_printed,
-    momentum_rate,
+    "rates-by-velocity",
+    lambda at: np.array(partial_rates(at, "omega")[:2]),
+    lambda at: at.xi * (at.l * np.array([np.cos(at.theta), np.sin(at.theta)]))[:, :, None],
 )
+formula("height-by-velocity", lambda at: partial_rates(at, "omega")[2], lambda at: 0.0 * at.xi)
+formula("momentum", momentum, momentum_as_printed, last_momentum)
+formula("momentum-by-speeds", momentum, lambda at: momentum_by_speeds(at, at.l[None, :]),
+        lambda at: momentum_by_speeds(at, at.l[:, None]))  # fmt: skip
+formula("momentum-rate", lambda at: along_the_motion(last_momentum, at), momentum_rate_as_printed,
+        lambda at: at.l * expanded_right(at))  # fmt: skip

@@ -1,7 +1,5 @@
 """Section 3: characteristic frequencies and the pseudo-period T(N) that follows from them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -30,8 +28,7 @@ def diagonal_frequencies(chain: Chain) -> FloatArray:
 
 def generalised_roots(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
     """Return the omega [rad/s] with det(stiffness - omega^2 mass) = 0, increasing."""
-    squares = np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.astype(np.float64)
-    return np.sqrt(np.sort(squares))
+    return np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real))
 
 
 @check("determinant")
@@ -64,8 +61,7 @@ def _normal_frequencies() -> Outcome:
 
 @check("carried-mass")
 def _carried_mass() -> Outcome:
-    chains = map(Chain.uniform, (2, 10, 100))
-    ratios = [chain.masses.sum() / chain.carried_masses for chain in chains]
+    ratios = [one.masses.sum() / one.carried_masses for one in map(Chain.uniform, (2, 10, 100))]
     shown = [(float(ratio.mean()), float(ratio[-1])) for ratio in ratios]
     return holds_if(all(ratio.max() < 1.1 for ratio in ratios), shares=shown)
 

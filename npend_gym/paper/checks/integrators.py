@@ -1,12 +1,11 @@
 """What the paper says of integrators: Runge-Kutta of appendix C, Euler's error, odeint."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+from scipy.integrate import odeint
 
 from npend_gym import Chain, simulate
 from npend_gym._checks import FloatArray
@@ -14,13 +13,10 @@ from npend_gym._palette import BLUE, ORANGE
 from npend_gym.experiments.fits import power_law
 from npend_gym.paper.checks.chaos import neighbour_growth
 from npend_gym.paper.motions import samples
-from npend_gym.paper.registry import Outcome, Verdict, check, corrected_if, figure, holds_if
+from npend_gym.paper.registry import Figure, Outcome, Verdict, check, corrected_if, figure, holds_if
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import derivative, new_work, pack_rods
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 CHAIN = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4])
 START = np.array([0.9, 0.4, 0.6, 0.5, -0.3, 0.8])  # a generic state: angles, angular velocities
@@ -29,19 +25,14 @@ STEPS: FloatArray = 0.02 * 0.5 ** np.arange(5.0)  # s
 
 def state_after(chain: Chain, state: FloatArray, span: float, dt: float = 0.0) -> FloatArray:
     """Return the state `span` seconds on, to some fourteen digits, or by RK4 in steps of `dt`."""
-    theta, omega = np.split(state, 2)
-    if dt:
-        path = simulate(chain, theta, omega, [0.0, span], method="rk4", dt=dt)
-    else:
-        path = simulate(chain, theta, omega, [0.0, span], rtol=1e-14, atol=1e-16)
+    how: dict[str, Any] = {"method": "rk4", "dt": dt} if dt else {"rtol": 1e-14, "atol": 1e-16}
+    path = simulate(chain, state[: chain.n], state[chain.n :], [0.0, span], **how)
     return np.concatenate([path.theta[-1], path.omega[-1]])
 
 
 def rates(chain: Chain) -> Callable[[float, FloatArray], FloatArray]:
-    """Return the function (t, state) -> d/dt (theta, omega) of Eq. (32).
-
-    It calls the kernel, without the checks of `accelerations`: odeint calls it 100 000 times.
-    """
+    """Return the function (t, state) -> d/dt (theta, omega) of Eq. (32)."""
+    # The kernel, without the checks of `accelerations`: odeint calls it 100 000 times
     rods, work, torque = pack_rods(chain), new_work(chain.n), np.zeros(chain.n)
 
     def f(_t: float, state: FloatArray) -> FloatArray:
@@ -52,23 +43,19 @@ def rates(chain: Chain) -> Callable[[float, FloatArray], FloatArray]:
     return f
 
 
-def _distances(ends: list[FloatArray], truths: list[FloatArray]) -> FloatArray:
-    return np.linalg.norm(np.array(ends) - truths, axis=1)
-
-
 @cache
-def truths() -> list[FloatArray]:
-    """Return the true states after one step, for every step of `STEPS`."""
-    return [state_after(CHAIN, START, tau) for tau in STEPS.tolist()]
+def truths() -> FloatArray:
+    """Return the true states after one step, a row for every step of `STEPS`."""
+    return np.array([state_after(CHAIN, START, tau) for tau in STEPS.tolist()])
 
 
 @cache
 def runge_kutta_errors(span: float = 1.0) -> tuple[FloatArray, FloatArray]:
     """Return the errors of one step, and after `span` seconds, for every step of `STEPS`."""
     steps, end = STEPS.tolist(), state_after(CHAIN, START, span)
-    local = _distances([state_after(CHAIN, START, tau, dt=tau) for tau in steps], truths())
-    after = [state_after(CHAIN, START, span, dt=tau) for tau in steps]
-    return local, _distances(after, [end] * len(steps))
+    local = np.array([state_after(CHAIN, START, tau, dt=tau) for tau in steps]) - truths()
+    after = np.array([state_after(CHAIN, START, span, dt=tau) for tau in steps]) - end
+    return np.linalg.norm(local, axis=1), np.linalg.norm(after, axis=1)
 
 
 @check("rk4-orders")
@@ -82,7 +69,6 @@ def _orders() -> Outcome:
 
 @figure("runge_kutta", "rk4-orders", size=(5.0, 3.6), data=lambda: (STEPS, *runge_kutta_errors()))
 def _draw_errors(figure: Figure, data: Any) -> None:
-    """Draw RK4's errors: `data` is the steps [s], the errors of one step, those after 1 s."""
     from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
     steps, local, after = data
@@ -112,31 +98,21 @@ def _formula() -> Outcome:
     return corrected_if(off < 1e-13, off=off)
 
 
-def taylor_remainders() -> FloatArray:
-    """Return what Theta0 + tau Theta' + tau^2 Theta''/2, Eq. (33), leaves for every step."""
-    velocity = rates(CHAIN)(0.0, START)
-    bend = linearise(CHAIN, START[:3], START[3:]).A @ velocity  # second derivative of the state
-    ends = [START + s * velocity + 0.5 * s * s * bend for s in STEPS.tolist()]
-    return _distances(ends, truths())
-
-
 @check("taylor")
 def _taylor() -> Outcome:
-    order = power_law(STEPS, taylor_remainders()).value
+    velocity = rates(CHAIN)(0.0, START)
+    bend = linearise(CHAIN, START[:3], START[3:]).A @ velocity  # second derivative of the state
+    series = START + np.multiply.outer(STEPS, velocity) + np.multiply.outer(0.5 * STEPS**2, bend)
+    order = power_law(STEPS, np.linalg.norm(series - truths(), axis=1)).value
     return holds_if(abs(order - 3.0) < 0.2, order=order)
-
-
-def euler_ratios() -> FloatArray:
-    """Return the error of one Euler step by tau^2 |Theta''| / 2, Eq. (34), for every step."""
-    omega, alpha = np.split(rates(CHAIN)(0.0, START), 2)
-    ends = [START[:3] + s * omega for s in STEPS.tolist()]
-    errors = _distances(ends, [truth[:3] for truth in truths()])
-    return errors / (0.5 * STEPS**2 * np.linalg.norm(alpha))
 
 
 @check("local-error")
 def _local_error() -> Outcome:
-    ratios = euler_ratios()
+    omega, alpha = np.split(rates(CHAIN)(0.0, START), 2)
+    euler = START[:3] + np.multiply.outer(STEPS, omega)
+    errors = np.linalg.norm(euler - truths()[:, :3], axis=1)
+    ratios = errors / (0.5 * STEPS**2 * np.linalg.norm(alpha))  # by Eq. (34)
     return corrected_if(abs(ratios[-1] - 1.0) < 0.01, ratios=ratios[[0, 2, 4]])
 
 
@@ -160,19 +136,13 @@ def _first_order_system() -> Outcome:
     chain = samples(4)[0].chain
     theta = np.full(chain.n, 0.01)
     truth = accelerations(chain, theta, 0.0)
-    error = np.linalg.norm(-chain.gravity * chain.masses * theta - truth)
-    off = float(error / np.linalg.norm(truth))
+    as_printed = -chain.gravity * chain.masses * theta
+    off = float(np.linalg.norm(as_printed - truth) / np.linalg.norm(truth))
     return holds_if(off < 0.01, off=off)
 
 
 def odeint_errors(n: int, length: float) -> tuple[float, float]:
-    """Return the error of the paper's integrator, `odeint` by default, after 10 s from pi/4.
-
-    The largest error of an angle [rad], and of the energy relative to its start, over all frames
-    of the paper, for `n` rods of `length` [m].
-    """
-    from scipy.integrate import odeint
-
+    """Return the largest errors of the paper's odeint within 10 s: angle [rad], relative energy."""
     chain, times = Chain.uniform(n, length=length), np.linspace(0.0, 10.0, 1000)
     start = np.concatenate([np.full(n, np.pi / 4), np.zeros(n)])
     state = cast("FloatArray", odeint(rates(chain), start, times, tfirst=True))
@@ -187,7 +157,6 @@ def _truncation() -> Outcome:
     metre, drifts = zip(*(odeint_errors(n, 1.0) for n in (5, 20, 100)), strict=True)
     short, others = zip(*(odeint_errors(n, 1.0 / n) for n in (5, 20, 100)), strict=True)
     grows = [errors[-1] > 100.0 * errors[0] for errors in (metre, short)]
-    return holds_if(
-        all(grows), Verdict.CORRECTED if any(grows) else Verdict.FAILS, metre=[*metre],
-        short=[*short], worst=max(*drifts, *others), growth=neighbour_growth(100, length=0.01),
-    )  # fmt: skip
+    return holds_if(all(grows), Verdict.CORRECTED if any(grows) else Verdict.FAILS, metre=[*metre],
+                    short=[*short], worst=max(*drifts, *others),
+                    growth=neighbour_growth(100, length=0.01))  # fmt: skip

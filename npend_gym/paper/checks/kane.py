@@ -1,10 +1,8 @@
 """What the paper says of Kane's method, and what its derivation costs."""
 
-from __future__ import annotations
-
 import time
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,69 +10,51 @@ from npend_gym import Chain
 from npend_gym._checks import FloatArray
 from npend_gym._palette import BLACK, BLUE, ORANGE
 from npend_gym.experiments.fits import power_law
-from npend_gym.paper.findings import KANE_N
-from npend_gym.paper.motions import largest_error
-from npend_gym.paper.registry import Outcome, Verdict, check, figure, holds_if, table
+from npend_gym.paper.motions import Array, Motion, largest_error
+from npend_gym.paper.registry import Figure, Outcome, Verdict, check, figure, holds_if, table
 from npend_gym.physics import accelerations
 from npend_gym.physics.kane import derive, kane_accelerations, sympy_and_mechanics
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-CHECKED_N = 6  # accelerations are compared for up to this many rods
+KANE_N = 6  # the largest chain that Kane's method is tried on by default: some seconds
 OUR_COUNTS = (10, 30, 100, 300, 1000, 3000, 10000)
 
 
 @cache
 def kane_error() -> float:
     """Return how far Kane's accelerations of unequal rods are off ours, relatively."""
+    by_kane = {n: kane_accelerations(n) for n in range(1, 7)}
 
-    def error(n: int) -> float:
-        by_kane = kane_accelerations(n)
-        return largest_error(
-            lambda at: at.alpha, lambda at: by_kane(at.theta, at.omega, at.m, at.l, at.g), n
-        )
+    def kanes(at: Motion) -> Array:
+        return by_kane[at.n](at.theta, at.omega, at.m, at.l, at.g)
 
-    return max(error(n) for n in range(1, CHECKED_N + 1))
+    return max(largest_error(lambda at: at.alpha, kanes, n) for n in by_kane)
 
 
-@check("kane-listing")
-def _listing() -> Outcome:
-    version = sympy_and_mechanics()[0].__version__
-    return holds_if(kane_error() < 1e-12, sympy=version, off=kane_error())
-
-
-@check("kane-order")
-def _order() -> Outcome:
-    return holds_if(kane_error() > 1e-12, off=kane_error())
-
-
-class KaneCost(NamedTuple):
-    """Cost of deriving the equations of `n` rods by Kane's method."""
-
-    n: int
-    seconds: float
-    operations: int  # in the mass matrix and the forcing
+check("kane-order")(lambda: holds_if(kane_error() > 1e-12, off=kane_error()))
+check("kane-listing")(lambda: holds_if(kane_error() < 1e-12, off=kane_error(),
+                                       sympy=sympy_and_mechanics()[0].__version__))  # fmt: skip
 
 
 @cache
-def kane_costs(largest: int = KANE_N) -> tuple[KaneCost, ...]:
-    """Return the cost of Kane's method for 1..`largest` rods, the fastest of up to three runs."""
-    derive(1)  # what is done once for all is no cost of n rods
-    return tuple(_cost(n) for n in range(1, largest + 1))
+def kane_costs(largest: int = KANE_N) -> list[dict[str, Any]]:
+    """Return the cost of Kane's method for 1..`largest` rods: seconds, and size of the equations.
 
-
-def _cost(n: int) -> KaneCost:
+    The time is the least of up to three runs, the size the operations in mass matrix and forcing.
+    """
     sympy, _ = sympy_and_mechanics()
-    seconds: list[float] = []
-    for _ in range(3 if n < KANE_N else 1):
-        sympy.core.cache.clear_cache()
-        start = time.perf_counter()
-        derive(n)
-        seconds.append(time.perf_counter() - start)
-    equations = derive(n)
-    size = sympy.count_ops(equations.mass_matrix) + sympy.count_ops(equations.forcing)
-    return KaneCost(n, min(seconds), int(size))
+    equations = derive(1)  # what is done once for all is no cost of n rods
+    rows: list[dict[str, Any]] = []
+    for n in range(1, largest + 1):
+        seconds: list[float] = []
+        for _ in range(3 if n < KANE_N else 1):
+            sympy.core.cache.clear_cache()
+            start = time.perf_counter()
+            equations = derive(n)
+            seconds.append(time.perf_counter() - start)
+        size = sympy.count_ops(equations.mass_matrix) + sympy.count_ops(equations.forcing)
+        row = {"what": "Kane's derivation", "n": n, "seconds": min(seconds)}
+        rows.append(row | {"operations": int(size)})
+    return rows
 
 
 def exponential_misfit(x: FloatArray, y: FloatArray) -> float:
@@ -85,15 +65,16 @@ def exponential_misfit(x: FloatArray, y: FloatArray) -> float:
 
 @check("run-time")
 def _run_time(kane_n: int = KANE_N) -> Outcome:
-    counts, seconds, operations = np.array(kane_costs(kane_n)[1:], float).T
+    costs = kane_costs(kane_n)[1:]
+    names = ("n", "seconds", "operations")
+    counts, seconds, operations = (np.array([cost[x] for cost in costs], float) for x in names)
     by_power = exponential_misfit(np.log(counts), operations)
     by_exponential = exponential_misfit(counts, operations)
-    return holds_if(
-        by_exponential < by_power, by_power=by_power, by_exponential=by_exponential, last=kane_n,
-        seconds=seconds[[0, -1]], seconds_power=power_law(counts, seconds).value,
-        operations=operations[[0, -1]], power=power_law(counts, operations).value,
-        steps=operations[1:] / operations[:-1],
-    )  # fmt: skip
+    return holds_if(by_exponential < by_power, by_power=by_power, by_exponential=by_exponential,
+                    last=kane_n, seconds=seconds[[0, -1]],
+                    seconds_power=power_law(counts, seconds).value, operations=operations[[0, -1]],
+                    power=power_law(counts, operations).value,
+                    steps=operations[1:] / operations[:-1])  # fmt: skip
 
 
 @cache
@@ -121,15 +102,12 @@ def _logarithmic_time() -> Outcome:
 @table("kane_cost", "run-time")
 def cost_rows(kane_n: int = KANE_N) -> list[dict[str, Any]]:
     """Return the tidy table of costs: Kane's derivations, then evaluations of our dynamics."""
-    return [{"what": "Kane's derivation"} | cost._asdict() for cost in kane_costs(kane_n)] + [
-        {"what": "our evaluation", "n": n, "seconds": our_seconds(n), "operations": ""}
-        for n in OUR_COUNTS
-    ]
+    ours = {"what": "our evaluation", "operations": ""}
+    return kane_costs(kane_n) + [ours | {"n": n, "seconds": our_seconds(n)} for n in OUR_COUNTS]
 
 
 @figure("kane_cost", "run-time", size=(5.6, 3.8), data=cost_rows)
 def _draw_costs(figure: Figure, data: list[dict[str, Any]]) -> None:
-    """Draw the cost of Kane's method beside ours; `data` is the table of costs."""
     axes = figure.subplots()
     for what, style, color, label in (
         ("Kane's derivation", "s-", ORANGE, "Kane's method, one derivation"),

@@ -1,8 +1,6 @@
 """What the paper claims about the law of the pseudo-period, judged by the measured one."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.special import jn_zeros
@@ -11,10 +9,8 @@ from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments import law
 from npend_gym.experiments.law import LAW_FROM, LAW_UP_TO, Law, Scan, fit_law, scan
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_SPREAD
-from npend_gym.paper.registry import Outcome, Verdict, check, corrected_if, figure, holds_if, table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from npend_gym.paper.registry import Outcome, Verdict, check, figure, holds_if, table
+from npend_gym.report.law_figures import law_against_angle, law_against_n
 
 # The part of the scan to which the law is fitted; each check measures only the cells it needs
 LONG = tuple(n for n in law.N_VALUES if n >= LAW_FROM)
@@ -27,6 +23,11 @@ def over_ideal(n: int, amplitude: float) -> float:
     cell = scan((n,), (amplitude,))
     ideal = theory.ideal_period(Chain.uniform(n))
     return float(cell.median[0, 0] * cell.fundamental[0] / ideal)
+
+
+check("small-angles")(
+    lambda: holds_if(abs((ratio := over_ideal(LAW_FROM, LEAST)) - 1.0) < 0.02, ratio=ratio)
+)
 
 
 @check("sqrt-scaling")
@@ -50,28 +51,21 @@ def _factor(n: int = LONG[-1]) -> Outcome:
 @check("period-law")
 def _law(n_values: tuple[int, ...] = LONG, amplitudes: tuple[float, ...] = SMALL) -> Outcome:
     fitted = fit_law(scan(n_values, amplitudes))
-    return holds_if(
-        abs(fitted.b.value - 1.0 / 16.0) <= fitted.b.error, limit=fitted.limit, b=fitted.b,
-        d=fitted.d, worst=float(np.abs(fitted.residuals).max()), last=n_values[-1],
-        times=16.0 * fitted.b.value,
-    )  # fmt: skip
+    return holds_if(abs(fitted.b.value - 1.0 / 16.0) <= fitted.b.error, limit=fitted.limit,
+                    b=fitted.b, d=fitted.d, worst=float(np.abs(fitted.residuals).max()),
+                    last=n_values[-1], times=16.0 * fitted.b.value)  # fmt: skip
 
 
 @check("coincidence")
-def _coincidence(
-    n_values: tuple[int, ...] = LONG, amplitudes: tuple[float, ...] = SMALL
-) -> Outcome:
+def _coincidence(n_values: Any = LONG, amplitudes: Any = SMALL) -> Outcome:
     angles = np.array([LEAST, PAPER_AMPLITUDE, LAW_UP_TO])
     measured = scan(n_values, tuple(angles.tolist())).median.mean(axis=1)
     off = (1.0 + theory.amplitude_correction(angles)) / measured - 1.0
     fine = np.linspace(0.0, LAW_UP_TO, 1201)
-    return holds_if(
-        bool(np.abs(off).max() < 0.01),
-        pendulum=float(theory.amplitude_correction(PAPER_AMPLITUDE)),
-        shown=[f"{o:+.1%} at {a:.3g} rad" for o, a in zip(off, angles, strict=True)],
-        # where the median is T1
-        crossing=float(np.interp(1.0, fit_law(scan(n_values, amplitudes)).ratio(fine), fine)),
-    )
+    law_there = fit_law(scan(n_values, amplitudes)).ratio(fine)
+    return holds_if(bool(np.abs(off).max() < 0.01), crossing=float(np.interp(1.0, law_there, fine)),
+                    shown=[f"{o:+.1%} at {a:.3g} rad" for o, a in zip(off, angles, strict=True)],
+                    pendulum=float(theory.amplitude_correction(PAPER_AMPLITUDE)))  # fmt: skip
 
 
 @check("which-average")
@@ -86,10 +80,7 @@ def _readings() -> Outcome:
     numbers: dict[str, Any] = {}
     for reading in ("bob", "link", "height"):
         data = scan((10, 50), (0.01, PAPER_AMPLITUDE), reading, 3.0)
-        numbers[reading], numbers[f"{reading}_completed"] = (
-            data.median.ravel(),
-            data.completed.min(),
-        )
+        numbers |= {reading: data.median.ravel(), f"{reading}_completed": data.completed.min()}
     return holds_if(bool(np.abs(numbers["link"] / numbers["bob"] - 1.0).max() < 0.05), **numbers)
 
 
@@ -99,13 +90,8 @@ def _trial_equation() -> Outcome:
     factor = 1.0 + theory.amplitude_correction(angles)
     median = [float(np.median(pseudo_periods(Chain.uniform(20), a))) for a in angles]
     model, measured = factor[1] / factor[0] - 1.0, median[1] / median[0] - 1.0
-    return corrected_if(bool(abs(measured / model - 1.0) < 0.2), model=model, measured=measured)
-
-
-@check("small-angles")
-def _small_angles() -> Outcome:
-    ratio = over_ideal(LAW_FROM, LEAST)
-    return holds_if(abs(ratio - 1.0) < 0.02, ratio=ratio)
+    verdict = Verdict.CORRECTED if abs(measured / model - 1.0) < 0.2 else Verdict.FAILS
+    return Outcome(verdict, {"model": model, "measured": measured})
 
 
 @check("verified")
@@ -117,9 +103,7 @@ def _verified() -> Outcome:
     return holds_if(bool(errors[:-1].max() < 0.04), Verdict.CORRECTED, **numbers)
 
 
-@table("law", "period-law")
-def _rows() -> list[dict[str, Any]]:
-    return law.scan_rows(scan())
+table("law", "period-law")(lambda: law.scan_rows(scan()))
 
 
 def scan_and_law() -> tuple[Scan, Law]:
@@ -128,15 +112,5 @@ def scan_and_law() -> tuple[Scan, Law]:
     return data, fit_law(data)
 
 
-@figure("law_against_n", "sqrt-scaling", size=(7.2, 5.6), data=scan_and_law)
-def _draw_against_n(figure: Figure, data: tuple[Scan, Law]) -> None:
-    from npend_gym.report.law_figures import law_against_n
-
-    law_against_n(figure, *data)
-
-
-@figure("law_against_angle", "period-law", size=(7.2, 6.2), data=scan_and_law)
-def _draw_against_angle(figure: Figure, data: tuple[Scan, Law]) -> None:
-    from npend_gym.report.law_figures import law_against_angle
-
-    law_against_angle(figure, *data)
+figure("law_against_n", "sqrt-scaling", (7.2, 5.6), scan_and_law)(law_against_n)
+figure("law_against_angle", "period-law", (7.2, 6.2), scan_and_law)(law_against_angle)

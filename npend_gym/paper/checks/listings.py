@@ -6,11 +6,10 @@ pair of frames, a list that has grown by one entry for every pair before. The on
 printed loop, to compare on a few frames. Its unused parts (`theta`, `computeperiod`) are left out.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 import time
+from contextlib import suppress
 
 import numpy as np
 
@@ -23,10 +22,7 @@ from npend_gym.period import LISTING_DURATION, LISTING_FRAMES_PER_SECOND, listin
 
 
 def get_xy_coords(p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return x and y [m] of pivot and bobs, shape (T, n + 1), as listing 2 prints it.
-
-    `p` holds angles and angular velocities, shape (T, 2n); rods are 1/n m long.
-    """
+    """Return x and y [m] of pivot and bobs, (T, n + 1), as listing 2 does from states (T, 2n)."""
     n = p.shape[1] // 2
     lengths = np.ones(n) / n
     zeros = np.zeros(p.shape[0])[:, None]
@@ -111,11 +107,9 @@ def _frames() -> Outcome:
 @check("listing-4")
 def _figures_listing() -> Outcome:
     def parses(line: str) -> bool:
-        try:
-            ast.parse(line)
-        except SyntaxError:
-            return False
-        return True
+        with suppress(SyntaxError):
+            return bool(ast.parse(line))
+        return False
 
     first = "x_1 = [sequence_of_periods_0[i] for i in range(0,n+1)]"
     third = "x_3 = [sequence_of_periods_3[i] for i in range(0,n+!)]"

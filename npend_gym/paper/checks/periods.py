@@ -3,8 +3,6 @@
 Printed numbers stand as text, for their digits are what is judged.
 """
 
-from __future__ import annotations
-
 import math
 from decimal import ROUND_DOWN, ROUND_HALF_UP, Decimal
 from typing import Any
@@ -16,35 +14,28 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
 from npend_gym.paper.checks.series import MAX_TERMS, printed_sums
-from npend_gym.paper.measured import PAPER_GRAVITY, ideal_periods
+from npend_gym.paper.claims import printed
+from npend_gym.paper.measured import PAPER_GRAVITY
 from npend_gym.paper.readings import AMPLITUDES
 from npend_gym.paper.registry import Outcome, Verdict, check, holds_if, table
 
-IDEAL = ("4.487", "6.347", "8.976", "20.071")  # s; the same in all three tables
-FRACTIONS = ("0.311", "0.427", "0.293")  # Delta T / T0, a table each
-UNCERTAINTY = (
-    ("1.385", "1.973", "2.792", "6.242"),
-    ("1.916", "2.710", "3.832", "8.570"),
-    ("1.315", "1.860", "2.630", "5.880"),
-)  # s
-REAL = (
-    ("4.487+-1.385", "6.347+-1.973", "8.976+-2.792", "20.071+-6.242"),
-    ("4.487+-1.916", "6.347+-2.710", "8.976+-3.832", "20.071+-8.570"),
-    ("4.487+-1.315", "6.347+-1.860", "8.976+-2.630", "20.071+-5.880"),
-)  # s
+CORRECT = float(theory.amplitude_correction(PAPER_AMPLITUDE))
+IDEAL = printed("t0-digits")  # s; the same in all three tables
+FRACTIONS = tuple(printed(f"dt-fraction-{table}")[0] for table in (1, 2, 3))  # Delta T / T0
+UNCERTAINTY = tuple(printed(f"dt-table-{table}") for table in (1, 2, 3))  # Delta T [s]
 
 
-def digits(printed: str, value: float) -> str:
-    """Say how `printed` comes from `value`: "rounded", "cut", "either" or "neither"."""
-    unit = Decimal(1).scaleb(Decimal(printed).as_tuple().exponent)  # pyright: ignore[reportArgumentType]
-    rounded = Decimal(value).quantize(unit, ROUND_HALF_UP) == Decimal(printed)
-    cut = Decimal(value).quantize(unit, ROUND_DOWN) == Decimal(printed)
+def digits(text: str, value: float) -> str:
+    """Say how a printed number comes from `value`: "rounded", "cut", "either" or "neither"."""
+    unit = Decimal(1).scaleb(Decimal(text).as_tuple().exponent)  # pyright: ignore[reportArgumentType]
+    rounded = Decimal(value).quantize(unit, ROUND_HALF_UP) == Decimal(text)
+    cut = Decimal(value).quantize(unit, ROUND_DOWN) == Decimal(text)
     return "either" if rounded and cut else "rounded" if rounded else "cut" if cut else "neither"
 
 
-def digits_of(printed: tuple[str, ...], values: FloatArray) -> list[str]:
+def digits_of(texts: tuple[str, ...], values: FloatArray) -> list[str]:
     """Return `digits` of each of several numbers."""
-    return [digits(text, float(value)) for text, value in zip(printed, values, strict=True)]
+    return [digits(text, float(value)) for text, value in zip(texts, values, strict=True)]
 
 
 def ideal(gravity: float = PAPER_GRAVITY) -> FloatArray:
@@ -52,12 +43,8 @@ def ideal(gravity: float = PAPER_GRAVITY) -> FloatArray:
     return np.array([theory.ideal_period(Chain.uniform(n, gravity=gravity)) for n in PAPER_N])
 
 
-def uncertainty(table: int) -> FloatArray:
-    """Return Delta T = f T0 [s] of a table, 1 to 3, with f as printed and T0 in full."""
-    return float(FRACTIONS[table - 1]) * ideal()
-
-
-def _shown(values: FloatArray, hows: list[str]) -> list[str]:
+def shown(values: FloatArray, hows: list[str]) -> list[str]:
+    """Return values with what is said about their digits."""
     return [f"{value:.4f} ({how})" for value, how in zip(values, hows, strict=True)]
 
 
@@ -65,12 +52,13 @@ def _shown(values: FloatArray, hows: list[str]) -> list[str]:
 def digit_rows() -> list[dict[str, Any]]:
     """Return the tidy table of all digits compared."""
     columns = [(1, "T0", IDEAL, ideal())]
-    columns += [(k, "Delta T", UNCERTAINTY[k - 1], uncertainty(k)) for k in (1, 2, 3)]
+    for k, (fraction, texts) in enumerate(zip(FRACTIONS, UNCERTAINTY, strict=True), start=1):
+        columns.append((k, "Delta T", texts, float(fraction) * ideal()))
     return [
         {"table": number, "n": n, "quantity": quantity, "printed_s": text,
          "formula_s": value, "digits": digits(text, value)}
-        for number, quantity, printed, values in columns
-        for n, text, value in zip(PAPER_N, printed, values.tolist(), strict=True)
+        for number, quantity, texts, values in columns
+        for n, text, value in zip(PAPER_N, texts, values.tolist(), strict=True)
     ]  # fmt: skip
 
 
@@ -87,41 +75,30 @@ def _t0_digits() -> Outcome:
     otherwise = Verdict.FAILS if "neither" in hows else Verdict.CORRECTED
     other = sum(how != "neither" for how in digits_of(IDEAL, ideal(STANDARD_GRAVITY)))
     holds = {*hows} <= {"rounded", "either"}
-    return holds_if(holds, otherwise, digits=_shown(ideal(), hows), other=other)
-
-
-def fraction_bounds(table: int) -> FloatArray:
-    """Return the least and greatest Delta T / T0 behind each printed Delta T, shape (4, 2).
-
-    A printed number comes, rounded or cut, from at most half a last digit less to one more.
-    """
-    printed = np.array(UNCERTAINTY[table - 1], float)
-    ideal = ideal_periods(PAPER_N[-1])[list(PAPER_N)]
-    return np.stack([(printed - 0.5e-3) / ideal, (printed + 1e-3) / ideal], axis=1)
+    return holds_if(holds, otherwise, digits=shown(ideal(), hows), other=other)
 
 
 @check("dt-table-1", "dt-table-2", "dt-table-3")
 def _uncertainty(key: str) -> Outcome:
-    table = int(key[-1])
-    printed, values = UNCERTAINTY[table - 1], uncertainty(table)
-    hows = digits_of(printed, values)
-    bounds = fraction_bounds(table)[np.array(hows) != "neither"]
+    fraction, texts = FRACTIONS[int(key[-1]) - 1], printed(key)
+    values = float(fraction) * ideal()
+    hows = digits_of(texts, values)
+    traced = np.array(hows) != "neither"
+    # A printed number comes, rounded or cut, from at most half a last digit less to one more
+    low, high = ((np.array(texts, float) + d) / ideal() for d in (-0.5e-3, 1e-3))
     wrong = [
-        f" N = {n}: no rounding of {value:.4f} gives {text}."
-        for n, value, text, how in zip(PAPER_N, values, printed, hows, strict=True)
-        if how == "neither"
+        f" N = {PAPER_N[k]}: no rounding of {values[k]:.4f} gives {texts[k]}."
+        for k in np.flatnonzero(~traced)
     ]
-    return holds_if(
-        {*hows} <= {"rounded", "either"}, Verdict.CORRECTED, fraction=FRACTIONS[table - 1],
-        printed=[*printed], digits=_shown(values, hows), low=bounds[:, 0].max(),
-        high=bounds[:, 1].min(), wrong="".join(wrong),
-    )  # fmt: skip
+    return holds_if({*hows} <= {"rounded", "either"}, Verdict.CORRECTED, digits=shown(values, hows),
+                    fraction=fraction, low=low[traced].max(), high=high[traced].min(),
+                    wrong="".join(wrong))  # fmt: skip
 
 
 @check("t-digits")
 def _real() -> Outcome:
-    joined = [[f"{t}+-{dt}" for t, dt in zip(IDEAL, row, strict=True)] for row in UNCERTAINTY]
-    same = int((np.array(joined) == np.array(REAL)).sum())
+    joined = [f"{t}+-{dt}" for row in UNCERTAINTY for t, dt in zip(IDEAL, row, strict=True)]
+    same = sum(ours == real for ours, real in zip(joined, printed("t-digits"), strict=True))
     return holds_if(same == 12, same=same)
 
 
@@ -134,11 +111,11 @@ def candidates(table: int) -> dict[str, float]:
     """Return what Delta T / T0 of a table might be: the paper's series in every form it has."""
     angles = {"pi/4": PAPER_AMPLITUDE}
     angles |= {f"{a:.5f} rad": float(a) for a in AMPLITUDES[table - 1]}
-    found = {"the limit of the correct series": float(theory.amplitude_correction(PAPER_AMPLITUDE))}
+    found = {"the limit of the correct series": CORRECT}
     for name, angle in angles.items():
-        for terms, printed in enumerate(printed_sums(angle).tolist(), start=1):
-            found[f"the printed series at {name}, {terms} terms"] = printed
-            found[f"its e-hat at {name}, {terms} terms"] = 1.0 / (1.0 + printed)
+        for terms, value in enumerate(printed_sums(angle).tolist(), start=1):
+            found[f"the printed series at {name}, {terms} terms"] = value
+            found[f"its e-hat at {name}, {terms} terms"] = 1.0 / (1.0 + value)
         found[f"theta^2/16 + 11 theta^4/3072 at {name}"] = angle**2 / 16 + 11 * angle**4 / 3072
     for terms in range(1, 8):
         found[f"sum of 2k/135, k = 1..{terms}"] = listing_bars(terms, 0.0)
@@ -146,39 +123,28 @@ def candidates(table: int) -> dict[str, float]:
     return found
 
 
-def origins(table: int) -> list[str]:
-    """Return the names of the candidates that give the printed fraction of a table."""
-    printed, values = FRACTIONS[table - 1], candidates(table)
-    return [name for name, value in values.items() if digits(printed, value) != "neither"]
-
-
 @check("dt-fraction-1", "dt-fraction-2", "dt-fraction-3")
 def _fraction(key: str) -> Outcome:
-    fraction = FRACTIONS[int(key[-1]) - 1]
+    (fraction,), table = printed(key), int(key[-1])
     correct = float(theory.amplitude_correction(PAPER_AMPLITUDE, 6))
-    as_printed = printed_sums(PAPER_AMPLITUDE)[5]
-    found = "; ".join(origins(int(key[-1])))
+    values = candidates(table).items()
+    found = "; ".join(name for name, value in values if digits(fraction, value) != "neither")
     origin = f"The printed value is {found}." if found else (
         f"No form of the paper's series, with up to {MAX_TERMS} terms and at any printed angle, "
         "gives the printed value."
     )  # fmt: skip
-    holds = digits(fraction, correct) != "neither"
-    return holds_if(holds, fraction=fraction, correct=correct, as_printed=as_printed, origin=origin)
-
-
-def amplitude_uncertainty(theta0: float = PAPER_AMPLITUDE, spread: float = PAPER_SPREAD) -> float:
-    """Return Delta T / T that the uncertainty `spread` [rad] of the angle propagates to."""
-    low, high = 1.0 + theory.amplitude_correction([theta0, theta0 + spread])
-    return float(high / low - 1.0)
+    numbers = {"correct": correct, "as_printed": printed_sums(PAPER_AMPLITUDE)[5]}
+    return holds_if(digits(fraction, correct) != "neither", origin=origin, **numbers)
 
 
 @check("dt-random")
-def _propagation() -> Outcome:
-    spread = amplitude_uncertainty()
+def _propagation(theta0: float = PAPER_AMPLITUDE, error: float = PAPER_SPREAD) -> Outcome:
+    low, high = 1.0 + theory.amplitude_correction([theta0, theta0 + error])
+    spread = float(high / low - 1.0)  # Delta T / T that the error of the angle propagates to
     return holds_if(digits(FRACTIONS[0], spread) != "neither", spread=spread)
 
 
 @check("error-bars")
 def _bars() -> Outcome:
-    correct = float(theory.amplitude_correction(PAPER_AMPLITUDE))
-    return holds_if(abs(listing_bars() - correct) < 5e-4, bars=listing_bars(), correct=correct)
+    bars = listing_bars()
+    return holds_if(abs(bars - CORRECT) < 5e-4, bars=bars, correct=CORRECT)

@@ -1,10 +1,8 @@
 """What the paper says about its procedure and its figures 2 and 4-7."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,51 +10,35 @@ from numpy.typing import NDArray
 from npend_gym import Chain, Trajectory, pseudo_periods, simulate, theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE, SKY
+from npend_gym.chaos import neighbour_distance
 from npend_gym.experiments.fits import power_law
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_TRIALS
 from npend_gym.paper.checks.periods import FRACTIONS, listing_bars
 from npend_gym.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.paper.readings import AMPLITUDES
-from npend_gym.paper.registry import Outcome, Verdict, check, corrected_if, figure, holds_if
+from npend_gym.paper.registry import Figure, Outcome, Verdict, check, corrected_if, figure, holds_if
 from npend_gym.period import LISTING_DURATION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class Figure2(NamedTuple):
-    """Ten seconds of the motion of three pendulums, and how far a start beside it drifts away.
-
-    The `growth` at `times` [s] is the greatest distance so far from a motion started beside it,
-    over the distance at the start.
-    """
+    """Ten seconds of the motion of three pendulums, and how a start beside it drifts away."""
 
     motion: Trajectory
     times: FloatArray
-    growth: FloatArray
-
-    @property
-    def exponent(self) -> float:
-        """Slope of ln growth against ln time, without the start: 1 for a regular motion."""
-        late = self.times > 0.05 * self.times[-1]
-        return power_law(self.times[late], self.growth[late]).value
+    growth: FloatArray  # greatest distance so far over that at the start, at each of the times [s]
+    exponent: float  # of growth as a power of time, without the start: 1 for a regular motion
 
 
 @cache
 def figure2(duration: float = 200.0, nudge: float = 1e-8) -> Figure2:
-    """Return the data of Figure 2: the listing's three rods of 1/3 m released at pi/4.
-
-    `duration` [s] is how long the neighbour, whose first rod starts `nudge` [rad] off, is followed.
-    """
+    """Return the data of Figure 2: the listing's three rods of 1/3 m released at pi/4."""
     chain = Chain.uniform(3, length=1.0 / 3.0)
     shown = simulate(chain, PAPER_AMPLITUDE, 0.0, np.linspace(0.0, LISTING_DURATION, 1001))
     times = np.linspace(0.0, duration, max(2, round(20 * duration)))
-    first, second = (
-        simulate(chain, PAPER_AMPLITUDE + start, 0.0, times, rtol=1e-13, atol=1e-14).theta
-        for start in (np.zeros(3), np.array([nudge, 0.0, 0.0]))
-    )
-    growth = np.abs(second - first).max(axis=1) / nudge
-    return Figure2(shown, times[1:], np.maximum.accumulate(growth)[1:])
+    growth = neighbour_distance(chain, PAPER_AMPLITUDE, [nudge, 0.0, 0.0], times) / nudge
+    times, growth = times[1:], np.maximum.accumulate(growth)[1:]
+    late = times > 0.05 * times[-1]
+    return Figure2(shown, times, growth, power_law(times[late], growth[late]).value)
 
 
 @check("figure-2")
@@ -69,10 +51,7 @@ def _trajectory() -> Outcome:
 
 @figure("trajectory", "figure-2", size=(7.2, 3.0), data=figure2)
 def _draw_trajectory(figure: Figure, data: Figure2) -> None:
-    """Draw the paper's Figure 2, and how far a motion started beside it drifts away."""
-    from npend_gym.report.style import panels
-
-    left, right = panels(figure, 1, 2)
+    left, right = figure.subplots(1, 2)
     for bob, color in enumerate((SKY, AMBER, BLUE)):
         x, y = data.motion.positions()[:, bob].T
         left.plot(x, y, color=color, linewidth=0.8)
@@ -89,17 +68,12 @@ def _draw_trajectory(figure: Figure, data: Figure2) -> None:
     right.legend()
 
 
-def definitions(n: int, theta0: float) -> dict[str, float]:
-    """Return the mean pseudo-period [s] by each definition of the paper's procedure (iv)."""
-    return {
+@check("pseudo-complete")
+def _definition(n: int = 5, theta0: float = 0.01) -> Outcome:
+    means = {
         reading: float(np.nanmean(pseudo_periods(Chain.uniform(n), theta0, reading=reading)))
         for reading in ("link", "bob", "height")
     }
-
-
-@check("pseudo-complete")
-def _definition() -> Outcome:
-    means = definitions(5, 0.01)
     return holds_if(max(means.values()) / min(means.values()) - 1.0 < 0.01, **means)
 
 
@@ -110,30 +84,21 @@ def _sigma(draws: int = 20_000) -> Outcome:
     return corrected_if(abs(ratio / math.sqrt(PAPER_TRIALS) - 1.0) < 0.02, ratio=ratio)
 
 
-def completed_within(n: int, duration: float = LISTING_DURATION) -> int:
-    """Return how many of `n` bobs complete within `duration` [s], rods of 1 m, from pi/4."""
-    return int((bob_periods(n, PAPER_AMPLITUDE) <= duration).sum())
-
-
 @check("window")
 def _window() -> Outcome:
-    counts = {n: completed_within(n) for n in PAPER_N}
+    periods = {n: bob_periods(n, PAPER_AMPLITUDE) for n in PAPER_N}
+    counts = {n: int((times <= LISTING_DURATION).sum()) for n, times in periods.items()}
     shown = [f"{done} of {n}" for n, done in counts.items()]
     return holds_if(all(n == done for n, done in counts.items()), completed=shown)
 
 
 class Series(NamedTuple):
-    """One of Figures 4-7: pseudo-periods of chains 1..N in three trials, with the models.
+    """One of Figures 4-7: pseudo-periods of chains 1..N in three trials, with the models."""
 
-    Numbers of pendulums `counts` (N,), starting angle of each trial `starts` (3,) [rad], means over
-    the bobs `measured` (3, N), the paper's T0 `ideal`, T1 `fundamental`, and the paper's error
-    `bars` to either side of T0, (N,) each [s].
-    """
-
-    counts: NDArray[np.int64]
-    starts: FloatArray
-    measured: FloatArray
-    ideal: FloatArray
+    counts: NDArray[np.int64]  # numbers of pendulums, (N,)
+    starts: FloatArray  # angle of each trial [rad], (3,)
+    measured: FloatArray  # means over the bobs [s], (3, N)
+    ideal: FloatArray  # the paper's T0 [s], T1 and the paper's error bars around T0, (N,) each
     fundamental: FloatArray
     bars: FloatArray
 
@@ -160,7 +125,6 @@ def _figure(key: str) -> Outcome:
 
 @figure("pseudo_periods", "figure-7", size=(7.2, 5.8), data=lambda: [*map(series, PAPER_N)])
 def _draw_pseudo_periods(figure: Figure, data: list[Series]) -> None:
-    """Draw the paper's Figures 4-7: pseudo-period against n in three trials, with error bars."""
     from npend_gym.report.style import TRIALS, panels
 
     for axes, one in zip(panels(figure, 2, 2), data, strict=True):
@@ -180,8 +144,7 @@ def _draw_pseudo_periods(figure: Figure, data: list[Series]) -> None:
         axes.set(xlabel="number of pendulums n", ylabel="pseudo-period [s]", title=f"N = {n}")
         axes.set_ylim(0.0, None)
         axes.xaxis.get_major_locator().set_params(integer=True)
-    handles = figure.axes[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=3)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 @check("one-point")
@@ -191,12 +154,11 @@ def _threshold(n_values: tuple[int, ...] = PAPER_N) -> Outcome:
     bars, least = listing_bars(), float(min(FRACTIONS))
     correct = float(theory.amplitude_correction(PAPER_AMPLITUDE))
     outside = [sum(one.outside(f) for one in drawn) for f in (bars, least, correct)]
-    return holds_if(
-        outside[2] <= 1, Verdict.CORRECTED if outside[0] <= 1 else Verdict.FAILS,
-        bars=bars, outside_bars=outside[0], points=sum(one.measured.size for one in drawn),
-        least=least, outside_least=outside[1], correct=correct, outside_correct=outside[2],
-        slow=sum(one.outside(bars) for one in slow),
-    )  # fmt: skip
+    return holds_if(outside[2] <= 1, Verdict.CORRECTED if outside[0] <= 1 else Verdict.FAILS,
+                    bars=bars, outside_bars=outside[0],
+                    points=sum(one.measured.size for one in drawn), least=least,
+                    outside_least=outside[1], correct=correct, outside_correct=outside[2],
+                    slow=sum(one.outside(bars) for one in slow))  # fmt: skip
 
 
 @check("central-mean")

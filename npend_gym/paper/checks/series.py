@@ -1,7 +1,5 @@
 """Section 4 and the circular error: the amplitude series, as printed and corrected."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -28,15 +26,10 @@ def corrected_sums(theta0: float, terms: int = MAX_TERMS) -> FloatArray:
     return np.array([float(theory.amplitude_correction(theta0, k)) for k in range(1, terms + 1)])
 
 
-def terms_for(value: float, digits: int, sums: FloatArray) -> int | None:
-    """Return how many terms make a sum that rounds to `value` at `digits` digits, if any do."""
-    hits = np.flatnonzero(np.round(sums, digits) == value)
-    return int(hits[0]) + 1 if hits.size else None
-
-
-def _origin(value: float, sums: FloatArray) -> str:
-    found = terms_for(value, 3, sums)
-    return "the printed value is no partial sum" if found is None else "the printed value"
+def origin(value: float, sums: FloatArray) -> str:
+    """Say whether one of the partial `sums` rounds to the printed `value`."""
+    found = np.any(np.round(sums, 3) == value)
+    return "the printed value" if found else "the printed value is no partial sum"
 
 
 @check("amplitude-series")
@@ -61,42 +54,35 @@ def _series_taylor() -> Outcome:
 @check("series-value")
 def _series_value() -> Outcome:
     sums, holds = printed_sums(QUARTER), abs(EXACT - 0.049) < 5e-4
-    return holds_if(holds, exact=EXACT, cut_off=sums[9], origin=_origin(0.049, sums))
+    return holds_if(holds, exact=EXACT, cut_off=sums[9], origin=origin(0.049, sums))
 
 
 @check("series-diverges")
 def _series_diverges() -> Outcome:
     printed, sums = printed_sums(QUARTER), corrected_sums(QUARTER)
     last, limit = np.diff(printed)[-2:], 2.0 * math.degrees(math.asin(0.25))
-    return holds_if(
-        abs(sums[-1] - EXACT) > 1e-12, after_5=sums[4], after_40=sums[-1],
-        growth=last[1] / last[0], tends=16 * math.sin(QUARTER / 2) ** 2, limit=limit,
-    )  # fmt: skip
-
-
-def circular_error(correction: float) -> float:
-    """Return e-hat = 1 - |T - T0| / T of Eq. (36), for T = T0 (1 + correction)."""
-    return 1.0 - abs(correction) / (1.0 + correction)
+    return holds_if(abs(sums[-1] - EXACT) > 1e-12, after_5=sums[4], after_40=sums[-1],
+                    growth=last[1] / last[0], tends=16 * math.sin(QUARTER / 2) ** 2,
+                    limit=limit)  # fmt: skip
 
 
 @check("e-hat")
 def _circular_error() -> Outcome:
-    corrections = np.linspace(0.0, 0.5, 6).tolist()
-    off = max(abs(circular_error(c) - 1.0 / (1.0 + c)) for c in corrections)
-    return corrected_if(off < 1e-12, off=off, perfect=circular_error(0.0))
-
-
-@check("e-hat-value")
-def _circular_error_value() -> Outcome:
-    value = circular_error(EXACT)
-    printed = 1.0 / (1.0 + printed_sums(QUARTER))
-    return holds_if(
-        abs(value - 0.309) < 5e-4, value=value, error=1.0 - value, cut_off=printed[14],
-        later=printed[19], origin=_origin(0.309, printed),
-    )  # fmt: skip
+    corrections = np.linspace(0.0, 0.5, 6)
+    e_hat = 1.0 - np.abs(corrections) / (1.0 + corrections)
+    off = float(np.max(np.abs(e_hat - 1.0 / (1.0 + corrections))))
+    return corrected_if(off < 1e-12, off=off, perfect=e_hat[0])
 
 
 @check("circular-bound")
 def _circular_bound() -> Outcome:
-    bound = EXACT / (1.0 + EXACT)
-    return holds_if(float(ERRORS.max()) < bound, bound=bound, least=float(ERRORS.min()))
+    bound, errors = EXACT / (1.0 + EXACT), ERRORS.ravel().tolist()
+    return holds_if(max(errors) < bound, bound=bound, least=min(errors))
+
+
+@check("e-hat-value")
+def _circular_error_value() -> Outcome:
+    value = 1.0 - EXACT / (1.0 + EXACT)
+    printed = 1.0 / (1.0 + printed_sums(QUARTER))
+    return holds_if(abs(value - 0.309) < 5e-4, value=value, error=1.0 - value, cut_off=printed[14],
+                    later=printed[19], origin=origin(0.309, printed))  # fmt: skip
