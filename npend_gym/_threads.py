@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import _thread
+import weakref
 from collections.abc import Callable
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
+
+_IDLE = 2.0  # s, after which a thread without work looks whether it is still needed
 
 
 class Call:
@@ -13,7 +16,7 @@ class Call:
     Attributes
     ----------
     stopped : bool
-        True once the caller has left: what is not begun need not be done.
+        True once the caller has left or a thread has failed: the rest need not be done.
     failure : BaseException or None
         What was raised in a helping thread.
     """
@@ -54,10 +57,8 @@ class Helpers:
         Number of threads beside the caller's; they start with the first call.
     """
 
-    _started = 0
-
     def __init__(self, count: int) -> None:
-        self._count = count
+        self._count, self._started = count, 0
         self._shares: SimpleQueue[_Share | None] = SimpleQueue()
 
     def run(self, work: Callable[[int, Call], None]) -> None:
@@ -77,7 +78,7 @@ class Helpers:
         try:
             while self._started < self._count:
                 self._started += 1
-                _thread.start_new_thread(_serve, (self._shares,))
+                _thread.start_new_thread(_serve, (self._shares, weakref.ref(self)))
             for share in shares:
                 self._shares.put(share)
             work(0, call)
@@ -90,15 +91,23 @@ class Helpers:
         if call.failure is not None:
             raise call.failure
 
-    def __del__(self) -> None:
+    def close(self) -> None:
+        """Let the threads end; without this they end some seconds after the last use."""
         for _ in range(self._started):
             self._shares.put(None)
+        self._started = 0
 
 
-def _serve(shares: SimpleQueue[_Share | None]) -> None:
-    """Do shares of calls until there is None."""
+def _serve(shares: SimpleQueue[_Share | None], owner: weakref.ref[Helpers]) -> None:
+    """Do shares of calls until there is None, or nobody who could give one."""
     while True:
-        share = shares.get()
+        try:
+            share = shares.get(timeout=_IDLE)
+        except Empty:
+            # not `Helpers.__del__`: there Python prints the exception of a signal and goes on
+            if owner() is None:
+                return
+            continue
         if share is None:
             return
         if share.taken.acquire(False):
@@ -106,5 +115,6 @@ def _serve(shares: SimpleQueue[_Share | None]) -> None:
                 share.call.work(share.worker, share.call)
             except BaseException as error:  # noqa: BLE001 - raised where `run` was called
                 share.call.failure = error
+                share.call.stopped = True
             share.finished.release()
         del share  # while this thread waits it keeps nothing alive

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from threading import Event
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
+from npend_gym._threads import Call, Helpers
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
@@ -130,22 +128,19 @@ def pseudo_periods(
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
         duration = _WINDOW * theory.fundamental_period(chain)
 
-    halted = Event()
+    periods, shares = np.empty_like(releases[0]), _shares(len(releases[0]))
+    remaining = iter(shares)
 
-    def measured(some: slice) -> FloatArray:
-        start = releases[0][some], releases[1][some]
-        return _measured(chain, *start, reading, duration, rtol, halted)
+    def measure_shares(worker: int, call: Call) -> None:
+        del worker
+        for share in remaining:
+            start = releases[0][share], releases[1][share]
+            periods[share] = _measured(chain, *start, reading, duration, rtol, call)
 
-    shares = _shares(len(releases[0]))
-    if threads == 1 or len(shares) == 1:
-        parts = [measured(share) for share in shares]
-    else:
-        with ThreadPoolExecutor(threads, "npend_gym") as pool:
-            try:
-                parts = list(pool.map(measured, shares))
-            finally:
-                halted.set()  # where one has failed, or Ctrl-C came, the others need not go on
-    return np.concatenate(parts).reshape(theta.shape)
+    helpers = Helpers(min(threads, len(shares)) - 1)
+    helpers.run(measure_shares)
+    helpers.close()
+    return periods.reshape(theta.shape)
 
 
 def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -183,7 +178,7 @@ def _measured(
     reading: str,
     duration: float,
     rtol: float,
-    halted: Event,
+    call: Call,
 ) -> FloatArray:
     """Return the pseudo-periods of one release, or of up to WIDTH side by side, (lanes, n)."""
     count, code, n = len(theta), _CODES[reading], chain.n
@@ -200,7 +195,7 @@ def _measured(
     follow = measure_one if lanes == 1 else measure_many
     attempts = max(1, _RODS_PER_CALL // (n * lanes))
     starting = True
-    while np.any(status == RUNNING) and not halted.is_set():
+    while np.any(status == RUNNING) and not call.stopped:
         follow(
             code, starting, attempts, solver, rods, turns, torque, rtol, atol, release, scratch
         )  # fmt: skip

@@ -255,7 +255,7 @@ print(time.time())
 
 
 def threads_of_this_process():
-    return len(list(Path("/proc/self/task").iterdir()))
+    return {path.name for path in Path("/proc/self/task").iterdir()}
 
 
 def test_helpers_share_the_work_and_pass_errors_on():
@@ -274,17 +274,34 @@ def test_helpers_share_the_work_and_pass_errors_on():
         helpers.run(fails)
 
 
+def test_pseudo_periods_in_two_threads_can_be_interrupted_at_any_instant(alarm):
+    def measure():
+        return npend_gym.pseudo_periods(chain, np.full((64, 2), 0.7), threads=2)
+
+    chain = npend_gym.Chain.uniform(2)
+    expected, draw, count = measure(), random.Random(0), 0
+    began = time.perf_counter()
+    measure()
+    duration = time.perf_counter() - began
+    while count < 100:
+        count += alarm.interrupts(measure, 1e-6 + 1.2 * duration * draw.random())
+    np.testing.assert_array_equal(measure(), expected)
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="Linux")
-def test_the_threads_of_an_environment_end_with_it():
-    gc.collect()
+@pytest.mark.parametrize("closed", [True, False])
+def test_the_threads_of_an_environment_end_with_it(closed):
     before = threads_of_this_process()
     env = gym.make_vec("NPendulum-v0", LANES, threads=2)
     env.reset(seed=0)
     env.step(np.zeros((LANES, 1)))
-    assert threads_of_this_process() == before + 1
-    env.close()
-    for _ in range(100):
-        if threads_of_this_process() == before:
-            return
-        time.sleep(0.02)
-    pytest.fail("a thread was left behind")
+    begun = threads_of_this_process() - before
+    assert len(begun) == 1
+    if closed:
+        env.close()
+    del env
+    gc.collect()
+    began = time.perf_counter()
+    while begun & threads_of_this_process():
+        assert time.perf_counter() - began < 10.0, "a thread was left behind"
+        time.sleep(0.05)

@@ -336,7 +336,9 @@ class Batch:
 
     def close(self) -> None:
         """End the threads."""
-        self._helpers = None
+        if self._helpers is not None:
+            self._helpers.close()
+            self._helpers = None
 
     def __getstate__(self) -> dict[str, Any]:
         # threads are made anew where they are needed, views of memory where it is restored
