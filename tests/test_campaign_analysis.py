@@ -34,7 +34,7 @@ def completed(plan, out, monkeypatch, measure):
 def test_a_planted_law_is_found_with_all_its_numbers(tmp_path, monkeypatch):
     plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, spread=0.0, trials=1)
     (group,) = completed(plan, tmp_path, monkeypatch, planted).groups
-    assert [law.counts for law in group.laws] == [(10, 20, 40), (10,), (20,), (40,)]
+    assert [law.n_values for law in group.laws] == [(10, 20, 40), (10,), (20,), (40,)]
     for law in group.laws:
         found = [law.c.value, law.b.value, law.d.value]
         np.testing.assert_allclose(found, [0.95, 0.2, 1.0], rtol=1e-6)

@@ -101,8 +101,11 @@ def scan(
             done = ratio[np.isfinite(ratio)]
             some = done if done.size else np.array([np.nan])
             cells[:, row, column] = some.mean(), np.median(some), ratio[-1], done.size / n
-    # its rows are mean, median, tip, completed
-    return Scan(np.array(n_values), np.array(amplitudes), *cells, np.array(fundamental))
+    mean, median, tip, completed = cells
+    measured = {"mean": mean, "median": median, "tip": tip, "completed": completed}
+    return Scan(
+        np.array(n_values), np.array(amplitudes), fundamental=np.array(fundamental), **measured
+    )
 
 
 @cache

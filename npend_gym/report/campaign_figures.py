@@ -24,21 +24,23 @@ def law_against_n(group: CellGroup) -> Figure:
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
     chosen = _spaced(group.powers)
     for k, fit in enumerate(chosen):
-        counts = np.array([point.n for point in fit.points])
+        n_values = np.array([point.n for point in fit.points])
         periods = np.array([point.period for point in fit.points])
         color, marker = shade(k / max(1, len(chosen) - 1)), _MARKERS[k % len(_MARKERS)]
         label = f"{fit.amplitude:.3g} rad: exponent {fit.p}"
-        top.plot(counts, periods, marker, color=color, label=label)
-        top.plot(counts, periods / (1.0 + fit.residuals), color=color, linewidth=0.9)
-        bottom.plot(counts, fit.residuals, marker + "-", color=color, linewidth=0.9, markersize=5)
+        top.plot(n_values, periods, marker, color=color, label=label)
+        top.plot(n_values, periods / (1.0 + fit.residuals), color=color, linewidth=0.9)
+        bottom.plot(n_values, fit.residuals, marker + "-", color=color, linewidth=0.9, markersize=5)
     slowest = {point.n: point.fundamental for point in group.points}
-    counts = sorted(slowest)
-    top.plot(counts, [slowest[n] for n in counts], color=ORANGE, label="$T_1$, slowest normal mode")
+    n_values = sorted(slowest)
+    top.plot(
+        n_values, [slowest[n] for n in n_values], color=ORANGE, label="$T_1$, slowest normal mode"
+    )
     bottom.axhline(0.0, color=BLACK, linewidth=0.6)
     top.set(xscale="log", yscale="log", ylabel="pseudo-period [s]", title=_title(group))
     bottom.set(xlabel="number of pendulums N", ylabel="over the power, less 1")
     bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
-    bottom.xaxis.set(major_locator=FixedLocator(counts), minor_locator=NullLocator())
+    bottom.xaxis.set(major_locator=FixedLocator(n_values), minor_locator=NullLocator())
     bottom.xaxis.set_major_formatter(ScalarFormatter())
     top.yaxis.set_major_formatter(ScalarFormatter())
     top.yaxis.set_minor_formatter(ScalarFormatter())
@@ -51,20 +53,20 @@ def law_against_amplitude(group: CellGroup) -> Figure:
     """Draw the period over T1 against the starting angle with the fitted laws, and residuals."""
     figure = Figure(figsize=(7.2, 5.9))
     top, bottom = panels(figure, 2, 1, sharex=True, height_ratios=(2.2, 1.0))
-    for law in (law for law in group.laws if len(law.counts) > 1):
-        largest = max(abs(point.angle) for point in law.points)
-        angle = np.linspace(0.0, largest, 200)
-        top.plot(angle, law.ratio(angle), color=ORANGE, linewidth=2.2, label=_law_label(law))
-    chosen = _spaced([law for law in group.laws if len(law.counts) == 1])
+    for law in (law for law in group.laws if len(law.n_values) > 1):
+        largest = max(abs(point.start) for point in law.points)
+        start = np.linspace(0.0, largest, 200)
+        top.plot(start, law.ratio(start), color=ORANGE, linewidth=2.2, label=_law_label(law))
+    chosen = _spaced([law for law in group.laws if len(law.n_values) == 1])
     for k, law in enumerate(chosen):
-        angles = np.array([abs(point.angle) for point in law.points])
+        starts = np.array([abs(point.start) for point in law.points])
         ratios = [point.ratio for point in law.points]
         color, marker = shade(k / max(1, len(chosen) - 1)), _MARKERS[k % len(_MARKERS)]
-        angle = np.linspace(0.0, float(angles.max()), 200)
-        top.plot(angles, ratios, marker, color=color, markersize=5, label=_law_label(law))
-        top.plot(angle, law.ratio(angle), color=color, linewidth=0.9)
-        order = np.argsort(angles)
-        bottom.plot(angles[order], law.residuals[order], marker + "-", color=color, linewidth=0.7,
+        start = np.linspace(0.0, float(starts.max()), 200)
+        top.plot(starts, ratios, marker, color=color, markersize=5, label=_law_label(law))
+        top.plot(start, law.ratio(start), color=color, linewidth=0.9)
+        order = np.argsort(starts)
+        bottom.plot(starts[order], law.residuals[order], marker + "-", color=color, linewidth=0.7,
                     markersize=4.5)  # fmt: skip
     bottom.axhline(0.0, color=BLACK, linewidth=0.6)
     top.set(ylabel="pseudo-period / $T_1$", title=_title(group))
@@ -95,7 +97,7 @@ def _title(group: CellGroup) -> str:
 
 
 def _law_label(law: AmplitudeLaw) -> str:
-    shown = f"N = {law.counts[0]}" + (f" to {law.counts[-1]}" if len(law.counts) > 1 else "")
+    shown = f"N = {law.n_values[0]}" + (f" to {law.n_values[-1]}" if len(law.n_values) > 1 else "")
     return f"{shown}: c {law.c.value:.4f}, b {law.b.value:.4f}, d {law.d.value:.3f}"
 
 

@@ -69,7 +69,7 @@ def _group_rows(group: CellGroup) -> list[dict[str, Any]]:
         cells = f"amplitude {power.amplitude:.6g}, spread {power.spread:.6g} rad"
         add(power, cells, {"p": 0.5})
     for law in group.laws:
-        largest = max(abs(result.angle) for result in law.points)
+        largest = max(abs(result.start) for result in law.points)
         add(law, f"{len(law.points)} cells up to {largest:.3g} rad",
             {"c": law.exact, "b": None, "d": None})  # fmt: skip
     return rows
@@ -93,7 +93,7 @@ def residual_rows(analysis: Analysis) -> list[dict[str, Any]]:
             "cell": point.cell,
             "n": point.n,
             "n_fitted": _joined({result.n for result in fit.points}),
-            "angle_rad": point.angle,
+            "angle_rad": point.start,
             "period_s": point.period,
             "fundamental_s": point.fundamental,
             "residual": float(residual),
@@ -212,15 +212,15 @@ def analysis_text(analysis: Analysis) -> str:
     for group in analysis.groups:
         lines += ["", group.label]
         for fit in group.powers:
-            counts = [point.n for point in fit.points]
+            n_values = [point.n for point in fit.points]
             lines.append(
-                f"  N = {counts[0]} to {counts[-1]} at {fit.amplitude:.4g} rad: "
+                f"  N = {n_values[0]} to {n_values[-1]} at {fit.amplitude:.4g} rad: "
                 f"T ~ (N + 1/2)^p, p = {fit.p}"
             )
         for law in group.laws:
             exact = "" if law.exact is None else f" (exact {law.exact:.4f})"
             lines.append(
-                f"  N = {' '.join(map(str, law.counts))}: c = {law.c}{exact}, b = {law.b}, "
+                f"  N = {' '.join(map(str, law.n_values))}: c = {law.c}{exact}, b = {law.b}, "
                 f"d = {law.d}, residuals up to {np.abs(law.residuals).max():.2%}"
             )
     return "\n".join(lines)

@@ -29,8 +29,8 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
     """Draw the pseudo-period against the number of pendulums, with the models."""
     figure = Figure(figsize=(6.4, 4.4))
     axes: Any = figure.add_subplot()
-    counts = sorted({run.n for run in runs})
-    _draw_models(axes, experiment, counts)
+    n_values = sorted({run.n for run in runs})
+    _draw_models(axes, experiment, n_values)
     for run in runs:
         jitter = 1.0 + 0.03 * (run.trial - (experiment.trials + 1) / 2)
         x = np.full(run.n, run.n * jitter)
@@ -40,17 +40,17 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
     axes.plot([], [], "_", color=_BOB, markersize=7, label="measured, each bob")
     axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
     axes.set_title(f'Release from {experiment.amplitude:.3g} rad, reading "{experiment.reading}"')
-    axes.xaxis.set(major_locator=FixedLocator(counts), minor_locator=NullLocator())
+    axes.xaxis.set(major_locator=FixedLocator(n_values), minor_locator=NullLocator())
     axes.xaxis.set_major_formatter(ScalarFormatter())
     _plain_log_ticks(axes)
     axes.legend()
     return figure
 
 
-def _draw_models(axes: Any, experiment: ReleaseExperiment, counts: Sequence[int]) -> None:
+def _draw_models(axes: Any, experiment: ReleaseExperiment, n_values: Sequence[int]) -> None:
     per_rod = np.ndim(experiment.masses) or np.ndim(experiment.lengths)
-    low, high = counts[0], counts[-1]
-    grid = list(counts) if per_rod else np.unique(np.geomspace(low, high, 60, dtype=int))
+    low, high = n_values[0], n_values[-1]
+    grid = list(n_values) if per_rod else np.unique(np.geomspace(low, high, 60, dtype=int))
     chains = [experiment.chain(int(n)) for n in grid]
     models = [theory.models(chain, experiment.amplitude) for chain in chains]
     ideal, corrected, fundamental = np.array(models).T
@@ -73,11 +73,11 @@ def _plain_log_ticks(axes: Any) -> None:
 @styled
 def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figure:
     """Draw the pseudo-period of every bob along the chain, a panel for each N."""
-    counts = sorted({run.n for run in runs})
-    columns = min(2, len(counts))
-    rows = -(-len(counts) // columns)
+    n_values = sorted({run.n for run in runs})
+    columns = min(2, len(n_values))
+    rows = -(-len(n_values) // columns)
     figure = Figure(figsize=(1.2 + 3.2 * columns, 0.8 + 2.4 * rows))
-    for k, n in enumerate(counts, start=1):
+    for k, n in enumerate(n_values, start=1):
         axes: Any = figure.add_subplot(rows, columns, k)
         chain = experiment.chain(n)
         bobs = np.arange(1, n + 1)

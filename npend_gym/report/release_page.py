@@ -124,11 +124,11 @@ def _law(
     experiment: ReleaseExperiment, runs: Sequence[Run], rows: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return the diagram of the pseudo-period against N: its series and the ranges of its axes."""
-    counts: list[int] = [row["n"] for row in rows]
-    grid = counts
+    n_values: list[int] = [row["n"] for row in rows]
+    grid = n_values
     if not (np.ndim(experiment.masses) or np.ndim(experiment.lengths)):
-        low, high = max(1.0, min(counts) / 2), 1.5 * max(counts)
-        grid = sorted({*np.geomspace(low, high, 40).round().astype(int).tolist(), *counts})
+        low, high = max(1.0, min(n_values) / 2), 1.5 * max(n_values)
+        grid = sorted({*np.geomspace(low, high, 40).round().astype(int).tolist(), *n_values})
     curves = {n: _models(experiment, n, experiment.amplitude) for n in grid}
     series: list[dict[str, Any]] = [
         {

@@ -45,13 +45,13 @@ _GROUPED = ("masses", "lengths", "gravity", "damping", "reading")
 
 @dataclass(frozen=True)
 class CellResult:
-    """What was measured in a cell: mean start `angle` [rad], `period` and `fundamental` [s]."""
+    """What was measured in a cell: mean `start` [rad], `period` and `fundamental` [s]."""
 
     cell: int
     n: int
     amplitude: float
     spread: float
-    angle: float
+    start: float
     period: float
     fundamental: float
 
@@ -78,7 +78,7 @@ class AmplitudeLaw:
 
     Attributes
     ----------
-    counts : tuple of int
+    n_values : tuple of int
         The chains that it was fitted to.
     c, b, d : Estimate
         b and d in 1/rad^2.
@@ -90,7 +90,7 @@ class AmplitudeLaw:
         Measured over law, minus one, of each point.
     """
 
-    counts: tuple[int, ...]
+    n_values: tuple[int, ...]
     c: Estimate
     b: Estimate
     d: Estimate
@@ -98,9 +98,9 @@ class AmplitudeLaw:
     points: tuple[CellResult, ...]
     residuals: FloatArray
 
-    def ratio(self, angle: FloatArray) -> FloatArray:
+    def ratio(self, start: FloatArray) -> FloatArray:
         """Return T/T1 for starting angles [rad]."""
-        return self.c.value * amplitude_factor(angle, self.b.value, self.d.value)
+        return self.c.value * amplitude_factor(start, self.b.value, self.d.value)
 
 
 @dataclass(frozen=True)
@@ -173,10 +173,10 @@ def _point(index: int, cell: Mapping[str, Any], stats: Statistics) -> CellResult
 
 
 def _power_fits(points: Sequence[CellResult]) -> Iterator[PowerFit]:
-    def start(point: CellResult) -> tuple[float, float]:
+    def key(point: CellResult) -> tuple[float, float]:
         return point.amplitude, point.spread
 
-    for (amplitude, spread), some in itertools.groupby(sorted(points, key=start), start):
+    for (amplitude, spread), some in itertools.groupby(sorted(points, key=key), key):
         own = tuple(sorted(some, key=lambda point: point.n))
         if len(own) >= _COUNTS:
             x, y = np.array([(p.n + 0.5, p.period) for p in own]).T
@@ -190,25 +190,25 @@ def _power_fits(points: Sequence[CellResult]) -> Iterator[PowerFit]:
 def _laws(values: Mapping[str, Any], points: Sequence[CellResult]) -> Iterator[AmplitudeLaw]:
     known = all(isinstance(values[name], float) for name in ("masses", "lengths"))
     known = known and values["damping"] == 0.0 and values["reading"] == "bob"
-    small = [point for point in points if abs(point.angle) <= LAW_UP_TO]
+    small = [point for point in points if abs(point.start) <= LAW_UP_TO]
     many = sorted({point.n for point in small if point.n >= LAW_FROM})
     together = [tuple(many)] if len(many) > 1 else []
-    for counts in together + [(n,) for n in sorted({point.n for point in small})]:
-        law = _law(counts, tuple(point for point in small if point.n in counts), known=known)
+    for n_values in together + [(n,) for n in sorted({point.n for point in small})]:
+        law = _law(n_values, tuple(point for point in small if point.n in n_values), known=known)
         if law is not None:
             yield law
 
 
 def _law(
-    counts: tuple[int, ...], points: tuple[CellResult, ...], *, known: bool
+    n_values: tuple[int, ...], points: tuple[CellResult, ...], *, known: bool
 ) -> AmplitudeLaw | None:
     if len({abs(point.amplitude) for point in points}) < _AMPLITUDES:
         return None
 
-    def ratio(angle: FloatArray, c: float, b: float, d: float) -> FloatArray:
-        return c * amplitude_factor(angle, b, d)
+    def ratio(start: FloatArray, c: float, b: float, d: float) -> FloatArray:
+        return c * amplitude_factor(start, b, d)
 
-    x, y = np.array([(point.angle, point.ratio) for point in points]).T
+    x, y = np.array([(point.start, point.ratio) for point in points]).T
     with warnings.catch_warnings():
         warnings.simplefilter("error", OptimizeWarning)
         try:
@@ -219,9 +219,9 @@ def _law(
         return None
     c, b, d = estimates(values, covariance, len(points))
     residuals = y / ratio(x, *values.tolist()) - 1.0
-    return AmplitudeLaw(counts, c, b, d, _exact(counts) if known else None, points, residuals)
+    return AmplitudeLaw(n_values, c, b, d, _exact(n_values) if known else None, points, residuals)
 
 
-def _exact(counts: tuple[int, ...]) -> float:
-    single = len(counts) == 1 and counts[0] <= _EXACT_UP_TO
-    return float(np.median(linear_ratios(counts[0]) if single else rope_ratios()[1]))
+def _exact(n_values: tuple[int, ...]) -> float:
+    single = len(n_values) == 1 and n_values[0] <= _EXACT_UP_TO
+    return float(np.median(linear_ratios(n_values[0]) if single else rope_ratios()[1]))
