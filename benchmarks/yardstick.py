@@ -21,8 +21,8 @@ import numpy as np
 
 from npend_gym._machine import machine
 from npend_gym.compiled.packs import WIDTH, bare, packs
-from npend_gym.physics.kernels.dynamics import WORK_ROWS, Rods
-from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
+from npend_gym.physics.kernels.dynamics import ChainArrays
+from npend_gym.physics.kernels.rk4 import RK4_ROWS, rk4_step
 
 LANES, STEPS, H, GRAVITY = 256, 20, 1e-3, 9.81
 ROUNDS = 60
@@ -30,17 +30,17 @@ HERE = Path(__file__).parent
 
 
 @numba.njit(nogil=True, error_model="numpy")  # not cached: a cache would not see an edit
-def ours(groups, n, steps, h, theta, omega, torque, v, l, inverse_l, damping, g, work, stages):
+def ours(groups, n, steps, h, theta, omega, torque, v, l, inverse_l, damping, g, scratch):
     """Take `steps` steps with each group of WIDTH chains, arrays [group][rod][lane]."""
-    work, stages, torque, damping, g = (
-        packs(bare(work)), packs(bare(stages)), packs(torque), packs(damping), packs(g)
+    scratch, torque, damping, g = (
+        packs(bare(scratch)), packs(torque), packs(damping), packs(g)
     )  # fmt: skip
     theta, omega, v, l, inverse_l = (
         packs(theta), packs(omega), packs(v), packs(l), packs(inverse_l)
     )  # fmt: skip
     for group in range(groups):
         first, last = group * n, (group + 1) * n
-        rods = Rods(
+        rods = ChainArrays(
             v[first + group : last + group + 1],
             l[first:last],
             inverse_l[first:last],
@@ -48,9 +48,10 @@ def ours(groups, n, steps, h, theta, omega, torque, v, l, inverse_l, damping, g,
             g,
             damping[:0],  # no drag, and a pivot at rest
             damping[:0],
+            damping[:0],
         )
         for _ in range(steps):
-            rk4_step(theta[first:last], omega[first:last], h, torque, rods, work, stages)
+            rk4_step(theta[first:last], omega[first:last], h, torque, rods, scratch, False, False)
 
 
 def chains(n: int, width: int) -> list[np.ndarray]:
@@ -68,11 +69,11 @@ def numba_job(n: int):
     theta, omega, *rods = chains(n, WIDTH)
     spare = [np.zeros(n * WIDTH), np.zeros(n * WIDTH), np.full(WIDTH, GRAVITY)]
     torque, damping, g = spare
-    work, stages = (np.zeros((rows, (n + 2) * WIDTH)) for rows in (WORK_ROWS, STAGE_ROWS))
+    scratch = np.zeros((RK4_ROWS, (n + 2) * WIDTH))
 
     def job():
         ours(
-            LANES // WIDTH, n, STEPS, H, theta, omega, torque, *rods, damping, g, work, stages
+            LANES // WIDTH, n, STEPS, H, theta, omega, torque, *rods, damping, g, scratch
         )  # fmt: skip
 
     return job, theta.reshape(-1, n, WIDTH)

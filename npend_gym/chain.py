@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,45 @@ from npend_gym._checks import FloatArray
 MAX_RODS = 1_000_000
 MAX_DENSE = 10_000  # rods where matrices (n, n) are wanted: 800 MB each
 STANDARD_GRAVITY = 9.81  # m/s^2, the paper's listing
+
+
+class ChainParameters(NamedTuple):
+    """The parameters of many chains side by side: those of `Chain` with a leading axis of B."""
+
+    masses: FloatArray  # (B, n), as all others but gravity
+    lengths: FloatArray
+    gravity: FloatArray  # (B,)
+    damping: FloatArray
+    drag: FloatArray
+    quadratic_drag: FloatArray
+
+    @property
+    def carried_masses(self) -> FloatArray:
+        """Mass hanging on each rod [kg], shape (B, n)."""
+        return np.cumsum(self.masses[:, ::-1], axis=1)[:, ::-1]
+
+    @property
+    def lifting_energy(self) -> FloatArray:
+        """As that of `Chain` [J], shape (B,)."""
+        gravity = np.where(self.gravity > 0.0, self.gravity, STANDARD_GRAVITY)
+        return 2.0 * gravity * _sum(self.lengths * self.carried_masses)
+
+
+def check_parameter(name: str, value: FloatArray) -> FloatArray:
+    """Return the parameter `name` of chains, refused where it is not positive, or not zero or more.
+
+    Raises
+    ------
+    ValueError
+        If an entry has the wrong sign.
+    """
+    must_be_positive = "masses" in name or "lengths" in name
+    return (_checks.positive if must_be_positive else _checks.at_least_zero)(name, value)
+
+
+def _sum(terms: FloatArray) -> Any:
+    """Return the sums along the last axis, added in order: the same bits on every machine."""
+    return np.cumsum(terms, axis=-1)[..., -1]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -68,21 +107,20 @@ class Chain:
         drag: ArrayLike = 0.0,
         quadratic_drag: ArrayLike = 0.0,
     ) -> None:
-        m = _checks.positive("masses", _checks.array("masses", masses))
-        rods = _checks.positive("lengths", _checks.array("lengths", lengths))
+        m, rods = _checks.array("masses", masses), _checks.array("lengths", lengths)
         n = _rod_count(m, rods)
-        values = {
-            "masses": _checks.vector("masses", m, n),
-            "lengths": _checks.vector("lengths", rods, n),
-            "gravity": _checks.nonnegative_number("gravity", gravity),
+        object.__setattr__(self, "gravity", _checks.nonnegative_number("gravity", gravity))
+        given = {
+            "masses": m,
+            "lengths": rods,
+            "damping": damping,
+            "drag": drag,
+            "quadratic_drag": quadratic_drag,
         }
-        resisting = {"damping": damping, "drag": drag, "quadratic_drag": quadratic_drag}
-        for name, value in resisting.items():
-            values[name] = _checks.at_least_zero(name, _checks.vector(name, value, n))
-        for name, value in values.items():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-            object.__setattr__(self, name, value)
+        for name, value in given.items():
+            checked = check_parameter(name, _checks.vector(name, value, n))
+            checked.flags.writeable = False
+            object.__setattr__(self, name, checked)
 
     @classmethod
     def uniform(
@@ -124,12 +162,35 @@ class Chain:
         Without gravity: that on Earth. It is the unit in which environments judge energies.
         """
         gravity = self.gravity if self.gravity > 0.0 else STANDARD_GRAVITY
-        return 2.0 * gravity * float(self.lengths @ self.carried_masses)
+        return 2.0 * gravity * float(_sum(self.lengths * self.carried_masses))
 
     @property
     def has_drag(self) -> bool:
         """Whether air resists any bob."""
         return bool(np.any(self.drag) or np.any(self.quadratic_drag))
+
+    def repeated(self, size: int, **changes: FloatArray) -> ChainParameters:
+        """Return the parameters of `size` chains like this one but for some `changes`.
+
+        Parameters
+        ----------
+        size : int
+            Number of chains B.
+        **changes : ndarray, shape (B, n), for gravity (B,)
+            Parameters by the names of `Chain`.
+
+        Raises
+        ------
+        ValueError
+            If a change breaks the rule of its parameter.
+        """
+        values = {
+            name: check_parameter(name, changes[name])
+            if name in changes
+            else np.broadcast_to(getattr(self, name), (size, *np.shape(getattr(self, name))))
+            for name in ChainParameters._fields
+        }
+        return ChainParameters(**values)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters as plain numbers and lists, for a manifest."""

@@ -13,28 +13,30 @@ from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import positions
-from npend_gym.physics.kernels.dop853 import new_solver
-from npend_gym.physics.kernels.dynamics import innermost, pack_rods
-from npend_gym.physics.kernels.lanes import MAX_SPEED
+from npend_gym.physics.kernels.dop853 import Problem, new_solver
+from npend_gym.physics.kernels.dynamics import chain_arrays, innermost
+from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.listing import listing_gaps
-from npend_gym.physics.kernels.turning import (
-    BOB,
-    HEIGHT,
-    LINK,
+from npend_gym.physics.kernels.releases import (
+    RELEASE_ROWS,
     RUNNING,
-    SCRATCH_ROWS,
     STATUS,
     STUCK,
     measure_many,
     measure_one,
-    new_turns,
+)
+from npend_gym.physics.kernels.turning_points import (
+    BOB,
+    HEIGHT,
+    LINK,
+    new_record,
+    speed_threshold,
 )
 from npend_gym.physics.simulation import IntegrationError, check_angles, simulate
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
 
-_COUNTED_SHARE = 1e-6  # of sqrt(g/l): below it a sign is rounding noise
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 _RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
@@ -185,20 +187,16 @@ def _measured(
     lanes = 1 if count == 1 else WIDTH
     # lanes to spare repeat the last release
     theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
-    atol, torque = 1e-2 * rtol, np.zeros(n * lanes)
     solver = new_solver(0.0, innermost(np.hstack([theta, omega])), lanes)
-    turns = new_turns(innermost(theta), innermost(_orientation(chain, theta, code)))
+    problem = Problem(chain_arrays(*[chain] * lanes), np.zeros(n * lanes), rtol, 1e-2 * rtol)
+    record = new_record(innermost(theta), innermost(_orientation(chain, theta, code)))
     threshold = _threshold(chain, omega, code, rtol)
     release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
-    status, scratch = release[STATUS * lanes :], np.zeros((SCRATCH_ROWS, n * lanes))
-    rods = pack_rods(*[chain] * lanes)
-    follow = measure_one if lanes == 1 else measure_many
-    attempts = max(1, _RODS_PER_CALL // (n * lanes))
-    starting = True
+    status, scratch = release[STATUS * lanes :], np.zeros((RELEASE_ROWS, n * lanes))
+    measure = measure_one if lanes == 1 else measure_many
+    attempts, starting = max(1, _RODS_PER_CALL // (n * lanes)), True
     while np.any(status == RUNNING) and not call.stopped:
-        follow(
-            code, starting, attempts, solver, rods, turns, torque, rtol, atol, release, scratch
-        )  # fmt: skip
+        measure(code, starting, attempts, (solver, problem, record), release, scratch)
         starting = False
         check_angles(solver.y[: n * lanes], float(solver.clock[lanes]))
     if np.any(status == STUCK):
@@ -207,7 +205,7 @@ def _measured(
             f"no step is small enough at t = {time:g} s for rtol = {rtol:g}: "
             f"loosen it, or check the state and parameters"
         )
-    return turns.period.reshape(n, lanes).T[:count]
+    return record.period.reshape(n, lanes).T[:count]
 
 
 def _orientation(chain: Chain, theta: FloatArray, reading: int) -> FloatArray:
@@ -222,17 +220,8 @@ def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> Fl
     """Return the size [rad/s, m/s or m] above which the sign of a signal counts, (lanes,)."""
     if reading == HEIGHT:
         return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
-    rate = counted_speed(chain, np.max(np.abs(omega), axis=1))
+    rate = speed_threshold(chain.gravity, chain.lengths, np.max(np.abs(omega), axis=1))
     return rate * float(chain.lengths.mean()) if reading == BOB else rate
-
-
-def counted_speed(chain: Chain, fastest: ArrayLike) -> FloatArray:
-    """Return the angular velocity [rad/s] above which a sign counts, shaped like `fastest`.
-
-    `fastest` is the largest |omega| at the release, which sets the scale without gravity.
-    """
-    natural = np.sqrt(chain.gravity / float(chain.lengths.mean()))
-    return _COUNTED_SHARE * np.where(natural > 0.0, natural, fastest)
 
 
 def _listing(

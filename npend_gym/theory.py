@@ -12,7 +12,7 @@ from scipy.special import ellipk, jn_zeros
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain
+from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain, ChainParameters
 
 MAX_TERMS = 100_000  # of the amplitude series
 
@@ -23,11 +23,15 @@ def ideal_period(chain: Chain) -> float:
     For equal masses and lengths it is 2 pi sqrt(N l/g). The paper takes the mass and stiffness
     matrices as diagonal; `fundamental_period` does not. NaN without gravity.
     """
-    if chain.gravity == 0.0:
-        return math.nan
-    total = chain.masses.sum()
-    rates = np.sqrt(chain.gravity * chain.masses / (chain.lengths * total))
-    return float(2.0 * np.pi * chain.n / rates.sum())
+    return float(ideal_periods(chain.repeated(1))[0])
+
+
+def ideal_periods(chains: ChainParameters) -> FloatArray:
+    """Return `ideal_period` of many chains [s], shape (B,)."""
+    total = chains.masses.sum(axis=1, keepdims=True)
+    rates = np.sqrt(chains.gravity[:, None] * chains.masses / (chains.lengths * total)).sum(axis=1)
+    numerator = 2.0 * np.pi * chains.masses.shape[1]
+    return np.where(rates > 0.0, numerator / np.where(rates > 0.0, rates, 1.0), np.nan)
 
 
 def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatArray:

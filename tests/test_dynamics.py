@@ -10,19 +10,19 @@ from npend_gym.compiled.sincos import MAX_ANGLE, sincos
 from npend_gym.physics import equations
 from npend_gym.physics.kernels.dynamics import (
     WORK_ROWS,
-    Rods,
+    ChainArrays,
     accelerations,
-    pack_rods,
+    chain_arrays,
 )
 
 
 @njit(error_model="numpy")
 def accelerate_packs(
-    theta, omega, torque, v, l, inverse_l, damping, gravity, drag, pivot, work, alpha
+    theta, omega, torque, v, l, inverse_l, damping, gravity, drag, quadratic, pivot, work, alpha
 ):
-    rods = Rods(
+    rods = ChainArrays(
         packs(v), packs(l), packs(inverse_l), packs(damping), packs(gravity), packs(drag),
-        packs(pivot),
+        packs(quadratic), packs(pivot),
     )  # fmt: skip
     accelerations(packs(theta), packs(omega), packs(torque), rods, packs(work), packs(alpha))
 
@@ -36,7 +36,7 @@ def test_every_lane_of_a_pack_has_the_bits_of_one_chain(motion):
         np.ascontiguousarray(x[:, None] * rng.uniform(0.5, 1.0, WIDTH))
         for x in (theta, omega, torque)
     )
-    rods = [np.repeat(array, WIDTH) for array in pack_rods(chain)]
+    rods = [np.repeat(array, WIDTH) for array in chain_arrays(chain)]
     alpha = np.empty(n * WIDTH)
     accelerate_packs(
         thetas.ravel(),

@@ -14,14 +14,13 @@ from npend_gym.chain import Chain
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH, packs
 from npend_gym.physics.kernels.dynamics import (
-    WORK_ROWS,
-    Rods,
+    ChainArrays,
     accelerations,
+    chain_arrays,
     innermost,
     new_work,
-    pack_rods,
 )
-from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_step
+from npend_gym.physics.kernels.rk4 import RK4_ROWS, new_rk4_scratch, rk4_step
 from suites.timing import Job, Peers, Row, rates
 
 _H = 1e-6  # s; so short that the chain hardly moves while it is timed
@@ -58,7 +57,7 @@ def growth() -> Row:
 
 @kernel
 def _repeat_evaluation(
-    theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray,
+    theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: ChainArrays, work: FloatArray,
     alpha: FloatArray, times: int,
 ) -> None:  # fmt: skip
     """Evaluate the dynamics many times, as an integrator does: from compiled code."""
@@ -68,33 +67,34 @@ def _repeat_evaluation(
 
 @kernel
 def _repeat_step(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
-    work: FloatArray, stages: FloatArray, times: int,
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: ChainArrays,
+    scratch: FloatArray, times: int,
 ) -> None:  # fmt: skip
     for _ in range(times):
-        rk4_step(theta, omega, h, torque, rods, work, stages)
+        rk4_step(theta, omega, h, torque, rods, scratch, False, False)
 
 
 @kernel
 def _repeat_steps(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
-    work: FloatArray, stages: FloatArray, times: int,
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: ChainArrays,
+    scratch: FloatArray, times: int,
 ) -> None:  # fmt: skip
     """Take steps with groups of WIDTH equal chains, (groups, n WIDTH)."""
-    wide = Rods(
+    wide = ChainArrays(
         packs(rods.inverse_mass), packs(rods.length), packs(rods.inverse_length),
-        packs(rods.damping), packs(rods.gravity), packs(rods.drag), packs(rods.pivot),
+        packs(rods.damping), packs(rods.gravity), packs(rods.drag), packs(rods.quadratic_drag),
+        packs(rods.pivot),
     )  # fmt: skip
     for group in range(theta.shape[0]):
         x, w = packs(theta[group]), packs(omega[group])
         for _ in range(times):
-            rk4_step(x, w, h, packs(torque), wide, packs(work), packs(stages))
+            rk4_step(x, w, h, packs(torque), wide, packs(scratch), False, False)
 
 
 def evaluations(n: int) -> Job:
     """Return the job of evaluating the dynamics of one chain released from pi/4."""
     theta, rest = np.full(n, np.pi / 4), np.zeros(n)
-    rods, work, alpha = pack_rods(Chain.uniform(n)), new_work(n), np.zeros(n)
+    rods, work, alpha = chain_arrays(Chain.uniform(n)), new_work(n), np.zeros(n)
 
     def run(calls: int) -> None:
         _repeat_evaluation(theta, rest, rest, rods, work, alpha, calls)
@@ -105,10 +105,10 @@ def evaluations(n: int) -> Job:
 def steps(n: int) -> Job:
     """Return the job of taking Runge-Kutta steps with one chain released from pi/4."""
     theta, omega, torque = np.full(n, np.pi / 4), np.zeros(n), np.zeros(n)
-    rods, work, stages = pack_rods(Chain.uniform(n)), new_work(n), np.zeros((STAGE_ROWS, n))
+    rods, scratch = chain_arrays(Chain.uniform(n)), new_rk4_scratch(n)
 
     def run(calls: int) -> None:
-        _repeat_step(theta, omega, _H, torque, rods, work, stages, calls)
+        _repeat_step(theta, omega, _H, torque, rods, scratch, calls)
 
     return Job(run)
 
@@ -117,12 +117,11 @@ def many_steps(n: int, lanes: int) -> Job:
     """Return the job of taking Runge-Kutta steps with many chains, a multiple of WIDTH."""
     groups, size = lanes // WIDTH, n * WIDTH
     theta, omega = np.full((groups, size), np.pi / 4), np.zeros((groups, size))
-    rods = Rods(*(innermost([row] * WIDTH) for row in pack_rods(Chain.uniform(n))))
-    work, stages = np.zeros((WORK_ROWS, (n + 2) * WIDTH)), np.zeros((STAGE_ROWS, size))
-    torque = np.zeros(size)
+    rods = ChainArrays(*(innermost([row] * WIDTH) for row in chain_arrays(Chain.uniform(n))))
+    scratch, torque = np.zeros((RK4_ROWS, (n + 2) * WIDTH)), np.zeros(size)
 
     def run(calls: int) -> None:
-        _repeat_steps(theta, omega, _H, torque, rods, work, stages, calls)
+        _repeat_steps(theta, omega, _H, torque, rods, scratch, calls)
 
     return Job(run, lanes)
 

@@ -14,22 +14,14 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import TypedDict, Unpack
 
-from npend_gym import _checks, theory
+from npend_gym import _checks
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.modes import Mode, find_mode
-from npend_gym.physics.kernels.lanes import MAX_SPEED
+from npend_gym.physics.ensemble import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
+from npend_gym.physics.kernels.layout import MAX_SPEED
 
 OBSERVATIONS = ("angles", "sincos")
-MAX_SUBSTEPS = 100_000
-
-# By default a substep is so short that the fastest normal mode turns by no more than this [rad],
-# and that what damping and drag brake decays by no more than this. Turning points of a release
-# then come out within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
-_PHASE = 1.0 / 16.0
-# A chain that is whirled round turns faster than it swings. Substeps in which no rod turns by more
-# than this keep the energy of chains under random torques to some 1e-4 in an episode.
-_MAX_ROTATION = 1.0 / 20.0
 
 CHAIN_KEYWORDS = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
 
@@ -209,23 +201,7 @@ def _substeps(given: int | None, dt: float, chain: Chain) -> tuple[int, float]:
     """Return the least number of substeps, and the rotation that divides one [rad]."""
     if given is not None:
         return _checks.count("substeps", given, high=MAX_SUBSTEPS), math.inf
-    needed = math.ceil(dt * _fastest_rate(chain) / _PHASE)
-    return max(1, min(MAX_SUBSTEPS, needed)), _MAX_ROTATION
-
-
-def _fastest_rate(chain: Chain) -> float:
-    """Return the rate [1/s] that the substeps must resolve: of the fastest mode, or of braking."""
-    gravity = chain.gravity or STANDARD_GRAVITY  # as for the default torque
-    swinging = Chain(chain.masses, chain.lengths, gravity)
-    v = np.concatenate([[0.0], 1.0 / chain.masses])
-    damping = np.append(chain.damping, 0.0)
-    # a bound by Gershgorin's circles on the inverse mass matrix times the damping matrix
-    braking = 4.0 * (v[:-1] + v[1:]) * (damping[:-1] + damping[1:]) / chain.lengths**2
-    # drag slows no motion faster than the most slowed bob would be alone; that of the square at the
-    # speed of a pendulum as long as the chain that has fallen from upright, its slope 2 |v|
-    fallen = 2.0 * math.sqrt(gravity * chain.total_length)
-    slowing = (chain.drag + 2.0 * fallen * chain.quadratic_drag) / chain.masses
-    return max(theory.fastest_frequency(swinging), float(braking.max()) + float(slowing.max()))
+    return default_substeps(chain, dt), MAX_ROTATION
 
 
 def _angle(name: str, value: float) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
-from npend_gym.envs.batch import Batch, BoolArray
+from npend_gym.envs.episodes import BoolArray, Episodes
 from npend_gym.envs.info import Info
 from npend_gym.window import Window
 
@@ -35,7 +35,7 @@ def warn_of_no_render_mode(env: Any) -> None:
 
 
 class Camera:
-    """Paints the lanes of a batch as `render_mode` asks: None, "human" or "rgb_array"."""
+    """Paints the lanes as `render_mode` asks: None, "human" or "rgb_array"."""
 
     def __init__(self, render_mode: str | None, fps: float) -> None:
         if render_mode is not None:
@@ -53,39 +53,42 @@ class Camera:
         for lane in np.flatnonzero(lanes).tolist() if self._traces else ():
             self._traces.pop(lane, None)
 
-    def follow(self, batch: Batch) -> None:
+    def follow(self, episodes: Episodes) -> None:
         """Add the tips' places to the traces and, in "human" mode, show the picture."""
-        for lane in range(batch.count):
+        for lane, tip in enumerate(episodes.positions()[:, -1]):
             trace = self._traces.setdefault(lane, deque(maxlen=_TRACE_LENGTH))
-            trace.append(batch.positions(lane)[-1])
+            trace.append(tip)
         if self.mode == "human":
-            self.render(batch)
+            self.render(episodes)
 
-    def render(self, batch: Batch) -> tuple[NDArray[np.uint8], ...] | None:
+    def render(self, episodes: Episodes) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of every lane, or show them and return None."""
         if self._painter is None:
             return None
-        _, info = batch.every_lane()
+        _, info = episodes.every_lane()
         frames = tuple(
-            self._painter.paint(self._scene(batch, info, lane)) for lane in range(batch.count)
+            self._painter.paint(self._scene(episodes, info, lane, positions))
+            for lane, positions in enumerate(episodes.positions())
         )
         if self._window is None:
             return frames
         self._window.show(render.tile(frames), self.fps)
         return None
 
-    def _scene(self, batch: Batch, info: Info[Any, Any, Any], lane: int) -> render.Scene:
+    def _scene(
+        self, episodes: Episodes, info: Info[Any, Any, Any], lane: int, positions: FloatArray
+    ) -> render.Scene:
         trace = self._traces.get(lane)
-        drive = batch.action(lane).clip(-1.0, 1.0)
+        action = episodes.action(lane).clip(-1.0, 1.0)
         return render.Scene(
-            positions=batch.positions(lane),
-            reach=batch.reach(lane),
+            positions=positions,
+            reach=episodes.chain_length(lane),
             time=float(info["time"][lane]),
             energy=float(info["energy"][lane]),
             pseudo_period=float(info["pseudo_period"][lane]),
             completed=int(info["bobs_completed"][lane]),
-            torque=float(drive[0]) if drive.size else 0.0,
-            caption=f"{batch.config.mode.name}, n = {batch.config.chain.n}",
+            torque=float(action[0]) if action.size else 0.0,
+            caption=f"{episodes.config.mode.name}, n = {episodes.config.chain.n}",
             trace=np.array(trace) if trace else np.empty((0, 2)),
         )
 

@@ -1,4 +1,4 @@
-"""NPendulumEnv: one environment, the vector environment's batch with a single lane."""
+"""NPendulumEnv: one environment, the vector environment's episodes with a single lane."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from npend_gym.envs.batch import Batch
 from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
+from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.modes import Quantities
@@ -151,7 +151,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.metadata = NPendulumEnv.metadata | {"render_fps": config.render_fps}
         self.render_mode = render_mode
         self.camera = Camera(render_mode, config.render_fps)
-        self._batch: Batch = Batch(config, 1)
+        self._episodes: Episodes = Episodes(config, 1)
         self._mode = config.mode
         self._action_shape = (config.joints.size,)
         self._hold_steps = config.hold_steps
@@ -182,20 +182,20 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             If an option is unknown or breaks its rule; the environment is then unchanged.
         """
         broken = self._progress is _UNFINISHED
-        batch = Batch(self.config, 1) if broken else self._batch
-        checked = batch.check_options(options, single=True)
+        episodes = Episodes(self.config, 1) if broken else self._episodes
+        checked = episodes.check_options(options, single=True)
         self._progress = _UNFINISHED
-        self._batch = batch
+        self._episodes = episodes
         super().reset(seed=seed)
-        batch.rngs = [self.np_random]
-        batch.start(_THE_LANE, checked)
+        episodes.rngs = [self.np_random]
+        episodes.start(_THE_LANE, checked)
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
-            self.camera.follow(batch)
-        quantities, info = batch.only_lane()
+            self.camera.follow(episodes)
+        quantities, info = episodes.only_lane()
         self._steps_held = 0
         info["success"] = self._success(quantities)
-        observation = batch.observation[0]
+        observation = episodes.observation[0]
         self._progress = _READY
         return observation, info
 
@@ -214,16 +214,16 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         """
         if self._progress is not _READY:
             raise self._progress.refuse("step")
-        batch, mode = self._batch, self._mode
+        episodes, mode = self._episodes, self._mode
         checked = checked_action(action, self._action_shape)
         self._progress = _UNFINISHED
-        batch.step(checked)
-        quantities, info = batch.only_lane()
+        episodes.step(checked)
+        quantities, info = episodes.only_lane()
         reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
         info["success"] = self._success(quantities)
         if self.render_mode is not None:
-            self.camera.follow(batch)
-        result = batch.observation[0], reward, failed, info["diverged"], info
+            self.camera.follow(episodes)
+        result = episodes.observation[0], reward, failed, info["diverged"], info
         self._progress = _READY
         return result
 
@@ -242,7 +242,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             return None
         if self._progress is not _READY:
             raise self._progress.refuse("render")
-        frames = self.camera.render(self._batch)
+        frames = self.camera.render(self._episodes)
         return None if frames is None else frames[0]
 
     def close(self) -> None:

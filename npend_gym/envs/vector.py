@@ -13,8 +13,8 @@ from typing_extensions import Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.envs.batch import Batch
 from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
+from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.generators import Generators
 from npend_gym.envs.info import BatchInfo, BoolArray, final_info, with_masks
 from npend_gym.envs.inputs import (
@@ -92,7 +92,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self.camera = Camera(render_mode, config.render_fps)
         self.render_mode = render_mode
         self._threads = _checks.count("threads", threads, high=MAX_THREADS)
-        self._batch: Batch = Batch(config, self.num_envs, self._threads)
+        self._episodes: Episodes = Episodes(config, self.num_envs, self._threads)
         self._generators = Generators(self.num_envs)
         self._steps = np.zeros(self.num_envs, np.int64)
         self._hold_steps = config.hold_steps
@@ -131,16 +131,16 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         every = self._progress is not _READY
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
         broken = self._progress is _UNFINISHED
-        batch = Batch(self.config, self.num_envs, self._threads) if broken else self._batch
-        checked = batch.check_options(given, single=False)
+        episodes = Episodes(self.config, self.num_envs, self._threads) if broken else self._episodes
+        checked = episodes.check_options(given, single=False)
         seeds = self._generators.checked_seeds(seed)
         self._progress = _UNFINISHED
-        self._batch = batch
+        self._episodes = episodes
         self._generators.seed(seeds, mask)
-        batch.rngs = [generator for generator, _ in self._generators.pairs()]
+        episodes.rngs = [generator for generator, _ in self._generators.pairs()]
         self._begin(mask, checked)
         self._done = self._done & ~mask
-        result = batch.observation, self._info_of(mask)
+        result = episodes.observation, self._info_of(mask)
         self._progress = _READY
         return result
 
@@ -163,18 +163,18 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         waiting = self._done
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
             raise lanes_are_done(waiting)
-        batch = self._batch
+        episodes = self._episodes
         action = checked_action(actions, (self.num_envs, self.config.joints.size))
         some_wait = np.count_nonzero(waiting) > 0
         self._progress = _UNFINISHED
         if some_wait:
-            batch.active[waiting] = 0.0
-        batch.step(action)
+            episodes.active[waiting] = 0.0
+        episodes.step(action)
         self._steps += 1
         if some_wait:  # autoreset of NEXT_STEP
-            batch.active[waiting] = 1.0
+            episodes.active[waiting] = 1.0
             self._begin(waiting, {}, reuse_buffers=True)
-        quantities, info = batch.every_lane()
+        quantities, info = episodes.every_lane()
         # new arrays, even where a mode returns one number, or one of the quantities as it is
         reward, terminated = np.empty(self.num_envs), np.empty(self.num_envs, np.bool_)
         reward[:] = self.config.mode.reward(quantities)
@@ -184,14 +184,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             self._steps_held[waiting] = 0
         self._steps_held += 1
         self._steps_held *= self.config.mode.achieved(quantities)
-        truncated = batch.diverged
+        truncated = episodes.diverged
         if self.max_episode_steps is not None:
             truncated |= self._steps >= self.max_episode_steps
         done = self._done = terminated | truncated
         shown = self._autoreset(info, done)
         if self.render_mode is not None:
-            self.camera.follow(batch)
-        result = batch.observation, reward, terminated, truncated, shown
+            self.camera.follow(episodes)
+        result = episodes.observation, reward, terminated, truncated, shown
         self._progress = _READY
         return result
 
@@ -200,7 +200,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         info["success"] = self._steps_held > self._hold_steps
         if self.autoreset_mode is not AutoresetMode.SAME_STEP or np.count_nonzero(done) == 0:
             return with_masks(info, np.ones(self.num_envs, np.bool_))
-        final = final_info(self._batch.observation, info, done)
+        final = final_info(self._episodes.observation, info, done)
         self._begin(done, {}, reuse_buffers=True)
         self._done = np.zeros(self.num_envs, np.bool_)
         return self._info_of(np.ones(self.num_envs, np.bool_)) | final
@@ -215,12 +215,12 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             return None
         if self._progress is not _READY:
             raise self._progress.refuse("render")
-        return self.camera.render(self._batch)
+        return self.camera.render(self._episodes)
 
     def close_extras(self, **kwargs: Any) -> None:
         """End threads and window."""
         del kwargs
-        self._batch.close()
+        self._episodes.close()
         self.camera.close()
 
     @property
@@ -237,14 +237,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self, lanes: BoolArray, options: dict[str, FloatArray], *, reuse_buffers: bool = False
     ) -> None:
         """Begin a new episode in some lanes; with `reuse_buffers` in the step's own arrays."""
-        self._batch.start(lanes, options, anew=not reuse_buffers)
+        self._episodes.start(lanes, options, reuse_buffers=reuse_buffers)
         self._steps[lanes] = 0
-        achieved = self.config.mode.achieved(self._batch.every_lane()[0])
+        achieved = self.config.mode.achieved(self._episodes.every_lane()[0])
         self._steps_held[lanes] = np.broadcast_to(achieved, lanes.shape)[lanes]
         self.camera.forget(lanes)
 
     def _info_of(self, lanes: BoolArray) -> dict[str, Any]:
         """Return the info after a reset of some lanes."""
-        info = self._batch.every_lane()[1]
+        info = self._episodes.every_lane()[1]
         info["success"] = self._steps_held > self._hold_steps
         return with_masks(info, lanes.copy())

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.physics.kernels.lanes import MAX_SPEED
+from npend_gym.physics.kernels.layout import MAX_SPEED
 
 MIN_RTOL = 1e-14
 

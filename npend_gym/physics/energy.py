@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.sincos import sincos_all
 
 
-def positions(chain: Chain, theta: FloatArray) -> FloatArray:
+def positions(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     """Return the positions of the bobs [m], shape (..., n, 2), for angles (..., n).
 
     x_i = sum_{k<=i} l_k sin theta_k, y_i = -sum_{k<=i} l_k cos theta_k (the paper's section 2).
@@ -20,7 +20,12 @@ def positions(chain: Chain, theta: FloatArray) -> FloatArray:
     return np.stack([x, y], axis=-1)
 
 
-def velocities(chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray:
+def sideways(lengths: FloatArray, theta: FloatArray) -> FloatArray:
+    """Return x of every bob alone [m], shape (..., n)."""
+    return np.cumsum(lengths * _sincos(theta)[0], axis=-1)
+
+
+def velocities(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the velocities of the bobs [m/s], shape (..., n, 2)."""
     s, c = _sincos(theta)
     vx = np.cumsum(chain.lengths * c * omega, axis=-1)
@@ -28,13 +33,15 @@ def velocities(chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray
     return np.stack([vx, vy], axis=-1)
 
 
-def kinetic_energy(chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray:
+def kinetic_energy(
+    chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
+) -> FloatArray:
     """Return sum_i m_i |v_i|^2 / 2 [J], shape (...). The paper's T leaves the masses out."""
     speed_squared = np.sum(velocities(chain, theta, omega) ** 2, axis=-1)
     return 0.5 * np.sum(chain.masses * speed_squared, axis=-1)
 
 
-def potential_energy(chain: Chain, theta: FloatArray) -> FloatArray:
+def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     """Return sum_i m_i g (y_i - y_i(rest)) [J], shape (...): zero where the chain hangs at rest.
 
     Written with 1 - cos theta = 2 sin^2(theta/2), exact for small angles too.
@@ -43,7 +50,7 @@ def potential_energy(chain: Chain, theta: FloatArray) -> FloatArray:
     return chain.gravity * np.sum(chain.carried_masses * chain.lengths * lift, axis=-1)
 
 
-def energy(chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray:
+def energy(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the total energy above rest [J], shape (...)."""
     return kinetic_energy(chain, theta, omega) + potential_energy(chain, theta)
 

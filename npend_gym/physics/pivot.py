@@ -12,7 +12,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics.energy import positions, velocities
-from npend_gym.physics.kernels.dynamics import Rods, pack_rods
+from npend_gym.physics.kernels.dynamics import ChainArrays, chain_arrays
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,12 @@ def check_pivot(
     return Pivot(acceleration=(float(given[0]), float(given[1])))
 
 
-def kernel_arguments(chain: Chain, pivot: Pivot) -> Rods:
+def kernel_arguments(chain: Chain, pivot: Pivot) -> ChainArrays:
     """Return the parameters of `chain`, with its pivot, in the form that the kernels take.
 
     In the frame of an accelerated pivot there is more gravity, or less: upwards it is g + y''.
     """
-    rods = pack_rods(chain)
+    rods = chain_arrays(chain)
     if pivot.cart_mass is not None:
         inverse = 1.0 / pivot.cart_mass
         return rods._replace(pivot=np.array([pivot.force * inverse, inverse]))

@@ -11,15 +11,15 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_limits, check_rtol, check_torque
-from npend_gym.physics.kernels.dop853 import dop853_frames, new_solver
-from npend_gym.physics.kernels.dynamics import Rods, new_work
-from npend_gym.physics.kernels.rk4 import STAGE_ROWS, rk4_frames
+from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
+from npend_gym.physics.kernels.dynamics import ChainArrays
+from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
 from npend_gym.physics.pivot import check_pivot, kernel_arguments
 from npend_gym.physics.trajectory import MAX_BYTES, Trajectory
 
 METHODS = ("dop853", "rk4")
 _MAX_STEPS = 10**12  # between two times
-# Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
+# ChainArrays times steps in one compiled call: about a second, after which Ctrl-C is heard
 _RODS_PER_CALL = 500_000
 
 
@@ -102,7 +102,7 @@ def simulate(
     if method == "rk4":
         frames = _run_rk4(rods, state, times, torque, **settings)
     else:
-        frames = _run_dop853(rods, state, times, torque, **settings)
+        frames = _run_dop853(Problem(rods, torque, **settings), state, times)
     made_by = provenance(
         {"method": method, **settings, "torque": torque.tolist(), "pivot": pivot.as_dict()}
     )
@@ -136,51 +136,46 @@ def _check_settings(method: str, rtol: float, atol: float, dt: float | None) -> 
 
 
 def _run_rk4(
-    rods: Rods, state: FloatArray, times: FloatArray, torque: FloatArray, dt: float
+    chain: ChainArrays, state: FloatArray, times: FloatArray, torque: FloatArray, dt: float
 ) -> FloatArray:
     """Return the state (theta, omega) at each time, (T, 2n), by steps no longer than `dt`."""
-    if times.size > 1 and float(np.diff(times).max()) / dt > _MAX_STEPS:
+    intervals = np.diff(times, prepend=times[0])
+    if float(intervals.max()) / dt > _MAX_STEPS:
         raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
+    steps = np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
     n = torque.size
     frames = np.empty((times.size, 2 * n))
     frames[0] = state
-    scratch, stages = new_work(n), np.zeros((STAGE_ROWS, n))
-    done, step, steps = 1, 0, max(1, _RODS_PER_CALL // n)
-    while 0 < done < times.size:
-        done, step = rk4_frames(
-            state, times, dt, done, step, steps, torque, rods, scratch, stages, frames
-        )
-        check_angles(state[:n], times[abs(done) - 1])
-    if done < 0:
+    progress, scratch, sound = np.array([1, 0, 0]), new_rk4_scratch(n), True
+    while sound and progress[0] < times.size:
+        progress[2] = max(1, _RODS_PER_CALL // n)
+        sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames)
+        check_angles(state[:n], float(times[progress[0] - 1]))
+    if not sound:
+        since, until = times[progress[0] - 1 : progress[0] + 1]
         raise IntegrationError(
-            f"the state diverged between t = {times[-done - 1]:g} s and {times[-done]:g} s: "
+            f"the state diverged between t = {since:g} s and {until:g} s: "
             f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
         )
     return frames
 
 
-def _run_dop853(
-    rods: Rods,
-    state: FloatArray,
-    times: FloatArray,
-    torque: FloatArray,
-    rtol: float,
-    atol: float,
-) -> FloatArray:
+def _run_dop853(problem: Problem, state: FloatArray, times: FloatArray) -> FloatArray:
     """Return the state (theta, omega) at each time, (T, 2n), by steps that meet the tolerances."""
-    n = torque.size
+    n = problem.torque.size
     frames = np.empty((times.size, 2 * n))
     frames[0] = state
     solver = new_solver(float(times[0]), state)
     done, starting, steps = 1, True, max(1, _RODS_PER_CALL // n)
     while done < times.size:
-        done = dop853_frames(solver, starting, times, done, steps, rods, torque, rtol, atol, frames)
+        done = dop853_frames(solver, problem, starting, times, done, steps, frames)
         starting = False
         check_angles(solver.y[:n], float(solver.clock[1]))
         if done < 0:
             raise IntegrationError(
-                f"no step is small enough at t = {solver.clock[1]:g} s for rtol = {rtol:g} and "
-                f"atol = {atol:g}: loosen them, or check the state and parameters"
+                f"no step is small enough at t = {solver.clock[1]:g} s for "
+                f"rtol = {problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the "
+                "state and parameters"
             )
     return frames
 

@@ -7,7 +7,6 @@ chains of three rods and more, whose motion no guess can foresee, are no harder 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +14,8 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from npend_gym._checks import FloatArray
-from npend_gym.envs import EnvConfig, Mode
-from npend_gym.envs.batch import Batch
+from npend_gym.envs import EnvConfig
+from npend_gym.physics import Ensemble
 
 MAX_ACTION = 0.9  # of a planned trajectory: the rest of the torque is for tracking
 _ACTION_WEIGHT = 0.05
@@ -149,29 +148,17 @@ class Transcription:
         return slopes[..., : 2 * self.n], slopes[..., 2 * self.n :]
 
 
-class _Placed(Mode):
-    """Episodes begin where they are told to."""
-
-    def start(
-        self, rng: np.random.Generator, n: int, amplitude: float, spread: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Draw nothing."""
-        del rng, amplitude, spread
-        return np.zeros(n), np.zeros(n)
-
-
 class Stepper:
     """Steps of the environment from any states, all side by side."""
 
     def __init__(self, config: EnvConfig, count: int) -> None:
-        self.batch = Batch(replace(config, mode=_Placed()), count)
-        self.batch.rngs = [np.random.default_rng(0)] * count  # not drawn from
-        self.everywhere = np.ones(count, np.bool_)
+        self.config = config
+        self.ensemble = Ensemble(config.chain, count, joints=config.joints.tolist())
 
     def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
         """Return the states, (B, 2n), after a step under the actions, (B, joints)."""
         theta, omega = np.split(states, 2, axis=1)
-        self.batch.start(self.everywhere, {"theta": theta, "omega": omega})
-        self.batch.step(actions)
-        info = self.batch.every_lane()[1]
-        return np.hstack([info["theta"], info["omega"]])
+        self.ensemble.set_state(slice(None), theta, omega)
+        torque = self.config.max_torque * actions
+        self.ensemble.advance(torque, self.config.dt, self.config.substeps)
+        return np.hstack([self.ensemble.theta, self.ensemble.omega])

@@ -15,7 +15,7 @@ from scipy.integrate import DOP853
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.compiled.packs import any_of, where
-from npend_gym.physics.kernels.dynamics import Rods, copy, derivative, new_work
+from npend_gym.physics.kernels.dynamics import ChainArrays, copy, derivative, new_work
 
 STAGES = 12
 _ROWS = 16  # 12 stages, the derivative at the new point, 3 more for dense output
@@ -26,7 +26,9 @@ _A[STAGES + 1 :] = DOP853.A_EXTRA
 _E5, _E3, _D = np.array(DOP853.E5), np.array(DOP853.E3), np.array(DOP853.D)
 _SAFETY, _MIN_FACTOR, _MAX_FACTOR = 0.9, 0.2, 10.0
 _POWERS = 7  # rows of the interpolation polynomial
-_RESOLUTION = 10.0 * float(np.finfo(float).eps)  # a step below this part of t is none
+_RESOLUTION = 10.0 * float(
+    np.finfo(float).eps
+)  # a step below this fraction of t is treated as zero
 
 
 class Solver(NamedTuple):
@@ -38,6 +40,15 @@ class Solver(NamedTuple):
     k: FloatArray  # derivatives at the stages; row 12: that at y (16, 2n)
     poly: FloatArray  # dense output of the last step (7, 2n)
     work: FloatArray  # for `accelerations`
+
+
+class Problem(NamedTuple):
+    """What is integrated, and how exactly."""
+
+    chain: ChainArrays
+    torque: FloatArray  # N m at joints 0..n-1, (n,)
+    rtol: float
+    atol: float
 
 
 def new_solver(t: float, y: FloatArray, width: int = 1) -> Solver:
@@ -60,29 +71,29 @@ def _eighth_root(x: float) -> float:
 
 
 @inlined_kernel
-def _scaled_norm(x: FloatArray, y: FloatArray, rtol: float, atol: float) -> float:
+def _scaled_norm(x: FloatArray, y: FloatArray, problem: Problem) -> float:
     total = 0.0
     for i in range(x.size):
-        r = x[i] / (atol + rtol * abs(y[i]))
+        r = x[i] / (problem.atol + problem.rtol * abs(y[i]))
         total = total + r * r
     return math.sqrt(total / x.size)
 
 
 @inner_kernel
-def start(solver: Solver, rods: Rods, torque: FloatArray, rtol: float, atol: float) -> None:
+def start(solver: Solver, problem: Problem) -> None:
     """Take the first derivative and choose the first step (Hairer et al., section II.4)."""
     y, k, poly = solver.y, solver.k, solver.poly
-    derivative(y, torque, rods, solver.work, k[STAGES])
-    d0 = _scaled_norm(y, y, rtol, atol)
-    d1 = _scaled_norm(k[STAGES], y, rtol, atol)
+    derivative(y, problem.torque, problem.chain, solver.work, k[STAGES])
+    d0 = _scaled_norm(y, y, problem)
+    d1 = _scaled_norm(k[STAGES], y, problem)
     small = (d0 < 1e-5) | (d1 < 1e-5)
     h0 = where(small, 1e-6, 0.01 * d0 / where(small, 1.0, d1))
     for i in range(y.size):
         poly[0, i] = y[i] + h0 * k[STAGES, i]
-    derivative(poly[0], torque, rods, solver.work, k[0])
+    derivative(poly[0], problem.torque, problem.chain, solver.work, k[0])
     for i in range(y.size):
         poly[0, i] = k[0, i] - k[STAGES, i]
-    steepest = _larger(d1, _scaled_norm(poly[0], y, rtol, atol) / h0)
+    steepest = _larger(d1, _scaled_norm(poly[0], y, problem) / h0)
     flat = steepest <= 1e-15
     steady = _larger(h0 * 1e-3, 1e-6)
     h1 = where(flat, steady, _eighth_root(0.01 / where(flat, 1.0, steepest)))
@@ -104,9 +115,7 @@ def _stage(s: int, h: float, k: FloatArray, y: FloatArray, x: FloatArray) -> Non
 
 
 @inlined_kernel
-def _error(
-    h: float, k: FloatArray, y: FloatArray, y_new: FloatArray, rtol: float, atol: float
-) -> float:
+def _error(h: float, k: FloatArray, y: FloatArray, y_new: FloatArray, problem: Problem) -> float:
     """Return the error of the step over its tolerance, from the estimates of order 5 and 3."""
     sum5 = sum3 = 0.0
     for i in range(y.size):
@@ -114,7 +123,7 @@ def _error(
         for s in range(STAGES):
             e5 = e5 + _E5[s] * k[s, i]
             e3 = e3 + _E3[s] * k[s, i]
-        scale = atol + rtol * _larger(abs(y_new[i]), abs(y[i]))
+        scale = problem.atol + problem.rtol * _larger(abs(y_new[i]), abs(y[i]))
         sum5 = sum5 + (e5 / scale) * (e5 / scale)
         sum3 = sum3 + (e3 / scale) * (e3 / scale)
     none = sum5 == 0.0
@@ -123,9 +132,7 @@ def _error(
 
 
 @inner_kernel
-def attempt(
-    solver: Solver, t_end: float, rods: Rods, torque: FloatArray, rtol: float, atol: float
-) -> float:
+def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     """Try one step, not beyond `t_end`. Where the error is small enough, take it.
 
     Return 1.0 where it was taken, 0.0 where a smaller one is to be tried, -1.0 where no step is
@@ -135,20 +142,21 @@ def attempt(
     x, y_new = solver.poly[0], solver.poly[1]
     t, wanted, largest = clock[1], clock[2], clock[3]
     rest = t_end - t
-    h = where(wanted < 0.99 * rest, wanted, rest)  # no sliver is left for a last step of its own
+    # a remainder below 1 % of the step is taken with it
+    h = where(wanted < 0.99 * rest, wanted, rest)
     copy(k[STAGES], k[0])
     for s in range(1, STAGES):
         _stage(s, h, k, y, x)
-        derivative(x, torque, rods, solver.work, k[s])
+        derivative(x, problem.torque, problem.chain, solver.work, k[s])
     _stage(STAGES, h, k, y, y_new)
-    error = _error(h, k, y, y_new, rtol, atol)
+    error = _error(h, k, y, y_new, problem)
     root = _eighth_root(error)
     factor = where(root * largest <= _SAFETY, largest, _larger(_SAFETY / root, _MIN_FACTOR))
-    factor = where(error >= 0.0, factor, _MIN_FACTOR)  # the error may be no number
+    factor = where(error >= 0.0, factor, _MIN_FACTOR)  # the error may be NaN
     enough = h > _RESOLUTION * abs(t)
     taken = enough & (error < 1.0)
     if any_of(taken):
-        derivative(y_new, torque, rods, solver.work, k[STAGES])
+        derivative(y_new, problem.torque, problem.chain, solver.work, k[STAGES])
         for i in range(y.size):
             y_old[i] = where(taken, y[i], y_old[i])
             y[i] = where(taken, y_new[i], y[i])
@@ -162,24 +170,22 @@ def attempt(
 
 
 @inner_kernel
-def step(
-    solver: Solver, t_end: float, rods: Rods, torque: FloatArray, rtol: float, atol: float
-) -> bool:
+def step(solver: Solver, t_end: float, problem: Problem) -> bool:
     """Take one step of one chain; return False where no step is small enough."""
     outcome = 0.0
     while outcome == 0.0:
-        outcome = attempt(solver, t_end, rods, torque, rtol, atol)
+        outcome = attempt(solver, t_end, problem)
     return outcome > 0.0
 
 
 @inner_kernel
-def prepare_dense(solver: Solver, rods: Rods, torque: FloatArray) -> None:
+def prepare_dense(solver: Solver, problem: Problem) -> None:
     """Fit the interpolation polynomial to the last step: three more stages."""
     y_old, y, k, poly = solver.y_old, solver.y, solver.k, solver.poly
     h = solver.clock[1] - solver.clock[0]
     for s in range(STAGES + 1, _ROWS):
         _stage(s, h, k, y_old, poly[0])
-        derivative(poly[0], torque, rods, solver.work, k[s])
+        derivative(poly[0], problem.torque, problem.chain, solver.work, k[s])
     for p in range(3, _POWERS):
         for i in range(y.size):
             poly[p, i] = (h * _D[p - 3, 0]) * k[0, i]
@@ -212,29 +218,21 @@ def interpolate(solver: Solver, x: float, out: FloatArray) -> None:
 
 @kernel
 def dop853_frames(
-    solver: Solver,
-    starting: bool,
-    times: FloatArray,
-    done: int,
-    max_steps: int,
-    rods: Rods,
-    torque: FloatArray,
-    rtol: float,
-    atol: float,
+    solver: Solver, problem: Problem, starting: bool, times: FloatArray, done: int, max_steps: int,
     frames: FloatArray,
-) -> int:
+) -> int:  # fmt: skip
     """Write the state at each time from index `done` on into `frames` (T, 2n).
 
     Return the number of frames written after at most `max_steps` steps, or minus that number where
-    the integration cannot go on.
+    the integration cannot continue.
     """
     clock = solver.clock
     if starting:
-        start(solver, rods, torque, rtol, atol)
+        start(solver, problem)
     for _ in range(max_steps):
         if done == times.size:
             break
-        if not step(solver, times[-1], rods, torque, rtol, atol):
+        if not step(solver, times[-1], problem):
             return -done
         dense = False
         while done < times.size and times[done] <= clock[1]:
@@ -242,7 +240,7 @@ def dop853_frames(
                 copy(solver.y, frames[done])
             else:
                 if not dense:
-                    prepare_dense(solver, rods, torque)
+                    prepare_dense(solver, problem)
                     dense = True
                 x = (times[done] - clock[0]) / (clock[1] - clock[0])
                 interpolate(solver, x, frames[done])

@@ -25,9 +25,9 @@ the bob's velocity along e_i and n_i, it adds
 
     to (1) (r_{i-1} - r_i) a_i,        to (2) (r_{i-1} - r_i) b_i - r_{i-1} l_i omega_i.        (3)
 
-A pivot that accelerates by x'' sideways adds -x'' s_0 to (1) and -x'' c_0 to (2) where i = 0. Is it
-a cart of mass M that is pushed by the force F, then x'' = (F + T_0 s_0 - f_0 c_0) / M, whose
-tension goes to the left: (1) has s_0^2 / M for v_0.
+A pivot that accelerates by x'' sideways adds -x'' s_0 to (1) and -x'' c_0 to (2) where i = 0. If
+the pivot is a cart of mass M pushed by the force F, then x'' = (F + T_0 s_0 - f_0 c_0) / M; moving
+the T_0 term to the left side adds s_0^2 / M to the first diagonal entry of (1).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from npend_gym.compiled.sincos import sincos
 WORK_ROWS = 7
 
 
-class Rods(NamedTuple):
+class ChainArrays(NamedTuple):
     """The parameters of a chain, or of a pack of chains, as the kernels take them."""
 
     inverse_mass: FloatArray  # v at joints 0..n, (n + 1,); zero at the pivot
@@ -54,21 +54,22 @@ class Rods(NamedTuple):
     inverse_length: FloatArray  # 1/l, (n,)
     damping: FloatArray  # joints 0..n-1, (n,)
     gravity: FloatArray  # g, (1,)
-    drag: FloatArray  # linear, then quadratic, (2n,); empty where there is none
-    pivot: FloatArray  # x'' less that by T_0 and f_0, and 1/M, (2,); empty where it does not move
+    drag: FloatArray  # (n,); empty where the air resists no bob
+    quadratic_drag: FloatArray  # (n,) or empty, as drag
+    pivot: FloatArray  # x'' without the terms of T_0 and f_0, and 1/M, (2,); empty: fixed pivot
 
 
-def pack_rods(*chains: Chain) -> Rods:
-    """Return the parameters of chains in the form the kernels take, the lane innermost."""
-    return Rods(
+def chain_arrays(*chains: Chain) -> ChainArrays:
+    """Return the parameters of chains in the form that the kernels take, the lane innermost."""
+    resisted = chains if any(chain.has_drag for chain in chains) else ()
+    return ChainArrays(
         innermost([np.concatenate([[0.0], 1.0 / chain.masses]) for chain in chains]),
         innermost([chain.lengths for chain in chains]),
         innermost([1.0 / chain.lengths for chain in chains]),
         innermost([chain.damping for chain in chains]),
         innermost([np.array([chain.gravity]) for chain in chains]),
-        innermost([np.concatenate([chain.drag, chain.quadratic_drag]) for chain in chains])
-        if any(chain.has_drag for chain in chains)
-        else np.zeros(0),
+        innermost([chain.drag for chain in resisted]),
+        innermost([chain.quadratic_drag for chain in resisted]),
         np.zeros(0),
     )
 
@@ -85,7 +86,7 @@ def new_work(n: int, width: int = 1) -> FloatArray:
 
 @inner_kernel
 def copy(source: FloatArray, target: FloatArray) -> None:
-    """Copy a row; slice assignment would do, at a second of compile time a kernel."""
+    """Copy a row; a slice assignment would cost a second of compile time in each kernel."""
     for i in range(source.size):
         target[i] = source[i]
 
@@ -135,7 +136,7 @@ def _tensions(
 
 @inlined_kernel
 def _add_drag(
-    omega: FloatArray, rods: Rods, s: FloatArray, c: FloatArray, along: FloatArray,
+    omega: FloatArray, chain: ChainArrays, s: FloatArray, c: FloatArray, along: FloatArray,
     across: FloatArray,
 ) -> float:  # fmt: skip
     """Add Eq. (3) to `along`, write its other part into `across`; return the power taken [W].
@@ -143,11 +144,10 @@ def _add_drag(
     The velocity of a bob is that of the bob above, turned into the frame of its own rod, and that
     about it: no further sines are needed.
     """
-    n = rods.drag.size // 2  # 0 where there is none
-    v, linear, quadratic = rods.inverse_mass[1:], rods.drag, rods.drag[n:]
+    v, linear, quadratic = chain.inverse_mass[1:], chain.drag, chain.quadratic_drag
     a = b = rate_above = power = 0.0
-    for i in range(n):
-        about = rods.length[i] * omega[i]
+    for i in range(linear.size):
+        about = chain.length[i] * omega[i]
         a, b = c[i] * a + s[i] * b, (c[i] * b - s[i] * a) + about
         square = a * a + b * b
         drag = linear[i] + quadratic[i] * math.sqrt(square)
@@ -183,7 +183,7 @@ def _move_pivot(
 
 @inlined_kernel
 def accelerations(
-    theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray,
+    theta: FloatArray, omega: FloatArray, torque: FloatArray, chain: ChainArrays, work: FloatArray,
     alpha: FloatArray,
 ) -> float:  # fmt: skip
     """Write the angular accelerations [rad/s^2] of a chain, or of a pack of them, into `alpha`.
@@ -192,10 +192,10 @@ def accelerations(
     [W]. The long loops are over independent entries, for LLVM to vectorise where there is one
     chain.
     """
-    l, inverse_l, damping, g = rods.length, rods.inverse_length, rods.damping, rods.gravity
+    l, inverse_l, damping, g = chain.length, chain.inverse_length, chain.damping, chain.gravity
     n = theta.size
     # Views of one row, so that one index serves for the joint or rod above, here and below
-    v, v_below = rods.inverse_mass, rods.inverse_mass[1:]
+    v, v_below = chain.inverse_mass, chain.inverse_mass[1:]
     s, s_below = work[0], work[0][1:]
     c, c_below = work[1], work[1][1:]
     f_above, f, f_below = work[2], work[2][1:], work[2][2:]
@@ -217,27 +217,28 @@ def accelerations(
         from_below = v_below[i] * (f_below[i] * s_below[i])
         rhs[i] = (l[i] * (omega[i] * omega[i]) + from_below) - v[i] * (f_above[i] * s[i])
     rhs[0] = rhs[0] + g[0] * c[0]
-    # Whether there is any is asked there: with `if` here, Numba would count references to views
-    power = _add_drag(omega, rods, s, c, rhs, across)
-    v_0 = _free_pivot(rods.pivot, f, s, c, rhs)
+    # _add_drag itself tests for an empty array; a test here would make Numba count references to
+    # the views, some ns a call
+    power = _add_drag(omega, chain, s, c, rhs, across)
+    v_0 = _free_pivot(chain.pivot, f, s, c, rhs)
     _tensions(v, c, v_0, rhs, t, link)
     for i in range(n):
         from_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
         from_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
         alpha[i] = (v_below[i] * from_below - v[i] * from_above) * inverse_l[i]
     alpha[0] = alpha[0] - (g[0] * s[0]) * inverse_l[0]
-    for i in range(rods.drag.size // 2):
+    for i in range(chain.drag.size):
         alpha[i] = alpha[i] + across[i] * inverse_l[i]
-    _move_pivot(rods.pivot, t, f, s, c, inverse_l, alpha)
+    _move_pivot(chain.pivot, t, f, s, c, inverse_l, alpha)
     return power
 
 
 @kernel
 def derivative(
-    y: FloatArray, torque: FloatArray, rods: Rods, work: FloatArray, dydt: FloatArray
+    y: FloatArray, torque: FloatArray, chain: ChainArrays, work: FloatArray, dydt: FloatArray
 ) -> None:
     """Write the time derivative of one chain's state y = (theta, omega) into `dydt`."""
     n = y.size // 2
     for i in range(n):
         dydt[i] = y[n + i]
-    accelerations(y[:n], y[n:], torque, rods, work, dydt[n:])
+    accelerations(y[:n], y[n:], torque, chain, work, dydt[n:])

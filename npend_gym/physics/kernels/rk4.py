@@ -3,92 +3,133 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
-from npend_gym.physics.kernels.dynamics import Rods, accelerations, copy
+from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.physics.kernels.dynamics import WORK_ROWS, ChainArrays, accelerations, copy
 
-STAGE_ROWS = 8
+# Rows of the work space: angular accelerations of K_1..K_4 and at the end of the step (followed by
+# the power of drag there); omega of the same five, which is their theta'; theta of the stage; then
+# the rows of `accelerations`
+END, OMEGAS, _THETA, _WORK = 4, 5, 10, 11
+RK4_ROWS = _WORK + WORK_ROWS
 
 
-@inner_kernel
-def _stage(
-    theta: FloatArray, omega: FloatArray, rate: FloatArray, alpha: FloatArray, h: float,
-    x: FloatArray, w: FloatArray,
-) -> None:  # fmt: skip
-    """Write the stage state theta + h rate, omega + h alpha into `x` and `w`."""
-    for i in range(x.size):
-        x[i] = theta[i] + h * rate[i]
-        w[i] = omega[i] + h * alpha[i]
+def new_rk4_scratch(n: int) -> FloatArray:
+    """Return the work space of `rk4_step` for one chain of `n` rods."""
+    return np.zeros((RK4_ROWS, n + 2))
 
 
 @inlined_kernel
-def rk4_step(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: Rods,
-    work: FloatArray, stages: FloatArray,
-) -> float:  # fmt: skip
-    """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
+def _stage(
+    k: int, theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray,
+    chain: ChainArrays, scratch: FloatArray, known: bool,
+) -> Any:  # fmt: skip
+    """Evaluate stage `k`, the first one only if it is not `known`, and set the state of the next.
 
-    Return the energy that drag takes [J].
-
-    Arrays are as in `accelerations`, `stages` has STAGE_ROWS rows of n or more. A stage's theta'
-    is its own omega: rows 0 to 3 keep the angular accelerations of K_1..K_4, rows 4 to 6 the omega
-    of K_2..K_4.
+    Return the power of drag [W].
     """
     n = theta.size
-    a1, a2, a3, a4 = stages[0][:n], stages[1][:n], stages[2][:n], stages[3][:n]
-    w2, w3, w4, x = stages[4][:n], stages[5][:n], stages[6][:n], stages[7][:n]
-    power_1 = accelerations(theta, omega, torque, rods, work, a1)
-    _stage(theta, omega, omega, a1, 0.5 * h, x, w2)
-    power_2 = accelerations(x, w2, torque, rods, work, a2)
-    _stage(theta, omega, w2, a2, 0.5 * h, x, w3)
-    power_3 = accelerations(x, w3, torque, rods, work, a3)
-    _stage(theta, omega, w3, a3, h, x, w4)
-    power_4 = accelerations(x, w4, torque, rods, work, a4)
+    x, w, alpha = scratch[_THETA][:n], scratch[OMEGAS + k], scratch[k]
+    next_w, end = scratch[OMEGAS + k + 1], scratch[END]
+    if known and k == 0:
+        copy(end[:n], alpha)
+        power = end[n]
+    else:
+        power = accelerations(x, w, torque, chain, scratch[_WORK:], alpha)
+    if k < 3:
+        stage_h = h if k == 2 else 0.5 * h
+        for i in range(n):
+            x[i] = theta[i] + stage_h * w[i]
+            next_w[i] = omega[i] + stage_h * alpha[i]
+    if k == END:
+        end[n] = power
+    return power
+
+
+@inlined_kernel
+def _combine(theta: FloatArray, omega: FloatArray, h: float, scratch: FloatArray) -> None:
+    """Take the step, Y + h (K_1 + 2 K_2 + 2 K_3 + K_4) / 6, in place; copy it for a stage."""
+    a1, a2, a3, a4 = scratch[0], scratch[1], scratch[2], scratch[3]
+    w2, w3, w4 = scratch[OMEGAS + 1], scratch[OMEGAS + 2], scratch[OMEGAS + 3]
     sixth = h / 6.0
-    for i in range(n):
+    for i in range(theta.size):
         theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
-    for i in range(n):
+    for i in range(theta.size):
         omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
-    return sixth * ((power_1 + power_4) + 2.0 * (power_2 + power_3))
+
+
+@inlined_kernel
+def _set_stage(k: int, theta: FloatArray, omega: FloatArray, scratch: FloatArray) -> None:
+    """Let stage `k` be evaluated at this state."""
+    copy(theta, scratch[_THETA])
+    copy(omega, scratch[OMEGAS + k])
+
+
+@spliced_kernel
+def rk4_step(
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, chain: ChainArrays,
+    scratch: FloatArray, known: bool, ahead: bool,
+) -> Any:  # fmt: skip
+    """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
+
+    `scratch` has RK4_ROWS rows of n + 2 or more. Afterwards the accelerations at the start of the
+    step are in its row 0 and, with `ahead`, those at its end in row END: there a next step under
+    the same torque finds them, if they are `known`. One loop over the stages, so that Numba
+    compiles the long text of `accelerations` once.
+
+    Return the energy that drag takes in the step [J].
+    """
+    drag_ends = drag_middle = 0.0 * h
+    _set_stage(0, theta, omega, scratch)
+    for k in range(5 if ahead else 4):
+        if k == END:
+            _combine(theta, omega, h, scratch)
+            _set_stage(END, theta, omega, scratch)
+        power = _stage(k, theta, omega, h, torque, chain, scratch, known)
+        if k == 0 or k == 3:
+            drag_ends = drag_ends + power
+        elif k < 3:
+            drag_middle = drag_middle + power
+    if not ahead:
+        _combine(theta, omega, h, scratch)
+    return (h / 6.0) * (drag_ends + 2.0 * drag_middle)
 
 
 @kernel
 def rk4_frames(
-    y: FloatArray,
-    times: FloatArray,
-    dt: float,
-    done: int,
-    step: int,
-    max_steps: int,
-    torque: FloatArray,
-    rods: Rods,
-    work: FloatArray,
-    stages: FloatArray,
-    frames: FloatArray,
-) -> tuple[int, int]:
-    """Write the state at each time from index `done` on into `frames` (T, 2n).
+    y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
+    torque: FloatArray, chain: ChainArrays, scratch: FloatArray, frames: FloatArray,
+) -> bool:  # fmt: skip
+    """Write the state (theta, omega) at each time into `frames` (T, 2n).
 
-    Each interval between times is cut into equal steps, the fewest that are no longer than `dt`;
-    `step` of the first one have been taken. Return the number of frames written, and of steps
-    beyond, after at most `max_steps` steps; minus that number of frames where the state diverged.
+    The interval from times[k - 1] to times[k] is cut into steps[k] equal steps. `progress` holds
+    the number of frames that are written, the steps taken since the last of them, and the steps
+    that this call may take: it stops there, and another call continues from the state `y`. Return
+    False where the state diverged, in the interval before the frame that was to be written next.
     """
     n = y.size // 2
     theta, omega = y[:n], y[n:]
-    for k in range(done, times.size):
-        interval: float = times[k] - times[k - 1]
-        steps = max(1, math.ceil(interval / dt - 1e-9))
-        last = min(steps, step + max_steps)
-        max_steps -= last - step
-        for _ in range(step, last):
-            rk4_step(theta, omega, interval / steps, torque, rods, work, stages)
-        if last < steps:
-            return k, last
-        step = 0
+    while progress[0] < times.size and progress[2] > 0:
+        k = progress[0]
+        h: Any = (times[k] - times[k - 1]) / steps[k]
+        count = min(steps[k] - progress[1], progress[2])
+        for _ in range(count):
+            rk4_step(theta, omega, h, torque, chain, scratch, False, False)
+        progress[1] += count
+        progress[2] -= count
+        if progress[1] < steps[k]:
+            return True
         total = 0.0
         for i in range(y.size):
             total += y[i]
         if not math.isfinite(total):
-            return -k, 0
+            return False
         copy(y, frames[k])
-    return times.size, 0
+        progress[0] += 1
+        progress[1] = 0
+    return True

@@ -1,0 +1,245 @@
+"""The episodes of B lanes: how they start, one step of them, and what is told of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks, theory
+from npend_gym._checks import FloatArray
+from npend_gym.chain import ChainParameters, check_parameter
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.envs.config import CHAIN_KEYWORDS, EnvConfig
+from npend_gym.envs.info import Info
+from npend_gym.envs.kernels import EPISODE_ROWS, Episode, Output, step_many, step_one
+from npend_gym.envs.modes import Quantities
+from npend_gym.physics.ensemble import Ensemble
+from npend_gym.physics.kernels.layout import MAX_SPEED, Member
+
+BoolArray = NDArray[np.bool_]
+
+START_OPTIONS = ("theta", "omega", "amplitude")
+# Plain integers for `only_lane`: looking up members of an Enum would take as long as the rest
+_TIME, _ENERGY, _ENERGY_ERROR = 6, 7, 8
+_PSEUDO_PERIOD, _TIP_HEIGHT, _COMPLETED, _DIVERGED = 9, 10, 11, 12
+_LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}
+
+
+class Episodes:
+    """The chains of B environments ("lanes") and the episodes that they are in.
+
+    Nothing in a lane depends on another lane, on B or on the number of threads.
+    """
+
+    def __init__(self, config: EnvConfig, count: int, threads: int = 1) -> None:
+        self.config, self.count = config, count
+        self.rngs: list[np.random.Generator] = []
+        n, joints = config.chain.n, config.joints
+        self.ensemble = Ensemble(
+            config.chain, count, joints=joints.tolist(), threads=threads, spare_rows=EPISODE_ROWS
+        )
+        self._kernel = step_one if count == 1 else step_many
+        members, rods = self.ensemble.arrays
+        members[Episode.MAX_TORQUE] = config.max_torque
+        members[Episode.MOTORS] = max(1, joints.size)
+        width = rods.shape[2] // (n + 1)
+        self._actions = np.zeros((rods.shape[0], n * width))  # of the next step, at each joint
+        self._shapes = (
+            (members.shape[1], (3 if config.with_sines else 2) * n),
+            (len(Output), members.shape[1]),
+            (3, members.shape[1], n),
+        )
+        self._lanes_fill_groups = count == members.shape[1]
+        self._joints: list[int] = joints.tolist()
+        self._timing = config.dt, config.min_substeps, config.max_rotation
+        self._varied = np.zeros(count, np.bool_)  # lanes whose chain is not the config's
+        self._ideal_period = np.empty(count)  # s
+        self._scale(np.arange(members.shape[1]), config.chain.repeated(members.shape[1]))
+        self._new_outputs()
+
+    # -- starting ---------------------------------------------------------------------------
+
+    def start(
+        self, mask: BoolArray, options: Mapping[str, FloatArray], *, reuse_buffers: bool = False
+    ) -> None:
+        """Begin a new episode in the lanes of `mask`, with the options of `check_options`.
+
+        Outputs go to new arrays or, with `reuse_buffers`, into those of the last step.
+        """
+        config, chosen = self.config, np.flatnonzero(mask)
+        self._change_chains(chosen, options)
+        theta, omega = np.empty((2, chosen.size, config.chain.n))
+        amplitude = options.get("amplitude")
+        for row, k in enumerate(chosen.tolist()):
+            angle = config.amplitude if amplitude is None else float(amplitude[k])
+            theta[row], omega[row] = config.mode.start(
+                self.rngs[k], config.chain.n, angle, config.spread
+            )
+        theta = options["theta"][chosen] if "theta" in options else theta
+        omega = options["omega"][chosen] if "omega" in options else omega
+        self.ensemble.set_state(chosen, theta, omega)
+        members = self.ensemble.members
+        members[Episode.MEAN_SQUARED_ACTION, chosen] = 0.0
+        self._by_lane()[self.ensemble.place(chosen)] = 0.0
+        members[Episode.STARTING] = mask
+        members[Episode.OBSERVED] = mask if reuse_buffers else 1.0
+        if not reuse_buffers:
+            self._new_outputs()
+        self.ensemble.run(self._kernel, self._arrays, 0.0, 0, math.inf)
+        members[Episode.STARTING] = 0.0
+
+    def _change_chains(self, chosen: NDArray[np.int64], options: Mapping[str, FloatArray]) -> None:
+        """Give the chosen lanes the chains of their new episode."""
+        changes = {name: options[name][chosen] for name in CHAIN_KEYWORDS if name in options}
+        if not changes and not self._varied[chosen].any():
+            return
+        chains = self.config.chain.repeated(chosen.size, **changes)
+        self.ensemble.set_chain(chosen, chains)
+        self._scale(chosen, chains)
+        self._varied[chosen] = bool(changes)
+
+    def _scale(self, lanes: NDArray[np.int64], chains: ChainParameters) -> None:
+        """Set what makes quantities mean the same for the chains of some lanes."""
+        members, lift = self.ensemble.arrays[0], chains.carried_masses * chains.lengths
+        members[Episode.PER_ENERGY, lanes] = 1.0 / chains.lifting_energy
+        members[Episode.PER_LENGTH, lanes] = 1.0 / chains.lengths.sum(axis=1)
+        members[Episode.PER_LIFT, lanes] = 0.5 / np.cumsum(lift, axis=1)[:, -1]
+        own = lanes < self.count
+        periods = theory.ideal_periods(chains)[own]
+        self._ideal_period[lanes[own]] = np.where(np.isnan(periods), 0.0, periods)
+
+    def check_options(self, options: Mapping[str, Any] | None, *, single: bool) -> dict[str, Any]:
+        """Return the reset options as arrays with a leading lane axis, or say what is wrong."""
+        given = dict(options or {})
+        unknown = set(given) - {*CHAIN_KEYWORDS, *START_OPTIONS}
+        if unknown:
+            raise ValueError(
+                f"options must be among {', '.join((*START_OPTIONS, *CHAIN_KEYWORDS))}; "
+                f"got {_checks.show(sorted(map(str, unknown)))}"
+            )
+        n = self.config.chain.n
+        checked: dict[str, Any] = {}
+        for name, value in given.items():
+            shape = () if name in ("amplitude", "gravity") else (n,)
+            label = f"options[{name!r}]"
+            array = _checks.broadcast(label, value, shape if single else (self.count, *shape))
+            _checks.within(label, array, _LIMITS.get(name, np.inf))
+            if name in CHAIN_KEYWORDS:
+                check_parameter(label, array)
+            checked[name] = array[None] if single else array
+        return checked
+
+    # -- stepping ---------------------------------------------------------------------------
+
+    def step(self, action: float | FloatArray | None) -> None:
+        """Advance the `active` lanes by one step under `action`, (B, joints), 1 being the limit."""
+        if isinstance(action, np.ndarray):
+            by_lane, actions = self._by_lane(), action.reshape(self.count, -1)
+            for column, joint in enumerate(self._joints):
+                if self._lanes_fill_groups:
+                    by_lane[:, :, joint] = actions[:, column].reshape(by_lane.shape[:2])
+                else:
+                    place = self.ensemble.place(np.arange(self.count))
+                    by_lane[(*place, joint)] = actions[:, column]
+        elif action is not None:
+            self._actions[0, self._joints[0]] = action
+        self._new_outputs()
+        self.ensemble.run(self._kernel, self._arrays, *self._timing)
+
+    @property
+    def active(self) -> FloatArray:
+        """1.0 for lanes in which the next step is to be taken, else 0.0; a view, shape (B,)."""
+        return self.ensemble.members[Member.ACTIVE]
+
+    # -- what is told -----------------------------------------------------------------------
+
+    @property
+    def observation(self) -> NDArray[np.float32]:
+        """The observations of all lanes, (B, 2n) or (B, 3n)."""
+        return self._arrays[1][: self.count]
+
+    @property
+    def diverged(self) -> BoolArray:
+        """Lanes whose state has left all bounds; they keep their last finite state."""
+        return self._arrays[2][Output.DIVERGED, : self.count] != 0.0
+
+    def every_lane(
+        self,
+    ) -> tuple[Quantities[FloatArray], Info[FloatArray, NDArray[np.int64], BoolArray]]:
+        """Return quantities and info of all lanes, arrays (B, ...) of the last step or start.
+
+        They are handed out: the next step does not write to them.
+        """
+        rows: list[FloatArray] = list(self._arrays[2][:, : self.count])
+        periods, theta, omega = self._arrays[3][:, : self.count]
+        quantities = Quantities(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], theta, omega)
+        info: Info[FloatArray, NDArray[np.int64], BoolArray] = {
+            "time": rows[Output.TIME],
+            "energy": rows[Output.ENERGY_JOULES],
+            "energy_error": rows[Output.ENERGY_ERROR],
+            "bobs_completed": rows[Output.COMPLETED].astype(np.int64),
+            "pseudo_period": rows[Output.PSEUDO_PERIOD],
+            "pseudo_periods": periods,
+            "ideal_period": self._ideal_period.copy(),
+            "tip_height": rows[Output.TIP_HEIGHT],
+            "theta": theta,
+            "omega": omega,
+            "diverged": self.diverged,
+            "success": np.zeros(self.count, np.bool_),  # the environment knows
+        }
+        return quantities, info
+
+    def only_lane(self) -> tuple[Quantities[float], Info[float, int, bool]]:
+        """Return what `every_lane` does, of one lane alone, as plain numbers: the quick way."""
+        row: list[float] = self._arrays[2].ravel().tolist()
+        periods, theta, omega = self._arrays[3][:, 0]
+        quantities = Quantities(row[0], row[1], row[2], row[3], row[4], row[5], theta, omega)
+        info: Info[float, int, bool] = {
+            "time": row[_TIME],
+            "energy": row[_ENERGY],
+            "energy_error": row[_ENERGY_ERROR],
+            "bobs_completed": int(row[_COMPLETED]),
+            "pseudo_period": row[_PSEUDO_PERIOD],
+            "pseudo_periods": periods,
+            "ideal_period": self._ideal_period.item(),
+            "tip_height": row[_TIP_HEIGHT],
+            "theta": theta,
+            "omega": omega,
+            "diverged": row[_DIVERGED] != 0.0,
+            "success": False,  # the environment knows
+        }
+        return quantities, info
+
+    def positions(self) -> FloatArray:
+        """Return the positions of the bobs [m], shape (B, n, 2)."""
+        return self.ensemble.positions
+
+    def action(self, lane: int) -> FloatArray:
+        """Return the last action of a lane, torque over its limit, (joints,)."""
+        group, place = self.ensemble.place(np.array(lane))
+        return self._by_lane()[group, place][self.config.joints]
+
+    def chain_length(self, lane: int) -> float:
+        """Return the length of the chain of a lane [m]."""
+        return float(1.0 / self.ensemble.members[Episode.PER_LENGTH, lane])
+
+    def _by_lane(self) -> FloatArray:
+        """Return a view of the actions, shape (groups, width, n)."""
+        groups, n = self._actions.shape[0], self.config.chain.n
+        return self._actions.reshape(groups, n, -1).swapaxes(1, 2)
+
+    def _new_outputs(self) -> None:
+        """Make new arrays for what is told: those handed out before are not written again."""
+        observation, quantities, per_rod = self._shapes
+        self._arrays = (
+            self._actions, np.empty(observation, np.float32), np.empty(quantities),
+            np.empty(per_rod),
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """End the threads."""
+        self.ensemble.close()

@@ -1,0 +1,303 @@
+"""One step of many chains: substeps, the work that is done, and the turning points of the bobs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.sincos import MAX_ANGLE, ROUND, sincos
+from npend_gym.physics.kernels.dynamics import copy
+from npend_gym.physics.kernels.layout import (
+    MAX_SPEED,
+    Group,
+    Member,
+    Rod,
+    Scratch,
+    Timing,
+    any_positive,
+    group_of,
+    record_of,
+)
+from npend_gym.physics.kernels.rk4 import END, OMEGAS, rk4_step
+from npend_gym.physics.kernels.turning_points import (
+    BOB,
+    Cubic,
+    Interval,
+    Rule,
+    cubic_at,
+    follow_interval,
+    may_turn,
+)
+
+MAX_PARTS = 32.0  # of a substep
+_ROOT_TOLERANCE = 1e-13  # of a substep
+
+
+@inlined_kernel
+def bob_velocities(group: Group, s: FloatArray, c: FloatArray) -> None:
+    """Write sine and cosine of every angle, and the horizontal velocity of every bob."""
+    for i in range(group.theta.size):
+        s[i], c[i] = sincos(group.theta[i])
+    total = 0.0
+    for i in range(group.theta.size):
+        total = total + group.chain.length[i] * (group.omega[i] * c[i])
+        group.velocity[i] = total
+
+
+@inlined_kernel
+def _bob_accelerations(
+    group: Group, omega: FloatArray, alpha: FloatArray, scratch: FloatArray, row: int
+) -> None:
+    """Write the horizontal acceleration of every bob into a row; SIN and COS must be known."""
+    s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
+    total = 0.0
+    for i in range(group.theta.size):
+        total = total + group.chain.length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
+        scratch[row][i] = total
+
+
+@inlined_kernel
+def _damping_power(omega: FloatArray, damping: FloatArray) -> Any:
+    """Return the power that the dampers take, sum_i damping_i (omega_i - omega_{i-1})^2 [W]."""
+    total = damping[0] * (omega[0] * omega[0])
+    for i in range(1, omega.size):
+        relative = omega[i] - omega[i - 1]
+        total = total + damping[i] * (relative * relative)
+    return total
+
+
+@inlined_kernel
+def _torque_work(torque: FloatArray, before: FloatArray, theta: FloatArray) -> Any:
+    """Return the work of constant torques over a step that began at the angles `before` [J]."""
+    above = theta[0] - before[0]
+    total = torque[0] * above
+    for i in range(1, theta.size):
+        turned = theta[i] - before[i]
+        total = total + torque[i] * (turned - above)
+        above = turned
+    return total
+
+
+@inlined_kernel
+def _parts(omega: FloatArray, h: float, per_rotation: float) -> Any:
+    """Return into how many parts a substep is cut: no rod turns by more than 1/per_rotation."""
+    fastest = abs(omega[0])
+    for i in range(1, omega.size):
+        speed = abs(omega[i])
+        fastest = where(speed > fastest, speed, fastest)
+    wanted = fastest * (h * per_rotation)
+    wanted = where(wanted > 1.0, wanted, 1.0)
+    wanted = where(wanted < MAX_PARTS, wanted, MAX_PARTS)
+    whole = (wanted + ROUND) - ROUND
+    return where(whole < wanted, whole + 1.0, whole)
+
+
+@inlined_kernel
+def _mark_turned(group: Group, threshold: Any, scratch: FloatArray) -> bool:
+    """Mark the bobs that may have turned in the substep; return whether there are any."""
+    found = False
+    for i in range(group.theta.size):
+        side = group.record.orientation[i]
+        marked = may_turn(
+            group.record, i, threshold, side * scratch[Scratch.VELOCITY][i],
+            side * scratch[Scratch.ACCELERATION][i], side * group.velocity[i],
+            side * scratch[Scratch.ACCELERATION_END][i],
+        )  # fmt: skip
+        scratch[Scratch.MARKED][i] = where(marked, 1.0, 0.0)
+        found = found | any_of(marked)
+    return found
+
+
+@inner_kernel
+def _follow_marked(
+    members: FloatArray, rods: FloatArray, g: int, width: int, scratch: FloatArray
+) -> bool:
+    """Follow the marked bobs of group `g` through a substep, as floats, member by member.
+
+    Return whether any bob of an active member is yet to complete its pseudo-period.
+    """
+    rows, first, n = rods[g], g * width, rods.shape[2] // width - 1
+    record, velocity_end = record_of(rows), rows[Rod.VELOCITY]
+    velocity, acceleration = scratch[Scratch.VELOCITY], scratch[Scratch.ACCELERATION]
+    acceleration_end, marked = scratch[Scratch.ACCELERATION_END], scratch[Scratch.MARKED]
+    pending = False
+    for k in range(width):
+        if members[Member.ACTIVE, first + k] == 0.0:
+            continue
+        t = members[Member.TIME, first + k] + scratch[Scratch.SINCE, k]
+        h = scratch[Scratch.DURATION, k]
+        rule = Rule(BOB, members[Member.THRESHOLD, first + k], _ROOT_TOLERANCE)
+        completed = 0
+        for i in range(n):
+            r = i * width + k
+            if marked[r] == 1.0 and h > 0.0 and math.isfinite(velocity_end[r]):
+                side = record.orientation[r]
+                cubic = Cubic(
+                    side * velocity[r], h * (side * acceleration[r]), side * velocity_end[r],
+                    h * (side * acceleration_end[r]),
+                )  # fmt: skip
+                _, slope = cubic_at(cubic, 0.0)
+                _, slope_end = cubic_at(cubic, 1.0)
+                interval = Interval(t, h, 0.0, 1.0, cubic.f, slope, cubic.g, slope_end)
+                follow_interval(cubic_at, cubic, rule, interval, record, r)
+            if not math.isnan(record.period[r]):
+                completed += 1
+        members[Member.COMPLETED, first + k] = completed
+        pending = pending or completed < n
+    return pending
+
+
+@inlined_kernel
+def _begin_step(group: Group, scratch: FloatArray) -> None:
+    """Keep the state at the start of the step."""
+    copy(group.theta, scratch[Scratch.STEP_THETA])
+    copy(group.omega, scratch[Scratch.STEP_OMEGA])
+    scratch[Scratch.DISSIPATED][0] = 0.0 * group.theta[0]
+
+
+@inlined_kernel
+def _begin_substep(
+    group: Group, some_wait: bool, tracked: bool, known: bool, scratch: FloatArray
+) -> None:
+    """Keep what is needed of the state at the start of a substep.
+
+    Where turning points are `tracked`, that is the velocities and accelerations of the bobs; the
+    accelerations are `known` where the substep before was tracked too.
+    """
+    if tracked:
+        if known:
+            copy(scratch[Scratch.ACCELERATION_END], scratch[Scratch.ACCELERATION])
+        else:
+            bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
+        copy(group.velocity, scratch[Scratch.VELOCITY])
+    if tracked or some_wait:
+        copy(group.theta, scratch[Scratch.THETA])
+        copy(group.omega, scratch[Scratch.OMEGA])
+
+
+@inlined_kernel
+def _dissipate(group: Group, h: Any, dissipated: Any, scratch: FloatArray) -> Any:
+    """Add what the dampers take in the last three stages of a substep to `dissipated` [J]."""
+    n = group.theta.size
+    for stage in range(3):
+        omega = scratch[Scratch.RK4 + OMEGAS + 1 + stage][:n]
+        weight = h / 6.0 if stage == 2 else h / 3.0
+        dissipated = dissipated + weight * _damping_power(omega, group.chain.damping)
+    return dissipated
+
+
+@inlined_kernel
+def _end_substep(
+    group: Group, h: Any, some_wait: bool, tracked: bool, known: bool, scratch: FloatArray
+) -> None:
+    """Let lanes wait where `h` is zero; write the accelerations of the bobs where `tracked`."""
+    omega_before = scratch[Scratch.OMEGA]
+    if tracked and not known:
+        _bob_accelerations(group, omega_before, scratch[Scratch.RK4], scratch, Scratch.ACCELERATION)
+    if some_wait:
+        theta, omega, theta_before = group.theta, group.omega, scratch[Scratch.THETA]
+        for i in range(theta.size):
+            theta[i] = where(h > 0.0, theta[i], theta_before[i])
+            omega[i] = where(h > 0.0, omega[i], omega_before[i])
+    if tracked:
+        bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
+        _bob_accelerations(
+            group, group.omega, scratch[Scratch.RK4 + END], scratch, Scratch.ACCELERATION_END
+        )
+
+
+@inlined_kernel
+def _commit_step(numbers: FloatArray, g: int, group: Group, dt: float, scratch: FloatArray) -> None:
+    """Add up time and work; lanes that are not active, or have diverged, keep their last state."""
+    theta, omega, n = group.theta, group.omega, group.theta.size
+    step_theta, step_omega = scratch[Scratch.STEP_THETA], scratch[Scratch.STEP_OMEGA]
+    diverged = numbers[Member.DIVERGED, g] > 0.0
+    for i in range(n):
+        diverged = diverged | (abs(theta[i]) > MAX_ANGLE) | (theta[i] != theta[i])
+        diverged = diverged | (abs(omega[i]) > MAX_SPEED) | (omega[i] != omega[i])
+    active = numbers[Member.ACTIVE, g] > 0.0
+    numbers[Member.DIVERGED, g] = where(diverged & active, 1.0, 0.0)
+    stays = diverged | (numbers[Member.ACTIVE, g] == 0.0)
+    if any_of(stays):
+        for i in range(n):
+            theta[i] = where(stays, step_theta[i], theta[i])
+            omega[i] = where(stays, step_omega[i], omega[i])
+    bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
+    before = numbers[Member.WORK, g]
+    done = (before - scratch[Scratch.DISSIPATED][0]) + _torque_work(group.torque, step_theta, theta)
+    numbers[Member.WORK, g] = where(stays, before, done)
+    time = numbers[Member.TIME, g]
+    numbers[Member.TIME, g] = where(stays, time, time + dt)
+
+
+@spliced_kernel
+def advance_group(
+    view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, timing: FloatArray,
+    scratch: FloatArray, g: int, group: Group,
+) -> None:  # fmt: skip
+    """Advance one group under its torques, by the substeps that `timing` names.
+
+    Lanes whose rods turn fast take a substep in several parts, while the others wait. After the
+    last substep the step is complete, and SIN, COS and the velocities are those of the new state.
+    """
+    numbers, rest, n = view(members), view(scratch), group.theta.size
+    rk4, damping = rest[Scratch.RK4 :], group.chain.damping
+    if timing[Timing.FIRST_SUBSTEP] == 0.0:
+        _begin_step(group, rest)
+    waiting = (numbers[Member.COMPLETED, g] < n) & (numbers[Member.ACTIVE, g] > 0.0)
+    tracked, known, damped = any_of(waiting), False, any_positive(damping)
+    dissipated = rest[Scratch.DISSIPATED, 0]
+    whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
+    for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
+        parts = _parts(group.omega, whole, timing[Timing.PER_ROTATION])
+        some_wait, part, more = any_of(parts > 1.0), 0, True
+        while more:
+            h = where(parts > part, whole / parts, 0.0)
+            rest[Scratch.DURATION, 0] = h
+            rest[Scratch.SINCE, 0] = substep * whole + part * h
+            part += 1
+            more = any_of(parts > part)
+            _begin_substep(group, some_wait, tracked, known, rest)
+            if damped:
+                dissipated = dissipated + (h / 6.0) * _damping_power(group.omega, damping)
+            dissipated = dissipated + rk4_step(
+                group.theta, group.omega, h, group.torque, group.chain, rk4, known, tracked
+            )
+            if damped:
+                dissipated = _dissipate(group, h, dissipated, rest)
+            _end_substep(group, h, some_wait, tracked, known, rest)
+            known = tracked
+            if tracked and _mark_turned(group, numbers[Member.THRESHOLD, g], rest):
+                tracked = _follow_marked(members, rods, g, width, scratch)
+    rest[Scratch.DISSIPATED, 0] = dissipated
+    if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
+        _commit_step(numbers, g, group, timing[Timing.DT], rest)
+
+
+@kernel
+def advance_one(
+    members: FloatArray, rods: FloatArray, timing: FloatArray, scratch: FloatArray
+) -> None:
+    """Advance one chain; see `advance_many`."""
+    members, rods, timing, scratch = bare(members), bare(rods), bare(timing), bare(scratch)
+    group = group_of(members, rods, 0)
+    advance_group(bare, 1, members, rods, timing, scratch, 0, group)
+
+
+@kernel
+def advance_many(
+    members: FloatArray, rods: FloatArray, timing: FloatArray, scratch: FloatArray
+) -> None:
+    """Advance the active members of some groups under their torques; arrays as in `layout`.
+
+    The time dt is cut into equal substeps. Where a rod would turn by more than 1 / PER_ROTATION in
+    a substep, its member takes it in equal parts, MAX_PARTS at most. A step may be taken in several
+    calls, one after the other, of one group and with the same scratch: the bits are the same.
+    """
+    members, rods, timing, scratch = bare(members), bare(rods), bare(timing), bare(scratch)
+    for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
+        group = group_of(packs(members), packs(rods), g)
+        advance_group(packs, WIDTH, members, rods, timing, scratch, g, group)

@@ -1,0 +1,166 @@
+"""Where many chains stand in memory: the fields of an ensemble by name, and views of one group.
+
+The chains ("members") stand in groups: of WIDTH, worked on as packs, or of one where there is only
+one chain. The last group is filled up with chains that hang at rest. Two arrays hold them all::
+
+    members[Member.TIME, k]                  one number for member k
+    rods[g, Rod.THETA, i * width + lane]     one for rod i of the member in that lane of group g
+
+Seen as packs, which take the lanes of a group as one number, these are `members[Member.TIME, g]`
+and `rods[g, Rod.THETA, i]`: for kernels a group of many chains looks like one chain.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.packs import WIDTH, any_of
+from npend_gym.physics.kernels.dynamics import ChainArrays
+from npend_gym.physics.kernels.rk4 import RK4_ROWS
+from npend_gym.physics.kernels.turning_points import Record
+
+MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
+
+
+class Member(IntEnum):
+    """Rows of `members`. Rows beyond these belong to whoever keeps the ensemble."""
+
+    TIME = 0  # s since the start
+    WORK = 1  # J done by torque, damping and drag since the start
+    THRESHOLD = 2  # m/s: the speed above which the direction of a bob counts
+    COMPLETED = 3  # number of bobs whose pseudo-period is known
+    DIVERGED = 4  # 1 where the state has left all bounds, else 0
+    ACTIVE = 5  # 1 where the next step is to be taken, else 0
+    GRAVITY = 6  # m/s^2
+
+
+class Rod(IntEnum):
+    """Rows of `rods` for each group, (n + 1) entries for each lane; the last one is mostly free."""
+
+    THETA = 0  # rad
+    OMEGA = 1  # rad/s
+    TORQUE = 2  # N m at the joint above the rod
+    VELOCITY = 3  # m/s, horizontal, of the bob
+    PERIOD = 4  # the five fields of a `Record` of turning points
+    ORIENTATION = 5
+    SIGN = 6
+    RISEN = 7
+    ZERO = 8
+    LENGTH = 9  # m
+    INVERSE_LENGTH = 10
+    DAMPING = 11  # N m s
+    DRAG = 12  # N s/m
+    QUADRATIC_DRAG = 13  # N s^2/m^2
+    MASS = 14  # kg
+    CARRIED = 15  # kg m: mass that the rod carries times its length
+    INVERSE_MASS = 16  # at joints 0..n: the one row that fills its n + 1 entries
+
+
+class Scratch(IntEnum):
+    """Rows of the work space of one group, as wide as a row of `rods`."""
+
+    SIN = 0  # of theta
+    COS = 1
+    STEP_THETA = 2  # state at the start of the step
+    STEP_OMEGA = 3
+    THETA = 4  # state and velocities at the start of the substep
+    OMEGA = 5
+    VELOCITY = 6
+    ACCELERATION = 7  # of the bobs, horizontal, at the start of the substep [m/s^2]
+    ACCELERATION_END = 8
+    MARKED = 9  # 1 for bobs that may have turned
+    WRAPPED = 10  # angles in [-pi, pi)
+    DISSIPATED = 11  # first entry: J that damping and drag have taken in the step
+    SINCE = 12  # first entry: s from the start of the step to that of the substep
+    DURATION = 13  # first entry: s, of the substep
+    RK4 = 14  # RK4_ROWS rows for the Runge-Kutta step
+
+
+class Timing(IntEnum):
+    """Entries of `timing`: what one compiled call is to do."""
+
+    DT = 0  # s
+    SUBSTEPS = 1  # that dt is cut into
+    PER_ROTATION = 2  # 1/rad: a substep in which a rod turns by more than 1 / this is cut further
+    FIRST_GROUP = 3  # the groups to advance: from this one
+    LAST_GROUP = 4  # to the one before this
+    FIRST_SUBSTEP = 5  # the substeps to take: from this one
+    LAST_SUBSTEP = 6  # to the one before this
+
+
+class Group(NamedTuple):
+    """The state and the parameters of a group of chains of n rods: views, written in place."""
+
+    theta: FloatArray  # (n,)
+    omega: FloatArray  # (n,)
+    torque: FloatArray  # (n,)
+    velocity: FloatArray  # (n,)
+    mass: FloatArray  # (n + 1,), as what follows; the last entry is free
+    carried: FloatArray
+    chain: ChainArrays
+    record: Record
+
+
+def group_width(size: int) -> int:
+    """Return how many members stand in a group, of `size` in all."""
+    return 1 if size == 1 else WIDTH
+
+
+def new_scratch(n: int, width: int) -> FloatArray:
+    """Return the work space of one thread."""
+    return np.zeros((Scratch.RK4 + RK4_ROWS, (n + 2) * width))
+
+
+@inlined_kernel
+def any_positive(row: FloatArray) -> bool:
+    """Return whether any lane of any entry is greater than zero; none may be less."""
+    total = row[0]
+    for i in range(1, row.size):
+        total = total + row[i]
+    return any_of(total > 0.0)
+
+
+@inlined_kernel
+def group_of(members: FloatArray, rods: FloatArray, g: int) -> Group:
+    """Return the named views of group `g`. Drag is empty where no lane has any."""
+    n, rows = rods.shape[2] - 1, rods[g]
+    drag, quadratic = rows[Rod.DRAG], rows[Rod.QUADRATIC_DRAG]
+    resisted = n if any_positive(drag) or any_positive(quadratic) else 0
+    chain = ChainArrays(
+        rows[Rod.INVERSE_MASS],
+        rows[Rod.LENGTH],
+        rows[Rod.INVERSE_LENGTH],
+        rows[Rod.DAMPING],
+        members[Member.GRAVITY][g : g + 1],
+        drag[:resisted],
+        quadratic[:resisted],
+        drag[:0],
+    )
+    return Group(
+        rows[Rod.THETA][:n],
+        rows[Rod.OMEGA][:n],
+        rows[Rod.TORQUE][:n],
+        rows[Rod.VELOCITY][:n],
+        rows[Rod.MASS],
+        rows[Rod.CARRIED],
+        chain,
+        record_of(rows),
+    )
+
+
+@inlined_kernel
+def record_of(rows: FloatArray) -> Record:
+    """Return the turning points of a group, `rows` being its rows of `rods`."""
+    return Record(
+        rows[Rod.PERIOD],
+        rows[Rod.ORIENTATION],
+        rows[Rod.SIGN],
+        rows[Rod.RISEN],
+        rows[Rod.ZERO],
+        rows[Rod.ZERO][:0],
+    )

@@ -1,0 +1,263 @@
+"""Pseudo-periods of releases: integrated by DOP853 until every bob or rod has turned twice.
+
+Each step is cut into subintervals at whose ends signals and slopes (see `turning_points`) are taken
+from the dense output; those that may hold a turning point are followed, rod by rod.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.sincos import sincos
+from npend_gym.physics.kernels.dop853 import Problem, Solver, attempt, prepare_dense, start
+from npend_gym.physics.kernels.dynamics import ChainArrays
+from npend_gym.physics.kernels.turning_points import (
+    BOB,
+    LINK,
+    Interval,
+    Record,
+    Rule,
+    follow_interval,
+    may_turn,
+)
+
+T_END, THRESHOLD, STATUS = range(3)  # rows of `release`
+RUNNING, DONE, STUCK = 0.0, 1.0, -1.0  # stuck: no step is small enough
+# Rows of the work space: signals and slopes, those at the left and the right end of the
+# subinterval, and 1 for rods that may turn in it
+_SIGNAL, _SLOPE, _LEFT, _SLOPE_LEFT, _RIGHT, _SLOPE_RIGHT, _MARKED = range(7)
+RELEASE_ROWS = 7
+_SUBINTERVALS = 4  # of a step; at these tolerances a step is about a radian of the fastest mode
+_ROOT_TOLERANCE = 1e-11  # s
+
+
+class _Dense(NamedTuple):
+    """The signal of rod `i` during the last step of a solver."""
+
+    reading: int
+    i: int
+    solver: Solver
+    record: Record
+    chain: ChainArrays
+    scratch: FloatArray
+
+
+@inlined_kernel
+def _state_at(solver: Solver, x: float, j: int) -> tuple[float, float]:
+    """Return component `j` of the state at fraction `x` of the step, and its time derivative."""
+    poly = solver.poly
+    u = 1.0 - x
+    p = poly[6, j]
+    d = 0.0 * p
+    for row in range(5, -1, -1):
+        # multiplied by x and by 1 - x in turn, as in `interpolate`
+        if row % 2 == 1:
+            d = d * x + p
+            p = p * x + poly[row, j]
+        else:
+            d = d * u - p
+            p = p * u + poly[row, j]
+    return solver.y_old[j] + p * x, (d * x + p) / (solver.clock[1] - solver.clock[0])
+
+
+@inner_kernel
+def _signals(motion: _Dense, x: float, first: int) -> None:
+    """Write signal and slope of rods `first` to `motion.i` at fraction `x` of the step.
+
+    A bob's motion is the sum over the rods above it: except for LINK, `first` must be 0.
+    """
+    reading, solver, record, length = (
+        motion.reading, motion.solver, motion.record, motion.chain.length
+    )  # fmt: skip
+    n = record.start.size
+    value = rate = 0.0
+    for i in range(first, motion.i + 1):
+        omega, alpha = _state_at(solver, x, n + i)
+        if reading == LINK:
+            value, rate = omega, alpha
+        else:
+            theta, _ = _state_at(solver, x, i)
+            s, c = sincos(theta)
+            l = length[i]
+            if reading == BOB:
+                value = value + l * (omega * c)
+                rate = rate + l * (alpha * c - (omega * omega) * s)
+            else:
+                _, c0 = sincos(record.start[i])
+                value = value + l * (c0 - c)
+                rate = rate + l * (omega * s)
+        motion.scratch[_SIGNAL, i] = record.orientation[i] * value
+        motion.scratch[_SLOPE, i] = record.orientation[i] * rate
+
+
+@inner_kernel
+def _dense_at(motion: _Dense, x: float) -> tuple[float, float]:
+    """Return the signal of one rod at fraction `x` of the step, and its slope."""
+    _signals(motion, x, motion.i if motion.reading == LINK else 0)
+    return motion.scratch[_SIGNAL, motion.i], motion.scratch[_SLOPE, motion.i]
+
+
+@inner_kernel
+def _follow_marked(
+    reading: int, solver: Solver, left: float, right: float, threshold: float, record: Record,
+    chain: ChainArrays, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Follow the marked rods of one chain from fraction `left` of the step to `right`."""
+    t, h = solver.clock[0], solver.clock[1] - solver.clock[0]
+    rule = Rule(reading, threshold, _ROOT_TOLERANCE / h)
+    for i in range(record.start.size):
+        if scratch[_MARKED, i] != 0.0:
+            interval = Interval(
+                t, h, left, right, scratch[_LEFT, i], scratch[_SLOPE_LEFT, i], scratch[_RIGHT, i],
+                scratch[_SLOPE_RIGHT, i],
+            )  # fmt: skip
+            motion = _Dense(reading, i, solver, record, chain, scratch)
+            follow_interval(_dense_at, motion, rule, interval, record, i)
+
+
+@inlined_kernel
+def _mark(motion: _Dense, right: float, taken: bool, threshold: float) -> bool:
+    """Take signals and slopes at fraction `right` of the steps that were `taken`.
+
+    Mark the rods that may turn between the fraction looked at before and this one; return whether
+    there are any.
+    """
+    scratch, record = motion.scratch, motion.record
+    found = False
+    _signals(motion, right, 0)
+    for i in range(record.start.size):
+        f, slope = scratch[_RIGHT, i], scratch[_SLOPE_RIGHT, i]  # the right end until now
+        g, slope_now = scratch[_SIGNAL, i], scratch[_SLOPE, i]
+        scratch[_LEFT, i], scratch[_SLOPE_LEFT, i] = f, slope
+        scratch[_RIGHT, i] = where(taken, g, f)
+        scratch[_SLOPE_RIGHT, i] = where(taken, slope_now, slope)
+        marked = may_turn(record, i, threshold, f, slope, g, slope_now) & taken
+        scratch[_MARKED, i] = where(marked, 1.0, 0.0)
+        found = found | any_of(marked)
+    return found
+
+
+@inlined_kernel
+def _lane_of_solver(solver: Solver, lane: int, width: int) -> Solver:
+    """Return the solver of one lane."""
+    return Solver(
+        solver.clock[lane::width], solver.y_old[lane::width], solver.y[lane::width],
+        solver.k[:, lane::width], solver.poly[:, lane::width], solver.work[:, lane::width],
+    )  # fmt: skip
+
+
+@inlined_kernel
+def _lane_of_chain(chain: ChainArrays, lane: int, width: int) -> ChainArrays:
+    """Return the parameters of one lane."""
+    return ChainArrays(
+        chain.inverse_mass[lane::width], chain.length[lane::width],
+        chain.inverse_length[lane::width], chain.damping[lane::width],
+        chain.gravity[lane::width], chain.drag[lane::width], chain.quadratic_drag[lane::width],
+        chain.pivot[lane::width],
+    )  # fmt: skip
+
+
+@inlined_kernel
+def _lane_of_record(record: Record, lane: int, width: int) -> Record:
+    """Return the turning points of one lane."""
+    return Record(
+        record.period[lane::width], record.orientation[lane::width], record.sign[lane::width],
+        record.risen[lane::width], record.zero[lane::width], record.start[lane::width],
+    )  # fmt: skip
+
+
+@inlined_kernel
+def _as_numbers(
+    view: NumbersOf, solver: Solver, problem: Problem, record: Record
+) -> tuple[Solver, Problem, Record]:
+    """Return views of all arrays as packs, or as bare floats."""
+    chain = problem.chain
+    return (
+        Solver(
+            view(solver.clock), view(solver.y_old), view(solver.y), view(solver.k),
+            view(solver.poly), view(solver.work),
+        ),
+        Problem(
+            ChainArrays(
+                view(chain.inverse_mass), view(chain.length), view(chain.inverse_length),
+                view(chain.damping), view(chain.gravity), view(chain.drag),
+                view(chain.quadratic_drag), view(chain.pivot),
+            ),
+            view(problem.torque), problem.rtol, problem.atol,
+        ),
+        Record(
+            view(record.period), view(record.orientation), view(record.sign), view(record.risen),
+            view(record.zero), view(record.start),
+        ),
+    )  # fmt: skip
+
+
+@spliced_kernel
+def _measure(
+    view: NumbersOf, width: int, reading: int, starting: bool, max_steps: int,
+    lanes: tuple[Solver, Problem, Record], release: FloatArray, lane_scratch: FloatArray,
+) -> None:  # fmt: skip
+    lane_solver, lane_problem, lane_record = lanes
+    solver, problem, record = _as_numbers(view, lane_solver, lane_problem, lane_record)
+    scratch, state = view(lane_scratch), view(release)
+    n, clock, threshold = record.start.size, solver.clock, state[THRESHOLD]
+    motion = _Dense(reading, n - 1, solver, record, problem.chain, scratch)
+    if starting:
+        start(solver, problem)
+    for _ in range(max_steps):
+        running = state[STATUS] == RUNNING
+        if not any_of(running):
+            return
+        t_end = where(running, state[T_END], clock[1])
+        outcome = attempt(solver, t_end, problem)
+        state[STATUS] = where(running & (outcome < 0.0), STUCK, state[STATUS])
+        taken = running & (outcome > 0.0)
+        if not any_of(taken):
+            continue
+        prepare_dense(solver, problem)
+        first = taken & (clock[0] == 0.0)
+        if any_of(first):
+            _mark(motion, 0.0, first, threshold)
+        for part in range(_SUBINTERVALS):
+            left, right = part / _SUBINTERVALS, (part + 1) / _SUBINTERVALS
+            if not _mark(motion, right, taken, threshold):
+                continue
+            for lane in range(width):
+                _follow_marked(
+                    reading, _lane_of_solver(lane_solver, lane, width), left, right,
+                    release[THRESHOLD * width + lane], _lane_of_record(lane_record, lane, width),
+                    _lane_of_chain(lane_problem.chain, lane, width), lane_scratch[:, lane::width],
+                )  # fmt: skip
+        missing = 0.0
+        for i in range(n):
+            missing = missing + where(record.period[i] != record.period[i], 1.0, 0.0)
+        finished = taken & ((missing == 0.0) | (clock[1] >= t_end))
+        state[STATUS] = where(finished, DONE, state[STATUS])
+
+
+@kernel
+def measure_one(
+    reading: int, starting: bool, max_steps: int, lanes: tuple[Solver, Problem, Record],
+    release: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Follow the release of one chain; see `measure_many`."""
+    _measure(bare, 1, reading, starting, max_steps, lanes, release, scratch)
+
+
+@kernel
+def measure_many(
+    reading: int, starting: bool, max_steps: int, lanes: tuple[Solver, Problem, Record],
+    release: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Integrate WIDTH releases, each with its own steps, until all their rods are complete.
+
+    Arrays are flat with the lane innermost. Each release ends at its own T_END too; `release` has
+    a row each for T_END, THRESHOLD and STATUS. `scratch` has RELEASE_ROWS rows for the rods and
+    belongs to the releases from the first call, which is `starting`, to the last. After
+    `max_steps` attempts the call returns, and another continues. The record's `period` holds what
+    was found.
+    """
+    _measure(packs, WIDTH, reading, starting, max_steps, lanes, release, scratch)
