@@ -91,6 +91,29 @@ def test_bad_arguments_exit_with_2_and_one_line_that_names_them(arguments, messa
     assert message in refusal(*arguments.split())
 
 
+@pytest.mark.parametrize(
+    ("error", "code", "text"),
+    [
+        (RuntimeError("no step"), 1, "npend verify: no step"),
+        (ImportError("figures need matplotlib"), 1, "npend verify: figures need matplotlib"),
+        (
+            OSError(28, "No space left", "a.csv"),
+            1,
+            "npend verify: [Errno 28] No space left: 'a.csv'",
+        ),
+        (BrokenPipeError(), 1, "npend verify: the output was closed before its end"),
+        (KeyboardInterrupt(), 130, "npend verify: interrupted"),
+    ],
+)
+def test_an_expected_failure_is_one_line_and_an_exit_code(error, code, text, monkeypatch, capsys):
+    def fail(_options):
+        raise error
+
+    monkeypatch.setattr("npend_gym.cli.verify.run", fail)
+    assert main(["verify"]) == code
+    assert capsys.readouterr().err == f"{text}\n"
+
+
 def test_python_m_npend_gym_is_the_same_command():
     done = run("release", "--n", "0")
     assert done.returncode == 2

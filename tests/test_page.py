@@ -112,6 +112,16 @@ def test_page_from_results_is_the_page_of_the_release(path, runs, tmp_path):
     assert out.read_bytes() == path.read_bytes()
 
 
+def test_the_page_of_results_does_not_depend_on_their_provenance(path, runs, tmp_path):
+    results.write(PLAN, runs, tmp_path, figures=False)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    assert manifest["provenance"]["arguments"]["seed"] == 3
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest | {"provenance": {}}))
+    out = tmp_path / "again.html"
+    assert main(["page", "--from", str(tmp_path), "--out", str(out)]) == 0
+    assert out.read_bytes() == path.read_bytes()
+
+
 def test_changed_results_are_refused(runs, tmp_path, refusal):
     results.write(PLAN, runs, tmp_path, figures=False)
     table = tmp_path / "periods.csv"
