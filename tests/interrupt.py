@@ -27,6 +27,7 @@ class Interrupt:
     """
 
     SAMPLES, EVERY = 10, 0.02  # s
+    GIVE_UP = 300.0  # s, after which the work is ended and the test fails
     PREPARING = ("importlib", "numba")
 
     def __init__(self, ready=None, patience=PATIENCE):
@@ -37,8 +38,11 @@ class Interrupt:
 
     def _watch(self):
         main_thread = threading.main_thread().ident
-        seen = 0
+        seen, begun = 0, time.perf_counter()
         while seen < self.SAMPLES and not self._over.wait(self.EVERY):
+            if time.perf_counter() - begun > self.GIVE_UP:
+                os.kill(os.getpid(), signal.SIGINT)
+                return
             rooms = rooms_on_the_stack(sys._current_frames()[main_thread])
             at_work = "npend_gym" in rooms and rooms.isdisjoint(self.PREPARING)
             at_work &= self.ready is None or self.ready.is_set()
@@ -55,5 +59,5 @@ class Interrupt:
         ended = time.perf_counter()
         self._over.set()
         self._thread.join()
-        assert self.sent is not None, "the work was over before the signal came"
+        assert self.sent is not None, "the work ended, or never began"
         assert ended - self.sent < self.patience

@@ -155,15 +155,15 @@ def test_help_names_every_command_and_the_exit_codes(capsys):
 def test_ctrl_c_keeps_what_was_measured_and_exits_with_130(tmp_path, capsys, monkeypatch):
     from npend_gym.experiments import release
 
-    measured = release.measure
+    pseudo_periods = release.pseudo_periods
     measuring_the_long_chain = threading.Event()
 
-    def measure(plan, n, *rest):
-        if n == 1000:
+    def measured(chain, *arguments, **options):
+        if chain.n == 1000:
             measuring_the_long_chain.set()
-        return measured(plan, n, *rest)
+        return pseudo_periods(chain, *arguments, **options)
 
-    monkeypatch.setattr(release, "measure", measure)
+    monkeypatch.setattr(release, "pseudo_periods", measured)
     with Interrupt(measuring_the_long_chain, patience=60.0):  # figures are drawn
         code = main(["release", "--n", "1,1000", "--trials", "20", "--out", str(tmp_path)])
     assert code == 130
