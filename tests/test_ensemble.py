@@ -1,0 +1,188 @@
+"""Many chains side by side: against single trajectories, closed forms and each other."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym.physics import Ensemble
+from npend_gym.physics.ensemble import default_substeps
+
+RNG = np.random.default_rng(5)
+CHAINS = [
+    Chain(RNG.uniform(0.5, 2.0, 3), RNG.uniform(0.5, 2.0, 3), damping=d, drag=d, quadratic_drag=d)
+    for d in (0.0, 0.1, 0.0, 0.3, 0.02)
+]
+THETA, OMEGA = RNG.uniform(-2.0, 2.0, (5, 3)), RNG.normal(size=(5, 3))
+
+
+def ensemble(**options):
+    many = Ensemble(CHAINS, joints=(0, 2), **options)
+    many.set_state(slice(None), THETA, OMEGA)
+    return many
+
+
+def test_every_member_moves_as_a_chain_alone_to_the_last_bit():
+    many = ensemble()
+    torque = RNG.normal(size=(5, 2))
+    for _ in range(4):
+        many.advance(torque, 0.05, 7)
+    for k, chain in enumerate(CHAINS):
+        joints = np.array([torque[k, 0], 0.0, torque[k, 1]])
+        times = 0.05 * np.arange(5)
+        alone = simulate(chain, THETA[k], OMEGA[k], times, torque=joints, method="rk4", dt=0.05 / 7)
+        np.testing.assert_allclose(many.theta[k], alone.theta[-1], rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(many.omega[k], alone.omega[-1], rtol=0.0, atol=1e-13)
+    assert np.all(many.time == pytest.approx(0.2, rel=1e-15))
+
+
+def test_threads_and_the_number_of_members_change_no_bit():
+    size = 83
+    theta, omega = RNG.uniform(-1.0, 1.0, (2, size, 2))
+    torque = RNG.normal(size=(size, 1))
+
+    def run(members, threads):
+        many = Ensemble(Chain.uniform(2, damping=0.01), len(members), threads=threads)
+        many.set_state(slice(None), theta[members], omega[members])
+        for _ in range(20):
+            many.advance(torque[members], 0.05)
+        return np.hstack([many.theta, many.omega, many.pseudo_periods, many.work[:, None]])
+
+    whole = run(np.arange(size), 1)
+    np.testing.assert_array_equal(run(np.arange(size), 3), whole)
+    some = np.array([80, 3, 41])
+    np.testing.assert_array_equal(run(some, 1), whole[some])
+    np.testing.assert_array_equal(run(some[:1], 1), whole[some[:1]])
+
+
+def test_the_energy_changes_by_the_work_that_is_done():
+    many = ensemble()
+    before = many.energy
+    for k in range(40):
+        many.advance(np.sin(0.3 * k + np.arange(10.0)).reshape(5, 2), 0.02, 20)
+    np.testing.assert_allclose(many.energy - before, many.work, atol=1e-7)
+    assert np.all(np.abs(many.work) > 1e-3)
+    assert np.all(many.kinetic_energy <= many.energy)
+
+
+def test_pseudo_periods_are_those_of_the_adaptive_method():
+    starts = np.outer([0.3, -0.7, 1.1], np.ones(4))
+    many = Ensemble(Chain.uniform(4), 3)
+    many.set_state(slice(None), starts)
+    for _ in range(450):
+        many.advance(0.0, 0.01)
+    exact = pseudo_periods(Chain.uniform(4), starts)
+    np.testing.assert_allclose(many.pseudo_periods, exact, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("bob", "turn", "start"),
+    [(2, 2.0685330, [0.3287, -0.5525, -1.1017]), (1, 1.3248154, [0.9893, 0.7093, -0.2069])],
+)
+def test_a_bob_that_turns_twice_within_a_substep_is_seen_by_a_chain_with_a_motor(bob, turn, start):
+    h, chain = 0.02, Chain.uniform(3)
+    ends = h * np.floor(turn / h) + [0.0, h]
+    velocity = simulate(chain, start, 0.0, [0.0, *ends]).velocities()[1:, bob, 0]
+    assert velocity[0] * velocity[1] > 0.0  # the signs at the ends of the substep do not show it
+    assert pseudo_periods(chain, start)[bob] == pytest.approx(turn, abs=1e-6)
+    many = Ensemble(chain, 1, joints=(0,))
+    many.set_state(0, [start])
+    for _ in range(150):
+        many.advance(0.0, h, 1)
+    assert many.pseudo_periods[0, bob] == pytest.approx(turn, abs=5e-5)
+
+
+def test_places_are_those_of_the_geometry():
+    many = Ensemble(Chain([1.0, 3.0], [1.0, 2.0]), 2)
+    many.set_state(slice(None), [[np.pi / 2, 0.0], [0.0, np.pi]])
+    np.testing.assert_allclose(many.tip, [[1.0, -2.0], [0.0, 1.0]], atol=1e-15)
+    np.testing.assert_allclose(many.centre_of_mass, [[1.0, -1.5], [0.0, 0.5]], atol=1e-15)
+
+
+def test_some_members_wait_while_others_advance():
+    many = ensemble()
+    active = np.array([True, False, True, False, True])
+    many.advance(1.0, 0.05, 5, active=active)
+    assert np.array_equal(many.time > 0.0, active)
+    np.testing.assert_array_equal(many.theta[~active], THETA[~active])
+    assert np.all(many.theta[active] != THETA[active])
+
+
+def test_a_member_that_diverges_says_so_and_keeps_its_last_finite_state():
+    many = Ensemble(Chain.uniform(2), 3)
+    many.set_state(slice(None), 0.1)
+    many.set_state([1], 0.1, 9e5)
+    many.advance(0.0, 1.0, 1)
+    assert many.diverged.tolist() == [False, True, False]
+    assert np.all(np.isfinite(many.theta))
+    np.testing.assert_array_equal(many.omega[1], 9e5)
+
+
+def test_chains_of_members_are_given_as_arrays_of_parameters():
+    many = Ensemble(Chain.uniform(2), 4)
+    masses = RNG.uniform(0.5, 2.0, (2, 2))
+    many.set_chain([1, 3], Chain.uniform(2).repeated(2, masses=masses))
+    np.testing.assert_array_equal(many.parameters.masses[[1, 3]], masses)
+    np.testing.assert_array_equal(many.parameters.masses[[0, 2]], 1.0)
+    assert many.chain(3) == Chain(masses[1], 1.0)
+    many.set_state(slice(None), 0.5)
+    many.advance(0.0, 0.05)
+    alone = Ensemble(Chain(masses[1], 1.0), 1)
+    alone.set_state(0, 0.5)
+    needed = max(default_substeps(many.chain(k), 0.05) for k in range(4))
+    alone.advance(0.0, 0.05, needed)
+    np.testing.assert_array_equal(many.theta[3], alone.theta[0])
+
+
+def test_a_copy_moves_on_as_the_original_does():
+    many = ensemble(threads=2)
+    many.advance(0.5, 0.05)
+    copy = pickle.loads(pickle.dumps(many))
+    for one in (many, copy):
+        one.advance(-0.5, 0.05)
+    np.testing.assert_array_equal(copy.theta, many.theta)
+    np.testing.assert_array_equal(copy.work, many.work)
+
+
+def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
+    many = ensemble()
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("npend_gym.physics.ensemble.advance_many", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        many.advance(0.0, 0.05)
+    for use in (
+        lambda: many.theta,
+        lambda: many.energy,
+        lambda: many.advance(0.0, 0.05),
+        lambda: many.set_state(0, 0.1),
+        lambda: many.set_chain(0, CHAINS[0]),
+    ):
+        with pytest.raises(RuntimeError, match="interrupted"):
+            use()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Ensemble(CHAINS[0], 0), "size must be at least 1"),
+        (lambda: Ensemble([]), "chain must be a npend_gym.Chain"),
+        (lambda: Ensemble(CHAINS[0], 2, joints=(3,)), "joint must be between 0 and 2"),
+        (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "chain must have 3 rods"),
+        (lambda: ensemble().set_state([7], 0.1), "members must be indices below 5"),
+        (lambda: ensemble().set_state([0], np.ones((2, 3))), "theta must be one number"),
+        (lambda: ensemble().set_state([0], 2e5), "theta must lie within"),
+        (lambda: ensemble().set_state([0], np.nan), "theta must be finite"),
+        (lambda: ensemble().advance(np.ones(3), 0.05), "torque must be one number"),
+        (lambda: ensemble().advance(0.0, -0.05), "dt must be greater than zero"),
+        (lambda: ensemble().advance(0.0, 0.05, 0), "substeps must be between 1"),
+        (lambda: ensemble().advance(0.0, 0.05, active=[True]), "active must have the shape"),
+        (lambda: Chain.uniform(2).repeated(1, masses=-np.ones((1, 2))), "masses must be greater"),
+    ],
+)
+def test_bad_input_is_refused_by_name(call, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        call()
