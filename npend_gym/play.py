@@ -6,19 +6,20 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import BLUE, GREEN, INK, ORANGE, PAPER, rgb
-from npend_gym.envs import Info, NPendulumEnv, Passive
-from npend_gym.physics import energy
+from npend_gym.chain import Chain
+from npend_gym.experiments.draws import starts
+from npend_gym.physics import Ensemble, energy
 from npend_gym.render import Frame, Painter, Scene, pygame_module
 from npend_gym.window import Window
 
 MAX_N = 200
 _DT, _STEPS = 0.02, 2  # s, and steps between two pictures
 _SIZE, _PANEL = 560, 320  # pixels
+_SPREAD = 0.017  # rad, of the release
 _TRACE = 150  # latest places of the tip that are drawn
 _ANGLE = math.radians(5.0)  # smallest amplitude, and its change by a key
 _INK, _PAPER, _BLUE, _ORANGE, _GREEN = map(rgb, (INK, PAPER, BLUE, ORANGE, GREEN))
@@ -27,14 +28,6 @@ _HELP = (
     "mouse: pull a bob", "left, right: torque at the pivot", "space: pause    r: release again",
     "up, down: number of pendulums", "page up, page down: amplitude", "q: quit",
 )  # fmt: skip
-
-
-class Play(Passive):
-    """The free release, with a motor in every joint, by which the player moves the chain."""
-
-    name = "play"
-    dt = _DT
-    torque_share = 0.5
 
 
 class Game:
@@ -47,7 +40,7 @@ class Game:
     amplitude : float
         Angle of the release [rad].
     seed : int
-        Seed of the environment: the release adds a draw from [0, 0.017) rad, as in the paper.
+        Seed of the draw from [0, 0.017) rad that is added to the amplitude, as in the paper.
     """
 
     def __init__(self, n: int = 5, amplitude: float = math.pi / 4, seed: int = 0) -> None:
@@ -62,11 +55,10 @@ class Game:
 
     def release(self) -> None:
         """Release the chain from rest."""
-        self._env = NPendulumEnv(
-            n=self.n, mode=Play(), actuated=range(self.n), amplitude=self.amplitude
-        )
-        self._config = self._env.config
-        self.info: Info[float, int, bool] = self._env.reset(seed=self.seed)[1]
+        self._chain = Chain.uniform(self.n)
+        self._max_torque = 0.25 * self._chain.lifting_energy  # N m, half of what holds it level
+        self._motion = Ensemble(self._chain, 1, joints=range(self.n))
+        self._motion.set_state(0, starts(self.seed, 0, 1, self.amplitude, _SPREAD)[0])
         self._key_action = 0.0  # torque at the pivot by the keys, divided by its limit
         self._held_bob: int | None = None  # by the mouse
         self._mouse = np.zeros(2)  # its place [m]
@@ -77,14 +69,34 @@ class Game:
     # -- the motion ------------------------------------------------------------------------------
 
     @property
+    def time(self) -> float:
+        """Time since the release, or since the last push ended [s]."""
+        return float(self._motion.time[0])
+
+    @property
+    def theta(self) -> FloatArray:
+        """Angles [rad], shape (n,)."""
+        return self._motion.theta[0]
+
+    @property
+    def omega(self) -> FloatArray:
+        """Angular velocities [rad/s], shape (n,)."""
+        return self._motion.omega[0]
+
+    @property
+    def energy(self) -> float:
+        """Energy above hanging at rest [J]."""
+        return float(self._motion.energy[0])
+
+    @property
     def positions(self) -> FloatArray:
         """Places of the bobs [m], shape (n, 2)."""
-        return energy.positions(self._config.chain, self.info["theta"])
+        return self._motion.positions[0]
 
     @property
     def periods(self) -> FloatArray:
         """Pseudo-period of each bob [s]; 0 where not complete, and while the player pushes."""
-        return np.zeros(self.n) if self._pushed else self.info["pseudo_periods"]
+        return np.zeros(self.n) if self._pushed else np.nan_to_num(self._motion.pseudo_periods[0])
 
     def advance(self) -> None:
         """Advance the time by 0.02 s, unless paused.
@@ -96,24 +108,23 @@ class Game:
         action = self._action()
         pushing = bool(np.any(action))
         if self._pushed and not pushing:
-            state = {name: self.info[name] for name in ("theta", "omega")}
-            self.info = self._env.reset(options=state)[1]
+            self._motion.set_state(0, self.theta, self.omega)
         if pushing:
             self._marks = {}
         self._pushed = pushing
-        self.info = self._env.step(action)[4]
+        self._motion.advance(self._max_torque * action[None], _DT)
         places = self.positions
         self._trace = [*self._trace[1 - _TRACE :], places[-1]]
         for bob in np.flatnonzero(self.periods).tolist():
             self._marks.setdefault(bob, places[bob])
 
-    def _action(self) -> NDArray[np.float32]:
+    def _action(self) -> FloatArray:
         """Return the torque on every joint, divided by its limit: of the keys and of the mouse."""
         action = np.zeros(self.n)
         action[0] = self._key_action
         if self._held_bob is not None:
-            chain, bob, theta = self._config.chain, self._held_bob, self.info["theta"]
-            speed = energy.velocities(chain, theta, self.info["omega"])[bob]
+            chain, bob, theta = self._chain, self._held_bob, self.theta
+            speed = energy.velocities(chain, theta, self.omega)[bob]
             mass, rate = chain.masses.mean(), math.sqrt(chain.gravity / chain.lengths.mean())
             # a spring to the mouse, damped because the force is held for a step
             pull = rate * (self._mouse - self.positions[bob]) - 0.5 * speed
@@ -121,8 +132,8 @@ class Game:
             along = chain.lengths * (np.cos(theta) * force[0] + np.sin(theta) * force[1])
             along[bob + 1 :] = 0.0  # the force does not act on the rods beyond the bob
             # the torque on joint j acts on everything below it
-            action += np.cumsum(along[::-1])[::-1] / self._config.max_torque
-        return np.clip(action, -1.0, 1.0).astype(np.float32)
+            action += np.cumsum(along[::-1])[::-1] / self._max_torque
+        return np.clip(action, -1.0, 1.0)
 
     # -- the player ------------------------------------------------------------------------------
 
@@ -143,7 +154,7 @@ class Game:
 
     def _place(self, pixel: tuple[int, int]) -> FloatArray:
         """Return the place of a pixel [m]."""
-        return self._painter.place(pixel) * self._config.chain.total_length
+        return self._painter.place(pixel) * self._chain.total_length
 
     def _key(self, key: int, *, down: bool) -> None:
         pg = pygame_module()
@@ -179,9 +190,9 @@ class Game:
         chain = self._painter.paint(
             Scene(
                 positions=self.positions,
-                reach=self._config.chain.total_length,
-                time=self.info["time"],
-                energy=self.info["energy"],
+                reach=self._chain.total_length,
+                time=self.time,
+                energy=self.energy,
                 pseudo_period=float(done.mean()) if done.size else 0.0,
                 completed=done.size,
                 torque=float(self._action()[0]),
@@ -203,7 +214,7 @@ class Game:
         def write(text: str, left: float, top: float, color: tuple[int, int, int] = _INK) -> None:
             panel.blit(font.render(text, True, color), (left, top))
 
-        chain, periods = self._config.chain, self.periods
+        chain, periods = self._chain, self.periods
         models = (
             ("the paper's T0", theory.ideal_period(chain), _ORANGE),
             ("slowest mode T1", theory.fundamental_period(chain), _GREEN),

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -33,7 +34,7 @@ def run(game, seconds):
 
 def test_left_alone_the_chain_completes_the_pseudo_periods_of_a_release():
     game = Game(3)
-    start = game.info["theta"]
+    start = game.theta
     assert np.pi / 4 <= start[0] < np.pi / 4 + 0.017
     run(game, 2.0)
     assert not game.periods.any()
@@ -42,15 +43,20 @@ def test_left_alone_the_chain_completes_the_pseudo_periods_of_a_release():
     np.testing.assert_allclose(game.periods, expected, atol=1e-4)
 
 
+def test_the_chain_starts_as_in_an_environment_of_the_same_seed():
+    env = gym.make("NPendulum-v0", n=4, mode="passive", amplitude=0.5)
+    np.testing.assert_array_equal(Game(4, 0.5, seed=3).theta, env.reset(seed=3)[1]["theta"])
+
+
 def test_space_pauses_and_continues(pg):
     game = Game(2)
     run(game, 0.2)
     key(pg, game, "SPACE")
     run(game, 1.0)
-    assert game.info["time"] == pytest.approx(0.2)
+    assert game.time == pytest.approx(0.2)
     key(pg, game, "SPACE")
     run(game, 0.2)
-    assert game.info["time"] == pytest.approx(0.4)
+    assert game.time == pytest.approx(0.4)
 
 
 def test_arrows_turn_the_chain_at_the_pivot_while_they_are_held(pg):
@@ -58,11 +64,11 @@ def test_arrows_turn_the_chain_at_the_pivot_while_they_are_held(pg):
     key(pg, game, "RIGHT")
     run(game, 0.3)
     run(free, 0.3)
-    assert game.info["theta"][0] > free.info["theta"][0] + 0.1
+    assert game.theta[0] > free.theta[0] + 0.1
     key(pg, game, "RIGHT", "KEYUP")
-    energy = game.info["energy"]
+    energy = game.energy
     run(game, 1.0)
-    assert game.info["energy"] == pytest.approx(energy, rel=1e-4)
+    assert game.energy == pytest.approx(energy, rel=1e-4)
 
 
 def test_after_a_push_the_pseudo_periods_are_those_of_the_free_motion_since(pg):
@@ -73,9 +79,9 @@ def test_after_a_push_the_pseudo_periods_are_those_of_the_free_motion_since(pg):
     run(game, 0.1)
     assert not game.periods.any()
     key(pg, game, "LEFT", "KEYUP")
-    theta, omega = game.info["theta"], game.info["omega"]
+    theta, omega = game.theta, game.omega
     run(game, 0.02)
-    assert game.info["time"] == pytest.approx(0.02)
+    assert game.time == pytest.approx(0.02)
     run(game, 5.0)
     expected = pseudo_periods(Chain.uniform(1), theta, omega)
     np.testing.assert_allclose(game.periods, expected, atol=1e-4)
@@ -94,9 +100,9 @@ def test_the_mouse_pulls_the_bob_that_is_nearest(pg, side):
     assert np.sign(np.mean(places)) == np.sign(side)
     assert abs(np.mean(places)) > 0.5
     game.handle(pg.event.Event(pg.MOUSEBUTTONUP, pos=(0, 0), button=1))
-    energy = game.info["energy"]
+    energy = game.energy
     run(game, 1.0)
-    assert game.info["energy"] == pytest.approx(energy, rel=1e-3)
+    assert game.energy == pytest.approx(energy, rel=1e-3)
 
 
 def pixel(game, place):
@@ -111,16 +117,16 @@ def test_a_hand_that_holds_a_bob_where_it_is_exerts_no_torque(pg):
     game.advance()
     free = Game(4)
     free.advance()
-    np.testing.assert_allclose(game.info["theta"], free.info["theta"], atol=1e-4)
+    np.testing.assert_allclose(game.theta, free.theta, atol=1e-4)
 
 
 def test_keys_change_number_and_amplitude_within_their_limits(pg):
     game = Game(2, 0.2)
     key(pg, game, "UP")
-    assert game.n == game.info["theta"].size == 3
+    assert game.n == game.theta.size == 3
     key(pg, game, "PAGEUP")
     assert game.amplitude == pytest.approx(0.2 + np.radians(5.0))
-    assert game.info["theta"][0] >= game.amplitude
+    assert game.theta[0] >= game.amplitude
     for _ in range(50):
         key(pg, game, "DOWN")
         key(pg, game, "PAGEDOWN")
@@ -133,11 +139,11 @@ def test_keys_change_number_and_amplitude_within_their_limits(pg):
 
 def test_r_releases_the_chain_again(pg):
     game = Game(2)
-    first = game.info["theta"]
+    first = game.theta
     run(game, 1.0)
     key(pg, game, "r")
-    assert game.info["time"] == 0.0
-    np.testing.assert_array_equal(game.info["theta"], first)
+    assert game.time == 0.0
+    np.testing.assert_array_equal(game.theta, first)
 
 
 def test_the_picture_shows_each_completed_bob(pg):

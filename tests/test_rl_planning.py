@@ -52,14 +52,15 @@ def test_a_motor_at_the_base_alone_swings_up_three_rods_in_held_out_episodes(tri
     assert evaluate(triple, keywords, episodes=20).success_rate > 0.9
 
 
-@pytest.mark.long
-def test_the_steps_of_a_trajectory_are_the_environments_own_bit_for_bit(triple):
-    config, (states, actions) = config_of(n=3, mode="swingup"), triple.nominal
-    env = gym.make_vec("NPendulum-v0", num_envs=len(actions), n=3, mode="swingup")
-    start = {"theta": states[:-1, :3], "omega": states[:-1, 3:]}
-    env.reset(seed=0, options=start)
-    info = env.step(actions)[4]
-    stepped = Stepper(config, len(actions))(states[:-1], actions)
+@pytest.mark.parametrize("keywords", [{}, {"substeps": 3}, {"drag": 0.1, "max_torque": 7.0}])
+def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
+    keywords |= {"n": 3, "mode": "swingup"}
+    rng = np.random.default_rng(0)
+    states, actions = rng.normal(0.0, 3.0, (50, 6)), rng.uniform(-1.0, 1.0, (50, 1))
+    envs = gym.make_vec("NPendulum-v0", num_envs=50, **keywords)
+    envs.reset(seed=0, options={"theta": states[:, :3], "omega": states[:, 3:]})
+    info = envs.step(actions)[4]
+    stepped = Stepper(config_of(**keywords), 50)(states, actions)
     np.testing.assert_array_equal(stepped, np.hstack([info["theta"], info["omega"]]))
 
 
