@@ -12,19 +12,13 @@ from pathlib import Path
 import deadly
 import numpy as np
 import pytest
+from campaign_tables import read_table, table_digest
 
 from npend_gym import Chain, pseudo_periods
 from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
 from npend_gym.experiments.campaign import engine
-from npend_gym.experiments.campaign.parts import (
-    BOBS,
-    RELEASES,
-    TABLES,
-    read_part,
-    read_table,
-    table_digest,
-)
+from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, read_part
 from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.experiments.campaign.task import measure_task
 

@@ -75,7 +75,9 @@ def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
 
 
 def test_statistics_are_those_of_the_whole_table(tmp_path):
-    from npend_gym.experiments.campaign.parts import RELEASES, read_table
+    from campaign_tables import read_table
+
+    from npend_gym.experiments.campaign.parts import RELEASES
 
     plan = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=60, batch=13)
     with Campaign(plan, tmp_path) as campaign:

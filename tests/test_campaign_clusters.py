@@ -8,9 +8,10 @@ import subprocess
 import sys
 
 import pytest
+from campaign_tables import table_digest
 
 from npend_gym.experiments import Campaign, CampaignPlan
-from npend_gym.experiments.campaign.parts import TABLES, table_digest
+from npend_gym.experiments.campaign.parts import TABLES
 
 PLAN = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=100, batch=16)
 MODULES = {"ray": "ray", "dask": "distributed"}

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from npend_gym import _checks, _extras, _files, theory
+from npend_gym import _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
@@ -141,24 +141,3 @@ def finite_or_none(value: float) -> float | None:
 def read_part(path: Path, columns: Sequence[str] | None = None) -> Any:
     """Return a part as a pyarrow table, without the columns that its path stands for."""
     return pq.ParquetFile(path).read(columns=columns)
-
-
-def read_table(out: Path, table: str, tasks: Sequence[Task]) -> Any:
-    """Return the parts of `tasks` as one pyarrow table, sorted by cell, trial and bob."""
-    _checks.choice("table", table, TABLES)
-    return pa.concat_tables([read_part(out / table / task.part) for task in tasks])
-
-
-def table_digest(out: Path, table: str, tasks: Iterator[Task]) -> str:
-    """Return a SHA-256 of the sorted table, whatever parts it lies in; one part at a time."""
-    digests: dict[str, Any] = {}
-    for task in tasks:
-        part = read_part(out / table / task.part)
-        for name, column in zip(part.column_names, part.columns, strict=True):
-            for what, values in (("null", column.is_null()), ("value", column.fill_null(0))):
-                digest = digests.setdefault(f"{name} {what}", hashlib.sha256(name.encode()))
-                digest.update(np.asarray(values).tobytes())
-    joined = hashlib.sha256()
-    for digest in digests.values():
-        joined.update(digest.digest())
-    return joined.hexdigest()
