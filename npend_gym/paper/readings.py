@@ -164,7 +164,7 @@ class Grid:
         return self.errors[self.readings.index(reading)]
 
     def sensitivity(self, reading: Reading) -> FloatArray:
-        """Return |de/dtheta0| [1/rad] of a reading in each column, between its extreme angles."""
+        """Return abs(de/dtheta0) [1/rad] of a reading in each column, from its extreme angles."""
         e, columns = self.of(reading), range(len(self.n_values))
         low, high = self.amplitudes.argmin(axis=0), self.amplitudes.argmax(axis=0)
         return np.abs(e[high, columns] - e[low, columns]) / np.ptp(self.amplitudes, axis=0)

@@ -60,7 +60,7 @@ class Ensemble:
         Number of rods, and of members B.
     joints : ndarray, int64
     arrays : tuple of ndarray
-        The memory that kernels work on, see `npend_gym.physics.kernels.layout`.
+        The memory that kernels work on; kernels/layout.py names its fields.
 
     Raises
     ------
