@@ -31,7 +31,6 @@ def check_motion(config, nominal):
         np.testing.assert_allclose(reached, states[k + 1], atol=1e-5)
 
 
-@pytest.mark.long
 def test_a_planned_trajectory_is_a_motion_of_the_chain_from_hanging_to_upright(triple):
     config, (states, actions) = config_of(n=3, mode="swingup"), triple.nominal
     assert np.abs(actions).max() <= MAX_ACTION
@@ -46,7 +45,6 @@ def test_a_trajectory_planned_in_air_includes_the_drag():
     check_motion(config, planned_swing_up(config, seconds=4.0, tries=2).nominal)
 
 
-@pytest.mark.long
 def test_a_motor_at_the_base_alone_swings_up_three_rods_in_held_out_episodes(triple):
     keywords = {"n": 3, "mode": "swingup", "max_episode_steps": 300}
     assert evaluate(triple, keywords, episodes=20).success_rate > 0.9
@@ -64,7 +62,6 @@ def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
     np.testing.assert_array_equal(stepped, np.hstack([info["theta"], info["omega"]]))
 
 
-@pytest.mark.long
 def test_without_feedback_the_planned_actions_fail(triple):
     def replay(observation, info):
         k = np.rint(info["time"] / triple.dt).astype(int)
