@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 # Sizes of numbers in SI units; products of several stay far from the ends of float64's range.
 SMALLEST, LARGEST = 1e-30, 1e30

@@ -7,6 +7,7 @@ import weakref
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 
+MAX_THREADS = 1024
 _IDLE = 2.0  # s, after which a thread without work looks whether it is still needed
 
 

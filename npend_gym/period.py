@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym._threads import Call, Helpers
+from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
@@ -41,7 +41,6 @@ _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a heig
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 _RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
-MAX_THREADS = 1024
 LISTING_DURATION = 10.0  # s
 MAX_LISTING_DURATION = 300.0  # s
 LISTING_FRAMES_PER_SECOND = 100

@@ -21,6 +21,7 @@ import pytest
 import npend_gym
 from npend_gym._threads import Helpers
 from npend_gym.envs import Mode, ResetNeeded
+from npend_gym.physics import Ensemble
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 PACKAGE = str(Path(npend_gym.__file__).parent)
@@ -272,6 +273,39 @@ def test_helpers_share_the_work_and_pass_errors_on():
 
     with pytest.raises(LookupError):
         helpers.run(fails)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupted_ensemble_is_complete_or_unchanged_or_refuses(alarm, threads):
+    def make():
+        return Ensemble(npend_gym.Chain.uniform(2), LANES, threads=threads)
+
+    def advance():
+        chains.set_state(slice(None), theta, 0.5)
+        chains.advance(0.3, 0.02, 40)
+        chains.advance(0.3, 0.02, 40)
+
+    theta = np.linspace(0.1, 1.0, 2 * LANES).reshape(LANES, 2)
+    chains, known = make(), [np.zeros((LANES, 2)), theta]
+    for steps in (1, 2):
+        chains.set_state(slice(None), theta, 0.5)
+        for _ in range(steps):
+            chains.advance(0.3, 0.02, 40)
+        known.append(chains.theta)
+    began = time.perf_counter()
+    advance()
+    duration = time.perf_counter() - began
+    draw, refused = random.Random(0), 0
+    for _ in range(150):
+        if alarm.interrupts(advance, 1e-6 + 1.2 * duration * draw.random()):
+            try:
+                found = chains.theta
+            except RuntimeError:
+                refused += 1
+                chains = make()
+            else:
+                assert any(np.array_equal(found, state) for state in known)
+    assert refused > 10
 
 
 def test_pseudo_periods_in_two_threads_can_be_interrupted_at_any_instant(alarm):

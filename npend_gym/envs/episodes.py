@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import _checks, theory
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters, check_parameter
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import CHAIN_KEYWORDS, EnvConfig
@@ -19,8 +19,6 @@ from npend_gym.envs.kernels import EPISODE_ROWS, Episode, Output, step_many, ste
 from npend_gym.envs.modes import Quantities
 from npend_gym.physics.ensemble import Ensemble
 from npend_gym.physics.kernels.layout import MAX_SPEED, Member
-
-BoolArray = NDArray[np.bool_]
 
 START_OPTIONS = ("theta", "omega", "amplitude")
 # Plain integers for `only_lane`: looking up members of an Enum would take as long as the rest

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import TypedDict  # that of Python 3.10 cannot be generic
 
-from npend_gym._checks import FloatArray
-
-BoolArray = NDArray[np.bool_]
+from npend_gym._checks import BoolArray, FloatArray
 
 _Real = TypeVar("_Real")
 _Count = TypeVar("_Count")

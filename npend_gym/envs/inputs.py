@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym.envs.info import BoolArray
+from npend_gym._checks import BoolArray
 
 MAX_LANES = 10_000_000
 MAX_RODS_IN_ALL = 50_000_000  # some 15 GB

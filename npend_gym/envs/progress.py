@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from npend_gym import _checks
-from npend_gym.envs.info import BoolArray
+from npend_gym._checks import BoolArray
 
 
 class Progress(Enum):

@@ -11,12 +11,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from npend_gym import _checks
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.generators import Generators
-from npend_gym.envs.info import BatchInfo, BoolArray, final_info, with_masks
+from npend_gym.envs.info import BatchInfo, final_info, with_masks
 from npend_gym.envs.inputs import (
     checked_action,
     checked_autoreset_mode,
@@ -27,7 +26,6 @@ from npend_gym.envs.inputs import (
 from npend_gym.envs.picture import Camera, warn_of_no_render_mode
 from npend_gym.envs.progress import Progress, lanes_are_done
 
-MAX_THREADS = 1024
 _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 ObsArray = NDArray[np.float32]
@@ -91,8 +89,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         }
         self.camera = Camera(render_mode, config.render_fps)
         self.render_mode = render_mode
-        self._threads = _checks.count("threads", threads, high=MAX_THREADS)
-        self._episodes: Episodes = Episodes(config, self.num_envs, self._threads)
+        self._threads = threads
+        self._episodes: Episodes = Episodes(config, self.num_envs, threads)
         self._generators = Generators(self.num_envs)
         self._steps = np.zeros(self.num_envs, np.int64)
         self._hold_steps = config.hold_steps

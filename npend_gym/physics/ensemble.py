@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
-from npend_gym._threads import Call, Helpers
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters, check_chain
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.arguments import check_limits
@@ -20,11 +20,9 @@ from npend_gym.physics.kernels.layout import Member, Rod, Timing, group_width, n
 from npend_gym.physics.kernels.turning_points import speed_threshold
 from npend_gym.theory import fastest_frequency
 
-BoolArray = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 MAX_SUBSTEPS = 100_000
-MAX_THREADS = 1024
 # By default a substep is so short that the fastest normal mode turns by no more than this [rad],
 # and that what damping and drag brake decays by no more than this. Turning points of a release
 # then come out within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
