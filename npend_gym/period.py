@@ -30,6 +30,7 @@ from npend_gym.physics.kernels.turning_points import (
     HEIGHT,
     LINK,
     new_record,
+    second_reversals,
     speed_threshold,
 )
 from npend_gym.physics.simulation import IntegrationError, check_angles, simulate
@@ -221,6 +222,27 @@ def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> Fl
         return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
     rate = speed_threshold(chain.gravity, chain.lengths, np.max(np.abs(omega), axis=1))
     return rate * float(chain.lengths.mean()) if reading == BOB else rate
+
+
+def sampled_periods(times: FloatArray, velocities: FloatArray) -> FloatArray:
+    """Return the pseudo-periods of bobs whose horizontal velocities were sampled, reading "bob".
+
+    Parameters
+    ----------
+    times : ndarray, shape (T,)
+        Increasing [s].
+    velocities : ndarray, shape (n, T)
+        Of a release from positive angles [m/s]; straight between two times.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        [s]; NaN where not complete.
+    """
+    n = len(velocities)
+    record = new_record(np.zeros(n), np.ones(n))
+    second_reversals(times, np.ascontiguousarray(velocities), record)
+    return record.period
 
 
 def _listing(

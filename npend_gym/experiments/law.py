@@ -26,7 +26,7 @@ from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.experiments.fits import Estimate, estimates, power_law
-from npend_gym.period import pseudo_periods
+from npend_gym.period import pseudo_periods, sampled_periods
 
 N_VALUES = (1, 2, 3, 5, 10, 20, 50, 100, 200)
 AMPLITUDES = (
@@ -102,10 +102,10 @@ def scan(
             some = done if done.size else np.array([np.nan])
             cells[:, row, column] = some.mean(), np.median(some), ratio[-1], done.size / n
     mean, median, tip, completed = cells
-    measured = {"mean": mean, "median": median, "tip": tip, "completed": completed}
     return Scan(
-        np.array(n_values), np.array(amplitudes), fundamental=np.array(fundamental), **measured
-    )
+        np.array(n_values), np.array(amplitudes), mean, median, tip, completed,
+        np.array(fundamental),
+    )  # fmt: skip
 
 
 @cache
@@ -143,7 +143,7 @@ def linear_ratios(n: int) -> FloatArray:
     t1 = 2.0 * math.pi / float(omega[0])
     frames = max(400, int(_WINDOW * _SAMPLES * omega[-1] / omega[0]))
     times = np.linspace(0.0, _WINDOW * t1, frames)
-    return _second_reversal(speeds @ np.sin(np.outer(omega, times)), times) / t1
+    return sampled_periods(times, speeds @ np.sin(np.outer(omega, times))) / t1
 
 
 def rope_ratios(points: int = 400, terms: int = 800) -> tuple[FloatArray, FloatArray]:
@@ -167,20 +167,7 @@ def rope_ratios(points: int = 400, terms: int = 800) -> tuple[FloatArray, FloatA
     t1 = 4.0 * math.pi / float(zeros[0])
     times = np.linspace(0.0, 1.3 * t1, 3000)
     speeds = -j0(np.outer(np.sqrt(height), zeros)) * 4.0 / (zeros**2 * j1(zeros))
-    return height, _second_reversal(speeds @ np.sin(np.outer(zeros / 2.0, times)), times) / t1
-
-
-def _second_reversal(speed: FloatArray, times: FloatArray) -> FloatArray:
-    """Return when each row of `speed`, negative at first, turns from + to - after turning to +."""
-    ends = np.full(len(speed), np.nan)
-    for i, v in enumerate(speed):
-        risen = np.flatnonzero((v[:-1] < 0.0) & (v[1:] >= 0.0))
-        falls = np.flatnonzero((v[:-1] > 0.0) & (v[1:] <= 0.0))
-        falls = falls[falls > risen[0]] if risen.size else falls[:0]
-        if falls.size:
-            k = falls[0]
-            ends[i] = times[k] + v[k] / (v[k] - v[k + 1]) * (times[k + 1] - times[k])
-    return ends
+    return height, sampled_periods(times, speeds @ np.sin(np.outer(zeros / 2.0, times))) / t1
 
 
 @dataclass(frozen=True, eq=False)

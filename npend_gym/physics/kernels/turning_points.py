@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 
 BOB, LINK, HEIGHT = 0, 1, 2
@@ -194,3 +194,17 @@ def follow_interval(
             record.zero[i] = interval.t + interval.h * x
         _update_record(rule, record, i, interval.t + interval.h * right, end, not last)
         left, signal = right, end
+
+
+@kernel
+def second_reversals(times: FloatArray, signals: FloatArray, record: Record) -> None:
+    """Find the periods of sampled signals, (R, T), each straight between two `times` (T,)."""
+    for i in range(signals.shape[0]):
+        for k in range(1, times.size):
+            f, g = signals[i, k - 1], signals[i, k]
+            t, h = times[k - 1], times[k] - times[k - 1]
+            line = Cubic(f, g - f, g, g - f)
+            interval = Interval(t, h, 0.0, 1.0, f, g - f, g, g - f)
+            rule = Rule(BOB, 0.0, 1e-13)
+            if may_turn(record, i, 0.0, f, g - f, g, g - f):
+                follow_interval(cubic_at, line, rule, interval, record, i)
