@@ -179,7 +179,8 @@ def with_config_keywords(env: _EnvClass) -> _EnvClass:
     ]
     positional = [p for p in own if p.kind is p.POSITIONAL_OR_KEYWORD]
     keyword_only = [p for p in own if p.kind is p.KEYWORD_ONLY]
-    env.__signature__ = inspect.Signature([*positional, *given, *keyword_only])  # type: ignore[attr-defined]
+    signature = inspect.Signature([*positional, *given, *keyword_only])
+    env.__signature__ = signature  # type: ignore[attr-defined]
     return env
 
 

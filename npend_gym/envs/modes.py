@@ -94,25 +94,22 @@ def _calmness(quantities: Quantities[Any]) -> Any:
     return 1.0 / (1.0 + 4.0 * quantities.kinetic_energy)
 
 
-def _release(
-    rng: np.random.Generator, n: int, amplitude: float, spread: float
-) -> tuple[FloatArray, FloatArray]:
-    """Start at rest with all rods at `amplitude` plus one draw from [0, spread) common to all."""
-    return np.full(n, amplitude + spread * rng.random()), np.zeros(n)
+class _Release(Mode):
+    """The base of the tasks that begin with a free release."""
+
+    def start(
+        self, rng: np.random.Generator, n: int, amplitude: float, spread: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Start at rest, all rods at `amplitude` plus one draw from [0, spread) that all share."""
+        return np.full(n, amplitude + spread * rng.random()), np.zeros(n)
 
 
-class Passive(Mode):
+class Passive(_Release):
     """The paper's experiment: a free release from rest; no torque, no reward, no failure."""
 
     name = "passive"
     dt = 0.01
     torque_share = 0.0
-
-    def start(
-        self, rng: np.random.Generator, n: int, amplitude: float, spread: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Start the free release."""
-        return _release(rng, n, amplitude, spread)
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return 0."""
@@ -185,7 +182,7 @@ class Balance(Mode):
         return quantities.tip >= 0.5
 
 
-class Calm(Mode):
+class Calm(_Release):
     """Bring the released chain to rest.
 
     reward = (1 / (1 + e) + 1 / (1 + 100 e)) / 2 (1 - mean_squared_action / 10), with
@@ -195,12 +192,6 @@ class Calm(Mode):
 
     name = "calm"
     torque_share = 0.2
-
-    def start(
-        self, rng: np.random.Generator, n: int, amplitude: float, spread: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Start the free release."""
-        return _release(rng, n, amplitude, spread)
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return a falling function of the energy, steep both at the start and near rest."""

@@ -1,4 +1,4 @@
-"""The camera of an environment: keeps the trace of each tip, has pictures painted and shown."""
+"""The camera of an environment: keeps the trace of each tip, paints pictures and shows them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
 from npend_gym.envs.episodes import BoolArray, Episodes
 from npend_gym.envs.info import Info
+from npend_gym.envs.progress import Progress
 from npend_gym.window import Window
 
 RENDER_MODES = ("human", "rgb_array")
@@ -23,15 +24,6 @@ class DependencyNotInstalled(  # noqa: N818 - a name of Gymnasium
     gym.error.DependencyNotInstalled, ImportError
 ):
     """Raised where an environment is to be rendered and pygame cannot be imported."""
-
-
-def warn_of_no_render_mode(env: Any) -> None:
-    """Warn that an environment without a `render_mode` cannot be rendered."""
-    name = "NPendulum-v0" if env.spec is None else env.spec.id
-    gym.logger.warn(
-        "render() does nothing without a render mode: choose one where the environment is made, "
-        f'such as gym.make("{name}", render_mode="rgb_array")'
-    )
 
 
 class Camera:
@@ -59,10 +51,25 @@ class Camera:
             trace = self._traces.setdefault(lane, deque(maxlen=_TRACE_LENGTH))
             trace.append(tip)
         if self.mode == "human":
-            self.render(episodes)
+            self._show(episodes)
 
-    def render(self, episodes: Episodes) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return a picture of every lane, or show them and return None."""
+    def render(
+        self, env: Any, episodes: Episodes, progress: Progress
+    ) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of every lane, or show them and return None, as `env` is asked to."""
+        if self.mode is None:
+            name = "NPendulum-v0" if env.spec is None else env.spec.id
+            gym.logger.warn(
+                "render() does nothing without a render mode: choose one where the environment "
+                f'is made, such as gym.make("{name}", render_mode="rgb_array")'
+            )
+            return None
+        if progress is not Progress.READY:
+            raise progress.refuse("render")
+        return self._show(episodes)
+
+    def _show(self, episodes: Episodes) -> tuple[NDArray[np.uint8], ...] | None:
+        """Paint every lane; return the pictures, or show them in the window."""
         if self._painter is None:
             return None
         _, info = episodes.every_lane()

@@ -16,8 +16,8 @@ class Progress(Enum):
 
     `step` and `reset` note UNFINISHED before their first change and READY after their last. At
     whatever instant an exception ends them (KeyboardInterrupt, or one in a user's mode), the
-    environment has changed nothing, or it has done everything, or it refuses to go on until it is
-    reset. That reset makes everything but the random generators anew.
+    environment has changed nothing, or it has done everything, or it refuses to continue until it
+    is reset. That reset replaces everything but the random generators.
     """
 
     NEW = "call reset() before {}()"

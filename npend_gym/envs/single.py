@@ -14,7 +14,7 @@ from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.picture import Camera, warn_of_no_render_mode
+from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress
 
 ObsArray = NDArray[np.float32]
@@ -237,12 +237,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
         Without a `render_mode` this warns and returns None, as in Gymnasium's own environments.
         """
-        if self.render_mode is None:
-            warn_of_no_render_mode(self)
-            return None
-        if self._progress is not _READY:
-            raise self._progress.refuse("render")
-        frames = self.camera.render(self._episodes)
+        frames = self.camera.render(self, self._episodes, self._progress)
         return None if frames is None else frames[0]
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ from npend_gym.envs.inputs import (
     checked_num_envs,
     reset_mask,
 )
-from npend_gym.envs.picture import Camera, warn_of_no_render_mode
+from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress, lanes_are_done
 
 _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
@@ -208,12 +208,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
 
         Without a `render_mode` this warns and returns None, as in Gymnasium's own environments.
         """
-        if self.render_mode is None:
-            warn_of_no_render_mode(self)
-            return None
-        if self._progress is not _READY:
-            raise self._progress.refuse("render")
-        return self.camera.render(self._episodes)
+        return self.camera.render(self, self._episodes, self._progress)
 
     def close_extras(self, **kwargs: Any) -> None:
         """End threads and window."""
