@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym.physics import Ensemble
 
 PATIENCE = 600.0  # s, with a worker that compiles
 
@@ -21,6 +22,8 @@ SHORT = Chain.uniform(2), 0.1, 0.0, [0.0, 0.1]
 SHARES = {
     "one env": lambda: step_of(gym.make("NPendulum-v0")),
     "many envs": lambda: step_of(gym.make_vec("NPendulum-v0", num_envs=17)),
+    "an ensemble of one": lambda: Ensemble(Chain.uniform(2)).advance(0.0, 0.1),
+    "an ensemble": lambda: Ensemble(Chain.uniform(2), 17).advance(0.0, 0.1),
     "one release": lambda: pseudo_periods(Chain.uniform(2), 0.1),
     "many releases": lambda: pseudo_periods(Chain.uniform(2), np.full((17, 2), 0.1)),
     "adaptive steps": lambda: simulate(*SHORT),

@@ -1,5 +1,6 @@
 """The window to play in, without a display."""
 
+import os
 import subprocess
 import sys
 
@@ -186,7 +187,8 @@ def test_without_a_display_the_command_says_so():
     code = "from npend_gym.cli import main; raise SystemExit(main(['play']))"
     done = subprocess.run(
         [sys.executable, "-c", code],
-        capture_output=True, text=True, check=False, timeout=120, env={"SDL_VIDEODRIVER": "none"},
+        capture_output=True, text=True, check=False, timeout=120,
+        env=os.environ | {"SDL_VIDEODRIVER": "none"},
     )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.startswith("npend play: no window can be opened")
