@@ -7,7 +7,7 @@ import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.physics import Ensemble
-from npend_gym.physics.ensemble import default_substeps
+from npend_gym.physics.substeps import default_substeps
 
 RNG = np.random.default_rng(5)
 CHAINS = [
@@ -173,7 +173,7 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
         (lambda: Ensemble(CHAINS[0], 2, joints=(3,)), "joint must be between 0 and 2"),
         (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "chain must have 3 rods"),
         (lambda: ensemble().set_state([7], 0.1), "members must be indices below 5"),
-        (lambda: ensemble().set_state([0], np.ones((2, 3))), "theta must be one number"),
+        (lambda: ensemble().set_state([0], np.ones((2, 3))), "theta and omega must have the shape"),
         (lambda: ensemble().set_state([0], 2e5), "theta must lie within"),
         (lambda: ensemble().set_state([0], np.nan), "theta must be finite"),
         (lambda: ensemble().advance(np.ones(3), 0.05), "torque must be one number"),

@@ -18,8 +18,8 @@ from npend_gym import _checks
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.modes import Mode, find_mode
-from npend_gym.physics.ensemble import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
 from npend_gym.physics.kernels.layout import MAX_SPEED
+from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
 
 OBSERVATIONS = ("angles", "sincos")
 

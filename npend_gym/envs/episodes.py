@@ -17,8 +17,9 @@ from npend_gym.envs.config import CHAIN_KEYWORDS, EnvConfig
 from npend_gym.envs.info import Info
 from npend_gym.envs.kernels import EPISODE_ROWS, Episode, Output, step_many, step_one
 from npend_gym.envs.modes import Quantities
-from npend_gym.physics.ensemble import Ensemble
-from npend_gym.physics.kernels.layout import MAX_SPEED, Member
+from npend_gym.physics.energy import positions
+from npend_gym.physics.kernels.layout import MAX_SPEED, Member, Rod
+from npend_gym.physics.memory import Memory
 
 START_OPTIONS = ("theta", "omega", "amplitude")
 # Plain integers for `only_lane`: looking up members of an Enum would take as long as the rest
@@ -37,11 +38,9 @@ class Episodes:
         self.config, self.count = config, count
         self.rngs: list[np.random.Generator] = []
         n, joints = config.chain.n, config.joints
-        self.ensemble = Ensemble(
-            config.chain, count, joints=joints.tolist(), threads=threads, spare_rows=EPISODE_ROWS
-        )
+        self._memory = Memory(config.chain.repeated(1), count, threads, EPISODE_ROWS)
         self._kernel = step_one if count == 1 else step_many
-        members, rods = self.ensemble.arrays
+        members, rods = self._memory.arrays
         members[Episode.MAX_TORQUE] = config.max_torque
         members[Episode.MOTORS] = max(1, joints.size)
         width = rods.shape[2] // (n + 1)
@@ -79,15 +78,15 @@ class Episodes:
             )
         theta = options["theta"][chosen] if "theta" in options else theta
         omega = options["omega"][chosen] if "omega" in options else omega
-        self.ensemble.set_state(chosen, theta, omega)
-        members = self.ensemble.members
+        self._memory.write_state(chosen, theta, omega)
+        members = self._memory.members
         members[Episode.MEAN_SQUARED_ACTION, chosen] = 0.0
-        self._by_lane()[self.ensemble.place(chosen)] = 0.0
+        self._by_lane()[self._memory.place(chosen)] = 0.0
         members[Episode.STARTING] = mask
         members[Episode.OBSERVED] = mask if reuse_buffers else 1.0
         if not reuse_buffers:
             self._new_outputs()
-        self.ensemble.run(self._kernel, self._arrays, 0.0, 0, math.inf)
+        self._memory.run(self._kernel, self._arrays, 0.0, 0, math.inf)
         members[Episode.STARTING] = 0.0
 
     def _change_chains(self, chosen: NDArray[np.int64], options: Mapping[str, FloatArray]) -> None:
@@ -96,13 +95,13 @@ class Episodes:
         if not changes and not self._varied[chosen].any():
             return
         chains = self.config.chain.repeated(chosen.size, **changes)
-        self.ensemble.set_chain(chosen, chains)
+        self._memory.write_chain(chosen, chains)
         self._scale(chosen, chains)
         self._varied[chosen] = bool(changes)
 
     def _scale(self, lanes: NDArray[np.int64], chains: ChainParameters) -> None:
         """Set what makes quantities mean the same for the chains of some lanes."""
-        members, lift = self.ensemble.arrays[0], chains.carried_masses * chains.lengths
+        members, lift = self._memory.arrays[0], chains.carried_masses * chains.lengths
         members[Episode.PER_ENERGY, lanes] = 1.0 / chains.lifting_energy
         members[Episode.PER_LENGTH, lanes] = 1.0 / chains.lengths.sum(axis=1)
         members[Episode.PER_LIFT, lanes] = 0.5 / np.cumsum(lift, axis=1)[:, -1]
@@ -141,17 +140,17 @@ class Episodes:
                 if self._lanes_fill_groups:
                     by_lane[:, :, joint] = actions[:, column].reshape(by_lane.shape[:2])
                 else:
-                    place = self.ensemble.place(np.arange(self.count))
+                    place = self._memory.place(np.arange(self.count))
                     by_lane[(*place, joint)] = actions[:, column]
         elif action is not None:
             self._actions[0, self._joints[0]] = action
         self._new_outputs()
-        self.ensemble.run(self._kernel, self._arrays, *self._timing)
+        self._memory.run(self._kernel, self._arrays, *self._timing)
 
     @property
     def active(self) -> FloatArray:
         """1.0 for lanes in which the next step is to be taken, else 0.0; a view, shape (B,)."""
-        return self.ensemble.members[Member.ACTIVE]
+        return self._memory.members[Member.ACTIVE]
 
     # -- what is told -----------------------------------------------------------------------
 
@@ -214,16 +213,16 @@ class Episodes:
 
     def positions(self) -> FloatArray:
         """Return the positions of the bobs [m], shape (B, n, 2)."""
-        return self.ensemble.positions
+        return positions(self._memory.parameters, self._memory.read(Rod.THETA))
 
     def action(self, lane: int) -> FloatArray:
         """Return the last action of a lane, torque over its limit, (joints,)."""
-        group, place = self.ensemble.place(np.array(lane))
+        group, place = self._memory.place(np.array(lane))
         return self._by_lane()[group, place][self.config.joints]
 
     def chain_length(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""
-        return float(1.0 / self.ensemble.members[Episode.PER_LENGTH, lane])
+        return float(1.0 / self._memory.members[Episode.PER_LENGTH, lane])
 
     def _by_lane(self) -> FloatArray:
         """Return a view of the actions, shape (groups, width, n)."""
@@ -240,4 +239,4 @@ class Episodes:
 
     def close(self) -> None:
         """End the threads."""
-        self.ensemble.close()
+        self._memory.close()

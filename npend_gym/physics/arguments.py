@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -37,6 +39,16 @@ def check_states(n: int, **values: ArrayLike) -> tuple[FloatArray, ...]:
             f"got shapes {', '.join(str(value.shape) for value in arrays)}"
         ) from error
     return tuple(np.broadcast_to(value, shape).copy() for value in arrays)
+
+
+def check_members(members: Any, size: int) -> NDArray[np.int64]:
+    """Return the numbers of the members meant by indices, a mask or a slice, of `size` in all."""
+    try:
+        return np.atleast_1d(np.arange(size)[members])
+    except (IndexError, TypeError) as error:
+        raise ValueError(
+            f"members must be indices below {size}, a mask or a slice, got {_checks.show(members)}"
+        ) from error
 
 
 def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:

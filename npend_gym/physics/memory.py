@@ -1,0 +1,205 @@
+"""The memory of many chains, and the compiled calls that work on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym._threads import MAX_THREADS, Call, Helpers
+from npend_gym.chain import ChainParameters
+from npend_gym.physics.energy import sideways
+from npend_gym.physics.kernels.ensemble import MAX_PARTS
+from npend_gym.physics.kernels.layout import Member, Rod, Timing, group_width, new_scratch
+from npend_gym.physics.kernels.turning_points import speed_threshold
+
+Indices = NDArray[np.int64]
+
+_RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
+_CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one
+_NOT_SEEN = ((Rod.PERIOD, np.nan), (Rod.ZERO, np.nan), (Rod.SIGN, 0.0), (Rod.RISEN, 0.0))
+_SINCE_THE_START = ([Member.TIME], [Member.WORK], [Member.COMPLETED], [Member.DIVERGED])
+
+
+class Memory:
+    """The arrays of B chains of n rods, whose fields `kernels.layout` names.
+
+    Parameters
+    ----------
+    chains : ChainParameters
+        The parameters of one chain; all members have them until they are given others.
+    size : int
+        Number of members B.
+    threads : int
+        Threads that share the members. No result depends on it.
+    spare_rows : int
+        Rows after those of `Member` in `members`, for the use of the caller.
+
+    Attributes
+    ----------
+    arrays : tuple of ndarray
+        `members`, shape (rows, lanes), and `rods`, shape (groups, len(Rod), (n + 1) * width). The
+        last group is filled up with chains that hang at rest.
+    """
+
+    def __init__(
+        self, chains: ChainParameters, size: int, threads: int = 1, spare_rows: int = 0
+    ) -> None:
+        self.n, self.size = chains.masses.shape[1], size
+        self.threads = _checks.count("threads", threads, high=MAX_THREADS)
+        self._width = group_width(size)
+        self._groups = -(-size // self._width)
+        lanes = self._groups * self._width
+        self.arrays = (
+            np.zeros((len(Member) + spare_rows, lanes)),
+            np.zeros((self._groups, len(Rod), (self.n + 1) * self._width)),
+        )
+        self._scratch = [new_scratch(self.n, self._width) for _ in range(threads)]
+        self._timing = np.zeros((threads, len(Timing)))
+        self._plan: tuple[float, int, float] | None = None  # of the last `run`
+        self._helpers: Helpers | None = None
+        self.arrays[0][Member.ACTIVE] = 1.0
+        self.write_chain(np.arange(lanes), chains)
+        self.restart(np.arange(lanes))
+
+    @property
+    def members(self) -> FloatArray:
+        """The rows of `Member` and the spare ones, a view of shape (rows, B)."""
+        return self.arrays[0][:, : self.size]
+
+    @property
+    def lanes(self) -> int:
+        """Number of members with those that fill up the last group."""
+        return self.arrays[0].shape[1]
+
+    def per_rod(self, field: Rod) -> FloatArray:
+        """Return a view of a field of all rods, shape (groups, width, n): see `place`."""
+        rods = self.arrays[1].reshape(self._groups, len(Rod), self.n + 1, self._width)
+        return rods[:, field, : self.n].swapaxes(1, 2)
+
+    def place(self, members: Indices) -> tuple[Indices, Indices]:
+        """Return the groups of members and their lanes there: the indices of `per_rod`."""
+        return np.divmod(members, self._width)
+
+    def read(self, field: Rod) -> FloatArray:
+        """Return a field of the rods of all members, a new array of shape (B, n)."""
+        return self.per_rod(field).reshape(-1, self.n)[: self.size].copy()
+
+    @property
+    def parameters(self) -> ChainParameters:
+        """The parameters of the members' chains."""
+        return ChainParameters(
+            self.read(Rod.MASS),
+            self.read(Rod.LENGTH),
+            self.members[Member.GRAVITY].copy(),
+            self.read(Rod.DAMPING),
+            self.read(Rod.DRAG),
+            self.read(Rod.QUADRATIC_DRAG),
+        )
+
+    def write_state(self, members: Indices, theta: FloatArray, omega: FloatArray) -> None:
+        """Put some members into states, and begin to measure from there."""
+        place = self.place(members)
+        self.per_rod(Rod.THETA)[place], self.per_rod(Rod.OMEGA)[place] = theta, omega
+        self.restart(members)
+
+    def write_chain(self, members: Indices, chains: ChainParameters) -> None:
+        """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""
+        place = self.place(members)
+        carried = chains.carried_masses * chains.lengths
+        for field, values in (
+            (Rod.MASS, chains.masses),
+            (Rod.LENGTH, chains.lengths),
+            (Rod.INVERSE_LENGTH, 1.0 / chains.lengths),
+            (Rod.DAMPING, chains.damping),
+            (Rod.DRAG, chains.drag),
+            (Rod.QUADRATIC_DRAG, chains.quadratic_drag),
+            (Rod.CARRIED, carried),
+        ):
+            self.per_rod(field)[place] = values
+        # at joints 0..n: zero at the pivot, which cannot move
+        rods = self.arrays[1].reshape(self._groups, len(Rod), self.n + 1, self._width)
+        rods[:, Rod.INVERSE_MASS, 1:].swapaxes(1, 2)[place] = 1.0 / chains.masses
+        self.arrays[0][Member.GRAVITY, members] = chains.gravity
+
+    def restart(self, members: Indices) -> None:
+        """Begin to measure from the present state of some members."""
+        place = self.place(members)
+        theta, omega = self.per_rod(Rod.THETA)[place], self.per_rod(Rod.OMEGA)[place]
+        lengths, gravity = self.per_rod(Rod.LENGTH)[place], self.arrays[0][Member.GRAVITY, members]
+        fastest = np.abs(omega).max(axis=1)
+        threshold = speed_threshold(gravity, lengths, fastest) * lengths.mean(axis=1)
+        self.arrays[0][_SINCE_THE_START, members] = 0.0
+        self.arrays[0][Member.THRESHOLD, members] = threshold
+        self.per_rod(Rod.ORIENTATION)[place] = np.where(sideways(lengths, theta) < 0.0, -1.0, 1.0)
+        for field, value in _NOT_SEEN:
+            self.per_rod(field)[place] = value
+
+    def run(
+        self,
+        kernel: Callable[..., None],
+        arrays: tuple[NDArray[Any], ...],
+        dt: float,
+        substeps: int,
+        max_rotation: float,
+    ) -> None:
+        """Call ``kernel(*self.arrays, *arrays, timing, scratch)`` for all groups.
+
+        Large steps are divided over several calls, so short that Ctrl-C is heard between them, and
+        over the threads. `arrays` are those of a kernel which does more than `advance`. This
+        method does not check whether it was interrupted: its caller must.
+        """
+        if self._plan != (dt, substeps, max_rotation):
+            self._per_call = groups, piece = self._divide(substeps, max_rotation)
+            self._one_call = groups >= self._groups and piece >= substeps
+            self._timing[:] = dt, substeps, 1.0 / max_rotation, 0, self._groups, 0, substeps
+            self._plan = dt, substeps, max_rotation
+        if self._one_call:
+            kernel(*self.arrays, *arrays, self._timing[0], self._scratch[0])
+            return
+        chunks = iter(range(0, self._groups, self._per_call[0]))
+
+        def work(thread: int, call: Call | None) -> None:
+            timing, scratch = self._timing[thread], self._scratch[thread]
+            for span in self._spans(chunks, substeps):
+                timing[3:] = span
+                kernel(*self.arrays, *arrays, timing, scratch)
+                if call is not None and call.stopped:
+                    return
+
+        if self.threads == 1 or self._groups == 1:
+            work(0, None)
+            return
+        if self._helpers is None:
+            self._helpers = Helpers(min(self.threads, self._groups) - 1)
+        self._helpers.run(work)
+
+    def _spans(self, chunks: Iterator[int], substeps: int) -> Iterator[tuple[int, int, int, int]]:
+        """Yield the first and last group and substep of each call; threads share the chunks."""
+        groups, piece = self._per_call
+        for first in chunks:
+            for begin in range(0, max(1, substeps), piece):
+                yield first, min(first + groups, self._groups), begin, min(begin + piece, substeps)
+
+    def _divide(self, substeps: int, max_rotation: float) -> tuple[int, int]:
+        """Return the largest number of groups and of substeps in one compiled call."""
+        most = self.n * self._width * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
+        piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
+        share = self._groups
+        if self.threads > 1:
+            share = -(-self._groups // (_CHUNKS * self.threads))
+        return max(1, min(piece // max(1, substeps), share)), max(1, min(piece, substeps))
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._helpers is not None:
+            self._helpers.close()
+            self._helpers = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_helpers": None}  # threads start again where they are needed
