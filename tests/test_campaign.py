@@ -442,7 +442,7 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
         command(tmp_path, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
     )  # fmt: skip
-    wait_for_records(tmp_path, 3, process)
+    wait_for_records(tmp_path, 200, process)  # both workers are at work
     os.killpg(process.pid, number)  # workers too, as a terminal does
     out, error = process.communicate(timeout=60)
     assert process.returncode == 130, error

@@ -14,7 +14,7 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, digests, simulate
 from npend_gym.cli import main
-from npend_gym.physics import ensemble, simulation
+from npend_gym.physics import memory, simulation
 
 COUNTS = (1, 2, 5, 10, 50)
 
@@ -102,7 +102,7 @@ def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
         return [(*step[:4], step[4]["energy_error"], step[4]["pseudo_periods"]) for step in seen]
 
     whole = run()
-    monkeypatch.setattr(ensemble, "_RODS_PER_CALL", 2 * 3 * 16)  # two substeps of a group
+    monkeypatch.setattr(memory, "_RODS_PER_CALL", 2 * 3 * 16)  # two substeps of a group
     for ours, pieced in zip(whole, run(), strict=True):
         for a, b in zip(ours, pieced, strict=True):
             np.testing.assert_array_equal(a, b)
