@@ -50,6 +50,7 @@ class Episodes:
             (len(Output), members.shape[1]),
             (3, members.shape[1], n),
         )
+        self._groups = rods.shape[0], width
         self._lanes_fill_groups = count == members.shape[1]
         self._joints: list[int] = joints.tolist()
         self._timing = config.dt, config.min_substeps, config.max_rotation
@@ -135,13 +136,14 @@ class Episodes:
     def step(self, action: float | FloatArray | None) -> None:
         """Advance the `active` lanes by one step under `action`, (B, joints), 1 being the limit."""
         if isinstance(action, np.ndarray):
-            by_lane, actions = self._by_lane(), action.reshape(self.count, -1)
+            groups, width = self._groups
             for column, joint in enumerate(self._joints):
                 if self._lanes_fill_groups:
-                    by_lane[:, :, joint] = actions[:, column].reshape(by_lane.shape[:2])
+                    by_group = action.reshape(groups, width, -1)[:, :, column]
+                    self._actions[:, joint * width : (joint + 1) * width] = by_group
                 else:
                     place = self._memory.place(np.arange(self.count))
-                    by_lane[(*place, joint)] = actions[:, column]
+                    self._by_lane()[(*place, joint)] = action.reshape(self.count, -1)[:, column]
         elif action is not None:
             self._actions[0, self._joints[0]] = action
         self._new_outputs()

@@ -21,7 +21,7 @@ from npend_gym.physics.kernels.layout import (
     group_of,
     record_of,
 )
-from npend_gym.physics.kernels.rk4 import END, OMEGAS, rk4_step
+from npend_gym.physics.kernels.rk4 import END, OMEGAS, look_ahead, rk4_step
 from npend_gym.physics.kernels.turning_points import (
     BOB,
     Cubic,
@@ -159,9 +159,7 @@ def _begin_step(group: Group, scratch: FloatArray) -> None:
 
 
 @inlined_kernel
-def _begin_substep(
-    group: Group, some_wait: bool, tracked: bool, known: bool, scratch: FloatArray
-) -> None:
+def _begin_substep(group: Group, tracked: bool, known: bool, scratch: FloatArray) -> None:
     """Keep what is needed of the state at the start of a substep.
 
     Where turning points are `tracked`, that is the velocities and accelerations of the bobs; the
@@ -173,9 +171,8 @@ def _begin_substep(
         else:
             bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
         copy(group.velocity, scratch[Scratch.VELOCITY])
-    if tracked or some_wait:
-        copy(group.theta, scratch[Scratch.THETA])
-        copy(group.omega, scratch[Scratch.OMEGA])
+    copy(group.theta, scratch[Scratch.THETA])
+    copy(group.omega, scratch[Scratch.OMEGA])
 
 
 @inlined_kernel
@@ -203,10 +200,10 @@ def _end_substep(
             theta[i] = where(h > 0.0, theta[i], theta_before[i])
             omega[i] = where(h > 0.0, omega[i], omega_before[i])
     if tracked:
+        rk4 = scratch[Scratch.RK4 :]
+        look_ahead(group.theta, group.omega, group.torque, group.chain, rk4)
         bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
-        _bob_accelerations(
-            group, group.omega, scratch[Scratch.RK4 + END], scratch, Scratch.ACCELERATION_END
-        )
+        _bob_accelerations(group, group.omega, rk4[END], scratch, Scratch.ACCELERATION_END)
 
 
 @inlined_kernel
@@ -245,6 +242,7 @@ def advance_group(
     """
     numbers, rest, n = view(members), view(scratch), group.theta.size
     rk4, damping = rest[Scratch.RK4 :], group.chain.damping
+    theta, omega, torque, chain = group.theta, group.omega, group.torque, group.chain
     if timing[Timing.FIRST_SUBSTEP] == 0.0:
         _begin_step(group, rest)
     waiting = (numbers[Member.COMPLETED, g] < n) & (numbers[Member.ACTIVE, g] > 0.0)
@@ -252,7 +250,7 @@ def advance_group(
     dissipated = rest[Scratch.DISSIPATED, 0]
     whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
     for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
-        parts = _parts(group.omega, whole, timing[Timing.PER_ROTATION])
+        parts = _parts(omega, whole, timing[Timing.PER_ROTATION])
         some_wait, part, more = any_of(parts > 1.0), 0, True
         while more:
             h = where(parts > part, whole / parts, 0.0)
@@ -260,15 +258,15 @@ def advance_group(
             rest[Scratch.SINCE, 0] = substep * whole + part * h
             part += 1
             more = any_of(parts > part)
-            _begin_substep(group, some_wait, tracked, known, rest)
+            if tracked or some_wait:  # to pass the group costs some ns, for its many views
+                _begin_substep(group, tracked, known, rest)
             if damped:
-                dissipated = dissipated + (h / 6.0) * _damping_power(group.omega, damping)
-            dissipated = dissipated + rk4_step(
-                group.theta, group.omega, h, group.torque, group.chain, rk4, known, tracked
-            )
+                dissipated = dissipated + (h / 6.0) * _damping_power(omega, damping)
+            dissipated = dissipated + rk4_step(theta, omega, h, torque, chain, rk4, known)
             if damped:
                 dissipated = _dissipate(group, h, dissipated, rest)
-            _end_substep(group, h, some_wait, tracked, known, rest)
+            if tracked or some_wait:
+                _end_substep(group, h, some_wait, tracked, known, rest)
             known = tracked
             if tracked and _mark_turned(group, numbers[Member.THRESHOLD, g], rest):
                 tracked = _follow_marked(members, rods, g, width, scratch)

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, ChainArrays, accelerations, copy
 
 # Rows of the work space: angular accelerations of K_1..K_4 and at the end of the step (followed by
-# the power of drag there); omega of the same five, which is their theta'; theta of the stage; then
-# the rows of `accelerations`
+# the power of drag there); omega of K_1..K_4, which is their theta', and of none; theta of the
+# stage; then the rows of `accelerations`
 END, OMEGAS, _THETA, _WORK = 4, 5, 10, 11
 RK4_ROWS = _WORK + WORK_ROWS
 
@@ -46,8 +46,6 @@ def _stage(
         for i in range(n):
             x[i] = theta[i] + stage_h * w[i]
             next_w[i] = omega[i] + stage_h * alpha[i]
-    if k == END:
-        end[n] = power
     return power
 
 
@@ -64,39 +62,45 @@ def _combine(theta: FloatArray, omega: FloatArray, h: float, scratch: FloatArray
 
 
 @inlined_kernel
-def _set_stage(k: int, theta: FloatArray, omega: FloatArray, scratch: FloatArray) -> None:
-    """Let stage `k` be evaluated at this state."""
+def _begin(theta: FloatArray, omega: FloatArray, scratch: FloatArray) -> None:
+    """Let the first stage be evaluated at this state."""
     copy(theta, scratch[_THETA])
-    copy(omega, scratch[OMEGAS + k])
+    copy(omega, scratch[OMEGAS])
+
+
+@inner_kernel
+def look_ahead(
+    theta: FloatArray, omega: FloatArray, torque: FloatArray, chain: ChainArrays,
+    scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Evaluate the accelerations at the end of a step, where the next one finds them."""
+    n, end = theta.size, scratch[END]
+    end[n] = accelerations(theta, omega, torque, chain, scratch[_WORK:], end[:n])
 
 
 @spliced_kernel
 def rk4_step(
     theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, chain: ChainArrays,
-    scratch: FloatArray, known: bool, ahead: bool,
+    scratch: FloatArray, known: bool,
 ) -> Any:  # fmt: skip
     """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
 
     `scratch` has RK4_ROWS rows of n + 2 or more. Afterwards the accelerations at the start of the
-    step are in its row 0 and, with `ahead`, those at its end in row END: there a next step under
-    the same torque finds them, if they are `known`. One loop over the stages, so that Numba
-    compiles the long text of `accelerations` once.
+    step are in its row 0. Those that are `known`, because `look_ahead` was called at the end of the
+    last step under the same torque, are not evaluated again. One loop over the stages, so that
+    Numba compiles the long text of `accelerations` once.
 
     Return the energy that drag takes in the step [J].
     """
     drag_ends = drag_middle = 0.0 * h
-    _set_stage(0, theta, omega, scratch)
-    for k in range(5 if ahead else 4):
-        if k == END:
-            _combine(theta, omega, h, scratch)
-            _set_stage(END, theta, omega, scratch)
+    _begin(theta, omega, scratch)
+    for k in range(4):
         power = _stage(k, theta, omega, h, torque, chain, scratch, known)
         if k == 0 or k == 3:
             drag_ends = drag_ends + power
-        elif k < 3:
+        else:
             drag_middle = drag_middle + power
-    if not ahead:
-        _combine(theta, omega, h, scratch)
+    _combine(theta, omega, h, scratch)
     return (h / 6.0) * (drag_ends + 2.0 * drag_middle)
 
 
@@ -119,7 +123,7 @@ def rk4_frames(
         h: Any = (times[k] - times[k - 1]) / steps[k]
         count = min(steps[k] - progress[1], progress[2])
         for _ in range(count):
-            rk4_step(theta, omega, h, torque, chain, scratch, False, False)
+            rk4_step(theta, omega, h, torque, chain, scratch, False)
         progress[1] += count
         progress[2] -= count
         if progress[1] < steps[k]:
