@@ -11,12 +11,12 @@ from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_periods
 from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels.dop853 import Problem, new_solver
 from npend_gym.physics.kernels.dynamics import chain_arrays, innermost
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.listing import listing_gaps
 from npend_gym.physics.kernels.releases import (
     RELEASE_ROWS,
     RUNNING,
@@ -33,7 +33,7 @@ from npend_gym.physics.kernels.turning_points import (
     second_reversals,
     speed_threshold,
 )
-from npend_gym.physics.simulation import IntegrationError, check_angles, simulate
+from npend_gym.physics.simulation import IntegrationError, check_angles
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
@@ -42,10 +42,6 @@ _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a heig
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 _RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
-LISTING_DURATION = 10.0  # s
-MAX_LISTING_DURATION = 300.0  # s
-LISTING_FRAMES_PER_SECOND = 100
-_LISTING_CLOSE = 0.01  # m: heights nearer than this count as the same
 
 
 def pseudo_periods(
@@ -121,7 +117,9 @@ def pseudo_periods(
                 f'duration must be at most {MAX_LISTING_DURATION:g} with reading "listing", '
                 f"got {window:g}"
             )
-        listed = [_listing(chain, *start, window, rtol) for start in zip(*releases, strict=True)]
+        listed = [
+            listing_periods(chain, *start, window, rtol) for start in zip(*releases, strict=True)
+        ]
         return np.reshape(listed, theta.shape)
     if chain.gravity == 0.0 and not np.any(omega):
         return np.full(theta.shape, np.nan)
@@ -243,31 +241,3 @@ def sampled_periods(times: FloatArray, velocities: FloatArray) -> FloatArray:
     record = new_record(np.zeros(n), np.ones(n))
     second_reversals(times, np.ascontiguousarray(velocities), record)
     return record.period
-
-
-def _listing(
-    chain: Chain, theta: FloatArray, omega: FloatArray, duration: float, rtol: float
-) -> FloatArray:
-    """Return what the paper's get_timeperiod_y gives for every bob (appendix D)."""
-    frames = max(2, round(LISTING_FRAMES_PER_SECOND * duration))
-    times = np.linspace(0.0, duration, frames)
-    path = simulate(chain, theta, omega, times, rtol=rtol, atol=1e-2 * rtol).positions()
-    return np.array([listing_estimate(path[:, i, 1]) for i in range(chain.n)])
-
-
-def listing_estimate(height: FloatArray) -> float:
-    """Return the paper's printed estimate of a period [s] from a bob's heights [m], shape (T,).
-
-    The listing counts frames as 1/100 s each though they are 10/999 s apart, compares the first
-    frame with the last, and averages two unlike things: one term for the mean gap between frames
-    of like height, and a term for every pair of turning points two apart. NaN where there is
-    neither.
-    """
-    sign = np.sign(np.gradient(height))
-    times: list[float] = []
-    for k in np.flatnonzero(sign != np.roll(sign, 1)).tolist():
-        if k - 1 not in times:  # compares a frame with seconds, as printed
-            times.append(k / LISTING_FRAMES_PER_SECOND)
-    total, pairs = listing_gaps(np.ascontiguousarray(height), _LISTING_CLOSE)
-    gap = total / pairs / LISTING_FRAMES_PER_SECOND if pairs else np.nan
-    return float(abs(np.mean([gap, *(b - a for a, b in zip(times, times[2:], strict=False))])))

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import brentq
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
-from npend_gym.period import listing_estimate
+from npend_gym.listing import listing_estimate
 
 
 @pytest.mark.parametrize(

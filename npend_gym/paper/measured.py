@@ -8,7 +8,8 @@ import numpy as np
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.period import LISTING_DURATION, pseudo_periods
+from npend_gym.listing import LISTING_DURATION
+from npend_gym.period import pseudo_periods
 
 PAPER_GRAVITY = 9.8  # m/s^2: the model's in the paper's last listing; its simulation has 9.81
 RODS = ("1 m", "1/n m")  # the text, and the default of the paper's integrate_pendulum

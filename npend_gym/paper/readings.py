@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.experiments.release import PAPER_N
+from npend_gym.listing import LISTING_DURATION
 from npend_gym.paper.claims import printed
 from npend_gym.paper.measured import RODS, bob_periods, fundamental_periods, ideal_periods
-from npend_gym.period import LISTING_DURATION, READINGS
+from npend_gym.period import READINGS
 
 AMPLITUDES = np.array(
     [[0.77578, 0.797476, 0.78477, 0.777],

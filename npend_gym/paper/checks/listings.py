@@ -2,7 +2,7 @@
 
 Listing 3 runs as printed, given the imports of listing 1, but for hours: it searches, for every
 pair of frames, a list that has grown by one entry for every pair before. The one repair, in
-`npend_gym.period.listing_estimate`, counts the entries instead; `printed_estimate` here is the
+`npend_gym.listing.listing_estimate`, counts the entries instead; `printed_estimate` here is the
 printed loop, to compare on a few frames. Its unused parts (`theta`, `computeperiod`) are left out.
 """
 
@@ -16,9 +16,9 @@ import numpy as np
 from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym._checks import FloatArray
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N
+from npend_gym.listing import LISTING_DURATION, LISTING_FRAMES_PER_SECOND, listing_estimate
 from npend_gym.paper.measured import ideal_periods
 from npend_gym.paper.registry import Outcome, Verdict, check, corrected_if, holds_if
-from npend_gym.period import LISTING_DURATION, LISTING_FRAMES_PER_SECOND, listing_estimate
 
 
 def get_xy_coords(p: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -13,11 +13,11 @@ from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE, SKY
 from npend_gym.chaos import neighbour_distance
 from npend_gym.experiments.fits import power_law
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_TRIALS
+from npend_gym.listing import LISTING_DURATION
 from npend_gym.paper.checks.periods import FRACTIONS, listing_bars
 from npend_gym.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.paper.readings import AMPLITUDES
 from npend_gym.paper.registry import Figure, Outcome, Verdict, check, corrected_if, figure, holds_if
-from npend_gym.period import LISTING_DURATION
 
 
 class Figure2(NamedTuple):
