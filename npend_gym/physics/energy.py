@@ -20,9 +20,12 @@ def positions(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     return np.stack([x, y], axis=-1)
 
 
-def sideways(lengths: FloatArray, theta: FloatArray) -> FloatArray:
-    """Return x of every bob alone [m], shape (..., n)."""
-    return np.cumsum(lengths * _sincos(theta)[0], axis=-1)
+def sideways(
+    lengths: FloatArray, theta: FloatArray, omega: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the horizontal position [m] and velocity [m/s] of every bob, shape (..., n) each."""
+    s, c = _sincos(theta)
+    return np.cumsum(lengths * s, axis=-1), np.cumsum(lengths * (omega * c), axis=-1)
 
 
 def velocities(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:

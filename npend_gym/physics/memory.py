@@ -136,7 +136,9 @@ class Memory:
         threshold = speed_threshold(gravity, lengths, fastest) * lengths.mean(axis=1)
         self.arrays[0][_SINCE_THE_START, members] = 0.0
         self.arrays[0][Member.THRESHOLD, members] = threshold
-        self.per_rod(Rod.ORIENTATION)[place] = np.where(sideways(lengths, theta) < 0.0, -1.0, 1.0)
+        position, velocity = sideways(lengths, theta, omega)
+        self.per_rod(Rod.ORIENTATION)[place] = np.where(position < 0.0, -1.0, 1.0)
+        self.per_rod(Rod.VELOCITY)[place] = velocity
         for field, value in _NOT_SEEN:
             self.per_rod(field)[place] = value
 

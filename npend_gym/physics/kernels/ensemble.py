@@ -9,7 +9,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.compiled.sincos import MAX_ANGLE, ROUND, sincos
-from npend_gym.physics.kernels.dynamics import copy
+from npend_gym.physics.kernels.dynamics import accelerations, copy
 from npend_gym.physics.kernels.layout import (
     MAX_SPEED,
     Group,
@@ -21,7 +21,7 @@ from npend_gym.physics.kernels.layout import (
     group_of,
     record_of,
 )
-from npend_gym.physics.kernels.rk4 import END, OMEGAS, look_ahead, rk4_step
+from npend_gym.physics.kernels.rk4 import K_4, OMEGAS, WORK, rk4_step
 from npend_gym.physics.kernels.turning_points import (
     BOB,
     Cubic,
@@ -29,11 +29,11 @@ from npend_gym.physics.kernels.turning_points import (
     Rule,
     cubic_at,
     follow_interval,
-    may_turn,
 )
 
 MAX_PARTS = 32.0  # of a substep
 _ROOT_TOLERANCE = 1e-13  # of a substep
+_MARGIN = 1.1  # for what the acceleration of the last stage is off by
 
 
 @inlined_kernel
@@ -45,18 +45,6 @@ def bob_velocities(group: Group, s: FloatArray, c: FloatArray) -> None:
     for i in range(group.theta.size):
         total = total + group.chain.length[i] * (group.omega[i] * c[i])
         group.velocity[i] = total
-
-
-@inlined_kernel
-def _bob_accelerations(
-    group: Group, omega: FloatArray, alpha: FloatArray, scratch: FloatArray, row: int
-) -> None:
-    """Write the horizontal acceleration of every bob into a row; SIN and COS must be known."""
-    s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
-    total = 0.0
-    for i in range(group.theta.size):
-        total = total + group.chain.length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
-        scratch[row][i] = total
 
 
 @inlined_kernel
@@ -96,19 +84,57 @@ def _parts(omega: FloatArray, h: float, per_rotation: float) -> Any:
 
 
 @inlined_kernel
-def _mark_turned(group: Group, threshold: Any, scratch: FloatArray) -> bool:
-    """Mark the bobs that may have turned in the substep; return whether there are any."""
-    found = False
-    for i in range(group.theta.size):
-        side = group.record.orientation[i]
-        marked = may_turn(
-            group.record, i, threshold, side * scratch[Scratch.VELOCITY][i],
-            side * scratch[Scratch.ACCELERATION][i], side * group.velocity[i],
-            side * scratch[Scratch.ACCELERATION_END][i],
-        )  # fmt: skip
-        scratch[Scratch.MARKED][i] = where(marked, 1.0, 0.0)
-        found = found | any_of(marked)
-    return found
+def _mark(group: Group, threshold: Any, h: Any, scratch: FloatArray) -> bool:
+    """Update the signs of the velocities; mark the bobs that must be followed instead.
+
+    Marked are bobs that may complete their period in the substep, and those that may have turned
+    twice in it: their velocity kept its sign, but from the acceleration at the end (that of the
+    last Runge-Kutta stage, which is near it) it would have been zero within the substep. For all
+    others the signs at its ends say everything. Return whether any bob is marked.
+    """
+    s, c, alpha = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.RK4 + K_4]
+    omega, length, record = group.omega, group.chain.length, group.record
+    acceleration = 0.0
+    found = threshold < 0.0  # in no lane
+    for i in range(omega.size):
+        acceleration = acceleration + length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
+        side, sign, risen = record.orientation[i], record.sign[i], record.risen[i]
+        before, now = side * scratch[Scratch.VELOCITY][i], side * group.velocity[i]
+        new = where(now > threshold, 1.0, where(now < -threshold, -1.0, sign))
+        falls = (sign > 0.0) & (risen > 0.0) & ((new < 0.0) | ((before > 0.0) & (now <= 0.0)))
+        leaves = (side * acceleration) * now  # positive where the velocity moves away from zero
+        twice = (before * now > 0.0) & (_MARGIN * (leaves * h) >= now * now) & (sign != 0.0)
+        unknown = record.period[i] != record.period[i]  # the period is NaN
+        mark = unknown & (falls | twice)
+        plain = unknown & (mark ^ unknown)
+        record.risen[i] = where(plain & (sign < 0.0) & (new > 0.0), 1.0, risen)
+        record.sign[i] = where(plain, new, sign)
+        scratch[Scratch.MARKED][i] = where(mark, 1.0, 0.0)
+        found = found | mark
+    return any_of(found)
+
+
+@inlined_kernel
+def _bob_accelerations(
+    theta: FloatArray, omega: FloatArray, alpha: FloatArray, length: FloatArray, out: FloatArray
+) -> None:
+    """Write the horizontal acceleration of every bob."""
+    total = 0.0
+    for i in range(theta.size):
+        s, c = sincos(theta[i])
+        total = total + length[i] * (alpha[i] * c - (omega[i] * omega[i]) * s)
+        out[i] = total
+
+
+@inner_kernel
+def _find_accelerations(group: Group, scratch: FloatArray) -> None:
+    """Write the accelerations of the bobs at the start and at the end of the substep."""
+    theta, omega, length = group.theta, group.omega, group.chain.length
+    before, omega_before = scratch[Scratch.THETA][: theta.size], scratch[Scratch.OMEGA]
+    rk4 = scratch[Scratch.RK4 :]
+    _bob_accelerations(before, omega_before, rk4[0], length, scratch[Scratch.ACCELERATION])
+    accelerations(theta, omega, group.torque, group.chain, rk4[WORK:], rk4[0])
+    _bob_accelerations(theta, omega, rk4[0], length, scratch[Scratch.ACCELERATION_END])
 
 
 @inner_kernel
@@ -159,18 +185,9 @@ def _begin_step(group: Group, scratch: FloatArray) -> None:
 
 
 @inlined_kernel
-def _begin_substep(group: Group, tracked: bool, known: bool, scratch: FloatArray) -> None:
-    """Keep what is needed of the state at the start of a substep.
-
-    Where turning points are `tracked`, that is the velocities and accelerations of the bobs; the
-    accelerations are `known` where the substep before was tracked too.
-    """
-    if tracked:
-        if known:
-            copy(scratch[Scratch.ACCELERATION_END], scratch[Scratch.ACCELERATION])
-        else:
-            bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
-        copy(group.velocity, scratch[Scratch.VELOCITY])
+def _begin_substep(group: Group, scratch: FloatArray) -> None:
+    """Keep the state and the velocities of the bobs at the start of the substep."""
+    copy(group.velocity, scratch[Scratch.VELOCITY])
     copy(group.theta, scratch[Scratch.THETA])
     copy(group.omega, scratch[Scratch.OMEGA])
 
@@ -187,23 +204,13 @@ def _dissipate(group: Group, h: Any, dissipated: Any, scratch: FloatArray) -> An
 
 
 @inlined_kernel
-def _end_substep(
-    group: Group, h: Any, some_wait: bool, tracked: bool, known: bool, scratch: FloatArray
-) -> None:
-    """Let lanes wait where `h` is zero; write the accelerations of the bobs where `tracked`."""
-    omega_before = scratch[Scratch.OMEGA]
-    if tracked and not known:
-        _bob_accelerations(group, omega_before, scratch[Scratch.RK4], scratch, Scratch.ACCELERATION)
-    if some_wait:
-        theta, omega, theta_before = group.theta, group.omega, scratch[Scratch.THETA]
-        for i in range(theta.size):
-            theta[i] = where(h > 0.0, theta[i], theta_before[i])
-            omega[i] = where(h > 0.0, omega[i], omega_before[i])
-    if tracked:
-        rk4 = scratch[Scratch.RK4 :]
-        look_ahead(group.theta, group.omega, group.torque, group.chain, rk4)
-        bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
-        _bob_accelerations(group, group.omega, rk4[END], scratch, Scratch.ACCELERATION_END)
+def _wait(group: Group, h: Any, scratch: FloatArray) -> None:
+    """Put lanes whose substep is shorter, `h` being zero, back to its start."""
+    theta, omega = group.theta, group.omega
+    theta_before, omega_before = scratch[Scratch.THETA], scratch[Scratch.OMEGA]
+    for i in range(theta.size):
+        theta[i] = where(h > 0.0, theta[i], theta_before[i])
+        omega[i] = where(h > 0.0, omega[i], omega_before[i])
 
 
 @inlined_kernel
@@ -222,7 +229,7 @@ def _commit_step(numbers: FloatArray, g: int, group: Group, dt: float, scratch: 
         for i in range(n):
             theta[i] = where(stays, step_theta[i], theta[i])
             omega[i] = where(stays, step_omega[i], omega[i])
-    bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
+        bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
     before = numbers[Member.WORK, g]
     done = (before - scratch[Scratch.DISSIPATED][0]) + _torque_work(group.torque, step_theta, theta)
     numbers[Member.WORK, g] = where(stays, before, done)
@@ -246,7 +253,7 @@ def advance_group(
     if timing[Timing.FIRST_SUBSTEP] == 0.0:
         _begin_step(group, rest)
     waiting = (numbers[Member.COMPLETED, g] < n) & (numbers[Member.ACTIVE, g] > 0.0)
-    tracked, known, damped = any_of(waiting), False, any_positive(damping)
+    tracked, damped = any_of(waiting), any_positive(damping)
     dissipated = rest[Scratch.DISSIPATED, 0]
     whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
     for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
@@ -259,16 +266,18 @@ def advance_group(
             part += 1
             more = any_of(parts > part)
             if tracked or some_wait:  # to pass the group costs some ns, for its many views
-                _begin_substep(group, tracked, known, rest)
+                _begin_substep(group, rest)
             if damped:
                 dissipated = dissipated + (h / 6.0) * _damping_power(omega, damping)
-            dissipated = dissipated + rk4_step(theta, omega, h, torque, chain, rk4, known)
+            dissipated = dissipated + rk4_step(theta, omega, h, torque, chain, rk4)
             if damped:
                 dissipated = _dissipate(group, h, dissipated, rest)
-            if tracked or some_wait:
-                _end_substep(group, h, some_wait, tracked, known, rest)
-            known = tracked
-            if tracked and _mark_turned(group, numbers[Member.THRESHOLD, g], rest):
+            if some_wait:
+                _wait(group, h, rest)
+            if tracked or (substep + 1 == timing[Timing.SUBSTEPS] and not more):
+                bob_velocities(group, rest[Scratch.SIN], rest[Scratch.COS])
+            if tracked and _mark(group, numbers[Member.THRESHOLD, g], h, rest):
+                _find_accelerations(group, rest)
                 tracked = _follow_marked(members, rods, g, width, scratch)
     rest[Scratch.DISSIPATED, 0] = dissipated
     if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:

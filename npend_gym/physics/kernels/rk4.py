@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, ChainArrays, accelerations, copy
 
-# Rows of the work space: angular accelerations of K_1..K_4 and at the end of the step (followed by
-# the power of drag there); omega of K_1..K_4, which is their theta', and of none; theta of the
-# stage; then the rows of `accelerations`
-END, OMEGAS, _THETA, _WORK = 4, 5, 10, 11
-RK4_ROWS = _WORK + WORK_ROWS
+# Rows of the work space: angular accelerations of K_1..K_4; omega of K_1..K_4, which is their
+# theta', and the next; theta of the stage; then the rows of `accelerations`
+K_4, OMEGAS, _THETA, WORK = 3, 4, 9, 10
+RK4_ROWS = WORK + WORK_ROWS
 
 
 def new_rk4_scratch(n: int) -> FloatArray:
@@ -27,20 +26,13 @@ def new_rk4_scratch(n: int) -> FloatArray:
 @inlined_kernel
 def _stage(
     k: int, theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray,
-    chain: ChainArrays, scratch: FloatArray, known: bool,
+    chain: ChainArrays, scratch: FloatArray,
 ) -> Any:  # fmt: skip
-    """Evaluate stage `k`, the first one only if it is not `known`, and set the state of the next.
-
-    Return the power of drag [W].
-    """
+    """Evaluate stage `k` and set the state of the next; return the power of drag [W]."""
     n = theta.size
     x, w, alpha = scratch[_THETA][:n], scratch[OMEGAS + k], scratch[k]
-    next_w, end = scratch[OMEGAS + k + 1], scratch[END]
-    if known and k == 0:
-        copy(end[:n], alpha)
-        power = end[n]
-    else:
-        power = accelerations(x, w, torque, chain, scratch[_WORK:], alpha)
+    next_w = scratch[OMEGAS + k + 1]
+    power = accelerations(x, w, torque, chain, scratch[WORK:], alpha)
     if k < 3:
         stage_h = h if k == 2 else 0.5 * h
         for i in range(n):
@@ -68,34 +60,23 @@ def _begin(theta: FloatArray, omega: FloatArray, scratch: FloatArray) -> None:
     copy(omega, scratch[OMEGAS])
 
 
-@inner_kernel
-def look_ahead(
-    theta: FloatArray, omega: FloatArray, torque: FloatArray, chain: ChainArrays,
-    scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Evaluate the accelerations at the end of a step, where the next one finds them."""
-    n, end = theta.size, scratch[END]
-    end[n] = accelerations(theta, omega, torque, chain, scratch[_WORK:], end[:n])
-
-
 @spliced_kernel
 def rk4_step(
     theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, chain: ChainArrays,
-    scratch: FloatArray, known: bool,
+    scratch: FloatArray,
 ) -> Any:  # fmt: skip
     """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
 
     `scratch` has RK4_ROWS rows of n + 2 or more. Afterwards the accelerations at the start of the
-    step are in its row 0. Those that are `known`, because `look_ahead` was called at the end of the
-    last step under the same torque, are not evaluated again. One loop over the stages, so that
-    Numba compiles the long text of `accelerations` once.
+    step are in its row 0, those of the last stage, near those at the end, in row K_4. One loop over
+    the stages, so that Numba compiles the long text of `accelerations` once.
 
     Return the energy that drag takes in the step [J].
     """
     drag_ends = drag_middle = 0.0 * h
     _begin(theta, omega, scratch)
     for k in range(4):
-        power = _stage(k, theta, omega, h, torque, chain, scratch, known)
+        power = _stage(k, theta, omega, h, torque, chain, scratch)
         if k == 0 or k == 3:
             drag_ends = drag_ends + power
         else:
@@ -123,7 +104,7 @@ def rk4_frames(
         h: Any = (times[k] - times[k - 1]) / steps[k]
         count = min(steps[k] - progress[1], progress[2])
         for _ in range(count):
-            rk4_step(theta, omega, h, torque, chain, scratch, False)
+            rk4_step(theta, omega, h, torque, chain, scratch)
         progress[1] += count
         progress[2] -= count
         if progress[1] < steps[k]:
