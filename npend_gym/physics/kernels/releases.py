@@ -41,7 +41,7 @@ class _Dense(NamedTuple):
     i: int
     solver: Solver
     record: Record
-    chain: ChainArrays
+    length: FloatArray  # of the rods
     scratch: FloatArray
 
 
@@ -64,17 +64,17 @@ def _state_at(solver: Solver, x: float, j: int) -> tuple[float, float]:
 
 
 @inner_kernel
-def _signals(motion: _Dense, x: float, first: int) -> None:
-    """Write signal and slope of rods `first` to `motion.i` at fraction `x` of the step.
+def _signals(
+    reading: int, solver: Solver, x: float, first: int, last: int, record: Record,
+    length: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Write signal and slope of rods `first` to `last` at fraction `x` of the step.
 
     A bob's motion is the sum over the rods above it: except for LINK, `first` must be 0.
     """
-    reading, solver, record, length = (
-        motion.reading, motion.solver, motion.record, motion.chain.length
-    )  # fmt: skip
-    n = record.start.size
+    n, signal, slope = record.start.size, scratch[_SIGNAL], scratch[_SLOPE]
     value = rate = 0.0
-    for i in range(first, motion.i + 1):
+    for i in range(first, last + 1):
         omega, alpha = _state_at(solver, x, n + i)
         if reading == LINK:
             value, rate = omega, alpha
@@ -89,21 +89,25 @@ def _signals(motion: _Dense, x: float, first: int) -> None:
                 _, c0 = sincos(record.start[i])
                 value = value + l * (c0 - c)
                 rate = rate + l * (omega * s)
-        motion.scratch[_SIGNAL, i] = record.orientation[i] * value
-        motion.scratch[_SLOPE, i] = record.orientation[i] * rate
+        signal[i] = record.orientation[i] * value
+        slope[i] = record.orientation[i] * rate
 
 
 @inner_kernel
 def _dense_at(motion: _Dense, x: float) -> tuple[float, float]:
     """Return the signal of one rod at fraction `x` of the step, and its slope."""
-    _signals(motion, x, motion.i if motion.reading == LINK else 0)
+    first = motion.i if motion.reading == LINK else 0
+    _signals(
+        motion.reading, motion.solver, x, first, motion.i, motion.record, motion.length,
+        motion.scratch,
+    )  # fmt: skip
     return motion.scratch[_SIGNAL, motion.i], motion.scratch[_SLOPE, motion.i]
 
 
 @inner_kernel
 def _follow_marked(
     reading: int, solver: Solver, left: float, right: float, threshold: float, record: Record,
-    chain: ChainArrays, scratch: FloatArray,
+    length: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Follow the marked rods of one chain from fraction `left` of the step to `right`."""
     t, h = solver.clock[0], solver.clock[1] - solver.clock[0]
@@ -114,21 +118,24 @@ def _follow_marked(
                 t, h, left, right, scratch[_LEFT, i], scratch[_SLOPE_LEFT, i], scratch[_RIGHT, i],
                 scratch[_SLOPE_RIGHT, i],
             )  # fmt: skip
-            motion = _Dense(reading, i, solver, record, chain, scratch)
+            motion = _Dense(reading, i, solver, record, length, scratch)
             follow_interval(_dense_at, motion, rule, interval, record, i)
 
 
 @inlined_kernel
-def _mark(motion: _Dense, right: float, taken: bool, threshold: float) -> bool:
+def _mark(
+    reading: int, solver: Solver, right: float, taken: bool, threshold: float, record: Record,
+    length: FloatArray, scratch: FloatArray,
+) -> bool:  # fmt: skip
     """Take signals and slopes at fraction `right` of the steps that were `taken`.
 
     Mark the rods that may turn between the fraction looked at before and this one; return whether
     there are any.
     """
-    scratch, record = motion.scratch, motion.record
+    n = record.start.size
     found = False
-    _signals(motion, right, 0)
-    for i in range(record.start.size):
+    _signals(reading, solver, right, 0, n - 1, record, length, scratch)
+    for i in range(n):
         f, slope = scratch[_RIGHT, i], scratch[_SLOPE_RIGHT, i]  # the right end until now
         g, slope_now = scratch[_SIGNAL, i], scratch[_SLOPE, i]
         scratch[_LEFT, i], scratch[_SLOPE_LEFT, i] = f, slope
@@ -146,17 +153,6 @@ def _lane_of_solver(solver: Solver, lane: int, width: int) -> Solver:
     return Solver(
         solver.clock[lane::width], solver.y_old[lane::width], solver.y[lane::width],
         solver.k[:, lane::width], solver.poly[:, lane::width], solver.work[:, lane::width],
-    )  # fmt: skip
-
-
-@inlined_kernel
-def _lane_of_chain(chain: ChainArrays, lane: int, width: int) -> ChainArrays:
-    """Return the parameters of one lane."""
-    return ChainArrays(
-        chain.inverse_mass[lane::width], chain.length[lane::width],
-        chain.inverse_length[lane::width], chain.damping[lane::width],
-        chain.gravity[lane::width], chain.drag[lane::width], chain.quadratic_drag[lane::width],
-        chain.pivot[lane::width],
     )  # fmt: skip
 
 
@@ -204,7 +200,7 @@ def _measure(
     solver, problem, record = _as_numbers(view, lane_solver, lane_problem, lane_record)
     scratch, state = view(lane_scratch), view(release)
     n, clock, threshold = record.start.size, solver.clock, state[THRESHOLD]
-    motion = _Dense(reading, n - 1, solver, record, problem.chain, scratch)
+    length = problem.chain.length
     if starting:
         start(solver, problem)
     for _ in range(max_steps):
@@ -220,16 +216,16 @@ def _measure(
         prepare_dense(solver, problem)
         first = taken & (clock[0] == 0.0)
         if any_of(first):
-            _mark(motion, 0.0, first, threshold)
+            _mark(reading, solver, 0.0, first, threshold, record, length, scratch)
         for part in range(_SUBINTERVALS):
             left, right = part / _SUBINTERVALS, (part + 1) / _SUBINTERVALS
-            if not _mark(motion, right, taken, threshold):
+            if not _mark(reading, solver, right, taken, threshold, record, length, scratch):
                 continue
             for lane in range(width):
                 _follow_marked(
                     reading, _lane_of_solver(lane_solver, lane, width), left, right,
                     release[THRESHOLD * width + lane], _lane_of_record(lane_record, lane, width),
-                    _lane_of_chain(lane_problem.chain, lane, width), lane_scratch[:, lane::width],
+                    lane_problem.chain.length[lane::width], lane_scratch[:, lane::width],
                 )  # fmt: skip
         missing = 0.0
         for i in range(n):
