@@ -7,7 +7,7 @@ observations, the quantities that modes judge by, and the numbers of the info.
 from __future__ import annotations
 
 import math
-from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,39 +25,47 @@ _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
 _PI_32 = np.float32(np.pi)
 
 
-class Episode(IntEnum):
+class EpisodeFields(NamedTuple):
     """Rows of the ensemble's `members` that belong to the environments."""
 
-    START_ENERGY = len(Member)  # J, at the start of the episode
-    MEAN_SQUARED_ACTION = len(Member) + 1  # of the last step, 0 to 1
-    STARTING = len(Member) + 2  # 1 where an episode starts, for a call that only observes
-    OBSERVED = len(Member) + 3  # 1 where such a call is to write
-    MAX_TORQUE = len(Member) + 4  # N m of the action 1
-    MOTORS = len(Member) + 5  # number of actuated joints, at least 1
-    PER_ENERGY = len(Member) + 6  # 1/J, of the energy that lifts the chain upright
-    PER_LENGTH = len(Member) + 7  # 1/m, of the chain's length
-    PER_LIFT = len(Member) + 8  # 1/(kg m): height of the centre of mass over sum carried * (1-cos)
+    START_ENERGY: int = len(Member)  # J, at the start of the episode
+    MEAN_SQUARED_ACTION: int = len(Member) + 1  # of the last step, 0 to 1
+    STARTING: int = len(Member) + 2  # 1 where an episode starts, for a call that only observes
+    OBSERVED: int = len(Member) + 3  # 1 where such a call is to write
+    MAX_TORQUE: int = len(Member) + 4  # N m of the action 1
+    MOTORS: int = len(Member) + 5  # number of actuated joints, at least 1
+    PER_ENERGY: int = len(Member) + 6  # 1/J, of the energy that lifts the chain upright
+    PER_LENGTH: int = len(Member) + 7  # 1/m, of the chain's length
+    PER_LIFT: int = (
+        len(Member) + 8
+    )  # 1/(kg m): height of the centre of mass over sum carried * (1-cos)
+
+
+Episode = EpisodeFields()
 
 
 EPISODE_ROWS = len(Episode)
 
 
-class Output(IntEnum):
+class OutputFields(NamedTuple):
     """Rows of `quantities`, an entry for each lane: first what a mode judges by."""
 
-    HEIGHT = 0
-    TIP = 1
-    ENERGY = 2
-    KINETIC_ENERGY = 3
-    ENERGY_FRACTION = 4
-    MEAN_SQUARED_ACTION = 5
-    TIME = 6  # s
-    ENERGY_JOULES = 7
-    ENERGY_ERROR = 8
-    PSEUDO_PERIOD = 9  # s
-    TIP_HEIGHT = 10  # m
-    COMPLETED = 11
-    DIVERGED = 12
+    HEIGHT: int = 0
+    TIP: int = 1
+    ENERGY: int = 2
+    KINETIC_ENERGY: int = 3
+    ENERGY_FRACTION: int = 4
+    MEAN_SQUARED_ACTION: int = 5
+    TIME: int = 6  # s
+    ENERGY_JOULES: int = 7
+    ENERGY_ERROR: int = 8
+    PSEUDO_PERIOD: int = 9  # s
+    TIP_HEIGHT: int = 10  # m
+    COMPLETED: int = 11
+    DIVERGED: int = 12
+
+
+Output = OutputFields()
 
 
 PERIODS, ANGLES, SPEEDS = range(3)  # blocks of `per_rod`, (lanes, n) each

@@ -77,7 +77,7 @@ class Memory:
         """Number of members with those that fill up the last group."""
         return self.arrays[0].shape[1]
 
-    def per_rod(self, field: Rod) -> FloatArray:
+    def per_rod(self, field: int) -> FloatArray:
         """Return a view of a field of all rods, shape (groups, width, n): see `place`."""
         rods = self.arrays[1].reshape(self._groups, len(Rod), self.n + 1, self._width)
         return rods[:, field, : self.n].swapaxes(1, 2)
@@ -86,7 +86,7 @@ class Memory:
         """Return the groups of members and their lanes there: the indices of `per_rod`."""
         return np.divmod(members, self._width)
 
-    def read(self, field: Rod) -> FloatArray:
+    def read(self, field: int) -> FloatArray:
         """Return a field of the rods of all members, a new array of shape (B, n)."""
         return self.per_rod(field).reshape(-1, self.n)[: self.size].copy()
 

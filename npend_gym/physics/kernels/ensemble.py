@@ -12,6 +12,7 @@ from npend_gym.compiled.sincos import MAX_ANGLE, ROUND, sincos
 from npend_gym.physics.kernels.dynamics import accelerations, copy
 from npend_gym.physics.kernels.layout import (
     MAX_SPEED,
+    RK4,
     Group,
     Member,
     Rod,
@@ -92,7 +93,7 @@ def _mark(group: Group, threshold: Any, h: Any, scratch: FloatArray) -> bool:
     last Runge-Kutta stage, which is near it) it would have been zero within the substep. For all
     others the signs at its ends say everything. Return whether any bob is marked.
     """
-    s, c, alpha = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.RK4 + K_4]
+    s, c, alpha = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[RK4 + K_4]
     omega, length, record = group.omega, group.chain.length, group.record
     acceleration = 0.0
     found = threshold < 0.0  # in no lane
@@ -131,7 +132,7 @@ def _find_accelerations(group: Group, scratch: FloatArray) -> None:
     """Write the accelerations of the bobs at the start and at the end of the substep."""
     theta, omega, length = group.theta, group.omega, group.chain.length
     before, omega_before = scratch[Scratch.THETA][: theta.size], scratch[Scratch.OMEGA]
-    rk4 = scratch[Scratch.RK4 :]
+    rk4 = scratch[RK4:]
     _bob_accelerations(before, omega_before, rk4[0], length, scratch[Scratch.ACCELERATION])
     accelerations(theta, omega, group.torque, group.chain, rk4[WORK:], rk4[0])
     _bob_accelerations(theta, omega, rk4[0], length, scratch[Scratch.ACCELERATION_END])
@@ -197,7 +198,7 @@ def _dissipate(group: Group, h: Any, dissipated: Any, scratch: FloatArray) -> An
     """Add what the dampers take in the last three stages of a substep to `dissipated` [J]."""
     n = group.theta.size
     for stage in range(3):
-        omega = scratch[Scratch.RK4 + OMEGAS + 1 + stage][:n]
+        omega = scratch[RK4 + OMEGAS + 1 + stage][:n]
         weight = h / 6.0 if stage == 2 else h / 3.0
         dissipated = dissipated + weight * _damping_power(omega, group.chain.damping)
     return dissipated
@@ -248,7 +249,7 @@ def advance_group(
     last substep the step is complete, and SIN, COS and the velocities are those of the new state.
     """
     numbers, rest, n = view(members), view(scratch), group.theta.size
-    rk4, damping = rest[Scratch.RK4 :], group.chain.damping
+    rk4, damping = rest[RK4:], group.chain.damping
     theta, omega, torque, chain = group.theta, group.omega, group.torque, group.chain
     if timing[Timing.FIRST_SUBSTEP] == 0.0:
         _begin_step(group, rest)

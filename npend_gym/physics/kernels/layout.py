@@ -6,13 +6,13 @@ one chain. The last group is filled up with chains that hang at rest. Two arrays
     members[Member.TIME, k]                  one number for member k
     rods[g, Rod.THETA, i * width + lane]     one for rod i of the member in that lane of group g
 
-Seen as packs, which take the lanes of a group as one number, these are `members[Member.TIME, g]`
-and `rods[g, Rod.THETA, i]`: for kernels a group of many chains looks like one chain.
+The fields are tuples of numbers, which every supported Numba compiles to constants. Seen as packs,
+which take the lanes of a group as one number, these are `members[Member.TIME, g]` and
+`rods[g, Rod.THETA, i]`: for kernels a group of many chains looks like one chain.
 """
 
 from __future__ import annotations
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -27,70 +27,84 @@ from npend_gym.physics.kernels.turning_points import Record
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
 
 
-class Member(IntEnum):
+class MemberFields(NamedTuple):
     """Rows of `members`. Rows beyond these belong to whoever keeps the ensemble."""
 
-    TIME = 0  # s since the start
-    WORK = 1  # J done by torque, damping and drag since the start
-    THRESHOLD = 2  # m/s: the speed above which the direction of a bob counts
-    COMPLETED = 3  # number of bobs whose pseudo-period is known
-    DIVERGED = 4  # 1 where the state has left all bounds, else 0
-    ACTIVE = 5  # 1 where the next step is to be taken, else 0
-    GRAVITY = 6  # m/s^2
+    TIME: int = 0  # s since the start
+    WORK: int = 1  # J done by torque, damping and drag since the start
+    THRESHOLD: int = 2  # m/s: the speed above which the direction of a bob counts
+    COMPLETED: int = 3  # number of bobs whose pseudo-period is known
+    DIVERGED: int = 4  # 1 where the state has left all bounds, else 0
+    ACTIVE: int = 5  # 1 where the next step is to be taken, else 0
+    GRAVITY: int = 6  # m/s^2
 
 
-class Rod(IntEnum):
+Member = MemberFields()
+
+
+class RodFields(NamedTuple):
     """Rows of `rods` for each group, (n + 1) entries for each lane; the last one is mostly free."""
 
-    THETA = 0  # rad
-    OMEGA = 1  # rad/s
-    TORQUE = 2  # N m at the joint above the rod
-    VELOCITY = 3  # m/s, horizontal, of the bob
-    PERIOD = 4  # the five fields of a `Record` of turning points
-    ORIENTATION = 5
-    SIGN = 6
-    RISEN = 7
-    ZERO = 8
-    LENGTH = 9  # m
-    INVERSE_LENGTH = 10
-    DAMPING = 11  # N m s
-    DRAG = 12  # N s/m
-    QUADRATIC_DRAG = 13  # N s^2/m^2
-    MASS = 14  # kg
-    CARRIED = 15  # kg m: mass that the rod carries times its length
-    INVERSE_MASS = 16  # at joints 0..n: the one row that fills its n + 1 entries
+    THETA: int = 0  # rad
+    OMEGA: int = 1  # rad/s
+    TORQUE: int = 2  # N m at the joint above the rod
+    VELOCITY: int = 3  # m/s, horizontal, of the bob
+    PERIOD: int = 4  # the five fields of a `Record` of turning points
+    ORIENTATION: int = 5
+    SIGN: int = 6
+    RISEN: int = 7
+    ZERO: int = 8
+    LENGTH: int = 9  # m
+    INVERSE_LENGTH: int = 10
+    DAMPING: int = 11  # N m s
+    DRAG: int = 12  # N s/m
+    QUADRATIC_DRAG: int = 13  # N s^2/m^2
+    MASS: int = 14  # kg
+    CARRIED: int = 15  # kg m: mass that the rod carries times its length
+    INVERSE_MASS: int = 16  # at joints 0..n: the one row that fills its n + 1 entries
 
 
-class Scratch(IntEnum):
+Rod = RodFields()
+
+
+class ScratchFields(NamedTuple):
     """Rows of the work space of one group, as wide as a row of `rods`."""
 
-    SIN = 0  # of theta
-    COS = 1
-    STEP_THETA = 2  # state at the start of the step
-    STEP_OMEGA = 3
-    THETA = 4  # state and velocities at the start of the substep
-    OMEGA = 5
-    VELOCITY = 6
-    ACCELERATION = 7  # of the bobs, horizontal, at the start of the substep [m/s^2]
-    ACCELERATION_END = 8
-    MARKED = 9  # 1 for bobs that may have turned
-    WRAPPED = 10  # angles in [-pi, pi)
-    DISSIPATED = 11  # first entry: J that damping and drag have taken in the step
-    SINCE = 12  # first entry: s from the start of the step to that of the substep
-    DURATION = 13  # first entry: s, of the substep
-    RK4 = 14  # RK4_ROWS rows for the Runge-Kutta step
+    SIN: int = 0  # of theta
+    COS: int = 1
+    STEP_THETA: int = 2  # state at the start of the step
+    STEP_OMEGA: int = 3
+    THETA: int = 4  # state and velocities at the start of the substep
+    OMEGA: int = 5
+    VELOCITY: int = 6
+    ACCELERATION: int = 7  # of the bobs, horizontal, at the start of the substep [m/s^2]
+    ACCELERATION_END: int = 8
+    MARKED: int = 9  # 1 for bobs that may have turned
+    WRAPPED: int = 10  # angles in [-pi, pi)
+    DISSIPATED: int = 11  # first entry: J that damping and drag have taken in the step
+    SINCE: int = 12  # first entry: s from the start of the step to that of the substep
+    DURATION: int = 13  # first entry: s, of the substep
 
 
-class Timing(IntEnum):
+Scratch = ScratchFields()
+
+
+RK4 = len(Scratch)  # from here on RK4_ROWS rows of the work space are for the Runge-Kutta step
+
+
+class TimingFields(NamedTuple):
     """Entries of `timing`: what one compiled call is to do."""
 
-    DT = 0  # s
-    SUBSTEPS = 1  # that dt is cut into
-    PER_ROTATION = 2  # 1/rad: a substep in which a rod turns by more than 1 / this is cut further
-    FIRST_GROUP = 3  # the groups to advance: from this one
-    LAST_GROUP = 4  # to the one before this
-    FIRST_SUBSTEP = 5  # the substeps to take: from this one
-    LAST_SUBSTEP = 6  # to the one before this
+    DT: int = 0  # s
+    SUBSTEPS: int = 1  # that dt is cut into
+    PER_ROTATION: int = 2  # 1/rad: a substep in which a rod turns by more than its inverse is cut
+    FIRST_GROUP: int = 3  # the groups to advance: from this one
+    LAST_GROUP: int = 4  # to the one before this
+    FIRST_SUBSTEP: int = 5  # the substeps to take: from this one
+    LAST_SUBSTEP: int = 6  # to the one before this
+
+
+Timing = TimingFields()
 
 
 class Group(NamedTuple):
@@ -113,7 +127,7 @@ def group_width(size: int) -> int:
 
 def new_scratch(n: int, width: int) -> FloatArray:
     """Return the work space of one thread."""
-    return np.zeros((Scratch.RK4 + RK4_ROWS, (n + 2) * width))
+    return np.zeros((RK4 + RK4_ROWS, (n + 2) * width))
 
 
 @inlined_kernel
