@@ -161,8 +161,7 @@ class Chain:
 
         Without gravity: that on Earth. It is the unit in which environments judge energies.
         """
-        gravity = self.gravity if self.gravity > 0.0 else STANDARD_GRAVITY
-        return 2.0 * gravity * float(_sum(self.lengths * self.carried_masses))
+        return float(self.repeated(1).lifting_energy[0])
 
     @property
     def has_drag(self) -> bool:

@@ -22,9 +22,10 @@ from npend_gym.physics.kernels.layout import MAX_SPEED, Member, Rod
 from npend_gym.physics.memory import Memory
 
 START_OPTIONS = ("theta", "omega", "amplitude")
-# Plain integers for `only_lane`: looking up members of an Enum would take as long as the rest
-_TIME, _ENERGY, _ENERGY_ERROR = 6, 7, 8
-_PSEUDO_PERIOD, _TIP_HEIGHT, _COMPLETED, _DIVERGED = 9, 10, 11, 12
+# For `only_lane`, which has no time to look up fields: the rows from TIME on
+(
+    _TIME, _ENERGY, _ENERGY_ERROR, _PSEUDO_PERIOD, _TIP_HEIGHT, _COMPLETED, _DIVERGED
+) = Output[Output.TIME :]  # fmt: skip
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}
 
 
@@ -40,23 +41,20 @@ class Episodes:
         n, joints = config.chain.n, config.joints
         self._memory = Memory(config.chain.repeated(1), count, threads, EPISODE_ROWS)
         self._kernel = step_one if count == 1 else step_many
-        members, rods = self._memory.arrays
+        members, lanes = self._memory.arrays[0], self._memory.lanes
         members[Episode.MAX_TORQUE] = config.max_torque
         members[Episode.MOTORS] = max(1, joints.size)
-        width = rods.shape[2] // (n + 1)
-        self._actions = np.zeros((rods.shape[0], n * width))  # of the next step, at each joint
+        self._groups = groups, width = self._memory.groups, self._memory.width
+        self._actions = np.zeros((groups, n * width))  # of the next step, at each joint
         self._shapes = (
-            (members.shape[1], (3 if config.with_sines else 2) * n),
-            (len(Output), members.shape[1]),
-            (3, members.shape[1], n),
-        )
-        self._groups = rods.shape[0], width
-        self._lanes_fill_groups = count == members.shape[1]
+            (lanes, (3 if config.with_sines else 2) * n), (len(Output), lanes), (3, lanes, n)
+        )  # fmt: skip
+        self._lanes_fill_groups = count == lanes
         self._joints: list[int] = joints.tolist()
         self._timing = config.dt, config.min_substeps, config.max_rotation
         self._varied = np.zeros(count, np.bool_)  # lanes whose chain is not the config's
         self._ideal_period = np.empty(count)  # s
-        self._scale(np.arange(members.shape[1]), config.chain.repeated(members.shape[1]))
+        self._scale(np.arange(lanes), config.chain.repeated(lanes))
         self._new_outputs()
 
     # -- starting ---------------------------------------------------------------------------

@@ -45,6 +45,8 @@ class Memory:
     arrays : tuple of ndarray
         `members`, shape (rows, lanes), and `rods`, shape (groups, len(Rod), (n + 1) * width). The
         last group is filled up with chains that hang at rest.
+    groups, width : int
+        Number of groups, and of members in each.
     """
 
     def __init__(
@@ -52,14 +54,14 @@ class Memory:
     ) -> None:
         self.n, self.size = chains.masses.shape[1], size
         self.threads = _checks.count("threads", threads, high=MAX_THREADS)
-        self._width = group_width(size)
-        self._groups = -(-size // self._width)
-        lanes = self._groups * self._width
+        self.width = group_width(size)
+        self.groups = -(-size // self.width)
+        lanes = self.groups * self.width
         self.arrays = (
             np.zeros((len(Member) + spare_rows, lanes)),
-            np.zeros((self._groups, len(Rod), (self.n + 1) * self._width)),
+            np.zeros((self.groups, len(Rod), (self.n + 1) * self.width)),
         )
-        self._scratch = [new_scratch(self.n, self._width) for _ in range(threads)]
+        self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._timing = np.zeros((threads, len(Timing)))
         self._plan: tuple[float, int, float] | None = None  # of the last `run`
         self._helpers: Helpers | None = None
@@ -79,12 +81,16 @@ class Memory:
 
     def per_rod(self, field: int) -> FloatArray:
         """Return a view of a field of all rods, shape (groups, width, n): see `place`."""
-        rods = self.arrays[1].reshape(self._groups, len(Rod), self.n + 1, self._width)
-        return rods[:, field, : self.n].swapaxes(1, 2)
+        return self._rods[:, field, : self.n].swapaxes(1, 2)
+
+    @property
+    def _rods(self) -> FloatArray:
+        """A view of the rods, shape (groups, len(Rod), n + 1, width)."""
+        return self.arrays[1].reshape(self.groups, len(Rod), self.n + 1, self.width)
 
     def place(self, members: Indices) -> tuple[Indices, Indices]:
         """Return the groups of members and their lanes there: the indices of `per_rod`."""
-        return np.divmod(members, self._width)
+        return np.divmod(members, self.width)
 
     def read(self, field: int) -> FloatArray:
         """Return a field of the rods of all members, a new array of shape (B, n)."""
@@ -122,9 +128,8 @@ class Memory:
             (Rod.CARRIED, carried),
         ):
             self.per_rod(field)[place] = values
-        # at joints 0..n: zero at the pivot, which cannot move
-        rods = self.arrays[1].reshape(self._groups, len(Rod), self.n + 1, self._width)
-        rods[:, Rod.INVERSE_MASS, 1:].swapaxes(1, 2)[place] = 1.0 / chains.masses
+        # at joints 0..n: zero at the pivot, because it cannot move
+        self._rods[:, Rod.INVERSE_MASS, 1:].swapaxes(1, 2)[place] = 1.0 / chains.masses
         self.arrays[0][Member.GRAVITY, members] = chains.gravity
 
     def restart(self, members: Indices) -> None:
@@ -158,13 +163,13 @@ class Memory:
         """
         if self._plan != (dt, substeps, max_rotation):
             self._per_call = groups, piece = self._divide(substeps, max_rotation)
-            self._one_call = groups >= self._groups and piece >= substeps
-            self._timing[:] = dt, substeps, 1.0 / max_rotation, 0, self._groups, 0, substeps
+            self._one_call = groups >= self.groups and piece >= substeps
+            self._timing[:] = dt, substeps, 1.0 / max_rotation, 0, self.groups, 0, substeps
             self._plan = dt, substeps, max_rotation
         if self._one_call:
             kernel(*self.arrays, *arrays, self._timing[0], self._scratch[0])
             return
-        chunks = iter(range(0, self._groups, self._per_call[0]))
+        chunks = iter(range(0, self.groups, self._per_call[0]))
 
         def work(thread: int, call: Call | None) -> None:
             timing, scratch = self._timing[thread], self._scratch[thread]
@@ -174,11 +179,11 @@ class Memory:
                 if call is not None and call.stopped:
                     return
 
-        if self.threads == 1 or self._groups == 1:
+        if self.threads == 1 or self.groups == 1:
             work(0, None)
             return
         if self._helpers is None:
-            self._helpers = Helpers(min(self.threads, self._groups) - 1)
+            self._helpers = Helpers(min(self.threads, self.groups) - 1)
         self._helpers.run(work)
 
     def _spans(self, chunks: Iterator[int], substeps: int) -> Iterator[tuple[int, int, int, int]]:
@@ -186,15 +191,15 @@ class Memory:
         groups, piece = self._per_call
         for first in chunks:
             for begin in range(0, max(1, substeps), piece):
-                yield first, min(first + groups, self._groups), begin, min(begin + piece, substeps)
+                yield first, min(first + groups, self.groups), begin, min(begin + piece, substeps)
 
     def _divide(self, substeps: int, max_rotation: float) -> tuple[int, int]:
         """Return the largest number of groups and of substeps in one compiled call."""
-        most = self.n * self._width * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
+        most = self.n * self.width * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
         piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
-        share = self._groups
+        share = self.groups
         if self.threads > 1:
-            share = -(-self._groups // (_CHUNKS * self.threads))
+            share = -(-self.groups // (_CHUNKS * self.threads))
         return max(1, min(piece // max(1, substeps), share)), max(1, min(piece, substeps))
 
     def close(self) -> None:
