@@ -1,3 +1,4 @@
+import json
 import pickle
 from dataclasses import FrozenInstanceError
 
@@ -50,6 +51,105 @@ def test_repr_is_short_for_long_chains():
         "Chain(n=1000, masses=1, lengths=1, gravity=9.81, damping=0)"
     )
     assert "masses=[1. 2.]" in repr(Chain([1.0, 2.0], 1.0))
+
+
+LINKS = Chain(
+    [1.0, 2.0, 4.0], [0.5, 1.0, 2.0], 9.8, 0.1, 0.2, 0.3, centres=[0.3, -0.2, 3.0],
+    inertias=[0.0, 0.1, 0.2], friction=0.1, friction_speed=[0.1, 0.2, 0.3],
+    armature=[0.0, 0.01, 0.02], gear=[np.inf, 6.0, -6.0],
+)  # fmt: skip
+
+
+def test_links_have_their_parameters_and_an_ideal_chain_has_none_of_them():
+    ideal = Chain([1.0, 2.0], [0.5, 1.0])
+    assert ideal.is_ideal
+    assert Chain([1.0, 2.0], [0.5, 1.0], damping=1.0, drag=1.0, gear=6.0).is_ideal
+    np.testing.assert_array_equal(ideal.centres, ideal.lengths)
+    np.testing.assert_array_equal(ideal.gear, [np.inf, np.inf])
+    np.testing.assert_array_equal(ideal.friction_speed, [0.05, 0.05])
+    assert Chain(1.0, [1.0, 2.0], centres=[1.0, 2.0]) == Chain(1.0, [1.0, 2.0])
+    for change in ({"centres": 0.9}, {"inertias": 0.1}, {"friction": 0.1}, {"armature": 0.1}):
+        chain = Chain([1.0, 2.0], [0.5, 1.0], **change)
+        assert not chain.is_ideal
+        assert chain != ideal
+        assert hash(chain) != hash(ideal)
+        assert next(iter(change)) in repr(chain)
+    assert "gear=[inf  6. -6.]" in repr(LINKS)
+
+
+def test_lift_is_mass_times_lever():
+    np.testing.assert_array_equal(Chain([1.0, 2.0, 4.0], [0.5, 1.0, 2.0]).lift, [3.5, 6.0, 8.0])
+    np.testing.assert_allclose(LINKS.lift, [0.3 + 0.5 * 6.0, -0.4 + 4.0, 12.0], rtol=1e-15)
+    assert LINKS.lifting_energy == pytest.approx(2.0 * 9.8 * (3.3 + 3.6 + 12.0), rel=1e-15)
+    assert Chain(1.0, [1.0], centres=-0.5).lifting_energy == pytest.approx(9.81, rel=1e-15)
+
+
+def test_a_chain_goes_through_json_and_back():
+    for chain in (LINKS, Chain([1.0, 2.0], 1.0), Chain(1.0, [1.0, 2.0], friction_speed=0.1)):
+        text = json.dumps(chain.as_dict(), allow_nan=False)
+        assert Chain.from_dict(json.loads(text)) == chain
+        assert Chain(**json.loads(text)) == chain
+        assert pickle.loads(pickle.dumps(chain)) == chain
+    assert list(Chain(1.0, [1.0]).as_dict()) == [
+        "masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"
+    ]  # fmt: skip
+    assert Chain.from_dict({"masses": 1.0, "lengths": [1.0, 2.0]}) == Chain(1.0, [1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("values", "error", "message"),
+    [
+        ([1.0, 2.0], TypeError, "a chain must be a dict of parameters"),
+        ({"masses": 1.0}, ValueError, "has no 'lengths'; its keys are masses, lengths, gravity"),
+        ({"masses": 1.0, "lengths": 1.0, "mass": 2.0}, ValueError, "must not have 'mass'"),
+        ({"masses": 1.0, "lengths": -1.0}, ValueError, "lengths must be greater than zero"),
+    ],
+)
+def test_a_dict_that_is_no_chain_is_refused(values, error, message):
+    with pytest.raises(error, match=message):
+        Chain.from_dict(values)
+
+
+def test_many_chains_have_the_parameters_of_one_and_their_changes():
+    many = LINKS.repeated(2, inertias=np.full((2, 3), 0.5), lengths=np.ones((2, 3)))
+    np.testing.assert_array_equal(many.inertias, np.full((2, 3), 0.5))
+    np.testing.assert_array_equal(many.centres, [LINKS.centres] * 2)
+    assert not many.is_ideal
+    longer = Chain(1.0, [1.0, 2.0]).repeated(2, lengths=np.full((2, 2), 3.0))
+    assert longer.is_ideal  # bobs stay at the ends of their rods
+    np.testing.assert_array_equal(longer.centres, longer.lengths)
+    with pytest.raises(ValueError, match="inertias must be zero or more"):
+        LINKS.repeated(2, inertias=-np.ones((2, 3)))
+    with pytest.raises(ValueError, match="those of link 0 are 0"):
+        LINKS.repeated(2, centres=np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"inertias": -0.1}, ValueError, "inertias must be zero or more, got"),
+        ({"inertias": [0.1, np.nan]}, ValueError, "inertias must be finite"),
+        ({"inertias": [0.1]}, ValueError, r"inertias must be one number or .* \(2,\)"),
+        ({"centres": "middle"}, TypeError, "centres must hold real numbers, got 'middle'"),
+        ({"centres": np.nan}, ValueError, "centres must be finite, got nan"),
+        ({"centres": [np.inf, 1.0]}, ValueError, "centres must be finite"),
+        ({"centres": [None, 1.0]}, TypeError, "centres must hold real numbers"),
+        ({"centres": [1.0, 0.0]}, ValueError, "those of link 1 are 0; give it an inertia"),
+        ({"friction": -1.0}, ValueError, "friction must be zero or more"),
+        ({"friction": 1.0, "friction_speed": 0.0}, ValueError, "dry friction needs a speed"),
+        ({"friction": 1.0, "friction_speed": None}, TypeError, "friction_speed must hold real"),
+        ({"friction_speed": 1e-40}, ValueError, "friction_speed must be at least 1e-30"),
+        ({"armature": -1.0}, ValueError, "armature must be zero or more"),
+        ({"gear": 0.0}, ValueError, "gear must not be zero"),
+        ({"gear": [6.0, 0.0]}, ValueError, "gear must not be zero"),
+        ({"gear": np.nan}, ValueError, "gear must be finite"),
+        ({"gear": "6:1"}, TypeError, "gear must hold real numbers"),
+        ({"gear": [1.0, 2.0, 3.0]}, ValueError, r"gear must be one number or .* \(2,\)"),
+    ],
+)
+def test_bad_links_are_refused_by_name(arguments, error, message):
+    with pytest.raises(error, match=message):
+        Chain(1.0, [1.0, 1.0], **arguments)
 
 
 @pytest.mark.parametrize(

@@ -235,9 +235,8 @@ class Ensemble:
 
     def chain(self, member: int) -> Chain:
         """Return the chain of a member."""
-        values = (row[member] for row in self.parameters)
-        masses, lengths, gravity, *resisting = values
-        return Chain(masses, lengths, float(gravity), *resisting)
+        values = {name: row[member] for name, row in self.parameters._asdict().items()}
+        return Chain.from_dict(values | {"gravity": float(values["gravity"])})
 
     @property
     def _intact(self) -> Memory:

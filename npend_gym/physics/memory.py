@@ -99,7 +99,7 @@ class Memory:
     @property
     def parameters(self) -> ChainParameters:
         """The parameters of the members' chains."""
-        return ChainParameters(
+        return ChainParameters.ideal(
             self.read(Rod.MASS),
             self.read(Rod.LENGTH),
             self.members[Member.GRAVITY].copy(),

@@ -1,0 +1,246 @@
+"""The chain: N links hung from a pivot, point masses on massless rods unless said otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import parameters, presets
+from npend_gym.chain.parameters import FRICTION_SPEED, STANDARD_GRAVITY, ChainParameters
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Chain:
+    r"""A planar chain of n links: point masses on massless rods, or rigid bodies.
+
+    ::
+
+        pivot  O---------> x          theta_i: angle of rod i from the downward
+               |\                     vertical, counter-clockwise positive
+               | \  rod 0, l_0
+               |  \                   x_i =  sum_{k<=i} l_k sin theta_k
+               |th0*  m_0             y_i = -sum_{k<=i} l_k cos theta_k
+               v    \
+               g     * m_1 ...
+
+    Parameters
+    ----------
+    masses, lengths : float or array_like, shape (n,)
+        Mass of each link [kg] and its length from joint to joint [m], greater than zero. One
+        number stands for every link; two numbers make a single pendulum.
+    gravity : float
+        Acceleration of gravity [m/s^2], zero or more.
+    damping : float or array_like, shape (n,)
+        Viscous damping of each joint [N m s/rad], zero or more: joint j, between rod j-1 and
+        rod j, resists with the torque damping_j (omega_j - omega_{j-1}).
+    drag, quadratic_drag : float or array_like, shape (n,)
+        Resistance of still air on each bob (the far end of each link), zero or more: the force
+        -(drag_i + quadratic_drag_i \|v_i\|) v_i, v_i being the bob's velocity [N s/m and
+        N s^2/m^2].
+    centres : float or array_like, shape (n,), optional
+        Distance of each link's centre of mass from its upper joint, along the link [m]; it may be
+        negative or exceed the length. By default it is at the end: a bob.
+    inertias : float or array_like, shape (n,)
+        Moment of inertia of each link about its centre of mass [kg m^2], zero or more.
+    friction : float or array_like, shape (n,)
+        Dry friction of each joint [N m], zero or more: the torque -friction_j u / sqrt(1 + u^2),
+        u = (omega_j - omega_{j-1}) / friction_speed_j.
+    friction_speed : float or array_like, shape (n,)
+        Speed below which dry friction fades [rad/s], greater than zero.
+    armature : float or array_like, shape (n,)
+        Inertia of each joint's motor as the joint sees it [kg m^2], zero or more: gear^2 times
+        that of the rotor.
+    gear : float or array_like, shape (n,)
+        Turns of the rotor for one turn of the joint, not zero, negative where it turns backwards.
+        The motor of joint j stands on link j-1 and has the kinetic energy
+        armature_j ((1/gear_j - 1) omega_{j-1} + omega_j)^2 / 2. Infinite, or None: that of
+        MuJoCo's `armature`, in which the rotor itself does not turn with link j-1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not numeric, not finite, of the wrong sign or of the wrong shape.
+    """
+
+    masses: FloatArray
+    lengths: FloatArray
+    gravity: float
+    damping: FloatArray
+    drag: FloatArray
+    quadratic_drag: FloatArray
+    centres: FloatArray
+    inertias: FloatArray
+    friction: FloatArray
+    friction_speed: FloatArray
+    armature: FloatArray
+    gear: FloatArray
+
+    def __init__(
+        self,
+        masses: ArrayLike,
+        lengths: ArrayLike,
+        gravity: float = STANDARD_GRAVITY,
+        damping: ArrayLike = 0.0,
+        drag: ArrayLike = 0.0,
+        quadratic_drag: ArrayLike = 0.0,
+        *,
+        centres: ArrayLike | None = None,
+        inertias: ArrayLike = 0.0,
+        friction: ArrayLike = 0.0,
+        friction_speed: ArrayLike = FRICTION_SPEED,
+        armature: ArrayLike = 0.0,
+        gear: ArrayLike | None = np.inf,
+    ) -> None:
+        n = parameters.rod_count(masses, lengths)
+        object.__setattr__(self, "gravity", _checks.nonnegative_number("gravity", gravity))
+        given = {
+            "masses": masses,
+            "lengths": lengths,
+            "damping": damping,
+            "drag": drag,
+            "quadratic_drag": quadratic_drag,
+            "centres": lengths if centres is None else centres,
+            "inertias": inertias,
+            "friction": friction,
+            "friction_speed": friction_speed,
+            "armature": armature,
+        }
+        vectors = {name: _checks.vector(name, value, n) for name, value in given.items()}
+        for name, value in (vectors | {"gear": parameters.gear_ratios(gear, n)}).items():
+            checked = parameters.check_parameter(name, value)
+            checked.flags.writeable = False
+            object.__setattr__(self, name, checked)
+        self.repeated(1).check()
+
+    uniform = classmethod(presets.uniform)
+
+    @property
+    def n(self) -> int:
+        """Number of rods."""
+        return self.masses.size
+
+    @cached_property
+    def is_ideal(self) -> bool:
+        """Whether the links are point masses on massless rods, with no friction and no rotors.
+
+        Damping and drag may be there.
+        """
+        return self.repeated(1).is_ideal
+
+    @cached_property
+    def carried_masses(self) -> FloatArray:
+        """Mass hanging on each rod, sum_{k>=i} m_k [kg], shape (n,)."""
+        return np.cumsum(self.masses[::-1])[::-1]
+
+    @cached_property
+    def lift(self) -> FloatArray:
+        """Mass times lever of each link, h_i = m_i c_i + l_i sum_{k>i} m_k [kg m], shape (n,).
+
+        Gravity turns link i by the torque -g h_i sin theta_i; an ideal chain has l_i times the
+        carried mass.
+        """
+        return self.repeated(1).lift[0]
+
+    @property
+    def total_length(self) -> float:
+        """Length of the chain when straight [m]."""
+        return float(self.lengths.sum())
+
+    @cached_property
+    def lifting_energy(self) -> float:
+        """Energy that lifts the hanging chain upright, 2 g sum_i |h_i| with `lift` h [J].
+
+        Without gravity: that on Earth. It is the unit in which environments judge energies.
+        """
+        return float(self.repeated(1).lifting_energy[0])
+
+    @property
+    def has_drag(self) -> bool:
+        """Whether air resists any bob."""
+        return bool(np.any(self.drag) or np.any(self.quadratic_drag))
+
+    def repeated(self, size: int, **changes: FloatArray) -> ChainParameters:
+        """Return the parameters of `size` chains like this one but for some `changes`.
+
+        Parameters
+        ----------
+        size : int
+            Number of chains B.
+        **changes : ndarray, shape (B, n), for gravity (B,)
+            Parameters by the names of `Chain`. Centres of mass at the ends of rods stay there
+            when lengths change alone.
+
+        Raises
+        ------
+        ValueError
+            If a change breaks the rule of its parameter.
+        """
+        values = {
+            name: parameters.check_parameter(name, changes[name])
+            if name in changes
+            else np.broadcast_to(getattr(self, name), (size, *np.shape(getattr(self, name))))
+            for name in ChainParameters._fields
+        }
+        if "lengths" in changes and "centres" not in changes:
+            at_the_end = self.centres == self.lengths
+            values["centres"] = np.where(at_the_end, values["lengths"], self.centres)
+        chains = ChainParameters(**values)
+        return chains.check() if changes else chains
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the parameters as plain numbers and lists, for JSON: `from_dict` reads them.
+
+        Those from `centres` on are there only where they are not those of an ideal chain, and an
+        infinite gear ratio is None.
+        """
+        shown = (*parameters.SIMPLE_FIELDS, *self.repeated(1).beyond_ideal())
+        plain = {name: np.asarray(getattr(self, name)).tolist() for name in shown}
+        if "gear" in plain:
+            plain["gear"] = [None if np.isinf(one) else one for one in plain["gear"]]
+        return plain
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Chain:
+        """Return the chain that `as_dict` described; any keywords of `Chain` will do.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `values` is no mapping, a key is missing or unknown, or a value breaks its rule.
+        """
+        return cls(**parameters.check_keys(values))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Chain) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[object, ...]:
+        return tuple(values.tobytes() for values in self.repeated(1))
+
+    def __repr__(self) -> str:
+        def brief(a: FloatArray) -> str:
+            return f"{a[0]:g}" if np.all(a == a[0]) else np.array2string(a, threshold=6)
+
+        shown = {"masses": self.masses, "lengths": self.lengths}
+        shown |= {"gravity": np.array([self.gravity]), "damping": self.damping}
+        if self.has_drag:
+            shown |= {"drag": self.drag, "quadratic_drag": self.quadratic_drag}
+        shown |= {name: getattr(self, name) for name in self.repeated(1).beyond_ideal()}
+        texts = [f"{name}={brief(value)}" for name, value in shown.items()]
+        return f"Chain(n={self.n}, {', '.join(texts)})"
+
+
+def check_chain(value: Any) -> Chain:
+    """Return `value`, refused where it is no Chain."""
+    if not isinstance(value, Chain):
+        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(value)}")
+    return value

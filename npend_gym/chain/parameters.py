@@ -1,0 +1,171 @@
+"""The parameters of chains: their rules, and what follows from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+
+MAX_RODS = 1_000_000
+MAX_DENSE = 10_000  # rods where matrices (n, n) are wanted: 800 MB each
+STANDARD_GRAVITY = 9.81  # m/s^2, the paper's listing
+FRICTION_SPEED = 0.05  # rad/s, at which dry friction has 0.71 of its torque
+
+
+class ChainParameters(NamedTuple):
+    """The parameters of many chains side by side: those of `Chain` with a leading axis of B."""
+
+    masses: FloatArray  # (B, n), as all others but gravity
+    lengths: FloatArray
+    gravity: FloatArray  # (B,)
+    damping: FloatArray
+    drag: FloatArray
+    quadratic_drag: FloatArray
+    centres: FloatArray
+    inertias: FloatArray
+    friction: FloatArray
+    friction_speed: FloatArray
+    armature: FloatArray
+    gear: FloatArray
+
+    @classmethod
+    def ideal(
+        cls,
+        masses: FloatArray,
+        lengths: FloatArray,
+        gravity: FloatArray,
+        damping: FloatArray,
+        drag: FloatArray,
+        quadratic_drag: FloatArray,
+    ) -> ChainParameters:
+        """Return the parameters of point masses at the ends of massless rods."""
+        none, speeds = np.zeros_like(masses), np.full_like(masses, FRICTION_SPEED)
+        simple = (masses, lengths, gravity, damping, drag, quadratic_drag)
+        return cls(*simple, lengths, none, none, speeds, none, np.full_like(masses, np.inf))
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether all chains are point masses on massless rods, with no friction and no rotors."""
+        extended = (self.inertias, self.friction, self.armature)
+        return np.array_equal(self.centres, self.lengths) and not any(map(np.any, extended))
+
+    @property
+    def carried_masses(self) -> FloatArray:
+        """Mass hanging on each rod [kg], shape (B, n)."""
+        return np.cumsum(self.masses[:, ::-1], axis=1)[:, ::-1]
+
+    @property
+    def lift(self) -> FloatArray:
+        """Mass times height that one full turn of each rod lifts [kg m], shape (B, n)."""
+        carried = self.carried_masses
+        below = np.concatenate([carried[:, 1:], np.zeros_like(carried[:, :1])], axis=1)
+        at_the_end = self.centres == self.lengths  # with the bits of the ideal chain
+        with_centre = self.masses * self.centres + self.lengths * below
+        return np.where(at_the_end, self.lengths * carried, with_centre)
+
+    @property
+    def lifting_energy(self) -> FloatArray:
+        """As that of `Chain` [J], shape (B,)."""
+        gravity = np.where(self.gravity > 0.0, self.gravity, STANDARD_GRAVITY)
+        return 2.0 * gravity * _sum(np.abs(self.lift))
+
+    def beyond_ideal(self) -> list[str]:
+        """Return the names of the parameters that differ from those of ideal chains."""
+        ideal = ChainParameters.ideal(*self[: len(SIMPLE_FIELDS)])
+        fields = zip(self._fields, self, ideal, strict=True)
+        return [name for name, own, simple in fields if not np.array_equal(own, simple)]
+
+    def check(self) -> ChainParameters:
+        """Return the parameters, refused where a link could turn about its joint without inertia.
+
+        Every other rule is that of one parameter alone, see `check_parameter`.
+
+        Raises
+        ------
+        ValueError
+            If inertia about the centre, armature and distance of the centre are all zero.
+        """
+        about_joint = self.inertias + self.masses * self.centres**2 + self.armature
+        if not np.all(about_joint > 0.0):
+            link = int(np.argwhere(about_joint <= 0.0)[0, 1])
+            raise ValueError(
+                f"inertias and centres must give each link inertia about its joint, but those of "
+                f"link {link} are 0; give it an inertia, an armature or a centre off the joint"
+            )
+        return self
+
+
+SIMPLE_FIELDS = ChainParameters._fields[:6]  # those that ideal chains have
+
+
+def check_keys(given: Any) -> Mapping[str, Any]:
+    """Return keywords of `Chain`, refused where they are no mapping, or miss or invent a key."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"a chain must be a dict of parameters, got {_checks.show(given)}")
+    values, fields = cast("Mapping[str, Any]", given), ChainParameters._fields
+    missing = [f"has no {name!r}" for name in ("masses", "lengths") if name not in values]
+    unknown = [f"must not have {name!r}" for name in values if name not in fields]
+    for fault in missing + unknown:
+        raise ValueError(f"the dict of a chain {fault}; its keys are {', '.join(fields)}")
+    return values
+
+
+def check_parameter(name: str, value: FloatArray) -> FloatArray:
+    """Return the parameter `name` of chains, refused where it has the wrong sign or is zero.
+
+    Raises
+    ------
+    ValueError
+        If an entry breaks the rule of that parameter.
+    """
+    if "friction_speed" in name and np.any(value <= 0.0):
+        raise ValueError(
+            f"{name} must be greater than zero, because dry friction needs a speed [rad/s] below "
+            f"which it fades ({FRICTION_SPEED} by default), got {_checks.show(value.tolist())}"
+        )
+    if "gear" in name and np.any(np.abs(value) < _checks.SMALLEST):
+        raise ValueError(
+            f"{name} must not be zero: a rotor turns gear times as fast as its joint, or is seen "
+            f"directly where gear is infinite; got {_checks.show(value.tolist())}"
+        )
+    if "gear" in name or "centres" in name:
+        return value
+    must_be_positive = any(word in name for word in ("masses", "lengths", "friction_speed"))
+    return (_checks.positive if must_be_positive else _checks.at_least_zero)(name, value)
+
+
+def gear_ratios(value: Any, n: int) -> FloatArray:
+    """Return gear ratios, shape (n,), of which None and infinity (of any sign) mean infinity."""
+    given = np.array(value, dtype=object)
+    infinite = np.array([one is None or one in (np.inf, -np.inf) for one in given.flat], np.bool_)
+    infinite = infinite.reshape(given.shape)
+    finite = _checks.vector("gear", np.where(infinite, 1.0, given).tolist(), n)
+    return np.where(infinite, np.inf, finite)
+
+
+def rod_count(masses: ArrayLike, lengths: ArrayLike) -> int:
+    """Return n, where scalars follow the other argument."""
+    masses, lengths = _checks.array("masses", masses), _checks.array("lengths", lengths)
+    for name, value in (("masses", masses), ("lengths", lengths)):
+        if value.ndim > 1 or value.size == 0:
+            raise ValueError(
+                f"{name} must be one number or a list with an entry for each rod, "
+                f"got shape {value.shape}"
+            )
+        _checks.count(f"the number of {name}", value.size, high=MAX_RODS)
+    if masses.ndim and lengths.ndim and masses.size != lengths.size:
+        raise ValueError(
+            f"masses and lengths must have an entry for each rod, "
+            f"got {masses.size} masses and {lengths.size} lengths"
+        )
+    return max(masses.size, lengths.size)
+
+
+def _sum(terms: FloatArray) -> Any:
+    """Return the sums along the last axis, added in order: the same bits on every machine."""
+    return np.cumsum(terms, axis=-1)[..., -1]
