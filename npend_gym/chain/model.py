@@ -120,6 +120,12 @@ class Chain:
         self.repeated(1).check()
 
     uniform = classmethod(presets.uniform)
+    rods = classmethod(presets.rods)
+    preset = classmethod(presets.preset)
+    acrobot = classmethod(presets.acrobot)
+    realaigym = classmethod(presets.realaigym)
+    multiarm = classmethod(presets.multiarm)
+    dm_control = classmethod(presets.dm_control)
 
     @property
     def n(self) -> int:
@@ -128,10 +134,7 @@ class Chain:
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Whether the links are point masses on massless rods, with no friction and no rotors.
-
-        Damping and drag may be there.
-        """
+        """Whether the links are point masses on massless rods, without friction and rotors."""
         return self.repeated(1).is_ideal
 
     @cached_property
