@@ -82,15 +82,16 @@ def _scaled_norm(x: FloatArray, y: FloatArray, problem: Problem) -> float:
 @inner_kernel
 def start(solver: Solver, problem: Problem) -> None:
     """Take the first derivative and choose the first step (Hairer et al., section II.4)."""
-    y, k, poly = solver.y, solver.k, solver.poly
-    derivative(y, problem.torque, problem.chain, solver.work, k[STAGES])
+    y, k, poly, work = solver.y, solver.k, solver.poly, solver.work
+    chain, torque = problem.chain, problem.torque
+    derivative(y, torque, chain, work, k[STAGES])
     d0 = _scaled_norm(y, y, problem)
     d1 = _scaled_norm(k[STAGES], y, problem)
     small = (d0 < 1e-5) | (d1 < 1e-5)
     h0 = where(small, 1e-6, 0.01 * d0 / where(small, 1.0, d1))
     for i in range(y.size):
         poly[0, i] = y[i] + h0 * k[STAGES, i]
-    derivative(poly[0], problem.torque, problem.chain, solver.work, k[0])
+    derivative(poly[0], torque, chain, work, k[0])
     for i in range(y.size):
         poly[0, i] = k[0, i] - k[STAGES, i]
     steepest = _larger(d1, _scaled_norm(poly[0], y, problem) / h0)
@@ -138,7 +139,8 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     Return 1.0 where it was taken, 0.0 where a smaller one is to be tried, -1.0 where no step is
     small enough.
     """
-    clock, y_old, y, k = solver.clock, solver.y_old, solver.y, solver.k
+    clock, y_old, y, k, work = solver.clock, solver.y_old, solver.y, solver.k, solver.work
+    chain, torque = problem.chain, problem.torque
     x, y_new = solver.poly[0], solver.poly[1]
     t, wanted, largest = clock[1], clock[2], clock[3]
     rest = t_end - t
@@ -147,7 +149,7 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     copy(k[STAGES], k[0])
     for s in range(1, STAGES):
         _stage(s, h, k, y, x)
-        derivative(x, problem.torque, problem.chain, solver.work, k[s])
+        derivative(x, torque, chain, work, k[s])
     _stage(STAGES, h, k, y, y_new)
     error = _error(h, k, y, y_new, problem)
     root = _eighth_root(error)
@@ -156,7 +158,7 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     enough = h > _RESOLUTION * abs(t)
     taken = enough & (error < 1.0)
     if any_of(taken):
-        derivative(y_new, problem.torque, problem.chain, solver.work, k[STAGES])
+        derivative(y_new, torque, chain, work, k[STAGES])
         for i in range(y.size):
             y_old[i] = where(taken, y[i], y_old[i])
             y[i] = where(taken, y_new[i], y[i])
@@ -181,11 +183,12 @@ def step(solver: Solver, t_end: float, problem: Problem) -> bool:
 @inner_kernel
 def prepare_dense(solver: Solver, problem: Problem) -> None:
     """Fit the interpolation polynomial to the last step: three more stages."""
-    y_old, y, k, poly = solver.y_old, solver.y, solver.k, solver.poly
+    y_old, y, k, poly, work = solver.y_old, solver.y, solver.k, solver.poly, solver.work
+    chain, torque = problem.chain, problem.torque
     h = solver.clock[1] - solver.clock[0]
     for s in range(STAGES + 1, _ROWS):
         _stage(s, h, k, y_old, poly[0])
-        derivative(poly[0], problem.torque, problem.chain, solver.work, k[s])
+        derivative(poly[0], torque, chain, work, k[s])
     for p in range(3, _POWERS):
         for i in range(y.size):
             poly[p, i] = (h * _D[p - 3, 0]) * k[0, i]
