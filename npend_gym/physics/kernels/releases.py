@@ -196,9 +196,11 @@ def _measure(
     view: NumbersOf, width: int, reading: int, starting: bool, max_steps: int,
     lanes: tuple[Solver, Problem, Record], release: FloatArray, lane_scratch: FloatArray,
 ) -> None:  # fmt: skip
-    lane_solver, lane_problem, lane_record = lanes
-    solver, problem, record = _as_numbers(view, lane_solver, lane_problem, lane_record)
+    solver, problem, record = _as_numbers(view, *lanes)
     scratch, state = view(lane_scratch), view(release)
+    # the loop makes views of these
+    lane_solver, lane_problem, lane_record = _as_numbers(bare, *lanes)
+    lane_scratch = bare(lane_scratch)
     n, clock, threshold = record.start.size, solver.clock, state[THRESHOLD]
     length = problem.chain.length
     if starting:
