@@ -9,13 +9,14 @@ from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import Chain, check_chain
+from npend_gym.compiled.aligned import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_periods
 from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels.dop853 import Problem, new_solver
-from npend_gym.physics.kernels.dynamics import chain_arrays, innermost
+from npend_gym.physics.kernels.dynamics import chain_arrays
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.releases import (
     RELEASE_ROWS,
@@ -190,7 +191,7 @@ def _measured(
     record = new_record(innermost(theta), innermost(_orientation(chain, theta, code)))
     threshold = _threshold(chain, omega, code, rtol)
     release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
-    status, scratch = release[STATUS * lanes :], np.zeros((RELEASE_ROWS, n * lanes))
+    status, scratch = release[STATUS * lanes :], aligned_zeros(RELEASE_ROWS, n * lanes)
     measure = measure_one if lanes == 1 else measure_many
     attempts, starting = max(1, _RODS_PER_CALL // (n * lanes)), True
     while np.any(status == RUNNING) and not call.stopped:

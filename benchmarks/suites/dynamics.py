@@ -11,16 +11,16 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.compiled.aligned import aligned_zeros, innermost
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH, packs
 from npend_gym.physics.kernels.dynamics import (
     ChainArrays,
     accelerations,
     chain_arrays,
-    innermost,
     new_work,
 )
-from npend_gym.physics.kernels.rk4 import RK4_ROWS, new_rk4_scratch, rk4_step
+from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_step
 from suites.timing import Job, Peers, Row, rates
 
 _H = 1e-6  # s; so short that the chain hardly moves while it is timed
@@ -116,9 +116,10 @@ def steps(n: int) -> Job:
 def many_steps(n: int, lanes: int) -> Job:
     """Return the job of taking Runge-Kutta steps with many chains, a multiple of WIDTH."""
     groups, size = lanes // WIDTH, n * WIDTH
-    theta, omega = np.full((groups, size), np.pi / 4), np.zeros((groups, size))
+    theta, omega = aligned_zeros(groups, size), aligned_zeros(groups, size)
+    theta[:] = np.pi / 4
     rods = ChainArrays(*(innermost([row] * WIDTH) for row in chain_arrays(Chain.uniform(n))))
-    scratch, torque = np.zeros((RK4_ROWS, (n + 2) * WIDTH)), np.zeros(size)
+    scratch, torque = new_rk4_scratch(n, WIDTH), aligned_zeros(size)
 
     def run(calls: int) -> None:
         _repeat_steps(theta, omega, _H, torque, rods, scratch, calls)

@@ -145,36 +145,31 @@ else:
     _binary(operator.or_, ir.IRBuilder.or_, _MASK)
     _binary(operator.xor, ir.IRBuilder.xor, _MASK)
 
-    @type_callable(operator.neg)
-    def _negated(context):
-        return lambda a: a if a == _FLOATS else None
+    def _unary(operation, instruction):
+        """Let `operation` on a pack of floats be done by `instruction`."""
 
-    @lower_builtin(operator.neg, _FLOATS)
-    def _negate(context, builder, sig, args):
-        return builder.fneg(args[0])
+        @type_callable(operation)
+        def _typed(context):
+            return lambda a: a if a == _FLOATS else None
 
-    @type_callable(math.sqrt)
-    def _roots(context):
-        return lambda a: a if a == _FLOATS else None
+        @lower_builtin(operation, _FLOATS)
+        def _lowered(context, builder, sig, args):
+            return instruction(builder, *args)
 
-    @lower_builtin(math.sqrt, _FLOATS)
-    def _root(context, builder, sig, args):
-        register = _REGISTERS[_FLOATS]
-        name, function_type = f"llvm.sqrt.v{WIDTH}f64", ir.FunctionType(register, [register])
+    def _root(builder, a):
+        name, function_type = f"llvm.sqrt.v{WIDTH}f64", ir.FunctionType(a.type, [a.type])
         return builder.call(
-            cgutils.get_or_insert_function(builder.module, function_type, name), args
+            cgutils.get_or_insert_function(builder.module, function_type, name), [a]
         )
 
-    @type_callable(abs)
-    def _sizes(context):
-        return lambda a: a if a == _FLOATS else None
-
-    @lower_builtin(abs, _FLOATS)
-    def _size(context, builder, sig, args):
+    def _size(builder, a):
         bits = ir.VectorType(ir.IntType(64), WIDTH)
         all_but_the_sign = ir.Constant(bits, [2**63 - 1] * WIDTH)
-        size = builder.and_(builder.bitcast(args[0], bits), all_but_the_sign)
-        return builder.bitcast(size, _REGISTERS[_FLOATS])
+        return builder.bitcast(builder.and_(builder.bitcast(a, bits), all_but_the_sign), a.type)
+
+    _unary(operator.neg, ir.IRBuilder.fneg)
+    _unary(math.sqrt, _root)
+    _unary(abs, _size)
 
     def _view(context, builder, array_type, array, view_type, lanes):
         """Return a bare view of an array, `lanes` of its innermost entries as one."""

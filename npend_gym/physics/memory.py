@@ -13,6 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import ChainParameters
+from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.physics.energy import sideways
 from npend_gym.physics.kernels.ensemble import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Rod, Timing, group_width, new_scratch
@@ -58,8 +59,8 @@ class Memory:
         self.groups = -(-size // self.width)
         lanes = self.groups * self.width
         self.arrays = (
-            np.zeros((len(Member) + spare_rows, lanes)),
-            np.zeros((self.groups, len(Rod), (self.n + 1) * self.width)),
+            aligned_zeros(len(Member) + spare_rows, lanes),
+            aligned_zeros(self.groups, len(Rod), (self.n + 1) * self.width),
         )
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._timing = np.zeros((threads, len(Timing)))

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.dynamics import ChainArrays, copy, derivative, new_work
@@ -26,9 +27,7 @@ _A[STAGES + 1 :] = DOP853.A_EXTRA
 _E5, _E3, _D = np.array(DOP853.E5), np.array(DOP853.E3), np.array(DOP853.D)
 _SAFETY, _MIN_FACTOR, _MAX_FACTOR = 0.9, 0.2, 10.0
 _POWERS = 7  # rows of the interpolation polynomial
-_RESOLUTION = 10.0 * float(
-    np.finfo(float).eps
-)  # a step below this fraction of t is treated as zero
+_RESOLUTION = 10.0 * math.ulp(1.0)  # a step below this fraction of t is treated as zero
 
 
 class Solver(NamedTuple):
@@ -53,10 +52,11 @@ class Problem(NamedTuple):
 
 def new_solver(t: float, y: FloatArray, width: int = 1) -> Solver:
     """Return a solver that stands at time `t` in state `y` = (theta, omega), lanes innermost."""
-    k, poly = np.zeros((_ROWS, y.size)), np.zeros((_POWERS, y.size))
+    rows = aligned_zeros(2 + _ROWS + _POWERS, y.size)
+    rows[:2] = y
     clock = np.repeat([t, t, 0.0, _MAX_FACTOR], width)
     work = new_work(y.size // width // 2, width)
-    return Solver(clock, y.copy(), y.copy(), k, poly, work)
+    return Solver(clock, rows[0], rows[1], rows[2 : 2 + _ROWS], rows[2 + _ROWS :], work)
 
 
 @inlined_kernel
@@ -245,7 +245,6 @@ def dop853_frames(
                 if not dense:
                     prepare_dense(solver, problem)
                     dense = True
-                x = (times[done] - clock[0]) / (clock[1] - clock[0])
-                interpolate(solver, x, frames[done])
+                interpolate(solver, (times[done] - clock[0]) / (clock[1] - clock[0]), frames[done])
             done += 1
     return done

@@ -33,13 +33,13 @@ the T_0 term to the left side adds s_0^2 / M to the first diagonal entry of (1).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.compiled.aligned import aligned_zeros, innermost
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.compiled.sincos import sincos
 
@@ -74,14 +74,9 @@ def chain_arrays(*chains: Chain) -> ChainArrays:
     )
 
 
-def innermost(lanes: Sequence[FloatArray] | FloatArray) -> FloatArray:
-    """Return the rows of `lanes` (lanes, n) as one flat array with the lane innermost."""
-    return np.array(lanes).T.ravel()
-
-
 def new_work(n: int, width: int = 1) -> FloatArray:
     """Return scratch rows for `accelerations`; the guard entries at their ends stay zero."""
-    return np.zeros((WORK_ROWS, (n + 2) * width))
+    return aligned_zeros(WORK_ROWS, (n + 2) * width)
 
 
 @inner_kernel

@@ -15,9 +15,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.packs import WIDTH, any_of
 from npend_gym.physics.kernels.dynamics import ChainArrays
@@ -127,7 +126,7 @@ def group_width(size: int) -> int:
 
 def new_scratch(n: int, width: int) -> FloatArray:
     """Return the work space of one thread."""
-    return np.zeros((RK4 + RK4_ROWS, (n + 2) * width))
+    return aligned_zeros(RK4 + RK4_ROWS, (n + 2) * width)
 
 
 @inlined_kernel

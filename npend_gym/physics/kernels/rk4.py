@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, ChainArrays, accelerations, copy
 
@@ -18,9 +19,9 @@ K_4, OMEGAS, _THETA, WORK = 3, 4, 9, 10
 RK4_ROWS = WORK + WORK_ROWS
 
 
-def new_rk4_scratch(n: int) -> FloatArray:
-    """Return the work space of `rk4_step` for one chain of `n` rods."""
-    return np.zeros((RK4_ROWS, n + 2))
+def new_rk4_scratch(n: int, width: int = 1) -> FloatArray:
+    """Return the work space of `rk4_step` for chains of `n` rods."""
+    return aligned_zeros(RK4_ROWS, (n + 2) * width)
 
 
 @inlined_kernel

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 
@@ -76,9 +77,10 @@ class Cubic(NamedTuple):
 
 def new_record(theta: FloatArray, orientation: FloatArray) -> Record:
     """Return the record of a release from `theta`: nothing seen yet."""
-    n = theta.size
-    nan = np.full(n, np.nan)
-    return Record(nan, orientation, np.zeros(n), np.zeros(n), nan.copy(), theta.copy())
+    record = Record(*aligned_zeros(len(Record._fields), theta.size))
+    record.period[:] = record.zero[:] = np.nan
+    record.orientation[:], record.start[:] = orientation, theta
+    return record
 
 
 def speed_threshold(gravity: ArrayLike, lengths: FloatArray, fastest: ArrayLike) -> FloatArray:
