@@ -133,8 +133,13 @@ class Chain:
         return self.masses.size
 
     @cached_property
+    def has_bobs(self) -> bool:
+        """Whether the links are point masses on massless rods, without rotors."""
+        return bool(self.repeated(1).has_bobs[0])
+
+    @cached_property
     def is_ideal(self) -> bool:
-        """Whether the links are point masses on massless rods, without friction and rotors."""
+        """Whether the chain `has_bobs`, and no dry friction."""
         return self.repeated(1).is_ideal
 
     @cached_property
@@ -144,11 +149,7 @@ class Chain:
 
     @cached_property
     def lift(self) -> FloatArray:
-        """Mass times lever of each link, h_i = m_i c_i + l_i sum_{k>i} m_k [kg m], shape (n,).
-
-        Gravity turns link i by the torque -g h_i sin theta_i; an ideal chain has l_i times the
-        carried mass.
-        """
+        """What gravity turns, h_i = m_i c_i + l_i sum_{k>i} m_k [kg m]: torque -g h sin theta."""
         return self.repeated(1).lift[0]
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 
 MAX_RODS = 1_000_000
 MAX_DENSE = 10_000  # rods where matrices (n, n) are wanted: 800 MB each
@@ -49,10 +49,15 @@ class ChainParameters(NamedTuple):
         return cls(*simple, lengths, none, none, speeds, none, np.full_like(masses, np.inf))
 
     @property
+    def has_bobs(self) -> BoolArray:
+        """Whether each chain is point masses on massless rods, without rotors, shape (B,)."""
+        is_bob = (self.centres == self.lengths) & (self.inertias == 0.0) & (self.armature == 0.0)
+        return np.all(is_bob, axis=1)
+
+    @property
     def is_ideal(self) -> bool:
         """Whether all chains are point masses on massless rods, with no friction and no rotors."""
-        extended = (self.inertias, self.friction, self.armature)
-        return np.array_equal(self.centres, self.lengths) and not any(map(np.any, extended))
+        return bool(np.all(self.has_bobs)) and not np.any(self.friction)
 
     @property
     def carried_masses(self) -> FloatArray:

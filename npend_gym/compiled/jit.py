@@ -16,7 +16,7 @@ PACKAGE = Path(__file__).parent.parent
 
 
 # Everything that is compiled, relative to the package
-_SOURCES = ("compiled/*.py", "physics/kernels/*.py", "envs/kernels.py")
+_SOURCES = ("compiled/*.py", "physics/kernels/*.py", "theory/pivots.py", "envs/kernels.py")
 
 
 def sources_digest(package: Path) -> str:

@@ -1,4 +1,4 @@
-"""Where the bobs are, how fast they go and what energy they have, for any leading axes."""
+"""Where bobs and links are, how fast they go and what energy they have, for any leading axes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from npend_gym.compiled.sincos import sincos_all
 
 def positions(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     """Return the positions of the bobs [m], shape (..., n, 2), for angles (..., n).
+
+    With links, they are those of the links' far ends: of the joints, and of the tip.
 
     x_i = sum_{k<=i} l_k sin theta_k, y_i = -sum_{k<=i} l_k cos theta_k (the paper's section 2).
     """
@@ -29,33 +31,61 @@ def sideways(
 
 
 def velocities(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
-    """Return the velocities of the bobs [m/s], shape (..., n, 2)."""
+    """Return the velocities of the bobs, or of the links' far ends [m/s], shape (..., n, 2)."""
+    return _tip_velocities(chain.lengths, *_sincos(theta), omega)
+
+
+def centres(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
+    """Return the positions of the links' centres of mass [m], shape (..., n, 2)."""
     s, c = _sincos(theta)
-    vx = np.cumsum(chain.lengths * c * omega, axis=-1)
-    vy = np.cumsum(chain.lengths * s * omega, axis=-1)
-    return np.stack([vx, vy], axis=-1)
+    back = chain.centres - chain.lengths  # from the end of the link
+    return positions(chain, theta) + np.stack([back * s, -back * c], axis=-1)
+
+
+def centre_of_mass(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
+    """Return the position of the chain's centre of mass [m], shape (..., 2)."""
+    weights = chain.masses[..., None]
+    return (weights * centres(chain, theta)).sum(axis=-2) / weights.sum(axis=-2)
 
 
 def kinetic_energy(
     chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
 ) -> FloatArray:
-    """Return sum_i m_i |v_i|^2 / 2 [J], shape (...). The paper's T leaves the masses out."""
-    speed_squared = np.sum(velocities(chain, theta, omega) ** 2, axis=-1)
-    return 0.5 * np.sum(chain.masses * speed_squared, axis=-1)
+    """Return sum_i (m_i |v_i|^2 + I_i omega_i^2 + rotor_i) / 2 [J], shape (...).
+
+    v_i is the velocity of a centre of mass, and rotor_i that of `Chain.gear`. The paper's T leaves
+    the masses out.
+    """
+    s, c = _sincos(theta)
+    back = (chain.centres - chain.lengths) * omega
+    velocity = _tip_velocities(chain.lengths, s, c, omega) + np.stack([back * c, back * s], axis=-1)
+    turning = np.sum(chain.inertias * omega**2, axis=-1)
+    above = np.concatenate([np.zeros_like(omega[..., :1]), omega[..., :-1]], axis=-1)
+    rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
+    speed_squared = np.sum(velocity**2, axis=-1)
+    moving = np.sum(chain.masses * speed_squared, axis=-1)
+    return 0.5 * moving + 0.5 * (turning + np.sum(rotors, axis=-1))
 
 
 def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
-    """Return sum_i m_i g (y_i - y_i(rest)) [J], shape (...): zero where the chain hangs at rest.
+    """Return g sum_i h_i (1 - cos theta_i) [J], h being `Chain.lift`, shape (...).
 
-    Written with 1 - cos theta = 2 sin^2(theta/2), exact for small angles too.
+    It is zero where all links hang straight down. Written with 1 - cos theta = 2 sin^2(theta/2),
+    exact for small angles too.
     """
-    lift = 2.0 * _sincos(0.5 * theta)[0] ** 2
-    return chain.gravity * np.sum(chain.carried_masses * chain.lengths * lift, axis=-1)
+    height = 2.0 * _sincos(0.5 * theta)[0] ** 2
+    return chain.gravity * np.sum(chain.lift * height, axis=-1)
 
 
 def energy(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the total energy above rest [J], shape (...)."""
     return kinetic_energy(chain, theta, omega) + potential_energy(chain, theta)
+
+
+def _tip_velocities(l: FloatArray, s: FloatArray, c: FloatArray, omega: FloatArray) -> FloatArray:
+    vx = np.cumsum(l * c * omega, axis=-1)
+    vy = np.cumsum(l * s * omega, axis=-1)
+    return np.stack([vx, vy], axis=-1)
 
 
 def _sincos(theta: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -225,8 +225,7 @@ class Ensemble:
     @property
     def centre_of_mass(self) -> FloatArray:
         """Position of the centre of mass [m], shape (B, 2)."""
-        weights = self.parameters.masses[..., None]
-        return (weights * self.positions).sum(axis=1) / weights.sum(axis=1)
+        return _energy.centre_of_mass(self.parameters, self.theta)
 
     @property
     def tip(self) -> FloatArray:

@@ -3,7 +3,8 @@
 In M(theta) alpha = f (the paper's Eq. (eom)) every rod is coupled to every other, but the tension
 of a rod is coupled to those of its neighbours only. `accelerations` and `tensions` therefore solve
 a tridiagonal system, in O(n) operations a state and without M, which
-`npend_gym.physics.kernels.dynamics` derives.
+`npend_gym.physics.kernels.tensions` derives. Links with inertia are articulated bodies, solved in
+as few operations by `npend_gym.physics.kernels.links`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
+from npend_gym.chain.inertia import link_inertia, rotor_inertia
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.kernels.dynamics import chain_arrays, new_work
 from npend_gym.physics.kernels.states import solve_states
@@ -50,12 +52,23 @@ def tensions(
 ) -> FloatArray:
     """Return the tensions of the rods [N], positive where a rod pulls, in O(n) operations a state.
 
-    Parameters, shapes and errors are those of `accelerations`.
+    Parameters and shapes are those of `accelerations`.
 
     Returns
     -------
     ndarray, shape (..., n)
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule, or the chain is not one of point masses on massless rods,
+        the only ones on which all force is along the rod.
     """
+    if not check_chain(chain).is_ideal:
+        raise ValueError(
+            "tensions are those of massless rods with bobs at their ends and no dry friction: "
+            f"links have forces across as well; got {chain}"
+        )
     return _solve(chain, theta, omega, torque)[1]
 
 
@@ -63,6 +76,9 @@ def mass_matrix(chain: Chain, theta: ArrayLike) -> FloatArray:
     """Return the mass matrix M [kg m^2]: omega . M omega / 2 is the kinetic energy.
 
     M_ij = l_i l_j cos(theta_i - theta_j) sum_{k >= max(i, j)} m_k: symmetric, positive definite.
+    With links, M_ij = l_i h_j cos(theta_i - theta_j) where link j is below link i, h being
+    `Chain.lift`, and M_ii = I_i + m_i c_i^2 + l_i^2 sum_{k > i} m_k. Rotor j adds armature_j to
+    M_jj, (1/gear_j - 1) times as much to M_j,j-1, and the square of it to M_j-1,j-1.
 
     Parameters
     ----------
@@ -82,14 +98,12 @@ def mass_matrix(chain: Chain, theta: ArrayLike) -> FloatArray:
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     (angles,) = check_states(n, theta=theta)
-    return inertia(chain) * np.cos(angles[..., :, None] - angles[..., None, :])
+    return link_inertia(chain) * np.cos(differences(angles)) + rotor_inertia(chain)
 
 
-def inertia(chain: Chain) -> FloatArray:
-    """Return M of the straight chain, l_i l_j sum_{k >= max(i, j)} m_k [kg m^2], shape (n, n)."""
-    l, carried = chain.lengths, chain.carried_masses
-    carried_by_both = np.minimum.outer(carried, carried)  # the lower rod of two carries less
-    return np.outer(l, l) * carried_by_both
+def differences(theta: FloatArray) -> FloatArray:
+    """Return theta_i - theta_j, shape (..., n, n)."""
+    return theta[..., :, None] - theta[..., None, :]
 
 
 def _solve(

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
+from npend_gym.chain.inertia import link_inertia, rotor_inertia
 from npend_gym.physics.arguments import check_states, check_torque
-from npend_gym.physics.equations import accelerations, inertia, mass_matrix
+from npend_gym.physics.equations import accelerations, differences
 
 
 class Linearisation(NamedTuple):
@@ -56,18 +57,22 @@ def linearise(
 
     Notes
     -----
-    The paper's system (its Eq. (eom)), with row i multiplied by l_i, and with damping, drag and
-    torques, is M alpha = f, ::
+    The paper's system (its Eq. (eom)), with row i multiplied by l_i, and with links, rotors,
+    damping, friction, drag and torques, is (N + C) alpha = f, ::
 
-        M = W * cos(D),  D_ij = theta_i - theta_j,  W_ij = l_i l_j sum_{k >= max(i, j)} m_k,
-        f = Q - F omega - S omega^2 - g l mu sin(theta) + R,  S = W * sin(D),
+        N = W * cos(D),  D_ij = theta_i - theta_j,  S = W * sin(D),
+        f = Q - F(omega) - S omega^2 - g h sin(theta) + R,
 
-    where the products with W are entry by entry. Its solution alpha(theta, omega) comes from
+    where the products with W are entry by entry; W and C are the constant matrices of
+    `mass_matrix`, and h is `Chain.lift`. Its solution alpha(theta, omega) comes from
     `accelerations`. The system differentiated along this solution is::
 
-        M dalpha/dtheta = diag(S alpha - M omega^2 - g l mu cos(theta))
-                          - S diag(alpha) + M diag(omega^2) + dR/dtheta,
-        M dalpha/domega = -2 S diag(omega) - F + dR/domega.
+        (N + C) dalpha/dtheta = diag(S alpha - N omega^2 - g h cos(theta))
+                                - S diag(alpha) + N diag(omega^2) + dR/dtheta,
+        (N + C) dalpha/domega = -2 S diag(omega) - dF/domega + dR/domega.
+
+    F has damping and dry friction of the joints. With u = v / friction_speed, v being the speed of
+    a joint, the slope of its friction is friction / friction_speed / (1 + u^2)^(3/2).
 
     Drag adds R_i = l_i n_i . sum_{k >= i} D_k, where D_k is its force on bob k,
     D_k = -(drag_k + quadratic_drag_k \|v_k\|) v_k with v_k = sum_{i <= k} l_i omega_i n_i.
@@ -77,10 +82,10 @@ def linearise(
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     theta, omega, torque = check_states(n, theta=theta, omega=omega, torque=check_torque(torque, n))
     at_joint = np.eye(n) - np.eye(n, k=1)  # column j: torque on joint j acts on rods j and j - 1
-    damping = at_joint * chain.damping @ at_joint.T
-    mass = mass_matrix(chain, theta)
-    gyro = inertia(chain) * np.sin(theta[..., :, None] - theta[..., None, :])
-    stiffness = chain.gravity * chain.lengths * chain.carried_masses * np.cos(theta)
+    damping = (at_joint * joint_damping(chain, omega)[..., None, :]) @ at_joint.T
+    straight, turned = link_inertia(chain), differences(theta)
+    mass, gyro = straight * np.cos(turned), straight * np.sin(turned)
+    stiffness = chain.gravity * chain.lift * np.cos(theta)
     alpha, square = accelerations(chain, theta, omega, torque), omega**2
 
     diagonal = _apply(gyro, alpha) - _apply(mass, square) - stiffness
@@ -93,11 +98,20 @@ def linearise(
     columns = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
     by_torque = np.broadcast_to(at_joint[:, columns], (*theta.shape, len(columns)))
     right_sides = np.concatenate([by_theta, by_omega, by_torque], axis=-1)
-    solved = np.linalg.solve(mass, right_sides).astype(np.float64, copy=False)
+    solved = np.linalg.solve(mass + rotor_inertia(chain), right_sides).astype(
+        np.float64, copy=False
+    )
 
     of_theta = np.broadcast_to(np.eye(n, solved.shape[-1], k=n), solved.shape)  # theta' = omega
     whole = np.concatenate([of_theta, solved], axis=-2)
     return Linearisation(whole[..., : 2 * n], whole[..., 2 * n :])
+
+
+def joint_damping(chain: Chain, omega: FloatArray) -> FloatArray:
+    """Return the slope of the joints' resistance, damping and friction [N m s/rad], (..., n)."""
+    speed = np.diff(omega, axis=-1, prepend=0.0) / chain.friction_speed
+    slope = chain.friction / chain.friction_speed
+    return chain.damping + slope / (1.0 + speed**2) ** 1.5
 
 
 def _drag_derivatives(

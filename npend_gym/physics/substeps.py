@@ -7,13 +7,15 @@ import math
 import numpy as np
 
 from npend_gym.chain import STANDARD_GRAVITY, Chain
-from npend_gym.theory import fastest_frequency
+from npend_gym.theory.modes import decay_rate, fastest_frequency
 
 MAX_SUBSTEPS = 100_000
 # By default a substep is so short that the fastest normal mode turns by no more than this [rad],
 # and that what damping and drag brake decays by no more than this. Turning points of a release
 # then come out within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
 _PHASE = 1.0 / 16.0
+# Dry friction is as steep as a damper only while a joint is nearly at rest, where all else is slow.
+_FRICTION = 1.0 / 16.0
 # A chain that is whirled round turns faster than it swings. Substeps in which no rod turns by more
 # than this keep the energy of chains under random torques to some 1e-4 in an episode.
 MAX_ROTATION = 1.0 / 20.0  # rad
@@ -31,13 +33,17 @@ def default_substeps(chain: Chain, dt: float) -> int:
 def _fastest_rate(chain: Chain) -> float:
     """Return the rate [1/s] that the substeps must resolve: of the fastest mode, or of braking."""
     gravity = chain.gravity or STANDARD_GRAVITY
-    swinging = Chain(chain.masses, chain.lengths, gravity)
-    v = np.concatenate([[0.0], 1.0 / chain.masses])
-    damping = np.append(chain.damping, 0.0)
-    # a bound by Gershgorin's circles on the inverse mass matrix times the damping matrix
-    braking = 4.0 * (v[:-1] + v[1:]) * (damping[:-1] + damping[1:]) / chain.lengths**2
+    swinging = chain if chain.gravity else Chain.from_dict(chain.as_dict() | {"gravity": gravity})
+    damping = chain.damping + _FRICTION * (chain.friction / chain.friction_speed)
     # drag slows no motion faster than the most slowed bob would be alone; that of the square at the
     # speed of a pendulum as long as the chain that has fallen from upright, its slope 2 |v|
     fallen = 2.0 * math.sqrt(gravity * chain.total_length)
-    slowing = (chain.drag + 2.0 * fallen * chain.quadratic_drag) / chain.masses
+    drag = chain.drag + 2.0 * fallen * chain.quadratic_drag
+    if not chain.has_bobs:
+        return max(fastest_frequency(swinging), decay_rate(chain, damping, drag))
+    v = np.concatenate([[0.0], 1.0 / chain.masses])
+    at_joint = np.append(damping, 0.0)
+    # a bound by Gershgorin's circles on the inverse mass matrix times the damping matrix
+    braking = 4.0 * (v[:-1] + v[1:]) * (at_joint[:-1] + at_joint[1:]) / chain.lengths**2
+    slowing = drag / chain.masses
     return max(fastest_frequency(swinging), float(braking.max()) + float(slowing.max()))

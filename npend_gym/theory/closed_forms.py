@@ -13,6 +13,7 @@ from scipy.special import ellipk, jn_zeros
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain, ChainParameters
+from npend_gym.theory.modes import fundamental_period
 
 MAX_TERMS = 100_000  # of the amplitude series
 
@@ -22,16 +23,27 @@ def ideal_period(chain: Chain) -> float:
 
     For equal masses and lengths it is 2 pi sqrt(N l/g). The paper takes the mass and stiffness
     matrices as diagonal; `fundamental_period` does not. NaN without gravity.
+
+    Raises
+    ------
+    ValueError
+        If the chain has links or rotors, to which the paper's formula does not apply.
     """
+    if not chain.has_bobs:
+        raise ValueError(
+            "ideal_period is the paper's formula for point masses on massless rods, and does not "
+            f"apply to links: use fundamental_period; got {chain}"
+        )
     return float(ideal_periods(chain.repeated(1))[0])
 
 
 def ideal_periods(chains: ChainParameters) -> FloatArray:
-    """Return `ideal_period` of many chains [s], shape (B,)."""
+    """Return `ideal_period` of many chains [s], shape (B,); NaN where it does not apply."""
     total = chains.masses.sum(axis=1, keepdims=True)
     rates = np.sqrt(chains.gravity[:, None] * chains.masses / (chains.lengths * total)).sum(axis=1)
     numerator = 2.0 * np.pi * chains.masses.shape[1]
-    return np.where(rates > 0.0, numerator / np.where(rates > 0.0, rates, 1.0), np.nan)
+    applies = (rates > 0.0) & chains.has_bobs
+    return np.where(applies, numerator / np.where(applies, rates, 1.0), np.nan)
 
 
 def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatArray:
@@ -60,7 +72,9 @@ def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatAr
 
 
 class Models(NamedTuple):
-    """Three models of the pseudo-period of a released chain [s]; NaN without gravity.
+    """Three models of the pseudo-period of a released chain [s]; NaN where one does not apply.
+
+    Without gravity none does. To links, in place of point masses, the paper's do not.
 
     Attributes
     ----------
@@ -82,7 +96,7 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
 
     Where `angle` is an array, the mean of the corrections of its entries is taken.
     """
-    ideal = ideal_period(chain)
+    ideal = float(ideal_periods(chain.repeated(1))[0])
     corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
     return Models(ideal, corrected, fundamental_period(chain))
 
@@ -99,59 +113,6 @@ def single_period(length: float = 1.0, gravity: float = STANDARD_GRAVITY) -> flo
     length = _checks.positive_number("length", length)
     gravity = _checks.positive_number("gravity", gravity)
     return 2.0 * math.pi * math.sqrt(length / gravity)
-
-
-def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
-    """Return the exact frequencies and shapes of small oscillations about hanging at rest.
-
-    Returns
-    -------
-    omega : ndarray, shape (n,)
-        Angular frequencies [rad/s], increasing.
-    modes : ndarray, shape (n, n)
-        Column k: the angles of mode k, the largest being 1.
-
-    Notes
-    -----
-    The linearised system M theta'' + K theta = 0 has M_ij = l_i l_j sum_{k>=max(i,j)} m_k, full
-    where the paper has it diagonal, and K = diag(g l_i mu_i) with mu_i = sum_{k>=i} m_k. Its
-    inverse mass matrix is tridiagonal, the tension matrix of a hanging chain, so that omega^2 are
-    the eigenvalues of the symmetric tridiagonal K^(1/2) M^(-1) K^(1/2).
-    """
-    _checks.count("n", chain.n, high=MAX_DENSE)
-    squares, vectors = eigh_tridiagonal(*_stiffness(chain))
-    modes = vectors / np.sqrt(chain.lengths * chain.carried_masses)[:, None]
-    peak = modes[np.argmax(np.abs(modes), axis=0), np.arange(chain.n)]
-    return np.sqrt(np.maximum(squares, 0.0)), modes / peak
-
-
-def fundamental_period(chain: Chain) -> float:
-    """Return the period [s] of the slowest normal mode; NaN without gravity."""
-    if chain.gravity == 0.0:
-        return math.nan
-    return 2.0 * math.pi / _frequency(chain, 0)
-
-
-def fastest_frequency(chain: Chain) -> float:
-    """Return the angular frequency [rad/s] of the fastest normal mode; zero without gravity."""
-    return _frequency(chain, chain.n - 1)
-
-
-def _frequency(chain: Chain, k: int) -> float:
-    if chain.n == 1:  # older SciPy refuses matrices of one entry
-        return math.sqrt(float(_stiffness(chain)[0][0]))
-    square = eigh_tridiagonal(
-        *_stiffness(chain), eigvals_only=True, select="i", select_range=(k, k), tol=0.0
-    )[0]
-    return math.sqrt(max(float(square), 0.0))
-
-
-def _stiffness(chain: Chain) -> tuple[FloatArray, FloatArray]:
-    """Return diagonal and off-diagonal of K^(1/2) M^(-1) K^(1/2) [1/s^2]."""
-    v = 1.0 / chain.masses
-    scale = np.sqrt(chain.gravity * chain.carried_masses / chain.lengths)
-    at_joint = np.concatenate([[0.0], v])
-    return (at_joint[:-1] + v) * scale**2, -v[:-1] * scale[:-1] * scale[1:]
 
 
 def uniform_frequencies(

@@ -1,0 +1,12 @@
+from npend_gym.theory.closed_forms import Models as Models
+from npend_gym.theory.closed_forms import amplitude_correction as amplitude_correction
+from npend_gym.theory.closed_forms import ideal_period as ideal_period
+from npend_gym.theory.closed_forms import ideal_periods as ideal_periods
+from npend_gym.theory.closed_forms import large_n_period as large_n_period
+from npend_gym.theory.closed_forms import models as models
+from npend_gym.theory.closed_forms import pendulum_period as pendulum_period
+from npend_gym.theory.closed_forms import single_period as single_period
+from npend_gym.theory.closed_forms import uniform_frequencies as uniform_frequencies
+from npend_gym.theory.modes import fastest_frequency as fastest_frequency
+from npend_gym.theory.modes import fundamental_period as fundamental_period
+from npend_gym.theory.modes import normal_modes as normal_modes

@@ -1,0 +1,113 @@
+"""Small oscillations about hanging at rest: their frequencies, shapes and decay.
+
+M theta'' + K theta = 0, with M the mass matrix of the hanging chain and K = diag(g h), h being the
+chain's `lift`. For point masses the inverse of M is tridiagonal, the tension matrix of a hanging
+chain; for links `npend_gym.theory.pivots` counts frequencies without any matrix.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.linalg import eigh, eigh_tridiagonal
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import MAX_DENSE, Chain
+from npend_gym.chain.inertia import link_inertia, rotor_inertia
+
+
+def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Return the exact frequencies and shapes of small oscillations about hanging at rest.
+
+    Returns
+    -------
+    omega : ndarray, shape (n,)
+        Angular frequencies [rad/s], increasing.
+    modes : ndarray, shape (n, n)
+        Column k: the angles of mode k, the largest being 1.
+
+    Notes
+    -----
+    The linearised system M theta'' + K theta = 0 has the mass matrix of `npend_gym.physics`,
+    M_ij = l_i l_j sum_{k>=max(i,j)} m_k for point masses, full where the paper has it diagonal,
+    and K = diag(g h), h_i = l_i sum_{k>=i} m_k. The inverse of that M is tridiagonal, so that
+    omega^2 are the eigenvalues of the symmetric tridiagonal K^(1/2) M^(-1) K^(1/2). With links,
+    h is `Chain.lift`; a link with h < 0 rests upright, and its angles are measured from there.
+    """
+    _checks.count("n", chain.n, high=MAX_DENSE)
+    if chain.has_bobs:
+        squares, vectors = eigh_tridiagonal(*_stiffness(chain))
+        modes = vectors / np.sqrt(chain.lengths * chain.carried_masses)[:, None]
+    else:
+        direction = _resting(chain)
+        inertia = link_inertia(chain) * np.outer(direction, direction) + rotor_inertia(chain)
+        squares, modes = eigh(np.diag(chain.gravity * np.abs(chain.lift)), inertia)
+    peak = modes[np.argmax(np.abs(modes), axis=0), np.arange(chain.n)]
+    return np.sqrt(np.maximum(squares, 0.0)), modes / peak
+
+
+def fundamental_period(chain: Chain) -> float:
+    """Return the period [s] of the slowest normal mode.
+
+    NaN where nothing swings back: without gravity, or where a link is balanced on its joint.
+    """
+    frequency = _frequency(chain, 0) if chain.gravity > 0.0 else 0.0
+    return 2.0 * math.pi / frequency if frequency > 0.0 else math.nan
+
+
+def fastest_frequency(chain: Chain) -> float:
+    """Return the angular frequency [rad/s] of the fastest normal mode; zero without gravity."""
+    return _frequency(chain, chain.n - 1)
+
+
+def decay_rate(chain: Chain, damping: FloatArray, drag: FloatArray) -> float:
+    """Return the rate [1/s] at which the most damped motion of the hanging chain decays.
+
+    Parameters
+    ----------
+    chain : Chain
+    damping, drag : ndarray, shape (n,)
+        Torque on each joint over its speed [N m s/rad], force on each tip over its speed [N s/m].
+    """
+    none = np.zeros(chain.n)
+    return _eigenvalue(chain, none, damping, drag, chain.n - 1)
+
+
+def _frequency(chain: Chain, k: int) -> float:
+    if not chain.has_bobs:
+        none, stiffness = np.zeros(chain.n), chain.gravity * np.abs(chain.lift)
+        return math.sqrt(_eigenvalue(chain, stiffness, none, none, k))
+    if chain.n == 1:  # older SciPy refuses matrices of one entry
+        return math.sqrt(float(_stiffness(chain)[0][0]))
+    square = eigh_tridiagonal(
+        *_stiffness(chain), eigvals_only=True, select="i", select_range=(k, k), tol=0.0
+    )[0]
+    return math.sqrt(max(float(square), 0.0))
+
+
+def _stiffness(chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Return diagonal and off-diagonal of K^(1/2) M^(-1) K^(1/2) [1/s^2]."""
+    v = 1.0 / chain.masses
+    scale = np.sqrt(chain.gravity * chain.carried_masses / chain.lengths)
+    at_joint = np.concatenate([[0.0], v])
+    return (at_joint[:-1] + v) * scale**2, -v[:-1] * scale[:-1] * scale[1:]
+
+
+def _resting(chain: Chain) -> FloatArray:
+    """Return 1 for links that hang at rest, -1 for those that rest upright, shape (n,)."""
+    return np.where(chain.lift < 0.0, -1.0, 1.0)
+
+
+def _eigenvalue(
+    chain: Chain, stiffness: FloatArray, damping: FloatArray, drag: FloatArray, k: int
+) -> float:
+    """Return eigenvalue k, in increasing order, of M^(-1) B, B being as in `pivots`."""
+    from npend_gym.theory.pivots import eigenvalue
+
+    direction = _resting(chain)
+    at_rest = direction * chain.lengths, direction * chain.centres
+    motors = chain.armature, 1.0 / chain.gear - 1.0
+    bodies = np.array([*at_rest, chain.masses, chain.inertias, *motors])
+    return eigenvalue(bodies, np.array([stiffness, damping, drag]), k)
