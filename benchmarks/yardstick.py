@@ -21,8 +21,8 @@ import numpy as np
 
 from npend_gym._machine import machine
 from npend_gym.compiled.packs import WIDTH, bare, packs
-from npend_gym.physics.kernels.dynamics import ChainArrays
 from npend_gym.physics.kernels.rk4 import RK4_ROWS, rk4_step
+from npend_gym.physics.kernels.tensions import ChainArrays
 
 LANES, STEPS, H, GRAVITY = 256, 20, 1e-3, 9.81
 ROUNDS = 60
@@ -46,8 +46,7 @@ def ours(groups, n, steps, h, theta, omega, torque, v, l, inverse_l, damping, g,
             inverse_l[first:last],
             damping,
             g,
-            damping[:0],  # no drag, and a pivot at rest
-            damping[:0],
+            damping[:0],  # no drag
             damping[:0],
         )
         for _ in range(steps):

@@ -28,9 +28,9 @@ GOLDEN: dict[str, str] = {
     "simulate, rk4":
         "73713f4137f1f45fcd8c3a77cfedfa73cf9dd3d08a078b26e38831f87f9277c2",
     "simulate, cart":
-        "e1cb2f2a351aa1eb6b02885996a334a93f29c2e4c76e203e20e2aa407d749d7c",
+        "e537470cb20b866221ec846efad135ee31f023581a05b5575a2aa8a2c5440032",
     "simulate, shaken pivot":
-        "bc20798ae832bf7978b4f8d067595ae976a0300b5b9ff3c93e8787b7d042bded",
+        "b72167d3077461a9343dbd0fb54f056881ba2e6c7c5acc7abae2b9c4af68377f",
     "simulate, drag":
         "f05dc6231a8b15f2bb5713d86485b9eee9b100cb6dd91cff0e5c579ea977c9e1",
     "pseudo-periods, bob":

@@ -16,7 +16,7 @@ from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_pe
 from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels.dop853 import Problem, new_solver
-from npend_gym.physics.kernels.dynamics import chain_arrays
+from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.releases import (
     RELEASE_ROWS,
@@ -187,7 +187,7 @@ def _measured(
     # lanes to spare repeat the last release
     theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
     solver = new_solver(0.0, innermost(np.hstack([theta, omega])), lanes)
-    problem = Problem(chain_arrays(*[chain] * lanes), np.zeros(n * lanes), rtol, 1e-2 * rtol)
+    problem = Problem(arrays_of(chain.repeated(lanes)), np.zeros(n * lanes), rtol, 1e-2 * rtol)
     record = new_record(innermost(theta), innermost(_orientation(chain, theta, code)))
     threshold = _threshold(chain, omega, code, rtol)
     release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])

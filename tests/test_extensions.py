@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 from npend_gym import Chain, Trajectory, pseudo_periods, simulate
 from npend_gym.physics import linearise
 from npend_gym.physics.energy import velocities
-from npend_gym.physics.kernels.dynamics import derivative, new_work
-from npend_gym.physics.pivot import Pivot, kernel_arguments
+from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
+from npend_gym.physics.pivot import Pivot
 
 
 @cache
@@ -46,19 +46,24 @@ def lagrangian(n):
     return sp.lambdify(symbols, (by_speed.jacobian(u), force), cse=True)
 
 
-def dense(chain, theta, omega, torque, cart=1.0, push=0.0):
+def dense(chain, theta, omega, torque, cart=1.0, push=0.0, velocity=(0.0, 0.0)):
     matrix, force = lagrangian(chain.n)(
-        [0.0, 0.0, *theta], [0.0, 0.0, *omega], chain.masses, chain.lengths, torque,
+        [0.0, 0.0, *theta], [*velocity, *omega], chain.masses, chain.lengths, torque,
         chain.damping, chain.drag, chain.quadratic_drag, cart, push, chain.gravity,
     )  # fmt: skip
     return matrix, force[:, 0]
 
 
-def accelerate(chain, theta, omega, torque, **pivot):
-    change = np.empty(2 * chain.n)
-    state = np.concatenate([theta, omega])
-    derivative(state, torque, kernel_arguments(chain, Pivot(**pivot)), new_work(chain.n), change)
-    return change[chain.n :]
+def accelerate(chain, theta, omega, torque, velocity=(0.0, 0.0), **options):
+    """Return the accelerations of the rods, and those of a pivot that moves."""
+    pivot = Pivot(velocity=tuple(velocity), **options)
+    base = [0.0, 0.0] if pivot.moves else []
+    state = np.concatenate([theta, base, omega, velocity if pivot.moves else []])
+    forces = np.concatenate([torque, [pivot.force, 0.0] if pivot.moves else []])
+    change = np.empty(state.size)
+    rods = arrays_of(chain.repeated(1), pivot.base)
+    derivative(state, forces, rods, new_work(chain.n), change)
+    return change[state.size // 2 :]
 
 
 def cases(n, drag=True):
@@ -84,21 +89,28 @@ def test_drag_is_that_of_the_lagrangian(n):
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
-def test_an_accelerated_pivot_is_that_of_the_lagrangian(n):
-    for chain, theta, omega, torque, _, given in cases(n, drag=False):
-        matrix, force = dense(chain, theta, omega, torque)
+def test_an_accelerated_pivot_is_that_of_the_lagrangian_with_drag_too(n):
+    for chain, theta, omega, torque, _, given in cases(n):
+        velocity = given[::-1]
+        matrix, force = dense(chain, theta, omega, torque, velocity=velocity)
         expected = np.linalg.solve(matrix[2:, 2:], force[2:] - matrix[2:, :2] @ given)
-        agree(accelerate(chain, theta, omega, torque, acceleration=given), expected)
+        found = accelerate(chain, theta, omega, torque, velocity, acceleration=tuple(given))
+        agree(found[:n], expected)
+        np.testing.assert_array_equal(found[n:], given)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
-def test_a_cart_is_that_of_the_lagrangian(n):
-    for chain, theta, omega, torque, cart, (push, _) in cases(n, drag=False):
-        matrix, force = dense(chain, theta, omega, torque, cart, push)
+def test_a_cart_is_that_of_the_lagrangian_with_drag_and_a_rail_that_resists(n):
+    for chain, theta, omega, torque, cart, (push, speed) in cases(n):
+        rail, velocity = 0.3, (speed, 0.0)
+        matrix, force = dense(chain, theta, omega, torque, cart, push - rail * speed, velocity)
         moving = np.array([0, *range(2, n + 2)])  # not up
         expected = np.linalg.solve(matrix[np.ix_(moving, moving)], force[moving])
-        pushed = accelerate(chain, theta, omega, torque, cart_mass=cart, force=push)
-        agree(pushed, expected[1:])
+        pushed = accelerate(
+            chain, theta, omega, torque, velocity, cart_mass=cart, force=push, rail_damping=rail
+        )
+        agree(pushed[:n], expected[1:])
+        agree(pushed[n:], [expected[0], 0.0])
 
 
 def test_the_terms_are_there_in_long_chains_of_even_and_odd_length():
@@ -112,9 +124,9 @@ def test_the_terms_are_there_in_long_chains_of_even_and_odd_length():
     # a free fall of the pivot takes gravity away, a cart of great mass is a pivot at rest
     chain, spin = Chain(masses, lengths), (theta, omega, np.zeros(n))
     weightless = accelerate(Chain(masses, lengths, gravity=0.0), *spin)
-    agree(accelerate(chain, *spin, acceleration=(0.0, -chain.gravity)), weightless)
+    agree(accelerate(chain, *spin, acceleration=(0.0, -chain.gravity))[:n], weightless)
     heavy = accelerate(chain, *spin, cart_mass=1e16)
-    agree(heavy, accelerate(chain, *spin))
+    agree(heavy[:n], accelerate(chain, *spin))
 
 
 DRAGGED = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], 9.81, 0.05, [0.3, 0.1, 0.2], [0.2, 0.5, 0.1])
@@ -159,9 +171,9 @@ def test_work_of_the_force_on_a_cart_and_of_the_torque_balances_all_energy(uneve
     cart, push, torque = 1.5, 3.0, np.array([2.0, 0.0, -1.0, 0.5])
     path = simulate(
         uneven, [0.8, -0.3, 1.0, 2.0], 0.1, np.linspace(0.0, 3.0, 31), torque=torque,
-        cart_mass=cart, force=push, **options,
+        cart_mass=cart, force=push, pivot_velocity=-0.7, **options,
     )  # fmt: skip
-    position, velocity = path.cart(position=0.5, velocity=-0.7)
+    position, velocity = path.cart(position=0.5)
     assert (position[0], velocity[0]) == pytest.approx((0.5, -0.7))
     bobs = path.velocities() + velocity[:, None, None] * [1.0, 0.0]
     extra = 0.5 * ((bobs**2).sum(axis=2) - (path.velocities() ** 2).sum(axis=2)) @ uneven.masses
@@ -173,8 +185,9 @@ def test_work_of_the_force_on_a_cart_and_of_the_torque_balances_all_energy(uneve
 
 def test_the_velocity_of_the_cart_is_the_change_of_its_position(uneven):
     times = np.linspace(0.0, 1.0, 1001)
-    path = simulate(uneven, [0.8, -0.3, 1.0, 2.0], 1.0, times, cart_mass=0.7, force=2.0)
-    position, velocity = path.cart(velocity=0.3)
+    path = simulate(uneven, [0.8, -0.3, 1.0, 2.0], 1.0, times, cart_mass=0.7, force=2.0,
+                    pivot_velocity=0.3)  # fmt: skip
+    position, velocity = path.cart()
     moved = CubicSpline(times, velocity).antiderivative()(times)
     np.testing.assert_allclose(position, moved, rtol=0, atol=1e-7)
     assert np.ptp(velocity) > 1.0
@@ -183,10 +196,13 @@ def test_the_velocity_of_the_cart_is_the_change_of_its_position(uneven):
 def test_a_cart_in_segments_is_a_cart_in_one_and_survives_saving(uneven, tmp_path):
     whole = simulate(uneven, 0.8, 0.1, [0.0, 1.0, 2.0], cart_mass=2.0, force=1.0)
     first = simulate(uneven, 0.8, 0.1, [0.0, 1.0], cart_mass=2.0, force=1.0)
-    then = simulate(uneven, first.theta[-1], first.omega[-1], [1.0, 2.0], cart_mass=2.0, force=1.0)
+    place, speed = (motion[-1] for motion in first.cart())
+    then = simulate(
+        uneven, first.theta[-1], first.omega[-1], [1.0, 2.0], cart_mass=2.0, force=1.0,
+        pivot_velocity=speed,
+    )  # fmt: skip
     then.save(tmp_path / "then.npz")
-    start = [motion[-1] for motion in first.cart()]
-    again = Trajectory.load(tmp_path / "then.npz").cart(*start)
+    again = Trajectory.load(tmp_path / "then.npz").cart(place)
     np.testing.assert_allclose(again, np.array(whole.cart())[:, 1:], rtol=0, atol=1e-8)
 
 
@@ -303,8 +319,10 @@ def test_a_chain_knows_its_drag():
         ({"force": 1.0}, ValueError, "cart_mass must be given with it"),
         ({"cart_mass": 1.0, "force": np.inf}, ValueError, "force must be finite"),
         ({"cart_mass": 1.0, "pivot_acceleration": (0, 1)}, ValueError, "must be None with cart"),
-        ({"cart_mass": 1.0, "chain": DRAGGED}, ValueError, "quadratic_drag of the chain must be 0"),
-        ({"pivot_acceleration": (0, 1), "chain": DRAGGED}, ValueError, "drag is known only where"),
+        ({"rail_damping": 1.0}, ValueError, "cart_mass must be given with it"),
+        ({"cart_mass": 1.0, "rail_damping": -1.0}, ValueError, "rail_damping must be zero or more"),
+        ({"pivot_velocity": 1.0}, ValueError, "pivot_velocity needs a pivot that moves"),
+        ({"cart_mass": 1.0, "pivot_velocity": (0, 1)}, ValueError, "must be 0 upwards for a cart"),
     ],
 )
 def test_bad_motions_of_the_pivot_are_refused_by_name(arguments, error, message):
@@ -317,5 +335,5 @@ def test_bad_motions_of_the_pivot_are_refused_by_name(arguments, error, message)
 def test_there_is_no_cart_without_a_mass(uneven):
     with pytest.raises(ValueError, match="cart_mass"):
         simulate(uneven, 0.1, 0.0, [0.0, 1.0]).cart()
-    with pytest.raises(TypeError, match="velocity must be a real number"):
-        simulate(uneven, 0.1, 0.0, [0.0, 1.0], cart_mass=1.0).cart(0.0, "fast")
+    with pytest.raises(TypeError, match="position must be a real number"):
+        simulate(uneven, 0.1, 0.0, [0.0, 1.0], cart_mass=1.0).cart("there")

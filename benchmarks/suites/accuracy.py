@@ -24,7 +24,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics import simulate
 from npend_gym.physics.energy import energy
-from npend_gym.physics.kernels.dynamics import chain_arrays, derivative, new_work
+from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
 from suites.dynamics import mujoco_chain
 from suites.timing import Peers
 
@@ -104,7 +104,7 @@ def _scipy(
     chain: Chain, times: FloatArray, method: Literal["DOP853", "LSODA"], rtol: float
 ) -> Solver:
     n = chain.n
-    rods, torque, work = chain_arrays(chain), np.zeros(n), new_work(n)
+    rods, torque, work = arrays_of(chain.repeated(1)), np.zeros(n), new_work(n)
     start = np.concatenate([np.full(n, np.pi / 4), np.zeros(n)])
 
     def right_side(_t: float, y: FloatArray) -> FloatArray:

@@ -11,15 +11,10 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.compiled.aligned import aligned_zeros, innermost
+from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH, packs
-from npend_gym.physics.kernels.dynamics import (
-    ChainArrays,
-    accelerations,
-    chain_arrays,
-    new_work,
-)
+from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, arrays_of, new_work
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_step
 from suites.timing import Job, Peers, Row, rates
 
@@ -57,7 +52,7 @@ def growth() -> Row:
 
 @kernel
 def _repeat_evaluation(
-    theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: ChainArrays, work: FloatArray,
+    theta: FloatArray, omega: FloatArray, torque: FloatArray, rods: AnyArrays, work: FloatArray,
     alpha: FloatArray, times: int,
 ) -> None:  # fmt: skip
     """Evaluate the dynamics many times, as an integrator does: from compiled code."""
@@ -67,7 +62,7 @@ def _repeat_evaluation(
 
 @kernel
 def _repeat_step(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: ChainArrays,
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: AnyArrays,
     scratch: FloatArray, times: int,
 ) -> None:  # fmt: skip
     for _ in range(times):
@@ -76,15 +71,11 @@ def _repeat_step(
 
 @kernel
 def _repeat_steps(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: ChainArrays,
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, rods: AnyArrays,
     scratch: FloatArray, times: int,
 ) -> None:  # fmt: skip
     """Take steps with groups of WIDTH equal chains, (groups, n WIDTH)."""
-    wide = ChainArrays(
-        packs(rods.inverse_mass), packs(rods.length), packs(rods.inverse_length),
-        packs(rods.damping), packs(rods.gravity), packs(rods.drag), packs(rods.quadratic_drag),
-        packs(rods.pivot),
-    )  # fmt: skip
+    wide = packs(rods)
     for group in range(theta.shape[0]):
         x, w = packs(theta[group]), packs(omega[group])
         for _ in range(times):
@@ -94,7 +85,7 @@ def _repeat_steps(
 def evaluations(n: int) -> Job:
     """Return the job of evaluating the dynamics of one chain released from pi/4."""
     theta, rest = np.full(n, np.pi / 4), np.zeros(n)
-    rods, work, alpha = chain_arrays(Chain.uniform(n)), new_work(n), np.zeros(n)
+    rods, work, alpha = arrays_of(Chain.uniform(n).repeated(1)), new_work(n), np.zeros(n)
 
     def run(calls: int) -> None:
         _repeat_evaluation(theta, rest, rest, rods, work, alpha, calls)
@@ -105,7 +96,7 @@ def evaluations(n: int) -> Job:
 def steps(n: int) -> Job:
     """Return the job of taking Runge-Kutta steps with one chain released from pi/4."""
     theta, omega, torque = np.full(n, np.pi / 4), np.zeros(n), np.zeros(n)
-    rods, scratch = chain_arrays(Chain.uniform(n)), new_rk4_scratch(n)
+    rods, scratch = arrays_of(Chain.uniform(n).repeated(1)), new_rk4_scratch(n)
 
     def run(calls: int) -> None:
         _repeat_step(theta, omega, _H, torque, rods, scratch, calls)
@@ -118,7 +109,7 @@ def many_steps(n: int, lanes: int) -> Job:
     groups, size = lanes // WIDTH, n * WIDTH
     theta, omega = aligned_zeros(groups, size), aligned_zeros(groups, size)
     theta[:] = np.pi / 4
-    rods = ChainArrays(*(innermost([row] * WIDTH) for row in chain_arrays(Chain.uniform(n))))
+    rods = arrays_of(Chain.uniform(n).repeated(WIDTH))
     scratch, torque = new_rk4_scratch(n, WIDTH), aligned_zeros(size)
 
     def run(calls: int) -> None:

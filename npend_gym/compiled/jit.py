@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
@@ -69,8 +69,22 @@ if TYPE_CHECKING:
         """
         return function
 
+    def chosen_by_type(
+        argument: str, kernels: Mapping[type | int, Callable[..., Any]]
+    ) -> Callable[[_F], _F]:
+        """Give the decorated function, in compiled code, the text of one of `kernels`.
+
+        The one for the type of `argument`: a NamedTuple, or else the number of entries of a tuple,
+        0 for None. All have the parameters of the function.
+        """
+        del argument, kernels
+        return lambda function: function
+
 else:
+    import inspect
+
     from numba import config, njit
+    from numba.extending import overload
 
     from npend_gym.compiled.notice import announce_first_compilation
 
@@ -105,3 +119,24 @@ else:
     def spliced_kernel(function):
         """Compile `function` as if its text stood in its caller's."""
         return njit(inline="always", **_INNER)(function)
+
+    def chosen_by_type(argument, kernels):
+        """Give the decorated function, in compiled code, the text of one of `kernels`."""
+
+        def decorate(function):
+            for one in (function, *(each.py_func for each in kernels.values())):
+                one.__annotations__ = {}  # Numba compares the signatures, with these
+            signature = inspect.signature(function)
+            place = list(signature.parameters).index(argument)
+
+            def choose(*arguments):
+                given = arguments[place]
+                kind = getattr(given, "instance_class", None) or getattr(given, "count", 0)
+                return kernels[kind].py_func
+
+            choose.__signature__ = signature
+            options = {"forceinline": True, "nogil": True, "error_model": "numpy"}
+            overload(function, jit_options=options)(choose)
+            return function
+
+        return decorate

@@ -8,7 +8,7 @@ over the lanes. Each lane's arithmetic is that of a float, to the last bit, what
 `where`, `larger` and `any_of` do for packs, and for floats too, what `if` cannot.
 """
 
-# ruff: noqa: ARG001, ARG002  Numba hands these functions more than they need
+# ruff: noqa: ARG001, ARG002, ARG005  Numba hands these functions more than they need
 from __future__ import annotations
 
 import math
@@ -24,7 +24,7 @@ WIDTH = 16  # more than fit the registers, so that the processor need not wait f
 
 _T = TypeVar("_T")
 
-NumbersOf = Callable[[FloatArray], FloatArray]  # `packs` or `bare`
+NumbersOf = Callable[[Any], Any]  # `packs` or `bare`
 
 if TYPE_CHECKING:
 
@@ -35,8 +35,11 @@ if TYPE_CHECKING:
         """
         return array
 
-    def packs(array: FloatArray) -> FloatArray:
-        """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
+    def packs(array: _T) -> _T:
+        """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m).
+
+        Of a tuple of arrays: a view of each; `bare` does the same.
+        """
         return array
 
     def where(condition: bool, a: _T, b: _T) -> _T:
@@ -191,25 +194,41 @@ else:
         )
         return view._getvalue()  # noqa: SLF001  as all of Numba's extensions do
 
+    def _viewed(given, type_of, lanes):
+        """Return signature and code of a view; of each array where `given` is a tuple or None."""
+        if given == types.none:
+            return signature(given, given), lambda context, builder, sig, args: args[0]
+        if isinstance(given, types.Array):
+            view = type_of(given)
+
+            def one(context, builder, sig, args):
+                return _view(context, builder, given, args[0], view, lanes)
+
+            return signature(view, given), one
+        views = [type_of(array) for array in given]
+        named = getattr(given, "instance_class", None)
+        result = types.NamedTuple(views, named) if named else types.Tuple(views)
+
+        def each(context, builder, sig, args):
+            arrays = cgutils.unpack_tuple(builder, args[0], len(views))
+            made = [
+                _view(context, builder, old, array, view, lanes)
+                for old, array, view in zip(given, arrays, views, strict=True)
+            ]
+            return context.make_tuple(builder, result, made)
+
+        return signature(result, given), each
+
     @intrinsic
     def bare(typingctx, array):
         """Return a view of `array` that does not keep it alive; its caller must."""
-
-        def codegen(context, builder, sig, args):
-            return _view(context, builder, array, args[0], array, 1)
-
-        return signature(array, array), codegen
+        return _viewed(array, lambda one: one, 1)
 
     @intrinsic
     def packs(typingctx, array):
         """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
         # not aligned: a pack may begin at any float
-        view = types.Array(_FLOATS, array.ndim, "C", aligned=False)
-
-        def codegen(context, builder, sig, args):
-            return _view(context, builder, array, args[0], view, WIDTH)
-
-        return signature(view, array), codegen
+        return _viewed(array, lambda one: types.Array(_FLOATS, one.ndim, "C", aligned=False), WIDTH)
 
     @intrinsic
     def _select(typingctx, condition, a, b):

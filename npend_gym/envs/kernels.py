@@ -16,8 +16,17 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.compiled.sincos import ROUND
+from npend_gym.physics.kernels.dynamics import energies
 from npend_gym.physics.kernels.ensemble import advance_group, bob_velocities
-from npend_gym.physics.kernels.layout import Group, Member, Rod, Scratch, Timing, group_of
+from npend_gym.physics.kernels.layout import (
+    Group,
+    Member,
+    Model,
+    Rod,
+    Scratch,
+    Timing,
+    group_of,
+)
 
 ObsArray = NDArray[np.float32]
 
@@ -92,16 +101,11 @@ def _judge(
     The energy of lanes that start becomes that of the start.
     """
     s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
-    vertical = kinetic = lift = tip = total = 0.0
-    for i in range(group.theta.size):
-        horizontal, length = group.velocity[i], group.chain.length[i]
-        vertical = vertical + length * (group.omega[i] * s[i])
-        speed_squared = horizontal * horizontal + vertical * vertical
-        kinetic = kinetic + (0.5 * group.mass[i]) * speed_squared
-        # 1 - cos, without cancellation near the bottom
-        near = (s[i] * s[i]) / (1.0 + where(c[i] > 0.0, c[i], 0.0))
-        lift = lift + group.carried[i] * where(c[i] > 0.0, near, 1.0 - c[i])
-        tip = tip - length * c[i]
+    kinetic, lift, tip = energies(
+        group.omega, group.carried, group.mass, group.velocity, group.chain, s, c
+    )
+    total = 0.0
+    for i in range(group.velocity.size):
         period = group.record.period[i]
         total = total + where(period > 0.0, period, 0.0)
     energy = kinetic + group.chain.gravity[0] * lift
@@ -170,14 +174,15 @@ def _observe(
 
 @spliced_kernel
 def _step(
-    view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, actions: FloatArray,
-    outputs: tuple[ObsArray, FloatArray, FloatArray], timing: FloatArray, scratch: FloatArray,
+    view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
+    actions: FloatArray, outputs: tuple[ObsArray, FloatArray, FloatArray], timing: FloatArray,
+    scratch: FloatArray,
 ) -> None:  # fmt: skip
     observation, quantities, per_rod = outputs
     numbers, work = view(members), view(scratch)
     observes = timing[Timing.SUBSTEPS] == 0.0
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(numbers, view(rods), g)
+        group = group_of(numbers, view(rods), view(model), g)
         if observes:
             if not any_of(numbers[Episode.OBSERVED, g] > 0.0):
                 continue
@@ -195,26 +200,29 @@ def _step(
 
 @kernel
 def step_one(
-    members: FloatArray, rods: FloatArray, actions: FloatArray, observation: ObsArray,
-    quantities: FloatArray, per_rod: FloatArray, timing: FloatArray, scratch: FloatArray,
+    members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
+    observation: ObsArray, quantities: FloatArray, per_rod: FloatArray, timing: FloatArray,
+    scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of one environment; see `step_many`."""
     outputs = bare(observation), bare(quantities), bare(per_rod)
     _step(
-        bare, 1, bare(members), bare(rods), bare(actions), outputs, bare(timing), bare(scratch)
+        bare, 1, bare(members), bare(rods), bare(model), bare(actions), outputs, bare(timing),
+        bare(scratch),
     )  # fmt: skip
 
 
 @kernel
 def step_many(
-    members: FloatArray, rods: FloatArray, actions: FloatArray, observation: ObsArray,
-    quantities: FloatArray, per_rod: FloatArray, timing: FloatArray, scratch: FloatArray,
+    members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
+    observation: ObsArray, quantities: FloatArray, per_rod: FloatArray, timing: FloatArray,
+    scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of the active lanes, and write what is told of every lane.
 
     Parameters
     ----------
-    members, rods, timing, scratch
+    members, rods, model, timing, scratch
         As for `npend_gym.physics.kernels.ensemble.advance_many`, `members` with the rows of
         `Episode`. With 0 substeps nothing moves: the call only observes, in the groups with a lane
         to be OBSERVED.
@@ -227,6 +235,6 @@ def step_many(
     """
     outputs = bare(observation), bare(quantities), bare(per_rod)
     _step(
-        packs, WIDTH, bare(members), bare(rods), bare(actions), outputs, bare(timing),
-        bare(scratch),
+        packs, WIDTH, bare(members), bare(rods), bare(model), bare(actions), outputs,
+        bare(timing), bare(scratch),
     )  # fmt: skip

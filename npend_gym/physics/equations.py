@@ -17,7 +17,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
 from npend_gym.chain.inertia import link_inertia, rotor_inertia
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
-from npend_gym.physics.kernels.dynamics import chain_arrays, new_work
+from npend_gym.physics.kernels.dynamics import arrays_of, new_work
 from npend_gym.physics.kernels.states import solve_states
 
 
@@ -116,5 +116,5 @@ def _solve(
     result = np.empty((2, *states[0].shape))
     theta, omega, torque = (value.reshape(-1, n) for value in states)
     alpha, tension = result.reshape(2, -1, n)
-    solve_states(theta, omega, torque, chain_arrays(chain), new_work(n), alpha, tension)
+    solve_states(theta, omega, torque, arrays_of(chain.repeated(1)), new_work(n), alpha, tension)
     return result[0], result[1]

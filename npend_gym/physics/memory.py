@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers
-from npend_gym.chain import ChainParameters
+from npend_gym.chain import SIMPLE_FIELDS, ChainParameters
 from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.physics.energy import sideways
 from npend_gym.physics.kernels.ensemble import MAX_PARTS
-from npend_gym.physics.kernels.layout import Member, Rod, Timing, group_width, new_scratch
+from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
+from npend_gym.physics.kernels.links import model_terms
 from npend_gym.physics.kernels.turning_points import speed_threshold
 
 Indices = NDArray[np.int64]
@@ -40,28 +41,42 @@ class Memory:
         Threads that share the members. No result depends on it.
     spare_rows : int
         Rows after those of `Member` in `members`, for the use of the caller.
+    base : ndarray, optional
+        The entries of `links.Base` where the pivots are carts.
 
     Attributes
     ----------
-    arrays : tuple of ndarray
-        `members`, shape (rows, lanes), and `rods`, shape (groups, len(Rod), (n + 1) * width). The
-        last group is filled up with chains that hang at rest.
+    arrays : tuple
+        `members`, shape (rows, lanes), `rods`, shape (groups, len(Rod), (n + 1) * width), and the
+        model: what the kind of chain needs beside these. The last group is filled up with chains
+        that hang at rest.
     groups, width : int
         Number of groups, and of members in each.
     """
 
     def __init__(
-        self, chains: ChainParameters, size: int, threads: int = 1, spare_rows: int = 0
+        self,
+        chains: ChainParameters,
+        size: int,
+        threads: int = 1,
+        spare_rows: int = 0,
+        base: FloatArray | None = None,
     ) -> None:
         self.n, self.size = chains.masses.shape[1], size
         self.threads = _checks.count("threads", threads, high=MAX_THREADS)
         self.width = group_width(size)
         self.groups = -(-size // self.width)
         lanes = self.groups * self.width
-        self.arrays = (
+        self._base, terms = base, model_terms(chains, base)
+        self.arrays: tuple[FloatArray, FloatArray, Model] = (
             aligned_zeros(len(Member) + spare_rows, lanes),
             aligned_zeros(self.groups, len(Rod), (self.n + 1) * self.width),
+            tuple(aligned_zeros(self.groups, len(t), t.shape[2] * self.width) for t in terms)
+            or None,
         )
+        # What the kernels take in another form: for chains that are not ideal
+        names = ChainParameters._fields[len(SIMPLE_FIELDS) :] if terms else ()
+        self._others = {name: np.zeros((lanes, self.n)) for name in names}
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._timing = np.zeros((threads, len(Timing)))
         self._plan: tuple[float, int, float] | None = None  # of the last `run`
@@ -100,7 +115,7 @@ class Memory:
     @property
     def parameters(self) -> ChainParameters:
         """The parameters of the members' chains."""
-        return ChainParameters.ideal(
+        common = (
             self.read(Rod.MASS),
             self.read(Rod.LENGTH),
             self.members[Member.GRAVITY].copy(),
@@ -108,6 +123,9 @@ class Memory:
             self.read(Rod.DRAG),
             self.read(Rod.QUADRATIC_DRAG),
         )
+        if not self._others:
+            return ChainParameters.ideal(*common)
+        return ChainParameters(*common, *(row[: self.size] for row in self._others.values()))
 
     def write_state(self, members: Indices, theta: FloatArray, omega: FloatArray) -> None:
         """Put some members into states, and begin to measure from there."""
@@ -116,9 +134,15 @@ class Memory:
         self.restart(members)
 
     def write_chain(self, members: Indices, chains: ChainParameters) -> None:
-        """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""
-        place = self.place(members)
-        carried = chains.carried_masses * chains.lengths
+        """Give some members, k of them, the parameters (k, n); or (1, n), the same to all.
+
+        Raises
+        ------
+        ValueError
+            If they need more than the chain that the memory was made for.
+        """
+        place, models = self.place(members), self.arrays[2] or ()
+        terms = model_terms(chains, self._base, len(models))
         for field, values in (
             (Rod.MASS, chains.masses),
             (Rod.LENGTH, chains.lengths),
@@ -126,12 +150,19 @@ class Memory:
             (Rod.DAMPING, chains.damping),
             (Rod.DRAG, chains.drag),
             (Rod.QUADRATIC_DRAG, chains.quadratic_drag),
-            (Rod.CARRIED, carried),
+            (Rod.CARRIED, chains.lift),
         ):
             self.per_rod(field)[place] = values
         # at joints 0..n: zero at the pivot, because it cannot move
         self._rods[:, Rod.INVERSE_MASS, 1:].swapaxes(1, 2)[place] = 1.0 / chains.masses
         self.arrays[0][Member.GRAVITY, members] = chains.gravity
+        for model, values in zip(models, terms, strict=True):
+            columns = model.shape[2] // self.width
+            by_lane = model.reshape(*model.shape[:2], columns, self.width)
+            lanes_first = by_lane.transpose(0, 3, 1, 2)
+            lanes_first[place] = values.swapaxes(0, 1)
+        for name, values in self._others.items():
+            values[members] = getattr(chains, name)
 
     def restart(self, members: Indices) -> None:
         """Begin to measure from the present state of some members."""

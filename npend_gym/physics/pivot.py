@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
-from npend_gym.physics.energy import positions, velocities
-from npend_gym.physics.kernels.dynamics import ChainArrays, chain_arrays
+from npend_gym.physics.kernels.links import Base
 
 
 @dataclass(frozen=True)
@@ -27,25 +25,55 @@ class Pivot:
         Mass [kg] of the cart, where one carries the pivot.
     force : float
         Constant horizontal force on the cart [N].
+    rail_damping : float
+        Viscous damping of the cart on its rail [N s/m].
+    velocity : (float, float)
+        Of the pivot at the start, sideways and up [m/s].
     """
 
     acceleration: tuple[float, float] | None = None
     cart_mass: float | None = None
     force: float = 0.0
+    rail_damping: float = 0.0
+    velocity: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the pivot is not at rest."""
+        return self.cart_mass is not None or self.acceleration is not None
+
+    @property
+    def base(self) -> FloatArray | None:
+        """The entries of `kernels.links.Base`, shape (4,); None where the pivot is at rest."""
+        if not self.moves:
+            return None
+        entries = np.zeros(len(Base))
+        if self.cart_mass is not None:
+            entries[Base.INVERSE_MASS] = 1.0 / self.cart_mass
+            entries[Base.DAMPING] = self.rail_damping
+        if self.acceleration is not None:
+            entries[Base.ACROSS], entries[Base.UP] = self.acceleration
+        return entries
 
     def as_dict(self) -> dict[str, Any]:
         """Return the attributes as plain numbers and lists, ready for JSON."""
-        acceleration = None if self.acceleration is None else list(self.acceleration)
-        return {"acceleration": acceleration, "cart_mass": self.cart_mass, "force": self.force}
+        return {
+            "acceleration": None if self.acceleration is None else list(self.acceleration),
+            "cart_mass": self.cart_mass,
+            "force": self.force,
+            "rail_damping": self.rail_damping,
+            "velocity": list(self.velocity),
+        }
 
 
 def check_pivot(
-    chain: Chain,
     acceleration: ArrayLike | None = None,
     cart_mass: float | None = None,
     force: float = 0.0,
+    rail_damping: float = 0.0,
+    velocity: ArrayLike = 0.0,
 ) -> Pivot:
-    """Return the motion of the pivot of `chain` that the arguments of `simulate` describe.
+    """Return the motion of the pivot that the arguments of `simulate` describe.
 
     Raises
     ------
@@ -53,65 +81,34 @@ def check_pivot(
         If an argument breaks its rule, or they contradict each other.
     """
     force = _checks.number("force", force)
-    if cart_mass is None and force != 0.0:
-        raise ValueError(f"force pushes the cart: cart_mass must be given with it, got {force:g}")
+    rail_damping = _checks.nonnegative_number("rail_damping", rail_damping)
+    if cart_mass is None:
+        for name, value in (("force", force), ("rail_damping", rail_damping)):
+            if value != 0.0:
+                raise ValueError(
+                    f"{name} acts on the cart: cart_mass must be given with it, got {value:g}"
+                )
     if cart_mass is None and acceleration is None:
+        if np.any(_checks.array("pivot_velocity", velocity)):
+            raise ValueError(
+                "pivot_velocity needs a pivot that moves: give cart_mass or pivot_acceleration"
+            )
         return Pivot()
-    if chain.has_drag:
-        raise ValueError(
-            "drag is known only where the pivot rests: with pivot_acceleration or cart_mass, "
-            "drag and quadratic_drag of the chain must be 0"
-        )
+    start = _pair("pivot_velocity", velocity if np.ndim(velocity) else (velocity, 0.0))
     if acceleration is None:
         mass = _checks.positive_number("cart_mass", cart_mass)
-        return Pivot(cart_mass=mass, force=force)
+        if start[1] != 0.0:
+            raise ValueError(f"pivot_velocity must be 0 upwards for a cart, got {start[1]:g}")
+        return Pivot(None, mass, force, rail_damping, start)
     if cart_mass is not None:
         raise ValueError(
             "pivot_acceleration must be None with cart_mass, because forces move a cart"
         )
-    given = _checks.array("pivot_acceleration", acceleration)
+    return Pivot(_pair("pivot_acceleration", acceleration), velocity=start)
+
+
+def _pair(name: str, value: Any) -> tuple[float, float]:
+    given = _checks.array(name, value)
     if given.shape != (2,):
-        raise ValueError(
-            f"pivot_acceleration must be two numbers, sideways and up, got {_checks.show(given)}"
-        )
-    return Pivot(acceleration=(float(given[0]), float(given[1])))
-
-
-def kernel_arguments(chain: Chain, pivot: Pivot) -> ChainArrays:
-    """Return the parameters of `chain`, with its pivot, in the form that the kernels take.
-
-    In the frame of an accelerated pivot there is more gravity, or less: upwards it is g + y''.
-    """
-    rods = chain_arrays(chain)
-    if pivot.cart_mass is not None:
-        inverse = 1.0 / pivot.cart_mass
-        return rods._replace(pivot=np.array([pivot.force * inverse, inverse]))
-    if pivot.acceleration is not None:
-        sideways, up = pivot.acceleration
-        return rods._replace(gravity=rods.gravity + up, pivot=np.array([sideways, 0.0]))
-    return rods
-
-
-def cart_motion(
-    chain: Chain,
-    pivot: Pivot,
-    times: FloatArray,
-    theta: FloatArray,
-    omega: FloatArray,
-    start: tuple[float, float],
-) -> tuple[FloatArray, FloatArray]:
-    """Return position [m] and velocity [m/s] of the cart, (T,) each, from the centre of mass.
-
-    The force is all that acts sideways on cart and chain together, so that their centre of mass
-    moves as if it alone were pushed: nothing needs to be integrated. `start` has position and
-    velocity at ``times[0]``.
-    """
-    if pivot.cart_mass is None:
-        raise ValueError("cart() needs a trajectory made by simulate(..., cart_mass=...)")
-    total = pivot.cart_mass + float(chain.masses.sum())
-    lever = positions(chain, theta)[..., 0] @ chain.masses / total  # of the chain, from the cart
-    drift = velocities(chain, theta, omega)[..., 0] @ chain.masses / total
-    elapsed, pushed = times - times[0], pivot.force / total
-    centre_velocity = start[1] + drift[0] + pushed * elapsed
-    centre = start[0] + lever[0] + (start[1] + drift[0] + 0.5 * pushed * elapsed) * elapsed
-    return centre - lever, centre_velocity - drift
+        raise ValueError(f"{name} must be two numbers, sideways and up, got {_checks.show(given)}")
+    return float(given[0]), float(given[1])

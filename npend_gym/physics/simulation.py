@@ -12,14 +12,14 @@ from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_limits, check_rtol, check_torque
 from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
-from npend_gym.physics.kernels.dynamics import ChainArrays
+from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
-from npend_gym.physics.pivot import check_pivot, kernel_arguments
+from npend_gym.physics.pivot import check_pivot
 from npend_gym.physics.trajectory import MAX_BYTES, Trajectory
 
 METHODS = ("dop853", "rk4")
 _MAX_STEPS = 10**12  # between two times
-# ChainArrays times steps in one compiled call: about a second, after which Ctrl-C is heard
+# Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
 _RODS_PER_CALL = 500_000
 
 
@@ -37,6 +37,8 @@ def simulate(
     pivot_acceleration: ArrayLike | None = None,
     cart_mass: float | None = None,
     force: float = 0.0,
+    rail_damping: float = 0.0,
+    pivot_velocity: ArrayLike = 0.0,
     method: str = "dop853",
     rtol: float = 1e-10,
     atol: float = 1e-12,
@@ -60,10 +62,15 @@ def simulate(
         the last call. With the mean acceleration of each segment, the error decreases as the
         square of their length.
     cart_mass : float, optional
-        Mass [kg] of a cart that carries the pivot along a horizontal rail without friction; see
-        `Trajectory.cart`. The rail bears the reaction of a torque at joint 0.
+        Mass [kg] of a cart that carries the pivot along a horizontal rail; see `Trajectory.cart`.
+        The rail bears the reaction of a torque at joint 0.
     force : float
         Constant horizontal force [N] on the cart. Where it depends on time, use segments, as above.
+    rail_damping : float
+        Viscous damping of the cart on its rail [N s/m].
+    pivot_velocity : float or array_like, shape (2,)
+        Velocity of the pivot at ``times[0]`` [m/s], sideways and up; a number: sideways. The motion
+        of the chain depends on it where there is drag, or damping on the rail.
     method : {"dop853", "rk4"}
         "dop853": order 8(5,3), with steps chosen to meet `rtol` and `atol`. "rk4": order 4, with
         equal steps between two times, as few as possible but none longer than `dt`.
@@ -85,10 +92,10 @@ def simulate(
 
     Notes
     -----
-    The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, see
-    `npend_gym.physics.accelerations`; docs/extensions.md says what drag and a moving pivot add to
-    them. A chain with drag needs a pivot at rest, because drag depends on the velocity of the
-    pivot too. Results are the same bits on every machine.
+    The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, or those of
+    links, friction, rotors and a pivot that moves, solved in O(n) as articulated bodies; see
+    `npend_gym.physics.accelerations` and docs/extensions.md. Results are the same bits on every
+    machine.
     """
     n = check_chain(chain).n
     theta = _checks.vector("theta", theta, n)
@@ -96,17 +103,25 @@ def simulate(
     check_limits(theta, omega)
     times = _check_times(times, n)
     torque = _checks.vector("torque", check_torque(torque, n), n)
-    pivot = check_pivot(chain, pivot_acceleration, cart_mass, force)
+    pivot = check_pivot(pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity)
     settings = _check_settings(method, rtol, atol, dt)
-    rods, state = kernel_arguments(chain, pivot), np.concatenate([theta, omega])
+    rods, state = arrays_of(chain.repeated(1), pivot.base), np.concatenate([theta, omega])
+    forces = torque
+    if pivot.moves:  # place and velocity of the pivot stand after those of the rods
+        state = np.concatenate([theta, [0.0, 0.0], omega, pivot.velocity])
+        forces = np.concatenate([torque, [pivot.force, 0.0]])
     if method == "rk4":
-        frames = _run_rk4(rods, state, times, torque, **settings)
+        frames = _run_rk4(rods, state, times, forces, n, **settings)
     else:
-        frames = _run_dop853(Problem(rods, torque, **settings), state, times)
+        frames = _run_dop853(Problem(rods, forces, **settings), state, times, n)
     made_by = provenance(
         {"method": method, **settings, "torque": torque.tolist(), "pivot": pivot.as_dict()}
     )
-    return Trajectory(chain, times, frames[:, :n].copy(), frames[:, n:].copy(), made_by, pivot)
+    places, rates = np.hsplit(frames, 2)
+    base = [places[:, n:].copy(), rates[:, n:].copy()] if pivot.moves else []
+    return Trajectory(
+        chain, times, places[:, :n].copy(), rates[:, :n].copy(), made_by, pivot, *base
+    )
 
 
 def _check_times(times: ArrayLike, n: int) -> FloatArray:
@@ -136,17 +151,16 @@ def _check_settings(method: str, rtol: float, atol: float, dt: float | None) -> 
 
 
 def _run_rk4(
-    chain: ChainArrays, state: FloatArray, times: FloatArray, torque: FloatArray, dt: float
+    chain: AnyArrays, state: FloatArray, times: FloatArray, torque: FloatArray, n: int, dt: float
 ) -> FloatArray:
-    """Return the state (theta, omega) at each time, (T, 2n), by steps no longer than `dt`."""
+    """Return the state at each time, a row each, by steps no longer than `dt`."""
     intervals = np.diff(times, prepend=times[0])
     if float(intervals.max()) / dt > _MAX_STEPS:
         raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
     steps = np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
-    n = torque.size
-    frames = np.empty((times.size, 2 * n))
+    frames = np.empty((times.size, state.size))
     frames[0] = state
-    progress, scratch, sound = np.array([1, 0, 0]), new_rk4_scratch(n), True
+    progress, scratch, sound = np.array([1, 0, 0]), new_rk4_scratch(torque.size), True
     while sound and progress[0] < times.size:
         progress[2] = max(1, _RODS_PER_CALL // n)
         sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames)
@@ -160,10 +174,9 @@ def _run_rk4(
     return frames
 
 
-def _run_dop853(problem: Problem, state: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the state (theta, omega) at each time, (T, 2n), by steps that meet the tolerances."""
-    n = problem.torque.size
-    frames = np.empty((times.size, 2 * n))
+def _run_dop853(problem: Problem, state: FloatArray, times: FloatArray, n: int) -> FloatArray:
+    """Return the state at each time, a row each, by steps that meet the tolerances."""
+    frames = np.empty((times.size, state.size))
     frames[0] = state
     solver = new_solver(float(times[0]), state)
     done, starting, steps = 1, True, max(1, _RODS_PER_CALL // n)

@@ -14,8 +14,9 @@ from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.pivot import Pivot, cart_motion, check_pivot
+from npend_gym.physics.pivot import Pivot, check_pivot
 
+_OF_PIVOT = ("pivot_position", "pivot_velocity")  # arrays that are there where it moves
 MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
 
 
@@ -36,6 +37,9 @@ class Trajectory:
         What made it: versions, method, tolerances, torque, motion of the pivot.
     pivot : Pivot
         How the pivot moves.
+    pivot_position, pivot_velocity : ndarray, shape (T, 2)
+        Of the pivot, sideways and up, from its place at ``times[0]`` [m and m/s]; None where it
+        is at rest.
 
     Notes
     -----
@@ -48,6 +52,8 @@ class Trajectory:
     omega: FloatArray
     provenance: dict[str, Any] = field(default_factory=dict[str, Any])
     pivot: Pivot = field(default_factory=Pivot)
+    pivot_position: FloatArray | None = None
+    pivot_velocity: FloatArray | None = None
 
     def positions(self) -> FloatArray:
         """Return the positions of the bobs [m], shape (T, n, 2)."""
@@ -65,21 +71,23 @@ class Trajectory:
         """Return the energy above hanging at rest [J], shape (T,)."""
         return _energy.energy(self.chain, self.theta, self.omega)
 
-    def cart(self, position: float = 0.0, velocity: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    def cart(self, position: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return position [m] and velocity [m/s] of the cart, shape (T,) each.
 
         Parameters
         ----------
-        position, velocity : float
-            Those at ``times[0]``. The motion of the chain does not depend on them.
+        position : float
+            That at ``times[0]``. The motion does not depend on it.
 
         Raises
         ------
         ValueError, TypeError
-            If there is no cart, or an argument is no number.
+            If there is no cart, or `position` is no number.
         """
-        start = _checks.number("position", position), _checks.number("velocity", velocity)
-        return cart_motion(self.chain, self.pivot, self.times, self.theta, self.omega, start)
+        place, velocity = self.pivot_position, self.pivot_velocity
+        if self.pivot.cart_mass is None or place is None or velocity is None:
+            raise ValueError("cart() needs a trajectory made by simulate(..., cart_mass=...)")
+        return _checks.number("position", position) + place[:, 0], velocity[:, 0].copy()
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the trajectory to `path` as an npz archive, whole or not at all.
@@ -96,10 +104,11 @@ class Trajectory:
                 "provenance": self.provenance,
             }
         )
+        arrays = {name: getattr(self, name) for name in ("times", "theta", "omega")}
+        if self.pivot_position is not None:
+            arrays |= {name: getattr(self, name) for name in _OF_PIVOT}
         with _files.replacing(Path(path), binary=True) as file:
-            np.savez_compressed(
-                file, about=np.array(about), times=self.times, theta=self.theta, omega=self.omega
-            )
+            np.savez_compressed(file, about=np.array(about), **arrays)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Trajectory:
@@ -131,5 +140,8 @@ def _read(path: Path) -> Trajectory:
         raise ValueError(f"theta and omega must have the shape {shape}")
     if not isinstance(about["provenance"], dict):
         raise TypeError("its provenance must be a dict")
-    pivot = check_pivot(chain, **about["pivot"])
-    return Trajectory(chain, times, theta, omega, about["provenance"], pivot)
+    pivot = check_pivot(**about["pivot"])
+    motion = [_checks.array(name, data[name]) for name in _OF_PIVOT if pivot.moves]
+    if any(each.shape != (times.size, 2) for each in motion):
+        raise ValueError(f"{' and '.join(_OF_PIVOT)} must have the shape {(times.size, 2)}")
+    return Trajectory(chain, times, theta, omega, about["provenance"], pivot, *motion)

@@ -16,7 +16,7 @@ from npend_gym.paper.motions import samples
 from npend_gym.paper.registry import Figure, Outcome, Verdict, check, corrected_if, figure, holds_if
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import energy
-from npend_gym.physics.kernels.dynamics import chain_arrays, derivative, new_work
+from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
 
 CHAIN = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4])
 START = np.array([0.9, 0.4, 0.6, 0.5, -0.3, 0.8])  # a generic state: angles, angular velocities
@@ -33,7 +33,7 @@ def state_after(chain: Chain, state: FloatArray, span: float, dt: float = 0.0) -
 def rates(chain: Chain) -> Callable[[float, FloatArray], FloatArray]:
     """Return the function (t, state) -> d/dt (theta, omega) of Eq. (32)."""
     # The kernel, without the checks of `accelerations`: odeint calls it 100 000 times
-    rods, work, torque = chain_arrays(chain), new_work(chain.n), np.zeros(chain.n)
+    rods, work, torque = arrays_of(chain.repeated(1)), new_work(chain.n), np.zeros(chain.n)
 
     def f(_t: float, state: FloatArray) -> FloatArray:
         out = np.empty(state.size)

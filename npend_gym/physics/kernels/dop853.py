@@ -16,7 +16,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.compiled.packs import any_of, where
-from npend_gym.physics.kernels.dynamics import ChainArrays, copy, derivative, new_work
+from npend_gym.physics.kernels.dynamics import AnyArrays, copy, derivative, new_work
 
 STAGES = 12
 _ROWS = 16  # 12 stages, the derivative at the new point, 3 more for dense output
@@ -44,7 +44,7 @@ class Solver(NamedTuple):
 class Problem(NamedTuple):
     """What is integrated, and how exactly."""
 
-    chain: ChainArrays
+    chain: AnyArrays
     torque: FloatArray  # N m at joints 0..n-1, (n,)
     rtol: float
     atol: float

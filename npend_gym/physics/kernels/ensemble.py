@@ -9,16 +9,16 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.compiled.sincos import MAX_ANGLE, ROUND, sincos
-from npend_gym.physics.kernels.dynamics import accelerations, copy
+from npend_gym.physics.kernels.dynamics import accelerations, any_power, copy, joint_power
 from npend_gym.physics.kernels.layout import (
     MAX_SPEED,
     RK4,
     Group,
     Member,
+    Model,
     Rod,
     Scratch,
     Timing,
-    any_positive,
     group_of,
     record_of,
 )
@@ -40,41 +40,34 @@ _MARGIN = 1.1  # for what the acceleration of the last stage is off by
 @inlined_kernel
 def bob_velocities(group: Group, s: FloatArray, c: FloatArray) -> None:
     """Write sine and cosine of every angle, and the horizontal velocity of every bob."""
-    for i in range(group.theta.size):
+    for i in range(group.velocity.size):
         s[i], c[i] = sincos(group.theta[i])
     total = 0.0
-    for i in range(group.theta.size):
+    for i in range(group.velocity.size):
         total = total + group.chain.length[i] * (group.omega[i] * c[i])
         group.velocity[i] = total
 
 
 @inlined_kernel
-def _damping_power(omega: FloatArray, damping: FloatArray) -> Any:
-    """Return the power that the dampers take, sum_i damping_i (omega_i - omega_{i-1})^2 [W]."""
-    total = damping[0] * (omega[0] * omega[0])
-    for i in range(1, omega.size):
-        relative = omega[i] - omega[i - 1]
-        total = total + damping[i] * (relative * relative)
-    return total
-
-
-@inlined_kernel
-def _torque_work(torque: FloatArray, before: FloatArray, theta: FloatArray) -> Any:
+def _torque_work(group: Group, before: FloatArray) -> Any:
     """Return the work of constant torques over a step that began at the angles `before` [J]."""
+    torque, theta, n = group.torque, group.theta, group.velocity.size
     above = theta[0] - before[0]
     total = torque[0] * above
-    for i in range(1, theta.size):
+    for i in range(1, n):
         turned = theta[i] - before[i]
         total = total + torque[i] * (turned - above)
         above = turned
+    for i in range(n, theta.size):  # the force on a base that moves
+        total = total + torque[i] * (theta[i] - before[i])
     return total
 
 
 @inlined_kernel
-def _parts(omega: FloatArray, h: float, per_rotation: float) -> Any:
+def _parts(omega: FloatArray, n: int, h: float, per_rotation: float) -> Any:
     """Return into how many parts a substep is cut: no rod turns by more than 1/per_rotation."""
     fastest = abs(omega[0])
-    for i in range(1, omega.size):
+    for i in range(1, n):
         speed = abs(omega[i])
         fastest = where(speed > fastest, speed, fastest)
     wanted = fastest * (h * per_rotation)
@@ -97,7 +90,7 @@ def _mark(group: Group, threshold: Any, h: Any, scratch: FloatArray) -> bool:
     omega, length, record = group.omega, group.chain.length, group.record
     acceleration = 0.0
     found = threshold < 0.0  # in no lane
-    for i in range(omega.size):
+    for i in range(group.velocity.size):
         acceleration = acceleration + length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
         side, sign, risen = record.orientation[i], record.sign[i], record.risen[i]
         before, now = side * scratch[Scratch.VELOCITY][i], side * group.velocity[i]
@@ -121,7 +114,7 @@ def _bob_accelerations(
 ) -> None:
     """Write the horizontal acceleration of every bob."""
     total = 0.0
-    for i in range(theta.size):
+    for i in range(out.size):
         s, c = sincos(theta[i])
         total = total + length[i] * (alpha[i] * c - (omega[i] * omega[i]) * s)
         out[i] = total
@@ -132,10 +125,10 @@ def _find_accelerations(group: Group, scratch: FloatArray) -> None:
     """Write the accelerations of the bobs at the start and at the end of the substep."""
     theta, omega, length = group.theta, group.omega, group.chain.length
     before, omega_before = scratch[Scratch.THETA][: theta.size], scratch[Scratch.OMEGA]
-    rk4 = scratch[RK4:]
-    _bob_accelerations(before, omega_before, rk4[0], length, scratch[Scratch.ACCELERATION])
+    rk4, n = scratch[RK4:], group.velocity.size
+    _bob_accelerations(before, omega_before, rk4[0], length, scratch[Scratch.ACCELERATION][:n])
     accelerations(theta, omega, group.torque, group.chain, rk4[WORK:], rk4[0])
-    _bob_accelerations(theta, omega, rk4[0], length, scratch[Scratch.ACCELERATION_END])
+    _bob_accelerations(theta, omega, rk4[0], length, scratch[Scratch.ACCELERATION_END][:n])
 
 
 @inner_kernel
@@ -196,11 +189,11 @@ def _begin_substep(group: Group, scratch: FloatArray) -> None:
 @inlined_kernel
 def _dissipate(group: Group, h: Any, dissipated: Any, scratch: FloatArray) -> Any:
     """Add what the dampers take in the last three stages of a substep to `dissipated` [J]."""
-    n = group.theta.size
+    size = group.theta.size
     for stage in range(3):
-        omega = scratch[RK4 + OMEGAS + 1 + stage][:n]
+        omega = scratch[RK4 + OMEGAS + 1 + stage][:size]
         weight = h / 6.0 if stage == 2 else h / 3.0
-        dissipated = dissipated + weight * _damping_power(omega, group.chain.damping)
+        dissipated = dissipated + weight * joint_power(omega, group.chain)
     return dissipated
 
 
@@ -217,22 +210,22 @@ def _wait(group: Group, h: Any, scratch: FloatArray) -> None:
 @inlined_kernel
 def _commit_step(numbers: FloatArray, g: int, group: Group, dt: float, scratch: FloatArray) -> None:
     """Add up time and work; lanes that are not active, or have diverged, keep their last state."""
-    theta, omega, n = group.theta, group.omega, group.theta.size
+    theta, omega, size = group.theta, group.omega, group.theta.size
     step_theta, step_omega = scratch[Scratch.STEP_THETA], scratch[Scratch.STEP_OMEGA]
     diverged = numbers[Member.DIVERGED, g] > 0.0
-    for i in range(n):
+    for i in range(size):
         diverged = diverged | (abs(theta[i]) > MAX_ANGLE) | (theta[i] != theta[i])
         diverged = diverged | (abs(omega[i]) > MAX_SPEED) | (omega[i] != omega[i])
     active = numbers[Member.ACTIVE, g] > 0.0
     numbers[Member.DIVERGED, g] = where(diverged & active, 1.0, 0.0)
     stays = diverged | (numbers[Member.ACTIVE, g] == 0.0)
     if any_of(stays):
-        for i in range(n):
+        for i in range(size):
             theta[i] = where(stays, step_theta[i], theta[i])
             omega[i] = where(stays, step_omega[i], omega[i])
         bob_velocities(group, scratch[Scratch.SIN], scratch[Scratch.COS])
     before = numbers[Member.WORK, g]
-    done = (before - scratch[Scratch.DISSIPATED][0]) + _torque_work(group.torque, step_theta, theta)
+    done = (before - scratch[Scratch.DISSIPATED][0]) + _torque_work(group, step_theta)
     numbers[Member.WORK, g] = where(stays, before, done)
     time = numbers[Member.TIME, g]
     numbers[Member.TIME, g] = where(stays, time, time + dt)
@@ -248,17 +241,17 @@ def advance_group(
     Lanes whose rods turn fast take a substep in several parts, while the others wait. After the
     last substep the step is complete, and SIN, COS and the velocities are those of the new state.
     """
-    numbers, rest, n = view(members), view(scratch), group.theta.size
-    rk4, damping = rest[RK4:], group.chain.damping
+    numbers, rest, n = view(members), view(scratch), group.velocity.size
+    rk4 = rest[RK4:]
     theta, omega, torque, chain = group.theta, group.omega, group.torque, group.chain
     if timing[Timing.FIRST_SUBSTEP] == 0.0:
         _begin_step(group, rest)
     waiting = (numbers[Member.COMPLETED, g] < n) & (numbers[Member.ACTIVE, g] > 0.0)
-    tracked, damped = any_of(waiting), any_positive(damping)
+    tracked, damped = any_of(waiting), any_power(chain)
     dissipated = rest[Scratch.DISSIPATED, 0]
     whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
     for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
-        parts = _parts(omega, whole, timing[Timing.PER_ROTATION])
+        parts = _parts(omega, n, whole, timing[Timing.PER_ROTATION])
         some_wait, part, more = any_of(parts > 1.0), 0, True
         while more:
             h = where(parts > part, whole / parts, 0.0)
@@ -269,7 +262,7 @@ def advance_group(
             if tracked or some_wait:  # to pass the group costs some ns, for its many views
                 _begin_substep(group, rest)
             if damped:
-                dissipated = dissipated + (h / 6.0) * _damping_power(omega, damping)
+                dissipated = dissipated + (h / 6.0) * joint_power(omega, chain)
             dissipated = dissipated + rk4_step(theta, omega, h, torque, chain, rk4)
             if damped:
                 dissipated = _dissipate(group, h, dissipated, rest)
@@ -287,17 +280,17 @@ def advance_group(
 
 @kernel
 def advance_one(
-    members: FloatArray, rods: FloatArray, timing: FloatArray, scratch: FloatArray
+    members: FloatArray, rods: FloatArray, model: Model, timing: FloatArray, scratch: FloatArray
 ) -> None:
     """Advance one chain; see `advance_many`."""
     members, rods, timing, scratch = bare(members), bare(rods), bare(timing), bare(scratch)
-    group = group_of(members, rods, 0)
+    group = group_of(members, rods, bare(model), 0)
     advance_group(bare, 1, members, rods, timing, scratch, 0, group)
 
 
 @kernel
 def advance_many(
-    members: FloatArray, rods: FloatArray, timing: FloatArray, scratch: FloatArray
+    members: FloatArray, rods: FloatArray, model: Model, timing: FloatArray, scratch: FloatArray
 ) -> None:
     """Advance the active members of some groups under their torques; arrays as in `layout`.
 
@@ -307,5 +300,5 @@ def advance_many(
     """
     members, rods, timing, scratch = bare(members), bare(rods), bare(timing), bare(scratch)
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(packs(members), packs(rods), g)
+        group = group_of(packs(members), packs(rods), packs(model), g)
         advance_group(packs, WIDTH, members, rods, timing, scratch, g, group)

@@ -9,18 +9,25 @@ one chain. The last group is filled up with chains that hang at rest. Two arrays
 The fields are tuples of numbers, which every supported Numba compiles to constants. Seen as packs,
 which take the lanes of a group as one number, these are `members[Member.TIME, g]` and
 `rods[g, Rod.THETA, i]`: for kernels a group of many chains looks like one chain.
+
+A third argument, `model`, says what kind of chains they are, at compile time: None for point
+masses, one array for links with inertia, three for machines. Where their base moves, its place,
+speed and force stand in the last entry of THETA, OMEGA and TORQUE.
 """
 
+# ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.aligned import aligned_zeros
-from npend_gym.compiled.jit import inlined_kernel
-from npend_gym.compiled.packs import WIDTH, any_of
-from npend_gym.physics.kernels.dynamics import ChainArrays
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel
+from npend_gym.compiled.packs import WIDTH
+from npend_gym.physics.kernels.dynamics import AnyArrays
+from npend_gym.physics.kernels.links import LinkArrays, MachineArrays
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
+from npend_gym.physics.kernels.tensions import ChainArrays, any_positive
 from npend_gym.physics.kernels.turning_points import Record
 
 MAX_SPEED = 1e6  # rad/s; a chain beyond this, or beyond MAX_ANGLE, has diverged
@@ -106,16 +113,23 @@ class TimingFields(NamedTuple):
 Timing = TimingFields()
 
 
+# What chains need beside `rods`: nothing if they are ideal; (terms,) if they are links; and
+# (terms, joints, base) if they are machines, of shapes (groups, len(Link), n width),
+# (groups, len(Joint), n width) and (groups, len(Base), width), or (groups, 0, width) if the base
+# rests. Plain tuples, because others cost 2 us in a call from Python.
+Model = tuple[FloatArray, ...] | None
+
+
 class Group(NamedTuple):
     """The state and the parameters of a group of chains of n rods: views, written in place."""
 
-    theta: FloatArray  # (n,)
-    omega: FloatArray  # (n,)
-    torque: FloatArray  # (n,)
+    theta: FloatArray  # (n,), or (n + 1,) with the place of a base that moves
+    omega: FloatArray  # as theta
+    torque: FloatArray  # as theta
     velocity: FloatArray  # (n,)
     mass: FloatArray  # (n + 1,), as what follows; the last entry is free
     carried: FloatArray
-    chain: ChainArrays
+    chain: AnyArrays
     record: Record
 
 
@@ -130,21 +144,12 @@ def new_scratch(n: int, width: int) -> FloatArray:
 
 
 @inlined_kernel
-def any_positive(row: FloatArray) -> bool:
-    """Return whether any lane of any entry is greater than zero; none may be less."""
-    total = row[0]
-    for i in range(1, row.size):
-        total = total + row[i]
-    return any_of(total > 0.0)
-
-
-@inlined_kernel
-def group_of(members: FloatArray, rods: FloatArray, g: int) -> Group:
-    """Return the named views of group `g`. Drag is empty where no lane has any."""
+def _point_masses(members: FloatArray, rods: FloatArray, model: Model, g: int) -> ChainArrays:
+    """Return the parameters of point masses. Drag is empty where no lane has any."""
     n, rows = rods.shape[2] - 1, rods[g]
     drag, quadratic = rows[Rod.DRAG], rows[Rod.QUADRATIC_DRAG]
     resisted = n if any_positive(drag) or any_positive(quadratic) else 0
-    chain = ChainArrays(
+    return ChainArrays(
         rows[Rod.INVERSE_MASS],
         rows[Rod.LENGTH],
         rows[Rod.INVERSE_LENGTH],
@@ -152,16 +157,62 @@ def group_of(members: FloatArray, rods: FloatArray, g: int) -> Group:
         members[Member.GRAVITY][g : g + 1],
         drag[:resisted],
         quadratic[:resisted],
-        drag[:0],
     )
+
+
+@inlined_kernel
+def _links(members: FloatArray, rods: FloatArray, model: tuple[FloatArray], g: int) -> LinkArrays:
+    n, rows = rods.shape[2] - 1, rods[g]
+    gravity = members[Member.GRAVITY][g : g + 1]
+    return LinkArrays(rows[Rod.LENGTH][:n], rows[Rod.DAMPING], gravity, model[0][g])
+
+
+@inlined_kernel
+def _machine(
+    members: FloatArray, rods: FloatArray, model: tuple[FloatArray, ...], g: int
+) -> MachineArrays:
+    n, rows = rods.shape[2] - 1, rods[g]
+    gravity = members[Member.GRAVITY][g : g + 1]
+    return MachineArrays(
+        rows[Rod.LENGTH][:n], rows[Rod.DAMPING], gravity, model[0][g], model[1][g],
+        model[2][g],
+    )  # fmt: skip
+
+
+@chosen_by_type("model", {0: _point_masses, 1: _links, 3: _machine})
+def _chain_of(members: FloatArray, rods: FloatArray, model: Model, g: int) -> AnyArrays:
+    """Return the parameters of the chains of group `g`."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def _angles_alone(rods: FloatArray, model: Model) -> int:
+    return rods.shape[2] - 1
+
+
+@inlined_kernel
+def _angles_and_base(rods: FloatArray, model: tuple[FloatArray, ...]) -> int:
+    return rods.shape[2] - (1 if model[2].shape[1] == 0 else 0)
+
+
+@chosen_by_type("model", {0: _angles_alone, 1: _angles_alone, 3: _angles_and_base})
+def _coordinates(rods: FloatArray, model: Model) -> int:
+    """Return the number of coordinates of a chain."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def group_of(members: FloatArray, rods: FloatArray, model: Model, g: int) -> Group:
+    """Return the named views of group `g`."""
+    n, rows, size = rods.shape[2] - 1, rods[g], _coordinates(rods, model)
     return Group(
-        rows[Rod.THETA][:n],
-        rows[Rod.OMEGA][:n],
-        rows[Rod.TORQUE][:n],
+        rows[Rod.THETA][:size],
+        rows[Rod.OMEGA][:size],
+        rows[Rod.TORQUE][:size],
         rows[Rod.VELOCITY][:n],
         rows[Rod.MASS],
         rows[Rod.CARRIED],
-        chain,
+        _chain_of(members, rods, model, g),
         record_of(rows),
     )
 

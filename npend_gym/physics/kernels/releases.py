@@ -13,7 +13,6 @@ from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced
 from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dop853 import Problem, Solver, attempt, prepare_dense, start
-from npend_gym.physics.kernels.dynamics import ChainArrays
 from npend_gym.physics.kernels.turning_points import (
     BOB,
     LINK,
@@ -170,18 +169,13 @@ def _as_numbers(
     view: NumbersOf, solver: Solver, problem: Problem, record: Record
 ) -> tuple[Solver, Problem, Record]:
     """Return views of all arrays as packs, or as bare floats."""
-    chain = problem.chain
     return (
         Solver(
             view(solver.clock), view(solver.y_old), view(solver.y), view(solver.k),
             view(solver.poly), view(solver.work),
         ),
         Problem(
-            ChainArrays(
-                view(chain.inverse_mass), view(chain.length), view(chain.inverse_length),
-                view(chain.damping), view(chain.gravity), view(chain.drag),
-                view(chain.quadratic_drag), view(chain.pivot),
-            ),
+            view(problem.chain),
             view(problem.torque), problem.rtol, problem.atol,
         ),
         Record(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.aligned import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
-from npend_gym.physics.kernels.dynamics import WORK_ROWS, ChainArrays, accelerations, copy
+from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, accelerations, copy
 
 # Rows of the work space: angular accelerations of K_1..K_4; omega of K_1..K_4, which is their
 # theta', and the next; theta of the stage; then the rows of `accelerations`
@@ -27,7 +27,7 @@ def new_rk4_scratch(n: int, width: int = 1) -> FloatArray:
 @inlined_kernel
 def _stage(
     k: int, theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray,
-    chain: ChainArrays, scratch: FloatArray,
+    chain: AnyArrays, scratch: FloatArray,
 ) -> Any:  # fmt: skip
     """Evaluate stage `k` and set the state of the next; return the power of drag [W]."""
     n = theta.size
@@ -63,7 +63,7 @@ def _begin(theta: FloatArray, omega: FloatArray, scratch: FloatArray) -> None:
 
 @spliced_kernel
 def rk4_step(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, chain: ChainArrays,
+    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, chain: AnyArrays,
     scratch: FloatArray,
 ) -> Any:  # fmt: skip
     """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
@@ -89,7 +89,7 @@ def rk4_step(
 @kernel
 def rk4_frames(
     y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
-    torque: FloatArray, chain: ChainArrays, scratch: FloatArray, frames: FloatArray,
+    torque: FloatArray, chain: AnyArrays, scratch: FloatArray, frames: FloatArray,
 ) -> bool:  # fmt: skip
     """Write the state (theta, omega) at each time into `frames` (T, 2n).
 
