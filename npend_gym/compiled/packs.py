@@ -18,8 +18,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from npend_gym._checks import FloatArray
-
 WIDTH = 16  # more than fit the registers, so that the processor need not wait for results
 
 _T = TypeVar("_T")

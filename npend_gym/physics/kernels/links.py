@@ -15,7 +15,7 @@ these axes; the moments about it, with w = l omega^2, give
     g_e = (l A_en + p_e) / D,               g_n = (m c + l A_nn + p_n) / D,
     g_k = k / D,                            q = (t - l (b_n - A_en w) - (beta - p_e w)) / D,
 
-with the torques t on the link and the coupling k of alpha and alpha_above by the rotor at the joint.
+with the torques t on the link, and the coupling k of alpha and alpha_above by the rotor between.
 Put into (1) this gives what link i and all below it answer, from the tip to the pivot; there the
 acceleration is known, and (2) gives one alpha after the other. No difference of nearly equal terms
 is taken, so that c = l, I = 0 is the chain of point masses to rounding:

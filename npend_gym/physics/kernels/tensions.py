@@ -28,7 +28,6 @@ e_i and n_i, it adds
 Links with inertia, joints with more than viscous damping, and a base that moves are in `links`.
 """
 
-
 from __future__ import annotations
 
 import math
