@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
+from npend_gym.envs.keywords import plain_keywords
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.physics import Trajectory, simulate
@@ -38,13 +39,15 @@ class Recording:
         Pseudo-period of every bob [s], which is also the instant that completes it; NaN where
         that lies beyond the recording.
     torque : ndarray, shape (T,)
-        Torque at the base over its limit, from that instant on; the last entry repeats.
+        Torque at `joint` over its limit, from that instant on; the last entry repeats.
     reading : {"bob", "link", "height"}
         What completes a pseudo-period, see `npend_gym.pseudo_periods`.
     caption : str
         What it is, in a few words.
     provenance : dict
         What made it: package, versions, arguments, seed.
+    joint : int
+        The joint whose torque is recorded; 0 is the pivot.
     """
 
     motion: Trajectory
@@ -53,6 +56,7 @@ class Recording:
     reading: str
     caption: str
     provenance: dict[str, Any]
+    joint: int = 0
 
     def signals(self) -> FloatArray:
         """Return the signal of every bob whose changes of sign the reading counts, shape (T, n).
@@ -92,7 +96,7 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
     """
     _checks.choice("reading", experiment.reading, INSTANT_READINGS)
     interval = _checks.positive_number("interval", interval)
-    chain, seconds = experiment.chain(run.n), experiment.duration
+    chain, seconds = experiment.chain_of(run.n), experiment.duration
     if seconds is None:
         last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
         seconds = max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
@@ -176,5 +180,6 @@ def record_episode(
         np.array([*actions, actions[-1]]),
         "bob",
         f"{config.mode.name} by {name}, n = {config.chain.n}",
-        provenance({"policy": name, "seconds": seconds, "env": dict(keywords)}, seed),
+        provenance({"policy": name, "seconds": seconds, "env": plain_keywords(keywords)}, seed),
+        int(config.joints[0]) if config.joints.size else 0,
     )

@@ -4,13 +4,14 @@ import inspect
 import pickle
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
+from npend_gym import Chain
 from npend_gym.envs import (
     EnvConfig,
     EnvKeywords,
@@ -20,6 +21,7 @@ from npend_gym.envs import (
     ResetNeeded,
     SwingUp,
 )
+from npend_gym.envs.keywords import CHAIN_KEYWORDS
 
 ENVIRONMENTS = [NPendulumEnv, NPendulumVectorEnv]
 
@@ -34,13 +36,17 @@ class Patient(SwingUp):
 NAMED = f"{__name__}:Patient"
 
 
-@pytest.mark.parametrize("env", ENVIRONMENTS)
-def test_the_signature_shows_every_keyword_with_its_default(env):
-    parameters = inspect.signature(env).parameters
-    defaults = {each.name: each.default for each in fields(EnvConfig) if each.init}
-    assert list(defaults) == list(EnvKeywords.__annotations__)
-    assert {name: parameters[name].default for name in defaults} == defaults
-    assert "render_mode" in parameters
+@pytest.mark.parametrize("owner", [*ENVIRONMENTS, EnvConfig])
+def test_the_signature_shows_every_keyword_with_its_default(owner):
+    parameters = inspect.signature(owner).parameters
+    for name in EnvKeywords.__annotations__:
+        default = parameters[name].default
+        assert default is not inspect.Parameter.empty
+        if name in CHAIN_KEYWORDS[2:]:
+            assert default == inspect.signature(Chain).parameters[name].default
+        else:
+            EnvConfig(**{name: default})
+    assert ("render_mode" in parameters) == (owner is not EnvConfig)
     assert not any(each.kind is each.VAR_KEYWORD for each in parameters.values())
 
 
@@ -53,6 +59,8 @@ def test_an_unknown_keyword_is_refused_with_the_nearest_one(env):
     assert "did you mean 'amplitude'?" in message
     for name in inspect.signature(env).parameters:
         assert name in message
+    with pytest.raises(TypeError, match="EnvConfig got an unexpected keyword argument 'chian'"):
+        EnvConfig(chian=Chain.acrobot())
     with pytest.raises(TypeError, match="'thread'; did you mean 'threads'"):
         NPendulumVectorEnv(2, thread=2)
 

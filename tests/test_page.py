@@ -48,8 +48,8 @@ def test_the_page_holds_the_recorded_motion_and_the_measured_numbers(path, runs)
     for shown, run in zip(data["releases"], (runs[0], runs[2]), strict=True):
         assert shown["n"] == run.n
         assert shown["periods"] == run.periods.tolist()
-        assert shown["models"]["T0"]["value"] == theory.ideal_period(PLAN.chain(run.n))
-        assert shown["models"]["T1"]["value"] == theory.fundamental_period(PLAN.chain(run.n))
+        assert shown["models"]["T0"]["value"] == theory.ideal_period(PLAN.chain_of(run.n))
+        assert shown["models"]["T1"]["value"] == theory.fundamental_period(PLAN.chain_of(run.n))
         places = np.frombuffer(base64.b64decode(shown["places"]), "<f4").reshape(-1, run.n, 2)
         motion = record_release(PLAN, run, shown["interval"]).motion
         np.testing.assert_allclose(places * run.n, motion.positions(), atol=1e-4 * run.n)
@@ -60,7 +60,7 @@ def test_the_diagram_of_the_law_has_every_measured_value(path, runs):
     assert [p[1] for p in series["mean of a trial"]] == [run.mean for run in runs]
     assert [p[1] for p in series["each bob"]] == np.concatenate([r.periods for r in runs]).tolist()
     for n, value in series["T1"]:
-        assert value == theory.fundamental_period(PLAN.chain(n))
+        assert value == theory.fundamental_period(PLAN.chain_of(n))
 
 
 def test_the_page_refers_to_nothing_outside(path):

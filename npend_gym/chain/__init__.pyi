@@ -1,3 +1,5 @@
+from npend_gym.chain.choice import as_chain as as_chain
+from npend_gym.chain.choice import preset_name as preset_name
 from npend_gym.chain.model import Chain as Chain
 from npend_gym.chain.model import check_chain as check_chain
 from npend_gym.chain.parameters import FRICTION_SPEED as FRICTION_SPEED
@@ -7,3 +9,5 @@ from npend_gym.chain.parameters import SIMPLE_FIELDS as SIMPLE_FIELDS
 from npend_gym.chain.parameters import STANDARD_GRAVITY as STANDARD_GRAVITY
 from npend_gym.chain.parameters import ChainParameters as ChainParameters
 from npend_gym.chain.parameters import check_parameter as check_parameter
+from npend_gym.chain.parameters import gear_ratios as gear_ratios
+from npend_gym.chain.presets import PRESETS as PRESETS

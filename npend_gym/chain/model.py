@@ -113,7 +113,7 @@ class Chain:
             "armature": armature,
         }
         vectors = {name: _checks.vector(name, value, n) for name, value in given.items()}
-        for name, value in (vectors | {"gear": parameters.gear_ratios(gear, n)}).items():
+        for name, value in (vectors | {"gear": parameters.gear_ratios("gear", gear, (n,))}).items():
             checked = parameters.check_parameter(name, value)
             checked.flags.writeable = False
             object.__setattr__(self, name, checked)

@@ -144,12 +144,12 @@ def check_parameter(name: str, value: FloatArray) -> FloatArray:
     return (_checks.positive if must_be_positive else _checks.at_least_zero)(name, value)
 
 
-def gear_ratios(value: Any, n: int) -> FloatArray:
-    """Return gear ratios, shape (n,), of which None and infinity (of any sign) mean infinity."""
+def gear_ratios(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Return gear ratios of `shape`, of which None and infinity (of any sign) mean infinity."""
     given = np.array(value, dtype=object)
     infinite = np.array([one is None or one in (np.inf, -np.inf) for one in given.flat], np.bool_)
     infinite = infinite.reshape(given.shape)
-    finite = _checks.vector("gear", np.where(infinite, 1.0, given).tolist(), n)
+    finite = _checks.broadcast(name, np.where(infinite, 1.0, given).tolist(), shape)
     return np.where(infinite, np.inf, finite)
 
 

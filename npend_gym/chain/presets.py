@@ -14,6 +14,12 @@ from npend_gym.chain.parameters import MAX_RODS, STANDARD_GRAVITY
 if TYPE_CHECKING:
     from npend_gym.chain.model import Chain
 
+# A class method of Chain, and its argument
+PRESETS = (
+    "acrobot", "realaigym A.0", "realaigym C.1", "multiarm 1", "multiarm 2", "multiarm 3",
+    "dm_control acrobot", "dm_control cartpole",
+)  # fmt: skip
+
 # RealAIGym: masses m [kg], lengths l and centres r [m], inertias about the joint I [kg m^2],
 # viscous b [N m s/rad] and dry friction cf [N m] of two joints; inertia of a rotor [kg m^2]
 _REALAIGYM = {
@@ -231,19 +237,13 @@ def preset(cls: type[Chain], name: str) -> Chain:
     Parameters
     ----------
     name : str
-        "acrobot", "realaigym A.0", "realaigym C.1", "multiarm 1", "multiarm 2", "multiarm 3",
-        "dm_control acrobot" or "dm_control cartpole": the class method of `Chain`, and its
-        argument.
+        One of PRESETS: the class method of `Chain`, and its argument.
 
     Raises
     ------
     ValueError
         If `name` is another.
     """
-    presets = {
-        "acrobot": lambda: acrobot(cls),
-        **{f"realaigym {design}": lambda d=design: realaigym(cls, d) for design in ("A.0", "C.1")},
-        **{f"multiarm {arms}": lambda a=arms: multiarm(cls, a) for arms in _MULTIARM},
-        **{f"dm_control {d}": lambda d=d: dm_control(cls, d) for d in ("acrobot", "cartpole")},
-    }
-    return presets[_checks.choice("the name of a chain", name, (*presets,))]()
+    method, _, argument = _checks.choice("the name of a chain", name, PRESETS).partition(" ")
+    given = [int(argument) if argument.isdigit() else argument] if argument else []
+    return getattr(cls, method)(*given)

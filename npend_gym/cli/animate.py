@@ -27,6 +27,7 @@ examples:
   npend animate --out release.gif          5 pendulums, until all have completed
   npend animate --n 100 --speed 2 --out wave.mp4
   npend animate --n 3 --amplitude 3 --duration 20 --reading link --out wild.gif
+  npend animate --chain acrobot --amplitude 2 --out acrobot.gif
   npend animate --policy swingup-2 --duration 8 --out swingup.gif
   npend animate --policy mine.npz --seed 7 --out mine.mp4
 """
@@ -71,12 +72,14 @@ def run(options: dict[str, Any]) -> int:
     return OK
 
 
-def _release(interval: float, n: int = 5, **options: Any) -> Recording:
+def _release(interval: float, **options: Any) -> Recording:
     """Measure one release and record it every `interval` [s]."""
     from npend_gym.experiments import ReleaseExperiment, measure
     from npend_gym.recording import record_release
 
-    experiment = ReleaseExperiment(n_values=[n], trials=1, **options)
+    if "n" in options or "chain" not in options:
+        options["n_values"] = [options.pop("n", 5)]
+    experiment = ReleaseExperiment(trials=1, **options)
     return record_release(experiment, measure(experiment, *experiment.runs()[0]), interval)
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import FAILED, INTERRUPTED, OK, integers, printable, warn
+from npend_gym.cli.common import CHAIN_OPTION, FAILED, INTERRUPTED, OK, integers, printable, warn
 
 if TYPE_CHECKING:
     from npend_gym.experiments import Campaign, CampaignPlan
@@ -24,6 +24,7 @@ examples:
   npend campaign --out results --n 5 --trials 1000000
   npend campaign --out results --n 10,20,50 --amplitude 0.1,0.4,0.7,1.0 --trials 100
   npend campaign --out results --n 3 --masses 1,2,1:2:0.5      all 1, all 2, and 1, 2, 0.5 kg
+  npend campaign --out results --chain chain.json --amplitude 0.1,0.4,0.7,1.0
   npend campaign plan.toml --out results                       n = [10, 20], trials = 100, ...
   npend campaign --out results                                 continue with the plan in the folder
   npend campaign plan.yaml --out /shared/results --backend ray --address auto
@@ -66,6 +67,7 @@ _OPTIONS = (
     ("seed", int, "SEED", "seed of the random angles (default 0)"),
     ("duration", float, "S", "longest time of a trial (default: until all bobs have completed)"),
     ("batch", int, "COUNT", "releases in a task (default: about a second of work)"),
+    CHAIN_OPTION[1:],
 )
 
 

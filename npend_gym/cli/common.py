@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from importlib.util import find_spec
@@ -45,7 +46,27 @@ def integers(text: str) -> list[int]:
     return [int(part) for part in text.split(",")]
 
 
+def chain_argument(text: str) -> Any:
+    """Return a preset's name as it is, or the parameters in a JSON file of that name."""
+    from npend_gym.chain import PRESETS
+
+    if text in PRESETS:
+        return text
+    rule = f"must be one of {', '.join(PRESETS)}, or a JSON file with a chain's parameters"
+    if not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"{rule}; got {text}")
+    try:
+        return json.loads(Path(text).read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise argparse.ArgumentTypeError(f"{rule}; {text} cannot be read: {error}") from error
+
+
 _numbers.__name__, integers.__name__ = "number or list", "list of integers"  # for error messages
+
+CHAIN_OPTION = (
+    "--chain", "chain", chain_argument, "NAME|FILE",
+    "preset such as acrobot, or JSON file with a chain, for n, masses, lengths, gravity, damping",
+)  # fmt: skip
 
 # Option, field of ReleaseExperiment that it sets, type, placeholder, help
 _RELEASE_OPTIONS = (
@@ -63,6 +84,7 @@ _RELEASE_OPTIONS = (
     ("--damping", "damping", float, "NMS", "viscous damping of every joint (default 0)"),
     ("--reading", "reading", str, "NAME",
      "what completes a pseudo-period: bob, link, height or listing (default bob)"),
+    CHAIN_OPTION,
 )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from npend_gym.cli.common import FAILED, OK, warn
+from npend_gym.cli.common import CHAIN_OPTION, FAILED, OK, warn
 
 ABOUT = """\
 A window with a chain released from rest. Pull its bobs with the mouse, turn it at the pivot with
@@ -19,12 +19,15 @@ EXAMPLES = """\
 examples:
   npend play
   npend play --n 20 --amplitude 0.3
+  npend play --chain acrobot
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend play`."""
     parser.add_argument("--n", type=int, help="number of pendulums (default 5)")
+    option, field, kind, placeholder, text = CHAIN_OPTION
+    parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
     text = "starting angle of all rods (default pi/4)"
     parser.add_argument("--amplitude", type=float, metavar="RAD", help=text)
     text = "seed of the random angle that is added, up to 0.017 rad (default 0)"

@@ -30,6 +30,7 @@ examples:
   npend release --n 100 --duration 10      the paper's window
   npend release --n 5 --json               for a script
   npend release --n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
+  npend release --chain "multiarm 3" --amplitude 0.5
 """
 
 

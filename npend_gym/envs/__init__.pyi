@@ -1,6 +1,6 @@
 from npend_gym.envs.config import EnvConfig as EnvConfig
-from npend_gym.envs.config import EnvKeywords as EnvKeywords
 from npend_gym.envs.info import Info as Info
+from npend_gym.envs.keywords import EnvKeywords as EnvKeywords
 from npend_gym.envs.modes import Balance as Balance
 from npend_gym.envs.modes import Calm as Calm
 from npend_gym.envs.modes import Mode as Mode

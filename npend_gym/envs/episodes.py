@@ -9,24 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym import _checks, theory
+from npend_gym import theory
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import ChainParameters, check_parameter
-from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.config import CHAIN_KEYWORDS, EnvConfig
+from npend_gym.chain import ChainParameters
+from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.info import Info
 from npend_gym.envs.kernels import EPISODE_ROWS, Episode, Output, step_many, step_one
 from npend_gym.envs.modes import Quantities
-from npend_gym.physics.energy import positions
-from npend_gym.physics.kernels.layout import MAX_SPEED, Member, Rod
+from npend_gym.physics import energy
+from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
 
-START_OPTIONS = ("theta", "omega", "amplitude")
 # For `only_lane`, which has no time to look up fields: the rows from TIME on
 (
     _TIME, _ENERGY, _ENERGY_ERROR, _PSEUDO_PERIOD, _TIP_HEIGHT, _COMPLETED, _DIVERGED
 ) = Output[Output.TIME :]  # fmt: skip
-_LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}
 
 
 class Episodes:
@@ -60,14 +57,14 @@ class Episodes:
     # -- starting ---------------------------------------------------------------------------
 
     def start(
-        self, mask: BoolArray, options: Mapping[str, FloatArray], *, reuse_buffers: bool = False
+        self, mask: BoolArray, options: Mapping[str, Any], *, reuse_buffers: bool = False
     ) -> None:
-        """Begin a new episode in the lanes of `mask`, with the options of `check_options`.
+        """Begin a new episode in the lanes of `mask`, with the options of `checked_options`.
 
         Outputs go to new arrays or, with `reuse_buffers`, into those of the last step.
         """
         config, chosen = self.config, np.flatnonzero(mask)
-        self._change_chains(chosen, options)
+        self._change_chains(chosen, options.get("chains"))
         theta, omega = np.empty((2, chosen.size, config.chain.n))
         amplitude = options.get("amplitude")
         for row, k in enumerate(chosen.tolist()):
@@ -88,46 +85,27 @@ class Episodes:
         self._memory.run(self._kernel, self._arrays, 0.0, 0, math.inf)
         members[Episode.STARTING] = 0.0
 
-    def _change_chains(self, chosen: NDArray[np.int64], options: Mapping[str, FloatArray]) -> None:
-        """Give the chosen lanes the chains of their new episode."""
-        changes = {name: options[name][chosen] for name in CHAIN_KEYWORDS if name in options}
-        if not changes and not self._varied[chosen].any():
+    def _change_chains(self, chosen: NDArray[np.int64], given: ChainParameters | None) -> None:
+        """Give the chosen lanes the chains of their new episode, by default that of the config."""
+        if given is None and not self._varied[chosen].any():
             return
-        chains = self.config.chain.repeated(chosen.size, **changes)
+        if given is None:
+            chains = self.config.chain.repeated(chosen.size)
+        else:
+            chains = ChainParameters(*(values[chosen] for values in given))
         self._memory.write_chain(chosen, chains)
         self._scale(chosen, chains)
-        self._varied[chosen] = bool(changes)
+        self._varied[chosen] = given is not None
 
     def _scale(self, lanes: NDArray[np.int64], chains: ChainParameters) -> None:
         """Set what makes quantities mean the same for the chains of some lanes."""
-        members, lift = self._memory.arrays[0], chains.carried_masses * chains.lengths
+        members, lift = self._memory.arrays[0], np.abs(chains.lift)
         members[Episode.PER_ENERGY, lanes] = 1.0 / chains.lifting_energy
         members[Episode.PER_LENGTH, lanes] = 1.0 / chains.lengths.sum(axis=1)
         members[Episode.PER_LIFT, lanes] = 0.5 / np.cumsum(lift, axis=1)[:, -1]
         own = lanes < self.count
         periods = theory.ideal_periods(chains)[own]
         self._ideal_period[lanes[own]] = np.where(np.isnan(periods), 0.0, periods)
-
-    def check_options(self, options: Mapping[str, Any] | None, *, single: bool) -> dict[str, Any]:
-        """Return the reset options as arrays with a leading lane axis, or say what is wrong."""
-        given = dict(options or {})
-        unknown = set(given) - {*CHAIN_KEYWORDS, *START_OPTIONS}
-        if unknown:
-            raise ValueError(
-                f"options must be among {', '.join((*START_OPTIONS, *CHAIN_KEYWORDS))}; "
-                f"got {_checks.show(sorted(map(str, unknown)))}"
-            )
-        n = self.config.chain.n
-        checked: dict[str, Any] = {}
-        for name, value in given.items():
-            shape = () if name in ("amplitude", "gravity") else (n,)
-            label = f"options[{name!r}]"
-            array = _checks.broadcast(label, value, shape if single else (self.count, *shape))
-            _checks.within(label, array, _LIMITS.get(name, np.inf))
-            if name in CHAIN_KEYWORDS:
-                check_parameter(label, array)
-            checked[name] = array[None] if single else array
-        return checked
 
     # -- stepping ---------------------------------------------------------------------------
 
@@ -213,7 +191,11 @@ class Episodes:
 
     def positions(self) -> FloatArray:
         """Return the positions of the bobs [m], shape (B, n, 2)."""
-        return positions(self._memory.parameters, self._memory.read(Rod.THETA))
+        return energy.positions(self._memory.parameters, self._memory.read(Rod.THETA))
+
+    def bodies(self) -> FloatArray:
+        """Return the centres of mass of links that are bodies [m], (B, n, 2); else (B, 0, 2)."""
+        return energy.bodies(self._memory.parameters, self._memory.read(Rod.THETA))
 
     def action(self, lane: int) -> FloatArray:
         """Return the last action of a lane, torque over its limit, (joints,)."""

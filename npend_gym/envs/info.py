@@ -38,7 +38,8 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     """Pseudo-period of each bob [s], shape (n,), in the reading "bob" of
     `npend_gym.pseudo_periods`; 0.0 where not complete."""
     ideal_period: _Real
-    """The paper's T0 of the chain [s]; 0.0 without gravity."""
+    """The paper's T0 of the chain [s]; 0.0 without gravity, and for links, to which T0 does not
+    apply."""
     tip_height: _Real
     """Height of the tip above the pivot [m]."""
     theta: FloatArray

@@ -56,7 +56,7 @@ class Mode:
         Default time of a step [s].
     torque_share : float
         Default torque limit, as a fraction of the torque that holds the whole chain horizontal,
-        g sum_i l_i sum_{k>=i} m_k. Zero: the mode has no motor.
+        g sum_i h_i with h of `Chain.lift`. Zero: the mode has no motor.
     hold : float
         For how long [s] the goal must have held without interruption to count as success.
     """

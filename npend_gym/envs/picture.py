@@ -73,9 +73,10 @@ class Camera:
         if self._painter is None:
             return None
         _, info = episodes.every_lane()
+        places = zip(episodes.positions(), episodes.bodies(), strict=True)
         frames = tuple(
-            self._painter.paint(self._scene(episodes, info, lane, positions))
-            for lane, positions in enumerate(episodes.positions())
+            self._painter.paint(self._scene(episodes, info, lane, *of_lane))
+            for lane, of_lane in enumerate(places)
         )
         if self._window is None:
             return frames
@@ -83,7 +84,12 @@ class Camera:
         return None
 
     def _scene(
-        self, episodes: Episodes, info: Info[Any, Any, Any], lane: int, positions: FloatArray
+        self,
+        episodes: Episodes,
+        info: Info[Any, Any, Any],
+        lane: int,
+        positions: FloatArray,
+        centres: FloatArray,
     ) -> render.Scene:
         trace = self._traces.get(lane)
         action = episodes.action(lane).clip(-1.0, 1.0)
@@ -97,6 +103,8 @@ class Camera:
             torque=float(action[0]) if action.size else 0.0,
             caption=f"{episodes.config.mode.name}, n = {episodes.config.chain.n}",
             trace=np.array(trace) if trace else np.empty((0, 2)),
+            centres=centres,
+            joint=int(episodes.config.joints[0]) if action.size else 0,
         )
 
     def close(self) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
+from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
-from npend_gym.envs.inputs import checked_action
+from npend_gym.envs.inputs import checked_action, checked_options
+from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress
@@ -25,17 +26,17 @@ _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 @with_config_keywords
 class NPendulumEnv(gym.Env[ObsArray, Any]):
-    r"""The N-pendulum: n point masses on massless rods, hung from a pivot.
+    r"""The N-pendulum: n point masses on massless rods, or n links, hung from a pivot.
 
     This is what `gym.make("NPendulum-v0")` returns inside its wrappers; `NPendulumVectorEnv` steps
     many of them at once.
 
     Description
     -----------
-    A planar chain moves under gravity, damping in its joints, drag of the air, and torques at the
-    actuated joints (by default at the pivot). The equations of motion are exact:
-    `npend_gym.physics.accelerations` solves them through the tensions of the rods. Each step takes
-    several Runge-Kutta steps of order 4. Every machine computes the same bits.
+    A planar chain moves under gravity, damping and friction in its joints, drag of the air, and
+    torques at the actuated joints (by default at the pivot). The equations of motion are exact:
+    `npend_gym.physics.accelerations` solves them in O(n). Each step takes several Runge-Kutta steps
+    of order 4. Every machine computes the same bits.
 
     Action
     ------
@@ -52,7 +53,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     "calm"               bring the released chain to rest             0.2 of the static  0.05
     ==================== ============================================ ================== ======
 
-    The static torque g sum_i l_i sum_{k>=i} m_k holds the whole chain horizontal. Half of it
+    The static torque, g times the sum of `Chain.lift`, holds the whole chain horizontal. Half of it
     cannot lift the chain directly: the chain must be swung up.
 
     Observation
@@ -103,19 +104,21 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     Parameters
     ----------
     n : int
-        Number of rods.
+        Number of rods, or of the links of `chain`.
     mode : {"swingup", "passive", "balance", "calm"}, str or Mode
         The task. A task of your own is an instance of a class derived from `Mode`, or the name of
         that class, "package.module:Class"; only a name can be written to JSON with the spec.
-    masses, lengths, damping, drag, quadratic_drag : float or array_like, shape (n,)
-        As in `npend_gym.Chain` [kg, m, N m s/rad, N s/m, N s^2/m^2].
-    gravity : float
-        [m/s^2].
+    chain : Chain, dict or str, optional
+        The chain: a `npend_gym.Chain`, the dict that its `as_dict` gives, or a preset's name such
+        as "acrobot" (`npend_gym.chain.PRESETS`). Without it, `n` and the following describe one.
+    masses, lengths, gravity, damping, drag, quadratic_drag
+        As in `npend_gym.Chain` [kg, m, m/s^2, N m s/rad, N s/m, N s^2/m^2].
+    centres, inertias, friction, friction_speed, armature, gear
+        As in `npend_gym.Chain` [m, kg m^2, N m, rad/s, kg m^2, 1]: they make links of bobs.
     actuated : sequence of int
         Joints with a motor, in the order of the action; joint 0 is the pivot.
     max_torque : float, optional
-        Torque of the action 1 [N m]; by default as in the table above, for the chain as made
-        (the options of `reset` do not change it).
+        Torque of the action 1 [N m]; by default as in the table, for the chain as made.
     dt : float, optional
         Time of a step [s]; by default as in the table above.
     substeps : int, optional
@@ -143,6 +146,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
+    spec: Any = PlainSpec()
 
     def __init__(self, *, render_mode: str | None = None, **keywords: Unpack[EnvKeywords]) -> None:
         self.config = config = make_config(NPendulumEnv, keywords)
@@ -168,8 +172,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         seed : int, optional
             Seed of the random generator; without one, the generator continues.
         options : dict, optional
-            For this episode: "theta", "omega" (a chosen start), "masses", "lengths", "damping",
-            "drag", "quadratic_drag", each (n,) or one number; "amplitude", "gravity", numbers.
+            For this episode: "theta", "omega" (a chosen start), and the parameters of the chain,
+            "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers.
+            Point masses stay point masses without friction or rotors.
 
         Returns
         -------
@@ -183,7 +188,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         """
         broken = self._progress is _UNFINISHED
         episodes = Episodes(self.config, 1) if broken else self._episodes
-        checked = episodes.check_options(options, single=True)
+        checked = checked_options(options, self.config)
         self._progress = _UNFINISHED
         self._episodes = episodes
         super().reset(seed=seed)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.envs.config import EnvKeywords, make_config, with_config_keywords
+from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.generators import Generators
 from npend_gym.envs.info import BatchInfo, final_info, with_masks
@@ -21,8 +21,10 @@ from npend_gym.envs.inputs import (
     checked_autoreset_mode,
     checked_episode_steps,
     checked_num_envs,
+    checked_options,
     reset_mask,
 )
+from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress, lanes_are_done
 
@@ -62,6 +64,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
+    spec: Any = PlainSpec()
 
     def __init__(
         self,
@@ -112,8 +115,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         seed : int or sequence of int, optional
             Lane k is seeded with seed + k, or with seed[k]; without one, its generator continues.
         options : dict, optional
-            "reset_mask", bool (B,); "theta", "omega", "masses", "lengths", "damping", "drag",
-            "quadratic_drag" (B, n); "amplitude", "gravity" (B,); one number stands for all.
+            "reset_mask", bool (B,); "theta", "omega" and the parameters of the chain (B, n);
+            "amplitude", "gravity" (B,); one number stands for all.
 
         Returns
         -------
@@ -130,7 +133,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
         broken = self._progress is _UNFINISHED
         episodes = Episodes(self.config, self.num_envs, self._threads) if broken else self._episodes
-        checked = episodes.check_options(given, single=False)
+        checked = checked_options(given, self.config, self.num_envs)
         seeds = self._generators.checked_seeds(seed)
         self._progress = _UNFINISHED
         self._episodes = episodes

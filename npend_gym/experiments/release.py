@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.experiments.chains import plain_fields, released_chain, take_chain
 from npend_gym.experiments.draws import starts
 from npend_gym.period import READINGS, pseudo_periods
 
@@ -49,6 +50,9 @@ class ReleaseExperiment:
         Per rod where not a number; then `n_values` must be their length.
     gravity, damping : float
         As in `npend_gym.Chain`.
+    chain : Chain, dict or str, optional
+        One chain in place of all that `n_values`, `masses`, `lengths`, `gravity` and `damping`
+        describe: a `Chain`, the dict of its parameters, or a preset's name.
     """
 
     n_values: Sequence[int] = PAPER_N
@@ -62,8 +66,10 @@ class ReleaseExperiment:
     lengths: ArrayLike = 1.0
     gravity: float = STANDARD_GRAVITY
     damping: float = 0.0
+    chain: Chain | Mapping[str, Any] | str | None = None
 
     def __post_init__(self) -> None:
+        take_chain(self, "n_values")
         _checks.count("trials", self.trials, high=MAX_TRIALS_PER_N)
         _checks.count("seed", self.seed, low=0, high=2**63 - 1)
         _checks.choice("reading", self.reading, READINGS)
@@ -79,11 +85,18 @@ class ReleaseExperiment:
         if len(self.n_values) == 0:
             raise ValueError("n_values must name at least one number of pendulums, got none")
         for n in self.n_values:
-            self.chain(n)
+            self.chain_of(n)
 
-    def chain(self, n: int) -> Chain:
+    def chain_of(self, n: int) -> Chain:
         """Return the chain of `n` rods that is released."""
+        if isinstance(self.chain, Chain):
+            return self.chain
         return released_chain(n, self.masses, self.lengths, self.gravity, self.damping)
+
+    @property
+    def has_any_n(self) -> bool:
+        """Whether it describes chains of every n, not only of those in `n_values`."""
+        return self.chain is None and np.ndim(self.masses) == 0 and np.ndim(self.lengths) == 0
 
     def runs(self) -> list[_Planned]:
         """Return (n, trial, starting angle [rad]) of every run, trials counted from 1."""
@@ -91,34 +104,12 @@ class ReleaseExperiment:
         return [(n, trial, angle) for n in self.n_values for trial, angle in enumerate(angles, 1)]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields as plain numbers, lists and texts, for a manifest."""
-        listed = ("n_values", "masses", "lengths")
-        values = asdict(self)
-        return values | {name: np.asarray(values[name]).tolist() for name in listed}
+        """Return the fields as plain numbers, lists and texts, for a manifest.
 
-
-def released_chain(
-    n: int,
-    masses: ArrayLike = 1.0,
-    lengths: ArrayLike = 1.0,
-    gravity: float = STANDARD_GRAVITY,
-    damping: float = 0.0,
-) -> Chain:
-    """Return the chain of `n` rods; masses and lengths are one number or an array of shape (n,).
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument breaks its rule.
-    """
-    ones = Chain.uniform(n).masses  # checks n
-    mass, length = _checks.array("masses", masses), _checks.array("lengths", lengths)
-    for name, value in (("masses", mass), ("lengths", length)):
-        if value.ndim and value.shape != (n,):
-            raise ValueError(
-                f"{name} must be one number or {n} of them for n = {n}, got shape {value.shape}"
-            )
-    return Chain(ones * mass, ones * length, gravity, damping)
+        With a chain they lack what it replaces: ``ReleaseExperiment(**experiment.as_dict())`` is
+        the same experiment.
+        """
+        return plain_fields(self, "n_values")
 
 
 @dataclass(frozen=True)
@@ -140,7 +131,7 @@ class Run:
 def measure(experiment: ReleaseExperiment, n: int, trial: int, start: float) -> Run:
     """Measure one run of `experiment`, from rest with all rods at `start` [rad]."""
     periods = pseudo_periods(
-        experiment.chain(n), start, reading=experiment.reading, duration=experiment.duration
+        experiment.chain_of(n), start, reading=experiment.reading, duration=experiment.duration
     )
     return Run(n, trial, start, periods)
 
@@ -181,7 +172,7 @@ def summary_rows(experiment: ReleaseExperiment, runs: Sequence[Run]) -> list[dic
 
 
 def _summary(experiment: ReleaseExperiment, n: int, runs: Sequence[Run]) -> dict[str, Any]:
-    chain = experiment.chain(n)
+    chain = experiment.chain_of(n)
     periods = np.array([run.periods for run in runs])
     done = np.isfinite(periods)
     means = np.array([run.mean for run in runs])

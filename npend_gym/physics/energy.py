@@ -22,6 +22,15 @@ def positions(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     return np.stack([x, y], axis=-1)
 
 
+def bodies(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
+    """Return the centres of mass [m] where links are bodies, (..., n, 2); else (..., 0, 2).
+
+    Links are bodies where the mass of one is spread, or not at its end. Pictures show them as bars.
+    """
+    shown = bool(np.any(chain.inertias) or np.any(chain.centres != chain.lengths))
+    return centres(chain, theta) if shown else np.empty((*theta.shape[:-1], 0, 2))
+
+
 def sideways(
     lengths: FloatArray, theta: FloatArray, omega: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -59,6 +59,14 @@ class Trajectory:
         """Return the positions of the bobs [m], shape (T, n, 2)."""
         return _energy.positions(self.chain, self.theta)
 
+    def centres(self) -> FloatArray:
+        """Return the positions of the links' centres of mass [m], shape (T, n, 2)."""
+        return _energy.centres(self.chain, self.theta)
+
+    def bodies(self) -> FloatArray:
+        """Return `centres` where links are bodies, for pictures; for point masses (T, 0, 2)."""
+        return _energy.bodies(self.chain, self.theta)
+
     def velocities(self) -> FloatArray:
         """Return the velocities of the bobs [m/s], shape (T, n, 2)."""
         return _energy.velocities(self.chain, self.theta, self.omega)
@@ -134,7 +142,7 @@ def _read(path: Path) -> Trajectory:
     data = _files.read_arrays(path, 2 * MAX_BYTES)
     about = json.loads(str(data["about"]))
     times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
-    chain = Chain(**about["chain"])
+    chain = Chain.from_dict(about["chain"])
     shape = (times.size, chain.n)
     if times.ndim != 1 or theta.shape != shape or omega.shape != shape:
         raise ValueError(f"theta and omega must have the shape {shape}")

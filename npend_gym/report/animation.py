@@ -65,6 +65,7 @@ class Film:
         times = interval * np.arange(int(motion.times[-1] / interval + 1e-6) + 1)
         self._shown = np.searchsorted(motion.times, times + 1e-6 * interval, side="right") - 1
         self._places, self._energy = motion.positions(), motion.energy()
+        self._centres = motion.bodies()
         self._turned = recording.turning_points()
         self._before, self._after, self._box = _diagrams(recording, size)
 
@@ -94,6 +95,8 @@ class Film:
             caption=recording.caption,
             trace=self._places[self._shown[first:k], -1],
             marks=self._turned[done],
+            centres=self._centres[now],
+            joint=recording.joint,
         )
 
     def _diagrams_at(self, k: int) -> Frame:

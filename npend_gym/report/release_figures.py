@@ -48,10 +48,10 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
 
 
 def _draw_models(axes: Any, experiment: ReleaseExperiment, n_values: Sequence[int]) -> None:
-    per_rod = np.ndim(experiment.masses) or np.ndim(experiment.lengths)
+    per_rod = not experiment.has_any_n
     low, high = n_values[0], n_values[-1]
     grid = list(n_values) if per_rod else np.unique(np.geomspace(low, high, 60, dtype=int))
-    chains = [experiment.chain(int(n)) for n in grid]
+    chains = [experiment.chain_of(int(n)) for n in grid]
     models = [theory.models(chain, experiment.amplitude) for chain in chains]
     ideal, corrected, fundamental = np.array(models).T
     marker = "_" if len(grid) == 1 else None
@@ -60,7 +60,8 @@ def _draw_models(axes: Any, experiment: ReleaseExperiment, n_values: Sequence[in
         (ideal, "-", _IDEAL, r"the paper's $T_0 = 2\pi\sqrt{N l/g}$" if not per_rod else "$T_0$"),
         (fundamental, "-", _FUNDAMENTAL, "$T_1$, slowest normal mode"),
     ):
-        axes.plot(grid, values, style, color=color, label=label, marker=marker, markersize=16)
+        if np.isfinite(values).any():  # the paper's model knows point masses alone
+            axes.plot(grid, values, style, color=color, label=label, marker=marker, markersize=16)
 
 
 def _plain_log_ticks(axes: Any) -> None:
@@ -79,7 +80,7 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
     figure = Figure(figsize=(1.2 + 3.2 * columns, 0.8 + 2.4 * rows))
     for k, n in enumerate(n_values, start=1):
         axes: Any = figure.add_subplot(rows, columns, k)
-        chain = experiment.chain(n)
+        chain = experiment.chain_of(n)
         bobs = np.arange(1, n + 1)
         for run in (run for run in runs if run.n == n):
             # smaller and smaller, because trials may lie on top of each other
@@ -91,7 +92,8 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
                 label=f"trial {run.trial}",
             )  # fmt: skip
         models = theory.models(chain, experiment.amplitude)
-        axes.axhline(models.ideal, color=_IDEAL, label="the paper's $T_0$")
+        if np.isfinite(models.ideal):
+            axes.axhline(models.ideal, color=_IDEAL, label="the paper's $T_0$")
         axes.axhline(models.fundamental, color=_FUNDAMENTAL, label="$T_1$, slowest normal mode")
         axes.set_ylim(0.0, None)
         axes.set_title(f"N = {n}: {_completed(runs, n)}")

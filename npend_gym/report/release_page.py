@@ -18,6 +18,7 @@ from npend_gym import _files, theory
 from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, SKY, rgb
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
+from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
 from npend_gym.recording import Recording
 from npend_gym.report.release_tables import LEGEND
@@ -88,9 +89,16 @@ def _palette_css() -> str:
 
 
 def command(experiment: ReleaseExperiment) -> str:
-    """Return the `npend release` command that measures `experiment`."""
+    """Return the `npend release` command that measures `experiment`.
+
+    A chain that is no preset stands in the file chain.json, as `Chain.as_dict` gives it.
+    """
     default, words = ReleaseExperiment().as_dict(), ["npend release"]
-    for name, value in experiment.as_dict().items():
+    values = experiment.as_dict()
+    if isinstance(experiment.chain, Chain):
+        words += ["--chain", preset_name(experiment.chain) or "chain.json"]
+        del values["chain"]
+    for name, value in values.items():
         if value is not None and value != default[name]:
             option = "--n" if name == "n_values" else f"--{name}"
             words += [option, ",".join(str(one) for one in np.atleast_1d(value).tolist())]
@@ -99,7 +107,7 @@ def command(experiment: ReleaseExperiment) -> str:
 
 def _models(experiment: ReleaseExperiment, n: int, start: float) -> dict[str, float]:
     """Return the models of the pseudo-period [s] that have a scale; none has without gravity."""
-    values = zip(_COLORS, theory.models(experiment.chain(n), start), strict=True)
+    values = zip(_COLORS, theory.models(experiment.chain_of(n), start), strict=True)
     return {name: value for name, value in values if math.isfinite(value)}
 
 
@@ -126,7 +134,7 @@ def _law(
     """Return the diagram of the pseudo-period against N: its series and the ranges of its axes."""
     n_values: list[int] = [row["n"] for row in rows]
     grid = n_values
-    if not (np.ndim(experiment.masses) or np.ndim(experiment.lengths)):
+    if experiment.has_any_n:
         low, high = max(1.0, min(n_values) / 2), 1.5 * max(n_values)
         grid = sorted({*np.geomspace(low, high, 40).round().astype(int).tolist(), *n_values})
     curves = {n: _models(experiment, n, experiment.amplitude) for n in grid}

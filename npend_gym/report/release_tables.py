@@ -29,7 +29,7 @@ _COLUMNS = (
 
 LEGEND = """\
 measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed}
-T0: the paper's 2 pi N / sum sqrt(g m/(l M)); + ampl.: times its amplitude series, corrected
+T0: the paper's 2 pi N / sum sqrt(g m/(l M)), for point masses; + ampl.: times its corrected series
 T1: period of the slowest normal mode; e: |measured - model| / measured"""
 
 

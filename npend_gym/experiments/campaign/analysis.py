@@ -24,6 +24,7 @@ from scipy.optimize import OptimizeWarning, curve_fit
 
 from npend_gym import theory
 from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments.campaign.folder import FolderStatus, check_folder, read_plan, resolved
 from npend_gym.experiments.campaign.plan import CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
@@ -35,7 +36,6 @@ from npend_gym.experiments.law import (
     linear_ratios,
     rope_ratios,
 )
-from npend_gym.experiments.release import released_chain
 
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
 _EXACT_UP_TO = 300  # bobs; beyond them the rope's limit stands for the chain's
@@ -153,23 +153,21 @@ def _groups(plan: CampaignPlan, stats: Statistics) -> Iterator[CellGroup]:
     grouped: dict[tuple[Any, ...], list[CellResult]] = {}
     for index in range(plan.cells):
         cell = plan.cell(index)
-        if np.isfinite(stats.median[index]) and cell["gravity"] > 0.0:
-            key = tuple(cell[name] for name in _GROUPED)
-            grouped.setdefault(key, []).append(_point(index, cell, stats))
+        fundamental = theory.fundamental_period(plan.chain_of(cell))
+        if np.isfinite(stats.median[index]) and np.isfinite(fundamental):
+            key = tuple((name, cell[name]) for name in _GROUPED if name in cell)
+            point = CellResult(
+                index, cell["n"], cell["amplitude"], cell["spread"], float(stats.start[index]),
+                float(stats.median[index]), fundamental,
+            )  # fmt: skip
+            grouped.setdefault(key, []).append(point)
+    chain = plan.chain if isinstance(plan.chain, Chain) else None
+    named = {} if chain is None else {"chain": preset_name(chain) or repr(chain)}
     for key, points in grouped.items():
-        values: dict[str, Any] = dict(zip(_GROUPED, key, strict=True))
+        values: dict[str, Any] = named | dict(key)
         yield CellGroup(
             values, tuple(points), tuple(_power_fits(points)), tuple(_laws(values, points))
         )
-
-
-def _point(index: int, cell: Mapping[str, Any], stats: Statistics) -> CellResult:
-    shared = {name: cell[name] for name in ("masses", "lengths", "gravity")}
-    chain = released_chain(cell["n"], **shared)
-    return CellResult(
-        index, cell["n"], cell["amplitude"], cell["spread"], float(stats.start[index]),
-        float(stats.median[index]), theory.fundamental_period(chain),
-    )  # fmt: skip
 
 
 def _power_fits(points: Sequence[CellResult]) -> Iterator[PowerFit]:
@@ -188,7 +186,7 @@ def _power_fits(points: Sequence[CellResult]) -> Iterator[PowerFit]:
 
 
 def _laws(values: Mapping[str, Any], points: Sequence[CellResult]) -> Iterator[AmplitudeLaw]:
-    known = all(isinstance(values[name], float) for name in ("masses", "lengths"))
+    known = all(isinstance(values.get(name), float) for name in ("masses", "lengths"))
     known = known and values["damping"] == 0.0 and values["reading"] == "bob"
     small = [point for point in points if abs(point.start) <= LAW_UP_TO]
     many = sorted({point.n for point in small if point.n >= LAW_FROM})

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from npend_gym import _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
-from npend_gym.experiments.release import released_chain
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
 pq: Any = _extras.require("pyarrow.parquet", "campaign", "campaigns")
@@ -105,7 +103,13 @@ def sha256(path: Path) -> str | None:
 def write_cells(plan: CampaignPlan, path: Path) -> None:
     """Write what every cell number stands for, with the models' periods [s]."""
     cells = [plan.cell(index) for index in range(plan.cells)]
-    chains = [_chain_columns(*(cell[name] for name in _CHAIN)) for cell in cells]
+    known: dict[Any, dict[str, Any]] = {}
+    chains: list[dict[str, Any]] = []
+    for cell in cells:
+        key = tuple(cell[name] for name in _CHAIN if name in cell)
+        if key not in known:
+            known[key] = _chain_columns(plan, cell)
+        chains.append(known[key])
     columns: dict[str, Any] = {"cell": np.arange(plan.cells)}
     columns |= {name: [row[name] for row in chains] for name in chains[0]}
     columns |= {
@@ -119,17 +123,19 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
 _CHAIN = ("n", "masses", "lengths", "gravity", "damping")
 
 
-@lru_cache(maxsize=1024)
-def _chain_columns(n: int, masses: Any, lengths: Any, gravity: float, damping: float) -> Any:
-    chain = released_chain(n, masses, lengths, gravity, damping)
+def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a cell releases; the chain of the plan, where it has one, whole as JSON."""
+    chain = plan.chain_of(cell)
+    own = {"chain": json.dumps(chain.as_dict())} if plan.chain is not None else {}
     return {
-        "n": n,
+        "n": chain.n,
         "masses_kg": chain.masses.tolist(),
         "lengths_m": chain.lengths.tolist(),
-        "gravity_m_s2": gravity,
-        "damping_nms": damping,
+        "gravity_m_s2": chain.gravity,
+        "damping_nms": cell["damping"] if "damping" in cell else chain.damping.tolist(),
         "fundamental_s": finite_or_none(theory.fundamental_period(chain)),
         "ideal_s": finite_or_none(theory.ideal_period(chain)),
+        **own,
     }
 
 

@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -15,7 +15,8 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._version import __version__
-from npend_gym.chain import STANDARD_GRAVITY
+from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.experiments.chains import REPLACED, plain_fields, released_chain, take_chain
 from npend_gym.experiments.release import (
     PAPER_AMPLITUDE,
     PAPER_N,
@@ -65,6 +66,9 @@ class CampaignPlan:
         Window [s]; by default long enough for every bob.
     batch : int, optional
         Releases in a task; by default as many as take about a second on one core.
+    chain : Chain, dict or str, optional
+        One chain in place of n, masses, lengths, gravity and damping: a `Chain`, the dict of its
+        parameters, or a preset's name.
 
     Raises
     ------
@@ -84,8 +88,10 @@ class CampaignPlan:
     seed: int = 0
     duration: float | None = None
     batch: int | None = None
+    chain: Chain | Mapping[str, Any] | str | None = None
 
     def __post_init__(self) -> None:
+        take_chain(self, "n")
         for name in SWEPT:
             object.__setattr__(self, name, _values(name, getattr(self, name)))
         _checks.count("trials", self.trials, high=MAX_TRIALS_PER_CELL)
@@ -106,7 +112,11 @@ class CampaignPlan:
     def _release(self, cell: Mapping[str, Any]) -> ReleaseExperiment:
         values = {name: cell[name] for name in SWEPT if name != "n"}
         return ReleaseExperiment(
-            n_values=(cell["n"],), seed=self.seed, duration=self.duration, **values
+            n_values=(cell["n"],),
+            seed=self.seed,
+            duration=self.duration,
+            chain=self.chain,
+            **values,
         )
 
     @cached_property
@@ -125,9 +135,16 @@ class CampaignPlan:
         return self.cells * self.trials
 
     def cell(self, index: int) -> dict[str, Any]:
-        """Return the values of the cell `index`, counted from 0."""
-        places = np.unravel_index(index, self.shape)
-        return {name: self._sweep(name)[int(k)] for name, k in zip(SWEPT, places, strict=True)}
+        """Return the values of the cell `index`, counted from 0; see `chain_of`."""
+        places = zip(SWEPT, np.unravel_index(index, self.shape), strict=True)
+        replaced = REPLACED if self.chain is not None else ()
+        return {name: self._sweep(name)[int(k)] for name, k in places if name not in replaced}
+
+    def chain_of(self, cell: Mapping[str, Any]) -> Chain:
+        """Return the chain that is released in a cell."""
+        if isinstance(self.chain, Chain):
+            return self.chain
+        return released_chain(cell["n"], *(cell[name] for name in REPLACED))
 
     def batch_of(self, n: int) -> int:
         """Return the number of releases in a task of chains of `n` rods."""
@@ -152,7 +169,7 @@ class CampaignPlan:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the plan as numbers and lists: `CampaignPlan(**plan.as_dict())` equals it."""
-        return {name: json.loads(json.dumps(value)) for name, value in asdict(self).items()}
+        return plain_fields(self, "n")
 
     @cached_property
     def digest(self) -> str:

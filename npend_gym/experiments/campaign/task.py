@@ -16,7 +16,6 @@ from npend_gym.experiments import draws
 from npend_gym.experiments.campaign.journal import Record
 from npend_gym.experiments.campaign.parts import write_parts
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
-from npend_gym.experiments.release import released_chain
 from npend_gym.period import pseudo_periods
 
 
@@ -59,7 +58,7 @@ def measure_task(plan: CampaignPlan, task: Task) -> tuple[FloatArray, FloatArray
                 draws.starts(plan.seed, first, last - first, cell["amplitude"], cell["spread"])
             )
         angles = np.concatenate(starts[first_start:])
-        periods.append(_periods(angles, plan.duration, **dict(shared)))
+        periods.append(_periods(plan, angles, dict(shared)))
     return np.concatenate(starts), np.concatenate(periods)
 
 
@@ -68,8 +67,8 @@ def _without_start(cell: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
     return tuple((name, cell[name]) for name in cell if name not in ("amplitude", "spread"))
 
 
-def _periods(
-    angles: FloatArray, duration: float | None, *, n: int, reading: str, **chain: Any
-) -> FloatArray:
-    theta = np.repeat(angles[:, None], n, axis=1)
-    return pseudo_periods(released_chain(n, **chain), theta, reading=reading, duration=duration)
+def _periods(plan: CampaignPlan, angles: FloatArray, cell: Mapping[str, Any]) -> FloatArray:
+    theta = np.repeat(angles[:, None], cell["n"], axis=1)
+    return pseudo_periods(
+        plan.chain_of(cell), theta, reading=cell["reading"], duration=plan.duration
+    )

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from npend_gym import _checks, theory
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._palette import BLUE, GREEN, INK, ORANGE, PAPER, rgb
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, as_chain
 from npend_gym.experiments.draws import starts
 from npend_gym.physics import Ensemble, energy
+from npend_gym.play.panel import SIZE, draw_panel
 from npend_gym.render import Frame, Painter, Scene, pygame_module
 from npend_gym.window import Window
 
 MAX_N = 200
 _DT, _STEPS = 0.02, 2  # s, and steps between two pictures
-_SIZE, _PANEL = 560, 320  # pixels
 _SPREAD = 0.017  # rad, of the release
 _TRACE = 150  # latest places of the tip that are drawn
 _ANGLE = math.radians(5.0)  # smallest amplitude, and its change by a key
-_INK, _PAPER, _BLUE, _ORANGE, _GREEN = map(rgb, (INK, PAPER, BLUE, ORANGE, GREEN))
-_FAINT = rgb("#9AA3AC")
-_HELP = (
-    "mouse: pull a bob", "left, right: torque at the pivot", "space: pause    r: release again",
-    "up, down: number of pendulums", "page up, page down: amplitude", "q: quit",
-)  # fmt: skip
 
 
 class Game:
@@ -35,27 +29,40 @@ class Game:
 
     Parameters
     ----------
-    n : int
-        Number of pendulums, at most 200.
+    n : int, optional
+        Number of pendulums, at most 200; by default 5.
     amplitude : float
         Angle of the release [rad].
     seed : int
         Seed of the draw from [0, 0.017) rad that is added to the amplitude, as in the paper.
+    chain : Chain, dict or str, optional
+        A chain in place of `n` equal rods: a `Chain`, the dict of its parameters, or a preset's
+        name.
     """
 
-    def __init__(self, n: int = 5, amplitude: float = math.pi / 4, seed: int = 0) -> None:
-        self.n = _checks.count("n", n, high=MAX_N)
+    def __init__(
+        self,
+        n: int | None = None,
+        amplitude: float = math.pi / 4,
+        seed: int = 0,
+        chain: Chain | Mapping[str, Any] | str | None = None,
+    ) -> None:
+        if n is not None and chain is not None:
+            raise ValueError(f"n must be left out where chain is given, got {_checks.show(n)}")
+        self._given = None if chain is None else as_chain(chain)
+        count = 5 if n is None else n
+        self.n = _checks.count("n", self._given.n if self._given else count, high=MAX_N)
         self.amplitude = _checks.number("amplitude", amplitude)
         if not 0.0 < abs(self.amplitude) < math.pi:
             raise ValueError(f"amplitude must be between 0 and pi, got {amplitude}")
         self.seed = _checks.count("seed", seed, low=0)
         self.paused = self.over = False
-        self._painter = Painter(_SIZE)
+        self._painter = Painter(SIZE)
         self.release()
 
     def release(self) -> None:
         """Release the chain from rest."""
-        self._chain = Chain.uniform(self.n)
+        self._chain = self._given or Chain.uniform(self.n)
         self._max_torque = 0.25 * self._chain.lifting_energy  # N m, half of what holds it level
         self._motion = Ensemble(self._chain, 1, joints=range(self.n))
         self._motion.set_state(0, starts(self.seed, 0, 1, self.amplitude, _SPREAD)[0])
@@ -144,7 +151,7 @@ class Game:
             self.over = True
         elif event.type in (pg.KEYDOWN, pg.KEYUP):
             self._key(event.key, down=event.type == pg.KEYDOWN)
-        elif event.type == pg.MOUSEBUTTONDOWN and event.pos[0] < _SIZE:
+        elif event.type == pg.MOUSEBUTTONDOWN and event.pos[0] < SIZE:
             self._mouse = self._place(event.pos)
             self._held_bob = int(np.argmin(np.hypot(*(self.positions - self._mouse).T)))
         elif event.type == pg.MOUSEBUTTONUP:
@@ -176,7 +183,7 @@ class Game:
         pg = pygame_module()
         n_change = {pg.K_UP: 1, pg.K_DOWN: -1}.get(key, 0)
         angle_change = {pg.K_PAGEUP: _ANGLE, pg.K_PAGEDOWN: -_ANGLE}.get(key, 0.0)
-        n = min(max(self.n + n_change, 1), MAX_N)
+        n = self.n if self._given else min(max(self.n + n_change, 1), MAX_N)
         amplitude = min(max(self.amplitude + angle_change, _ANGLE), math.pi - _ANGLE)
         if (n, amplitude) != (self.n, self.amplitude):
             self.n, self.amplitude = n, amplitude
@@ -199,42 +206,10 @@ class Game:
                 caption=f"n = {self.n}" + (", paused" if self.paused else ""),
                 trace=np.reshape(self._trace, (-1, 2)),
                 marks=np.reshape(list(self._marks.values()), (-1, 2)),
+                centres=energy.bodies(self._chain, self.theta),
             )
         )
-        return np.hstack([chain, self._panel()])
-
-    def _panel(self) -> Frame:
-        """Return the diagram of the pseudo-periods of all bobs, and the help text."""
-        pg = pygame_module()
-        pg.font.init()
-        font = pg.font.Font(None, 21)
-        panel = pg.Surface((_PANEL, _SIZE), 0, 32)
-        panel.fill(_PAPER)
-
-        def write(text: str, left: float, top: float, color: tuple[int, int, int] = _INK) -> None:
-            panel.blit(font.render(text, True, color), (left, top))
-
-        chain, periods = self._chain, self.periods
-        models = (
-            ("the paper's T0", theory.ideal_period(chain), _ORANGE),
-            ("slowest mode T1", theory.fundamental_period(chain), _GREEN),
-        )
-        left, right, low, high = 12.0, _PANEL - 14.0, 390.0, 100.0
-        longest = 1.2 * max(*periods, *(period for _, period, _ in models))
-        write(f"released from {math.degrees(self.amplitude):.0f} degrees", left, 12)
-        for row, (name, period, color) in enumerate(models, start=1):
-            at = low - (low - high) * period / longest
-            pg.draw.line(panel, color, (left, at), (right, at), 2)
-            write(f"{name}: {period:.3f} s", left, 12 + 22 * row, color)
-        pg.draw.lines(panel, _FAINT, False, [(left, high), (left, low), (right, low)])
-        for bob in np.flatnonzero(periods).tolist():
-            at = left + (right - left) * (bob + 0.5) / self.n
-            up = low - (low - high) * float(periods[bob]) / longest
-            pg.draw.aacircle(panel, _BLUE, (at, up), 4 if self.n <= 40 else 2)
-        write("pseudo-periods from the pivot to the tip", left, low + 6, _FAINT)
-        for row, text in enumerate(_HELP):
-            write(text, left, low + 34 + 21 * row)
-        return np.ascontiguousarray(pg.surfarray.array3d(panel).transpose(1, 0, 2))
+        return np.hstack([chain, draw_panel(self._chain, self.amplitude, self.periods)])
 
 
 def play(game: Game) -> None:

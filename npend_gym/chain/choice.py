@@ -1,0 +1,41 @@
+"""A chain as users name one: the object itself, its parameters, or a preset's name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from npend_gym import _checks
+from npend_gym.chain.model import Chain
+from npend_gym.chain.presets import PRESETS
+
+
+def as_chain(value: Any) -> Chain:
+    """Return the chain that `value` describes.
+
+    Parameters
+    ----------
+    value : Chain, mapping or str
+        A chain, its parameters as `Chain.as_dict` gives them, or a name for `Chain.preset`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is none of them, or a parameter breaks its rule.
+    """
+    if isinstance(value, Chain):
+        return value
+    if isinstance(value, Mapping):
+        return Chain.from_dict(value)  # pyright: ignore[reportUnknownArgumentType]
+    if isinstance(value, str) and value in PRESETS:
+        return Chain.preset(value)
+    error = ValueError if isinstance(value, str) else TypeError
+    raise error(
+        "chain must be a npend_gym.Chain, a dict as its as_dict() gives, or one of "
+        f"{', '.join(PRESETS)}; got {_checks.show(value)}"
+    )
+
+
+def preset_name(chain: Chain) -> str | None:
+    """Return which of PRESETS equals `chain`; None where none does."""
+    return next((name for name in PRESETS if Chain.preset(name) == chain), None)

@@ -1,0 +1,182 @@
+"""The keywords of the environments: their types, their defaults, and how they are read."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import inspect
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import ArrayLike
+from typing_extensions import TypedDict
+
+from npend_gym import _checks
+from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain
+from npend_gym.envs.modes import Mode
+
+CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
+
+_Class = TypeVar("_Class", bound=type)
+_Weighed = TypeVar("_Weighed", Chain, ChainParameters)
+
+
+class EnvKeywords(TypedDict, total=False):
+    """The keywords that both environments take and `EnvConfig` describes."""
+
+    n: int
+    mode: str | Mode
+    chain: Chain | Mapping[str, Any] | str | None
+    masses: ArrayLike
+    lengths: ArrayLike
+    gravity: float
+    damping: ArrayLike
+    drag: ArrayLike
+    quadratic_drag: ArrayLike
+    centres: ArrayLike | None
+    inertias: ArrayLike
+    friction: ArrayLike
+    friction_speed: ArrayLike
+    armature: ArrayLike
+    gear: ArrayLike
+    actuated: Sequence[int]
+    max_torque: float | None
+    dt: float | None
+    substeps: int | None
+    observation: str
+    amplitude: float
+    spread: float
+
+
+DEFAULTS: dict[str, Any] = {
+    "n": 2,
+    "mode": "swingup",
+    "chain": None,
+    "masses": 1.0,
+    "lengths": 1.0,
+    "max_torque": None,
+    "actuated": (0,),
+    "dt": None,
+    "substeps": None,
+    "observation": "angles",
+    "amplitude": math.pi / 4,
+    "spread": 0.017,
+} | {
+    name: parameter.default
+    for name, parameter in inspect.signature(Chain).parameters.items()
+    if parameter.default is not parameter.empty
+}
+
+
+def with_config_keywords(owner: _Class) -> _Class:
+    """Give a class, for `help` and `inspect`, the signature that it really has."""
+    own = inspect.signature(owner).parameters.values()
+    given = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=DEFAULTS[name],
+            annotation=getattr(kind, "__forward_arg__", kind),
+        )
+        for name, kind in EnvKeywords.__annotations__.items()
+    ]
+    positional = [p for p in own if p.kind is p.POSITIONAL_OR_KEYWORD]
+    keyword_only = [p for p in own if p.kind is p.KEYWORD_ONLY]
+    signature = inspect.Signature([*positional, *given, *keyword_only])
+    owner.__signature__ = signature  # type: ignore[attr-defined]
+    return owner
+
+
+class PlainSpec:
+    """The attribute `spec` of an environment: Gymnasium's record of how it was made.
+
+    `EnvSpec.to_json` writes numbers, lists, dicts and texts only. So a chain among the keywords
+    becomes the dict of its parameters, and an array becomes a list.
+    """
+
+    def __get__(self, env: object | None, owner: type) -> EnvSpec | None:
+        return None if env is None else vars(env).get("spec")
+
+    def __set__(self, env: object, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            spec = copy.copy(spec)
+            spec.kwargs = plain_keywords(spec.kwargs)
+        vars(env)["spec"] = spec
+
+
+def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keywords that JSON can hold: chains as dicts, arrays as lists."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Chain):
+            return value.as_dict()
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+    return {name: plain(value) for name, value in keywords.items()}
+
+
+def check_names(owner: type, keywords: Mapping[str, Any]) -> None:
+    """Raise a TypeError that names the first keyword which `owner` lacks, and the nearest one."""
+    for name in keywords:
+        if name not in EnvKeywords.__annotations__:
+            valid = list(inspect.signature(owner).parameters)
+            close = difflib.get_close_matches(name, valid, n=1)
+            hint = f"; did you mean {close[0]!r}?" if close else ";"
+            raise TypeError(
+                f"{owner.__name__} got an unexpected keyword argument {name!r}{hint} "
+                f"It takes {', '.join(valid)}"
+            )
+
+
+def chain_of(keywords: Mapping[str, Any]) -> Chain:
+    """Return the chain that `chain` or the keywords of its parameters describe."""
+    own = {name: keywords[name] for name in CHAIN_KEYWORDS if name in keywords}
+    given = keywords.get("chain")
+    if given is None:
+        n = _checks.count("n", keywords.get("n", DEFAULTS["n"]), high=MAX_RODS)
+        for name in ("masses", "lengths"):
+            own[name] = _checks.vector(name, own.get(name, DEFAULTS[name]), n)
+        return Chain(**own)
+    chain = as_chain(given)
+    if own:
+        raise ValueError(
+            f"{next(iter(own))} cannot be given together with chain, which has parameters of its "
+            f"own: give either chain or {', '.join(CHAIN_KEYWORDS)}"
+        )
+    if keywords.get("n", chain.n) != chain.n:
+        raise ValueError(
+            f"n must be left out where chain is given, or be its number of links, {chain.n}; "
+            f"got {_checks.show(keywords['n'])}"
+        )
+    return chain
+
+
+def check_weight(chain: _Weighed) -> _Weighed:
+    """Return a chain, or the parameters of several, refused where nothing in it has a weight.
+
+    Tasks judge by heights, and by energies in units of `Chain.lifting_energy`.
+    """
+    if not np.all(np.asarray(chain.lifting_energy) > 0.0):
+        raise ValueError(
+            "centres must give weight to at least one joint: the centre of mass of all that hangs "
+            "on each joint is at the joint, so that no position of the chain is higher than another"
+        )
+    return chain
+
+
+def joints_of(actuated: Any, n: int) -> tuple[int, ...]:
+    """Return the joints with a motor, of a chain of n rods, or say what is wrong with them."""
+    if isinstance(actuated, str) or not isinstance(actuated, (Sequence, np.ndarray)):
+        raise TypeError(
+            f"actuated must be a list of joints such as (0,), got {_checks.show(actuated)}"
+        )
+    listed: list[Any] = list(actuated)  # pyright: ignore[reportUnknownArgumentType]
+    joints = tuple(_checks.count("actuated", joint, low=0, high=n - 1) for joint in listed)
+    if len(joints) == 0 or len(set(joints)) != len(joints):
+        raise ValueError(
+            f"actuated must name at least one joint, and each once, got {_checks.show(listed)}"
+        )
+    return joints

@@ -1,0 +1,143 @@
+"""A scene as circles, lines and areas, on a canvas whose drawing functions are given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym._checks import FloatArray
+from npend_gym._palette import AMBER, BLUE, GREEN, INK, ORANGE, PAPER, PINK, RIM, ROD, WHITE, rgb
+from npend_gym.render.scene import Scene
+
+SAMPLES = 4  # drawn this many times larger and averaged down; only powers of two keep a color
+RADIUS = 440.0  # of the reach, in thousandths of the picture; the rest is a strip for the text
+_BOBS, _TRACE = 2000, 600  # drawn at most: more than anyone can tell apart
+
+_RAMP = tuple(map(rgb, (BLUE, GREEN, AMBER)))  # gains in lightness from pivot to tip
+_TIP, _TORQUE, _PAPER, _DISC = map(rgb, (ORANGE, PINK, PAPER, WHITE))
+_RIM, _ROD, _INK = map(rgb, (RIM, ROD, INK))
+
+
+def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
+    """Draw `scene` on a surface of pygame."""
+    pen = _Pen(draw, canvas, scene.reach)
+    canvas.fill(_PAPER)
+    pen.disc(_RIM, pen.middle, RADIUS + 1.0)
+    pen.disc(_DISC, pen.middle, RADIUS - 1.0)
+    motor = pen.places(np.vstack([np.zeros(2), scene.positions])[scene.joint, None])[0]
+    for outline in _arc_arrow(scene.torque) if scene.torque else ():
+        pen.polygon(_TORQUE, motor, outline)
+
+    track = np.vstack([scene.trace, scene.positions[-1:]])
+    track = pen.places(track[_thinned(len(track), _TRACE)])
+    for k, (start, end) in enumerate(pairwise(track), start=1):
+        pen.line(_mixed((_DISC, _TIP), 0.08 + 0.52 * k / len(track)), start, end, 4.2 * pen.fine)
+
+    bob = min(max(0.29 * RADIUS / len(scene.positions), 4.4 * pen.fine), 21.0 * pen.fine)
+    (_draw_links if len(scene.centres) else _draw_bobs)(pen, scene, bob)
+    for place in pen.places(scene.marks[_thinned(len(scene.marks), _BOBS)]):
+        pen.disc(_INK, place, min(0.45 * bob, 7.0 * pen.fine))
+
+
+def _draw_bobs(pen: _Pen, scene: Scene, bob: float) -> None:
+    """Draw discs of radius `bob` on thin rods."""
+    n = len(scene.positions)
+    tip, edge = max(1.15 * bob, 10.0 * pen.fine), 2.5
+    shown = _thinned(n, _BOBS)
+    bobs = pen.places(scene.positions[shown])
+    for start, end in pairwise([pen.middle, *bobs]):
+        pen.line(_ROD, start, end, min(max(0.42 * bob, 3.2 * pen.fine), 7.0 * pen.fine))
+    for k, place in zip(shown[:-1].tolist(), bobs[:-1], strict=True):
+        if 2.0 * (bob + edge) < RADIUS / n:  # bobs that touch would cut each other
+            pen.disc(_DISC, place, bob + edge)
+        pen.disc(_mixed(_RAMP, k / n), place, bob)
+    pen.disc(_INK, pen.middle, 9.0)
+    pen.disc(_DISC, pen.middle, 4.0)
+    pen.disc(_DISC, bobs[-1], tip + edge)
+    pen.disc(_TIP, bobs[-1], tip)
+
+
+def _draw_links(pen: _Pen, scene: Scene, bob: float) -> None:
+    """Draw bars from joint to joint, a light pin in each joint and a dot at the centre of mass."""
+    n = len(scene.positions)
+    joints = np.vstack([np.zeros(2), scene.positions])
+    width, pin = 0.8 * bob, 0.36 * bob
+    shown = [int(k) for k in _thinned(n, _BOBS)]
+    ends, centres = pen.places(joints), pen.places(scene.centres)
+    for k in shown:
+        color = _TIP if k == n - 1 else _mixed(_RAMP, k / n)
+        # a centre of mass beyond a joint is on an arm of the same body
+        pen.line(_ROD, ends[k], centres[k], 0.5 * width)
+        pen.bar(_DISC, ends[k], ends[k + 1], width + 2.5)
+        pen.bar(color, ends[k], ends[k + 1], width)
+    for k in shown:
+        pen.disc(_INK, centres[k], 0.62 * width)
+        pen.disc(_DISC, centres[k], 0.30 * width)
+    for k in shown:
+        pen.disc(_DISC, ends[k], pin)
+    pen.disc(_INK, pen.middle, 9.0)
+    pen.disc(_DISC, pen.middle, 4.0)
+
+
+class _Pen:
+    """Draws on a canvas; all lengths are in thousandths of the picture."""
+
+    def __init__(self, draw: Any, canvas: Any, reach: float) -> None:
+        self._draw, self._canvas, self._reach = draw, canvas, reach
+        self.unit = canvas.get_width() / 1000.0
+        self.fine = max(1.0, 240.0 * SAMPLES / canvas.get_width())  # keeps thin things visible
+        self.middle = (500.0 * self.unit, 500.0 * self.unit)
+
+    def places(self, points: FloatArray) -> list[list[float]]:
+        """Return where points [m] are on the canvas."""
+        at = np.clip(points, -2.0 * self._reach, 2.0 * self._reach) / self._reach
+        return np.rint((500.0 + at * (RADIUS, -RADIUS)) * self.unit).tolist()
+
+    def disc(self, color: Sequence[int], center: Sequence[float], radius: float) -> None:
+        self._draw.circle(self._canvas, color, center, radius * self.unit)
+
+    def line(self, color: Sequence[int], start: Any, end: Any, width: float) -> None:
+        self._draw.line(self._canvas, color, start, end, max(1, round(width * self.unit)))
+        self.disc(color, end, width / 2.0)  # closes the gap at a bend
+
+    def bar(self, color: Sequence[int], start: Any, end: Any, radius: float) -> None:
+        """Draw a bar with round ends."""
+        along = np.subtract(end, start)
+        length = float(np.hypot(*along))
+        if length > 0.0:
+            across = np.array([-along[1], along[0]]) * (radius * self.unit / length)
+            corners = [start + across, end + across, end - across, start - across]
+            self._draw.polygon(self._canvas, color, np.array(corners).tolist())
+        self.disc(color, start, radius)
+        self.disc(color, end, radius)
+
+    def polygon(self, color: Sequence[int], center: Any, outline: FloatArray) -> None:
+        """Draw an area whose outline is given about its center."""
+        self._draw.polygon(self._canvas, color, (outline * self.unit + center).tolist())
+
+
+def _arc_arrow(torque: float) -> tuple[FloatArray, FloatArray]:
+    """Return shaft and head around a joint; full torque is three quarters of a turn."""
+
+    def polar(angle: Any, radius: Any) -> FloatArray:
+        return np.stack([-radius * np.sin(angle), -radius * np.cos(angle)], axis=-1)
+
+    turn = 1.5 * np.pi * torque
+    head = min(max(turn, -0.5), 0.5)
+    back = np.linspace(0.0, turn - head, 60)
+    corners = polar(turn - head * np.array([1, 1, 0]), 57.0 + 28.0 * head * np.array([-1, 1, 0]))
+    return np.vstack([polar(back, 53.0), polar(back[::-1], 61.0)]), corners
+
+
+def _thinned(n: int, most: int) -> NDArray[np.int64]:
+    """Return at most `most` of the indices below n, evenly, the last one among them."""
+    return np.linspace(n - 1, 0, min(n, most)).round().astype(np.int64)[::-1]
+
+
+def _mixed(colors: Sequence[Sequence[int]], part: float) -> list[int]:
+    at = np.linspace(0.0, 1.0, len(colors))
+    return [round(float(np.interp(part, at, channel))) for channel in zip(*colors, strict=True)]

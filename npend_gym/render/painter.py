@@ -1,0 +1,69 @@
+"""Scenes painted as arrays, with their text."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks, _extras
+from npend_gym._checks import FloatArray
+from npend_gym._palette import INK, rgb
+from npend_gym.render.drawing import RADIUS, SAMPLES, draw_scene
+from npend_gym.render.frames import Frame
+from npend_gym.render.scene import Scene
+
+
+def pygame_module() -> Any:
+    """Return pygame, imported without its greeting."""
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # else it greets on stdout
+    return _extras.require("pygame", "render", "pictures of a chain")
+
+
+class Painter:
+    """Paints scenes as square RGB arrays; holds nothing but the size, so it copies and pickles.
+
+    The pivot is in the middle, and the reach has a radius of 0.44 times the width.
+
+    Parameters
+    ----------
+    size : int
+        Width and height in pixels, 32 to 2160; below 200 the text is left out.
+    """
+
+    def __init__(self, size: int = 480) -> None:
+        self.size = _checks.count("size", size, low=32, high=2160)
+        pygame_module()
+
+    def place(self, pixel: Sequence[float]) -> FloatArray:
+        """Return what the pixel (column, row) shows, over the reach: (x, y)."""
+        middle = 0.5 * self.size
+        return np.array([pixel[0] - middle, middle - pixel[1]]) * (1e3 / RADIUS / self.size)
+
+    def paint(self, scene: Scene) -> Frame:
+        """Return the picture of `scene`, a new array of shape (size, size, 3)."""
+        pg = pygame_module()
+        canvas = pg.Surface((self.size * SAMPLES, self.size * SAMPLES), 0, 32)
+        draw_scene(pg.draw, canvas, scene)
+        picture = pg.transform.smoothscale(canvas, (self.size, self.size))
+        if self.size >= 200:
+            _write(pg.font, picture, scene)
+        return np.ascontiguousarray(pg.surfarray.array3d(picture).transpose(1, 0, 2))
+
+
+def _write(fonts: Any, picture: Any, scene: Scene) -> None:
+    fonts.init()
+    size = picture.get_width()
+    font = fonts.Font(None, max(13, round(0.046 * size)))
+    margin = round(0.018 * size)
+    period = f"{scene.pseudo_period:.3f} s" if scene.pseudo_period else "-"
+    period = f"T = {period} ({scene.completed}/{len(scene.positions)})"
+    energy = f"E = {scene.energy:#.4g}".rstrip(".") + " J"
+    rows = (scene.caption, f"t = {scene.time:.2f} s"), (energy, period)
+    for (left, right), top in zip(rows, (margin, size - margin - font.get_height()), strict=True):
+        start = size - margin - font.size(right)[0]
+        room = (0, 0, start - 3 * margin, size)  # what does not fit is cut off
+        picture.blit(font.render(left[:size], True, rgb(INK)), (margin, top), room)
+        picture.blit(font.render(right, True, rgb(INK)), (start, top))
