@@ -46,3 +46,39 @@ def trajectory(chain, theta, omega, times, torque=None, tolerance=1e-12):
         rhs, (times[0], times[-1]), start, "DOP853", t_eval=times, rtol=tolerance, atol=tolerance
     )
     return solution.y[:n].T, solution.y[n:].T
+
+
+def link_system(chain, theta, omega, torque):
+    """Return M and f of M alpha = f for links, from the Jacobians of their centres and tips."""
+    n = chain.n
+    along = np.stack([np.sin(theta), -np.cos(theta)])  # unit vectors of the links, (2, n)
+    across = np.stack([np.cos(theta), np.sin(theta)])
+    matrix, force = np.diag(chain.inertias), np.zeros(n)
+    for i in range(n):
+        for lever, is_centre in ((chain.centres[i], True), (chain.lengths[i], False)):
+            reach = np.concatenate([chain.lengths[:i], [lever], np.zeros(n - i - 1)])
+            jacobian = reach * across
+            if is_centre:
+                mass = chain.masses[i]
+                matrix = matrix + mass * jacobian.T @ jacobian
+                # without the accelerations of the angles; gravity accelerates the frame
+                spin = np.array([0.0, chain.gravity]) - (reach * along) @ omega**2
+                force -= mass * jacobian.T @ spin
+            else:
+                v = jacobian @ omega
+                drag = chain.drag[i] + chain.quadratic_drag[i] * np.hypot(*v)
+                force -= jacobian.T @ (drag * v)
+        joint, rotor = np.zeros(n), np.zeros(n)
+        joint[i] = rotor[i] = 1.0
+        if i > 0:
+            joint[i - 1], rotor[i - 1] = -1.0, 1.0 / chain.gear[i] - 1.0
+        matrix = matrix + chain.armature[i] * np.outer(rotor, rotor)
+        speed = joint @ omega
+        u = speed / chain.friction_speed[i]
+        held = chain.damping[i] * speed + chain.friction[i] * u / np.sqrt(1.0 + u**2)
+        force += joint * (torque[i] - held)
+    return matrix, force
+
+
+def link_accelerations(chain, theta, omega, torque):
+    return np.linalg.solve(*link_system(chain, theta, omega, torque))

@@ -1,11 +1,11 @@
-"""Drag and moving pivots against the dense Lagrangian, derived here by SymPy."""
+"""Drag and moving pivots against the dense Lagrangian, derived by SymPy."""
 
-from functools import cache
 from itertools import pairwise
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from lagrangian import system
 from scipy.interpolate import CubicSpline
 
 from npend_gym import Chain, Trajectory, pseudo_periods, simulate
@@ -13,45 +13,6 @@ from npend_gym.physics import linearise
 from npend_gym.physics.energy import velocities
 from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
 from npend_gym.physics.pivot import Pivot
-
-
-@cache
-def lagrangian(n):
-    """Return a function for M and f of M q'' = f, q = (x, y, theta): the pivot is free to move."""
-    import sympy as sp
-
-    q, u = sp.symbols(f"q:{n + 2}"), sp.symbols(f"u:{n + 2}")
-    m, l, torque, damping, c, d = (sp.symbols(f"{name}:{n}") for name in "mlthcd")
-    cart, push, g = sp.symbols("M F g")
-    bobs, at = [], sp.Matrix(q[:2])
-    for i in range(n):
-        at = at + l[i] * sp.Matrix([sp.sin(q[i + 2]), -sp.cos(q[i + 2])])
-        bobs.append(at)
-    speeds = [bob.jacobian(q) * sp.Matrix(u) for bob in bobs]
-    kinetic = cart * (u[0] ** 2 + u[1] ** 2) / 2
-    kinetic += sum(m[i] * speeds[i].dot(speeds[i]) / 2 for i in range(n))
-    lagrange = kinetic - sum(m[i] * g * bobs[i][1] for i in range(n))
-    by_speed = sp.Matrix([lagrange]).jacobian(u)
-    force = sp.Matrix([lagrange]).jacobian(q).T - by_speed.jacobian(q) * sp.Matrix(u)
-    force[0] += push
-    for i in range(n):
-        size = sp.sqrt(speeds[i].dot(speeds[i]))
-        force -= bobs[i].jacobian(q).T * ((c[i] + d[i] * size) * speeds[i])
-        above = u[i + 1] if i > 0 else 0
-        joint = torque[i] - damping[i] * (u[i + 2] - above)
-        force[i + 2] += joint
-        if i > 0:
-            force[i + 1] -= joint
-    symbols = (q, u, m, l, torque, damping, c, d, cart, push, g)
-    return sp.lambdify(symbols, (by_speed.jacobian(u), force), cse=True)
-
-
-def dense(chain, theta, omega, torque, cart=1.0, push=0.0, velocity=(0.0, 0.0)):
-    matrix, force = lagrangian(chain.n)(
-        [0.0, 0.0, *theta], [*velocity, *omega], chain.masses, chain.lengths, torque,
-        chain.damping, chain.drag, chain.quadratic_drag, cart, push, chain.gravity,
-    )  # fmt: skip
-    return matrix, force[:, 0]
 
 
 def accelerate(chain, theta, omega, torque, velocity=(0.0, 0.0), **options):
@@ -84,7 +45,7 @@ def agree(got, expected):
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_drag_is_that_of_the_lagrangian(n):
     for chain, theta, omega, torque, _, _ in cases(n):
-        matrix, force = dense(chain, theta, omega, torque)
+        matrix, force = system(chain, theta, omega, torque)
         agree(accelerate(chain, theta, omega, torque), np.linalg.solve(matrix[2:, 2:], force[2:]))
 
 
@@ -92,7 +53,7 @@ def test_drag_is_that_of_the_lagrangian(n):
 def test_an_accelerated_pivot_is_that_of_the_lagrangian_with_drag_too(n):
     for chain, theta, omega, torque, _, given in cases(n):
         velocity = given[::-1]
-        matrix, force = dense(chain, theta, omega, torque, velocity=velocity)
+        matrix, force = system(chain, theta, omega, torque, velocity=velocity)
         expected = np.linalg.solve(matrix[2:, 2:], force[2:] - matrix[2:, :2] @ given)
         found = accelerate(chain, theta, omega, torque, velocity, acceleration=tuple(given))
         agree(found[:n], expected)
@@ -103,7 +64,7 @@ def test_an_accelerated_pivot_is_that_of_the_lagrangian_with_drag_too(n):
 def test_a_cart_is_that_of_the_lagrangian_with_drag_and_a_rail_that_resists(n):
     for chain, theta, omega, torque, cart, (push, speed) in cases(n):
         rail, velocity = 0.3, (speed, 0.0)
-        matrix, force = dense(chain, theta, omega, torque, cart, push - rail * speed, velocity)
+        matrix, force = system(chain, theta, omega, torque, cart, push - rail * speed, velocity)
         moving = np.array([0, *range(2, n + 2)])  # not up
         expected = np.linalg.solve(matrix[np.ix_(moving, moving)], force[moving])
         pushed = accelerate(

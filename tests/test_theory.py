@@ -2,9 +2,11 @@ import numpy as np
 import oracle
 import pytest
 from scipy.linalg import eigh
-from scipy.special import roots_laguerre
+from scipy.special import jn_zeros, roots_laguerre
 
 from npend_gym import Chain, simulate, theory
+from npend_gym.physics import linearise
+from npend_gym.theory.modes import decay_rate
 
 
 @pytest.mark.parametrize(("n", "printed"), [(5, 4.487), (10, 6.347), (20, 8.976), (100, 20.071)])
@@ -100,3 +102,76 @@ def test_without_gravity_a_period_is_not_a_number():
 def test_bad_arguments_are_refused_by_name(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+def links(n, seed=0):
+    rng = np.random.default_rng(seed)
+    lengths = rng.uniform(0.3, 2.0, n)
+    return Chain(
+        rng.uniform(0.3, 2.0, n), lengths, 9.81, rng.uniform(0.1, 1.0, n), rng.uniform(0.1, 1.0, n),
+        centres=rng.uniform(0.2, 1.2, n) * lengths, inertias=rng.uniform(0.01, 0.5, n),
+        armature=rng.uniform(0.0, 0.5, n), gear=rng.choice([6.0, -6.0, 0.5, np.inf], n),
+    )  # fmt: skip
+
+
+def test_two_uniform_rods_swing_with_the_textbook_frequencies():
+    chain = Chain.rods(0.7, [0.4, 0.4], gravity=9.0)
+    expected = 3.0 + 6.0 / np.sqrt(7.0) * np.array([-1.0, 1.0])
+    np.testing.assert_allclose(theory.normal_modes(chain)[0] ** 2 * 0.4 / 9.0, expected, rtol=1e-13)
+    frequencies = 2.0 * np.pi / theory.fundamental_period(chain), theory.fastest_frequency(chain)
+    np.testing.assert_allclose(np.square(frequencies) * 0.4 / 9.0, expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("n", "tolerance"), [(100, 4e-6), (1000, 4e-8), (100_000, 1e-11)])
+def test_many_uniform_rods_swing_as_the_hanging_rope(n, tolerance):
+    chain = Chain.rods(1.0 / n, np.full(n, 1.0 / n), gravity=1.0)
+    frequency = 2.0 * np.pi / theory.fundamental_period(chain)
+    assert frequency == pytest.approx(jn_zeros(0, 1)[0] / 2.0, rel=tolerance)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 40])
+def test_the_modes_of_links_solve_the_linearised_system(n):
+    chain = links(n)
+    omega, modes = theory.normal_modes(chain)
+    motion = linearise(chain, 0.0).A[n:, :n] @ modes
+    np.testing.assert_allclose(motion, -modes * omega**2, atol=1e-9 * omega[-1] ** 2)
+    assert np.abs(modes).max(axis=0) == pytest.approx(1.0)
+    assert theory.fastest_frequency(chain) == pytest.approx(omega[-1], rel=1e-12)
+    assert 2.0 * np.pi / theory.fundamental_period(chain) == pytest.approx(omega[0], rel=1e-11)
+
+
+def test_the_fastest_decay_is_an_eigenvalue_of_the_damped_system():
+    chain = links(6)
+    still = Chain.from_dict(chain.as_dict() | {"gravity": 0.0})
+    rates = -np.linalg.eigvals(linearise(still, 0.0).A).real
+    assert decay_rate(chain, chain.damping, chain.drag) == pytest.approx(rates.max(), rel=1e-12)
+
+
+def test_a_link_with_its_weight_above_the_joint_rests_upright():
+    chain = Chain([1.0, 0.2], [1.0, 0.5], centres=[-0.5, 0.3], inertias=0.1)
+    assert chain.lift[0] < 0.0 < chain.lift[1]
+    omega, modes = theory.normal_modes(chain)
+    motion = linearise(chain, [np.pi, 0.0]).A[2:, :2] @ modes
+    np.testing.assert_allclose(motion, -modes * omega**2, atol=1e-12 * omega[-1] ** 2)
+    assert 2.0 * np.pi / theory.fundamental_period(chain) == pytest.approx(omega[0], rel=1e-14)
+
+
+def test_a_balanced_link_has_no_period():
+    wheel = Chain(1.0, [1.0], centres=0.0, inertias=1.0)
+    assert np.isnan(theory.fundamental_period(wheel))
+    assert theory.fastest_frequency(wheel) == 0.0
+    np.testing.assert_array_equal(theory.normal_modes(wheel)[0], 0.0)
+
+
+def test_the_papers_period_does_not_apply_to_links():
+    chain = Chain.acrobot()
+    with pytest.raises(ValueError, match="does not apply to links: use fundamental_period"):
+        theory.ideal_period(chain)
+    models = theory.models(chain, 0.5)
+    assert np.isnan([models.ideal, models.corrected]).all()
+    assert models.fundamental == theory.fundamental_period(chain)
+    mixed = Chain(1.0, [1.0, 1.0]).repeated(2, inertias=np.array([[0.0, 0.0], [0.0, 0.1]]))
+    assert theory.ideal_periods(mixed)[0] == theory.ideal_period(Chain.uniform(2))
+    assert np.isnan(theory.ideal_periods(mixed)[1])
+    rubbing = Chain(1.0, [1.0, 1.0], friction=0.1)  # friction is no matter of the period
+    assert theory.ideal_period(rubbing) == theory.ideal_period(Chain.uniform(2))

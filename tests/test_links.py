@@ -1,0 +1,200 @@
+"""Links with inertia, friction and rotors against other derivations of the same motion."""
+
+import gymnasium as gym
+import lagrangian
+import numpy as np
+import oracle
+import pytest
+from engines import dm_control_model, mujoco_accelerations, mujoco_motion
+from gymnasium.envs.classic_control.acrobot import rk4
+
+from npend_gym import Chain, simulate
+from npend_gym.physics import accelerations, linearise, mass_matrix, tensions
+from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
+
+
+def cases(n, count, **changes):
+    """Yield chains with all that links have, in motion: (chain, theta, omega, torque)."""
+    rng = np.random.default_rng(n)
+    for _ in range(count):
+        lengths = rng.uniform(0.3, 3.0, n)
+        values = {
+            "masses": rng.uniform(0.3, 3.0, n),
+            "lengths": lengths,
+            "gravity": rng.uniform(0.0, 20.0),
+            "damping": rng.uniform(0.0, 1.0, n),
+            "drag": rng.uniform(0.0, 1.0, n),
+            "quadratic_drag": rng.uniform(0.0, 1.0, n),
+            "centres": rng.uniform(-0.5, 1.5, n) * lengths,
+            "inertias": rng.uniform(0.01, 1.0, n),
+            "friction": rng.uniform(0.0, 3.0, n),
+            "friction_speed": rng.uniform(0.05, 2.0, n),
+            "armature": rng.uniform(0.0, 1.0, n),
+            "gear": rng.choice([6.0, -6.0, 0.7, np.inf], n),
+        }
+        yield Chain(**(values | changes)), *rng.normal(0.0, 3.0, (2, n)), rng.normal(0.0, 10.0, n)
+
+
+def difference(got, expected):
+    return np.abs(got - expected).max() / np.abs(expected).max()
+
+
+BARE = {"drag": 0.0, "quadratic_drag": 0.0, "friction": 0.0, "armature": 0.0}
+
+
+@pytest.mark.parametrize("options", [{}, BARE], ids=["machine", "links"])
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+def test_links_move_as_the_lagrangian_says(n, options):
+    for case in cases(n, 20, **options):
+        assert difference(accelerations(*case), lagrangian.accelerations(*case)) <= 1e-13
+
+
+@pytest.mark.parametrize("n", [5, 20, 51])
+def test_long_chains_move_as_the_dense_system_says(n):
+    for case in cases(n, 5):
+        assert difference(accelerations(*case), oracle.link_accelerations(*case)) <= 1e-12
+
+
+@pytest.mark.parametrize("n", [1, 2, 20])
+def test_links_move_as_in_mujoco(n):
+    without = {"drag": 0.0, "quadratic_drag": 0.0, "friction": 0.0, "gear": np.inf}
+    for case in (*cases(n, 5, **without), *cases(n, 5, armature=0.0, **without)):
+        assert difference(accelerations(*case), mujoco_accelerations(*case)) <= 1e-11
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 100])
+def test_links_that_shrink_to_bobs_are_the_ideal_chain(n):
+    for case in cases(n, 5, **BARE, centres=None, inertias=0.0):
+        chain, *state = case
+        nearly = Chain.from_dict(chain.as_dict() | {"inertias": 1e-30})
+        assert chain.is_ideal
+        assert not nearly.is_ideal
+        assert difference(accelerations(nearly, *state), accelerations(chain, *state)) <= 1e-14
+
+
+def test_a_step_of_the_acrobot_is_that_of_gymnasium():
+    chain, env = Chain.acrobot(), gym.make("Acrobot-v1").unwrapped
+    speeds = np.array([env.MAX_VEL_1, env.MAX_VEL_2])
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (1000, 4)) * [np.pi, np.pi, *speeds]
+    theta, omega = np.cumsum(states[:, :2], axis=1), np.cumsum(states[:, 2:], axis=1)
+    for torque in env.AVAIL_TORQUE:  # on the elbow
+        alpha = accelerations(chain, theta, omega, [0.0, torque])
+        found = np.diff(alpha, prepend=0.0)
+        for k, state in enumerate(states):
+            slope = np.array(env._dsdt([*state, torque]))[2:4]
+            assert difference(found[k], slope) <= 1e-13
+            expected = rk4(env._dsdt, [*state, torque], [0.0, env.dt])[:4]
+            path = simulate(
+                chain, theta[k], omega[k], [0.0, env.dt], torque=[0.0, torque], method="rk4",
+                dt=env.dt,
+            )  # fmt: skip
+            end = np.diff([path.theta[1], path.omega[1]], prepend=0.0)
+            assert difference(end.ravel(), expected) <= 1e-12
+
+
+def test_the_acrobot_of_dm_control_swings_alike():
+    # its angles are from upright, clockwise: ours are pi minus their sums
+    angles, speeds, control = np.array([0.4, -0.7]), np.array([0.5, 1.0]), 0.6
+    expected = mujoco_motion(dm_control_model(), angles, speeds, control, 2.0, 20_000)
+    path = simulate(
+        Chain.dm_control("acrobot"), np.pi - np.cumsum(angles), -np.cumsum(speeds), [0.0, 2.0],
+        torque=[0.0, -2.0 * control], rtol=1e-13, atol=1e-14,
+    )  # fmt: skip
+    found = np.diff(np.pi - path.theta[-1], prepend=0.0)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    assert np.abs(expected - angles).max() > 1.0
+
+
+MACHINE = Chain(
+    [1.0, 0.5, 2.0], [0.5, 0.4, 0.8], damping=0.05, drag=[0.05, 0.1, 0.02],
+    quadratic_drag=[0.02, 0.03, 0.01], centres=[0.2, 0.3, 0.5], inertias=[0.02, 0.01, 0.15],
+    friction=[0.3, 0.1, 0.2], friction_speed=0.5, armature=[0.05, 0.02, 0.01], gear=[6, -6, np.inf],
+)  # fmt: skip
+LOSSLESS = Chain.from_dict(MACHINE.as_dict() | {
+    "damping": 0.0, "drag": 0.0, "quadratic_drag": 0.0, "friction": 0.0
+})  # fmt: skip
+
+
+def test_the_energy_is_that_of_the_mass_matrix_and_of_the_heights():
+    for chain, theta, omega, torque in cases(4, 10):
+        matrix, _ = lagrangian.system(chain, theta, omega, torque)
+        np.testing.assert_allclose(mass_matrix(chain, theta), matrix[2:, 2:], rtol=0, atol=1e-13)
+        expected = 0.5 * omega @ matrix[2:, 2:] @ omega
+        assert kinetic_energy(chain, theta, omega) == pytest.approx(expected, rel=1e-13)
+        rise = centre_of_mass(chain, theta) - centre_of_mass(chain, np.zeros(4))
+        height = energy(chain, theta, np.zeros(4)) / chain.gravity / chain.masses.sum()
+        assert height == pytest.approx(rise[1], rel=1e-12)
+        many = chain.repeated(2)
+        again = energy(many, np.array([theta, theta]), np.array([omega, omega]))
+        np.testing.assert_allclose(again, energy(chain, theta, omega), rtol=1e-15)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 2.5e-4}])
+def test_links_without_losses_keep_their_energy(options):
+    path = simulate(
+        LOSSLESS, [2.5, -1.0, 3.0], 0.0, np.linspace(0.0, 10.0, 101), rtol=1e-13, atol=1e-14,
+        **options,
+    )  # fmt: skip
+    drift = np.abs(path.energy() / path.energy()[0] - 1.0).max()
+    assert drift <= 1e-9
+    assert np.ptp(path.theta, axis=0).min() > 3.0
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 2.5e-4}])
+def test_torques_do_work_and_friction_and_drag_take_it(options):
+    nodes, weights = np.polynomial.legendre.leggauss(8)  # the power, integrated by pieces
+    edges, torque = np.linspace(0.0, 4.0, 401), np.array([2.0, -1.0, 0.5])
+    middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    times = np.concatenate([[0.0], (middle[:, None] + half[:, None] * nodes).ravel(), [4.0]])
+    path = simulate(
+        MACHINE, [2.5, -1.0, 3.0], 0.0, times, torque=torque, rtol=1e-13, atol=1e-14, **options
+    )
+    speeds = np.diff(path.omega, axis=1, prepend=0.0)
+    u = speeds / MACHINE.friction_speed
+    friction = MACHINE.friction * u / np.sqrt(1.0 + u**2)
+    size = np.linalg.norm(path.velocities(), axis=2)
+    air = (MACHINE.drag + MACHINE.quadratic_drag * size) * size**2
+    power = np.sum((torque - friction - MACHINE.damping * speeds) * speeds - air, axis=1)
+    work = np.sum(power[1:-1].reshape(-1, 8) @ weights * half)
+    gained = path.energy()[-1] - path.energy()[0]
+    assert gained == pytest.approx(work, rel=1e-8)
+    assert np.abs(np.sum(friction * speeds, axis=1)).max() > 0.1
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_the_linearisation_of_links_is_the_slope_of_their_accelerations(n):
+    for chain, theta, omega, torque in cases(n, 10):
+        system = linearise(chain, theta, omega, torque, joints=range(n))
+        state, h = np.concatenate([theta, omega, torque]), 1e-3
+
+        def rates(x, chain=chain):
+            return accelerations(chain, *np.split(x, 3))
+
+        expected = np.array([  # of order six
+            sum(w * (rates(state + k * h * e) - rates(state - k * h * e))
+                for k, w in ((1, 45.0), (2, -9.0), (3, 1.0))) / (60.0 * h)
+            for e in np.eye(3 * n)
+        ]).T  # fmt: skip
+        found = np.hstack([system.A[n:], system.B[n:]])
+        assert difference(found, expected) <= 1e-8
+        np.testing.assert_array_equal(system.A[:n], np.eye(n, 2 * n, k=n))
+
+
+def test_states_with_leading_axes_are_linearised_one_by_one():
+    theta, omega = np.random.default_rng(0).normal(size=(2, 5, 2, 3))
+    together = linearise(MACHINE, theta, omega)
+    alone = linearise(MACHINE, theta[3, 1], omega[3, 1])
+    np.testing.assert_allclose(together.A[3, 1], alone.A, rtol=1e-13)
+
+
+def test_tensions_of_links_are_refused():
+    for chain in (Chain.acrobot(), Chain(1.0, [1.0], friction=0.1)):
+        with pytest.raises(ValueError, match="tensions are those of massless rods"):
+            tensions(chain, 0.1, 0.0)
+
+
+def test_the_ends_of_links_are_their_joints():
+    np.testing.assert_allclose(
+        positions(Chain.acrobot(), np.array([np.pi / 2, np.pi])), [[1.0, 0.0], [1.0, 1.0]],
+        atol=1e-15,
+    )  # fmt: skip
