@@ -11,6 +11,7 @@ from gymnasium.envs.classic_control.acrobot import rk4
 from npend_gym import Chain, simulate
 from npend_gym.physics import accelerations, linearise, mass_matrix, tensions
 from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
+from npend_gym.physics.substeps import default_substeps
 
 
 def cases(n, count, **changes):
@@ -95,7 +96,7 @@ def test_a_step_of_the_acrobot_is_that_of_gymnasium():
 def test_the_acrobot_of_dm_control_swings_alike():
     # its angles are from upright, clockwise: ours are pi minus their sums
     angles, speeds, control = np.array([0.4, -0.7]), np.array([0.5, 1.0]), 0.6
-    expected = mujoco_motion(dm_control_model(), angles, speeds, control, 2.0, 20_000)
+    expected = mujoco_motion(dm_control_model(), angles, speeds, control, 2.0, 40_000)
     path = simulate(
         Chain.dm_control("acrobot"), np.pi - np.cumsum(angles), -np.cumsum(speeds), [0.0, 2.0],
         torque=[0.0, -2.0 * control], rtol=1e-13, atol=1e-14,
@@ -103,6 +104,24 @@ def test_the_acrobot_of_dm_control_swings_alike():
     found = np.diff(np.pi - path.theta[-1], prepend=0.0)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
     assert np.abs(expected - angles).max() > 1.0
+
+
+@pytest.mark.parametrize(("num_poles", "scale"), [(1, 1.0), (3, 1.0), (6, 0.25)])
+def test_poles_on_the_cart_of_dm_control_swing_alike(num_poles, scale):
+    rng = np.random.default_rng(num_poles)
+    angles, speeds = scale * rng.normal(size=(2, num_poles))
+    angles[0] += np.pi  # hanging
+    model, control = dm_control_model(num_poles), 0.05
+    expected = mujoco_motion(model, [0.1, *angles], [-0.3, *speeds], control, 2.0, 40_000)
+    path = simulate(
+        Chain.dm_control("cartpole", num_poles), np.pi - np.cumsum(angles), -np.cumsum(speeds),
+        [0.0, 2.0], cart_mass=1.0, force=10.0 * control, rail_damping=5e-4, pivot_velocity=-0.3,
+        rtol=1e-14, atol=1e-15,
+    )  # fmt: skip
+    found = np.diff(np.pi - path.theta[-1], prepend=0.0)
+    np.testing.assert_allclose(found, expected[1:], rtol=0, atol=1e-9)
+    assert path.cart(0.1)[0][-1] == pytest.approx(expected[0], abs=1e-9)
+    assert np.abs(expected - [0.1, *angles]).max() > 0.2
 
 
 MACHINE = Chain(
@@ -159,6 +178,16 @@ def test_torques_do_work_and_friction_and_drag_take_it(options):
     gained = path.energy()[-1] - path.energy()[0]
     assert gained == pytest.approx(work, rel=1e-8)
     assert np.abs(np.sum(friction * speeds, axis=1)).max() > 0.1
+
+
+@pytest.mark.parametrize("torque", [0.0, [0.0, 0.3]])
+def test_default_substeps_follow_links_that_stick_and_slip(torque):
+    chain, times = Chain.realaigym("C.1"), np.linspace(0.0, 5.0, 11)
+    exact = simulate(chain, [2.5, 1.0], 0.0, times, torque=torque)
+    dt = 0.01 / default_substeps(chain, 0.01)
+    path = simulate(chain, [2.5, 1.0], 0.0, times, torque=torque, method="rk4", dt=dt)
+    np.testing.assert_allclose(path.theta, exact.theta, rtol=0, atol=3e-4)
+    assert dt < 1e-3 < 0.01 / default_substeps(Chain.realaigym("C.1", motors=False), 0.01)
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
