@@ -22,6 +22,10 @@ SHORT = Chain.uniform(2), 0.1, 0.0, [0.0, 0.1]
 SHARES = {
     "one env": lambda: step_of(gym.make("NPendulum-v0")),
     "many envs": lambda: step_of(gym.make_vec("NPendulum-v0", num_envs=17)),
+    "one env of links": lambda: step_of(gym.make("NPendulum-v0", chain="realaigym C.1")),
+    "many envs of links": lambda: step_of(
+        gym.make_vec("NPendulum-v0", num_envs=17, chain="realaigym C.1")
+    ),
     "an ensemble of one": lambda: Ensemble(Chain.uniform(2)).advance(0.0, 0.1),
     "an ensemble": lambda: Ensemble(Chain.uniform(2), 17).advance(0.0, 0.1),
     "one release": lambda: pseudo_periods(Chain.uniform(2), 0.1),

@@ -7,9 +7,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
 
-from npend_gym import Chain
+from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.modes import MODES
+from npend_gym.physics import Ensemble
 
 # Every parameter is that of a link, and no two links are alike
 CHAIN = Chain(
@@ -76,7 +79,7 @@ def test_lists_of_numbers_in_arrays_survive_the_spec_as_json_too():
         ({"friction": 0.1, "friction_speed": 0.0}, ValueError, "dry friction needs a speed"),
         ({"gear": 0.0}, ValueError, "gear must not be zero"),
         ({"centres": "middle"}, TypeError, "centres must hold real numbers"),
-        ({"n": 1, "centres": 0.0, "inertias": 1.0}, ValueError, "centres must give weight to"),
+        ({"n": 1, "centres": 0.0, "inertias": 1.0}, ValueError, "centres must be so that the"),
     ],
 )
 def test_contradictions_and_bad_parameters_are_refused_by_name(given, error, message):
@@ -85,21 +88,145 @@ def test_contradictions_and_bad_parameters_are_refused_by_name(given, error, mes
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("chain", "options", "message"),
     [
-        ({"inertias": 0.1}, r"options\['inertias'\] must leave .* chain=Chain\(...\)"),
-        ({"armature": 0.1, "gear": 6.0}, "to vary armature, make the environment with a chain"),
-        ({"centres": 0.5}, "point masses without friction or rotors"),
-        ({"friction": 0.1}, "point masses without friction or rotors"),
-        ({"gear": 0.0}, r"options\['gear'\] must not be zero"),
-        ({"friction_speed": 0.0}, "dry friction needs a speed"),
+        (Chain.uniform(2), {"inertias": 0.1}, r"options\['inertias'\] must not make links of"),
+        (Chain.uniform(2), {"gear": 6.0, "armature": 0.1}, r"options\['armature'\] .* chain=Chain"),
+        (Chain.uniform(2), {"centres": 0.5}, r"options\['centres'\] must not make links"),
+        (Chain.uniform(2), {"friction": 0.1}, r"options\['friction'\]"),
+        (Chain.uniform(2), {"gear": 0.0}, r"options\['gear'\] must not be zero"),
+        (Chain.uniform(2), {"friction_speed": 0.0}, "dry friction needs a speed"),
+        (
+            Chain.acrobot(),
+            {"masses": 2.0, "drag": 0.1},
+            r"options\['drag'\] must not .* give links",
+        ),
+        (Chain.acrobot(), {"centres": 0.0, "lengths": 1.0, "masses": 1.0}, None),
     ],
 )
-def test_options_do_not_make_links_of_point_masses(options, message):
-    env = gym.make("NPendulum-v0", n=2).unwrapped
+def test_options_do_not_give_a_chain_more_than_the_environment_was_made_with(
+    chain, options, message
+):
+    env = gym.make("NPendulum-v0", chain=chain).unwrapped
     before = env.reset(seed=1)[1]
-    with pytest.raises(ValueError, match=message):
+    if message is None:
         env.reset(options=options)
-    assert env.config.chain == Chain.uniform(2)
-    after = env.reset(seed=1)[1]  # the refused call has left the environment as it was
+    else:
+        with pytest.raises(ValueError, match=message):
+            env.reset(options=options)
+    after = env.reset(seed=1)[1]  # without options: the chain of the config again
     assert before["energy"] == after["energy"]
+
+
+START = {"theta": [0.4, -0.3, 1.1], "omega": [0.5, -1.0, 2.0]}
+
+
+def test_the_environment_moves_as_simulate_does():
+    env = gym.make(
+        "NPendulum-v0", chain=CHAIN, actuated=(2, 0), max_torque=1.5, dt=0.02, substeps=100
+    ).unwrapped
+    env.reset(options=START)
+    info = [env.step(np.array([-0.5, 0.9]))[4] for _ in range(25)][-1]
+    exact = simulate(CHAIN, *START.values(), [0.0, 0.5], torque=[1.35, 0.0, -0.75])
+    np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(info["omega"], exact.omega[-1], rtol=0, atol=1e-6)
+    assert info["energy"] == pytest.approx(exact.energy()[-1], rel=1e-6)
+    assert info["tip_height"] == pytest.approx(exact.positions()[-1, -1, 1], abs=1e-6)
+    assert info["ideal_period"] == 0.0  # the paper's T0 does not apply to links
+    assert abs(info["energy_error"]) < 1e-9  # power of torque, damping, friction, drag and rotors
+
+
+def test_quantities_are_those_of_the_links():
+    env = gym.make("NPendulum-v0", chain=CHAIN).unwrapped
+    env.reset(options=START)
+    quantities = env._episodes.every_lane()[0]
+    whole = Ensemble(CHAIN, 1)
+    places = {}
+    energy = kinetic = tip = np.nan
+    for name, theta in (("now", START["theta"]), ("down", 0.0), ("up", np.pi)):
+        whole.set_state(0, theta, START["omega"])
+        places[name] = whole.centre_of_mass[0, 1]
+        if name == "now":
+            energy, kinetic, tip = whole.energy[0], whole.kinetic_energy[0], whole.tip[0, 1]
+    unit = CHAIN.lifting_energy
+    height = (places["now"] - places["down"]) / (places["up"] - places["down"])
+    assert quantities.height[0] == pytest.approx(height, rel=1e-12)
+    assert quantities.tip[0] == pytest.approx(tip / CHAIN.total_length, rel=1e-12)
+    assert quantities.energy[0] == pytest.approx(energy / unit, rel=1e-12)
+    assert quantities.kinetic_energy[0] == pytest.approx(kinetic / unit, rel=1e-12)
+
+
+def test_standing_upright_is_height_one_and_energy_one():
+    env = gym.make("NPendulum-v0", chain="realaigym C.1").unwrapped
+    env.reset(options={"theta": np.pi, "omega": 0.0})
+    quantities = env._episodes.every_lane()[0]
+    assert [float(value[0]) for value in quantities[:4]] == pytest.approx([1.0, 1.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize("machine", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_lane_k_is_the_single_environment_with_seed_plus_k_bit_for_bit(machine):
+    chain = CHAIN if machine else Chain.multiarm(3)
+    keywords = {"chain": chain, "actuated": (0, 2), "dt": 0.02}
+    envs = gym.make_vec("NPendulum-v0", num_envs=19, threads=2, **keywords)
+    envs.reset(seed=3)
+    rng = np.random.default_rng(0)
+    spread = rng.uniform(0.7, 1.3, (19, 3))
+    options = {"inertias": 0.01 * spread, "masses": spread, "gravity": 9.0 + rng.random(19)}
+    if machine:
+        options |= {"friction": 0.05 * spread, "gear": 6.0 * spread, "armature": 1e-3 * spread}
+    shown = [envs.reset(seed=3, options=options)]
+    actions = rng.uniform(-1.2, 1.2, (30, 19, 2)).astype(np.float32)
+    shown += [envs.step(action) for action in actions]
+    for k in (0, 7, 18):
+        env = gym.make("NPendulum-v0", **keywords).unwrapped
+        own = {name: value[k] for name, value in options.items()}
+        alone = [env.reset(seed=3 + k, options=own)] + [env.step(a[k]) for a in actions]
+        for many, one in zip(shown, alone, strict=True):
+            assert many[0][k].tobytes() == one[0].tobytes()
+            assert many[-1]["theta"][k].tobytes() == one[-1]["theta"].tobytes()
+            for name in ("energy", "energy_error", "tip_height", "pseudo_period"):
+                assert many[-1][name][k] == one[-1][name]
+            if len(one) > 2:
+                assert many[1][k] == one[1]
+
+
+def test_options_change_the_chain_for_one_episode():
+    env = gym.make("NPendulum-v0", chain=CHAIN, dt=0.02, substeps=50).unwrapped
+    change = {"friction": 0.02, "armature": 0.01, "gear": [None, -4.0, np.inf], "centres": 0.1}
+    env.reset(options=START | change)
+    info = [env.step(np.array([0.2]))[4] for _ in range(10)][-1]
+    chain = Chain.from_dict(CHAIN.as_dict() | change)
+    torque = [0.2 * env.config.max_torque, 0.0, 0.0]
+    exact = simulate(chain, *START.values(), [0.0, 0.2], torque=torque)
+    np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=1e-7)
+    env.reset(options=START)
+    info = [env.step(np.array([0.2]))[4] for _ in range(10)][-1]
+    exact = simulate(CHAIN, *START.values(), [0.0, 0.2], torque=torque)
+    np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        Chain.realaigym("A.0"),
+        # links without friction or rotors have kernels of their own, which take long to compile
+        pytest.param(Chain.multiarm(3), marks=pytest.mark.long),
+    ],
+)
+def test_a_release_of_links_completes_when_pseudo_periods_says(chain):
+    env = gym.make("NPendulum-v0", chain=chain, mode="passive", amplitude=0.6).unwrapped
+    _, info = env.reset(seed=2)
+    expected = pseudo_periods(chain, info["theta"], duration=3.0)
+    info = [env.step(0)[4] for _ in range(300)][-1]
+    done = np.isfinite(expected)
+    assert done.any()
+    np.testing.assert_allclose(info["pseudo_periods"][done], expected[done], rtol=0, atol=1e-6)
+    assert info["bobs_completed"] == done.sum()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_checkers_of_gymnasium_and_stable_baselines3_accept_links(mode):
+    keywords = {"mode": mode, "chain": "realaigym C.1"}
+    check_env(gym.make("NPendulum-v0", **keywords).unwrapped, skip_render_check=True)
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gym.make("NPendulum-v0", **keywords), warn=True)

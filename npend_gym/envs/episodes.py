@@ -99,10 +99,10 @@ class Episodes:
 
     def _scale(self, lanes: NDArray[np.int64], chains: ChainParameters) -> None:
         """Set what makes quantities mean the same for the chains of some lanes."""
-        members, lift = self._memory.arrays[0], np.abs(chains.lift)
+        members = self._memory.arrays[0]
         members[Episode.PER_ENERGY, lanes] = 1.0 / chains.lifting_energy
         members[Episode.PER_LENGTH, lanes] = 1.0 / chains.lengths.sum(axis=1)
-        members[Episode.PER_LIFT, lanes] = 0.5 / np.cumsum(lift, axis=1)[:, -1]
+        members[Episode.PER_LIFT, lanes] = 0.5 / np.cumsum(chains.lift, axis=1)[:, -1]
         own = lanes < self.count
         periods = theory.ideal_periods(chains)[own]
         self._ideal_period[lanes[own]] = np.where(np.isnan(periods), 0.0, periods)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
 from npend_gym.physics.kernels.layout import MAX_SPEED
+from npend_gym.physics.kernels.links import count_terms
 
 _START_OPTIONS = ("theta", "omega", "amplitude")
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}
@@ -96,15 +97,19 @@ def checked_options(
 
 def _changed_chains(chain: Chain, lanes: int, changes: Mapping[str, FloatArray]) -> ChainParameters:
     """Return the chains of all lanes with the `changes` of reset options."""
-    chains = check_weight(chain.repeated(lanes, **changes))
-    if chain.is_ideal and not chains.is_ideal:
-        name = next(name for name in changes if name in chains.beyond_ideal())
+    made_for = count_terms(chain.repeated(1))
+
+    def is_more(names: Iterable[str]) -> bool:
+        return count_terms(chain.repeated(lanes, **{k: changes[k] for k in names})) > made_for
+
+    if is_more(changes):
+        name = next((name for name in changes if is_more([name])), next(iter(changes)))
         raise ValueError(
-            f"options[{name!r}] must leave the bobs of this environment point masses without "
-            f"friction or rotors: to vary {name}, make the environment with a chain that has "
-            "them, chain=Chain(...)"
+            f"options[{name!r}] must not make links of point masses, nor give links friction, "
+            "rotors or drag that the environment was made without: make it with a chain that has "
+            "some, chain=Chain(...)"
         )
-    return chains
+    return check_weight(chain.repeated(lanes, **changes))
 
 
 def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:

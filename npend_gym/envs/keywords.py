@@ -155,14 +155,14 @@ def chain_of(keywords: Mapping[str, Any]) -> Chain:
 
 
 def check_weight(chain: _Weighed) -> _Weighed:
-    """Return a chain, or the parameters of several, refused where nothing in it has a weight.
+    """Return a chain, or the parameters of several, if it is higher standing than hanging.
 
-    Tasks judge by heights, and by energies in units of `Chain.lifting_energy`.
+    Tasks judge by the height of its centre of mass.
     """
-    if not np.all(np.asarray(chain.lifting_energy) > 0.0):
+    if not np.all(chain.lift.sum(axis=-1) > 0.0):
         raise ValueError(
-            "centres must give weight to at least one joint: the centre of mass of all that hangs "
-            "on each joint is at the joint, so that no position of the chain is higher than another"
+            "centres must be so that the chain's centre of mass is higher where all links stand up "
+            "than where all hang down, because tasks judge by its height"
         )
     return chain
 

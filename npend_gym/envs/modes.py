@@ -30,7 +30,7 @@ class Quantities(NamedTuple, Generic[_T]):
     tip: _T
     """Height of the tip above the pivot over the length of the chain, -1 to 1."""
     energy: _T
-    """Energy above hanging at rest: 1 upright at rest."""
+    """Energy above hanging at rest: 1 upright at rest, where all links hang by their weight."""
     kinetic_energy: _T
     """Its kinetic part."""
     energy_fraction: _T

@@ -109,8 +109,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         The task. A task of your own is an instance of a class derived from `Mode`, or the name of
         that class, "package.module:Class"; only a name can be written to JSON with the spec.
     chain : Chain, dict or str, optional
-        The chain: a `npend_gym.Chain`, the dict that its `as_dict` gives, or a preset's name such
-        as "acrobot" (`npend_gym.chain.PRESETS`). Without it, `n` and the following describe one.
+        A `npend_gym.Chain`, the dict that its `as_dict` gives, or a preset's name such as
+        "acrobot" (`npend_gym.chain.PRESETS`). Without it, `n` and the following describe one.
     masses, lengths, gravity, damping, drag, quadratic_drag
         As in `npend_gym.Chain` [kg, m, m/s^2, N m s/rad, N s/m, N s^2/m^2].
     centres, inertias, friction, friction_speed, armature, gear
@@ -120,7 +120,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     max_torque : float, optional
         Torque of the action 1 [N m]; by default as in the table, for the chain as made.
     dt : float, optional
-        Time of a step [s]; by default as in the table above.
+        Time of a step [s]; by default as in the table.
     substeps : int, optional
         Runge-Kutta steps in a step, always this many. By default there are enough for the fastest
         normal mode to turn by at most 1/16 rad in each, and more while a rod would turn by more
@@ -174,7 +174,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), and the parameters of the chain,
             "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers.
-            Point masses stay point masses without friction or rotors.
+            They make no links of point masses, nor give links friction, rotors or drag anew.
 
         Returns
         -------

@@ -138,6 +138,12 @@ def _ratio(chains: ChainParameters) -> FloatArray:
     return 1.0 / chains.gear - 1.0
 
 
+def count_terms(chains: ChainParameters) -> int:
+    """Return how many arrays `model_terms` makes of chains whose base rests: 0, 1 or 3."""
+    machinery = (chains.friction, chains.armature, chains.drag, chains.quadratic_drag)
+    return 0 if chains.is_ideal else 3 if any(np.any(values) for values in machinery) else 1
+
+
 def model_terms(
     chains: ChainParameters, base: FloatArray | None = None, count: int | None = None
 ) -> list[FloatArray]:
@@ -146,9 +152,7 @@ def model_terms(
     Shapes are (rows, B, n), and (len(Base), B, 1) for a base that moves, or (0, B, 1) if it rests.
     `count` asks for more arrays than they need; fewer are a ValueError.
     """
-    machinery = (chains.friction, chains.armature, chains.drag, chains.quadratic_drag)
-    least = 0 if chains.is_ideal else 3 if any(np.any(values) for values in machinery) else 1
-    least = least if base is None else 3
+    least = count_terms(chains) if base is None else 3
     wanted = least if count is None else count
     if least > wanted:
         raise ValueError(
