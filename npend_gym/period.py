@@ -9,40 +9,24 @@ from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import Chain, check_chain
-from npend_gym.compiled.aligned import aligned_zeros, innermost
-from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_periods
 from npend_gym.physics.arguments import check_rtol
-from npend_gym.physics.energy import positions
-from npend_gym.physics.kernels.dop853 import Problem, new_solver
-from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.releases import (
-    RELEASE_ROWS,
-    RUNNING,
-    STATUS,
-    STUCK,
-    measure_many,
-    measure_one,
-)
 from npend_gym.physics.kernels.turning_points import (
     BOB,
     HEIGHT,
     LINK,
     new_record,
     second_reversals,
-    speed_threshold,
 )
-from npend_gym.physics.simulation import IntegrationError, check_angles
+from npend_gym.physics.measurement import Measurement, measure, shares
+from npend_gym.physics.springs import check_springs
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
 
-_HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
-_RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
-_WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
 
 
 def pseudo_periods(
@@ -54,6 +38,8 @@ def pseudo_periods(
     duration: float | None = None,
     rtol: float = 1e-10,
     threads: int = 1,
+    stiffness: ArrayLike | None = None,
+    axial_damping: ArrayLike = 0.0,
 ) -> FloatArray:
     """Return the pseudo-period [s] of every bob after a release, or after each of many.
 
@@ -78,6 +64,9 @@ def pseudo_periods(
         Relative tolerance of the integration; the absolute one is a hundredth of it.
     threads : int
         Threads that share the releases. No result depends on it.
+    stiffness, axial_damping : float or array_like, shape (n,), optional
+        Of rods that stretch [N/m and N s/m], as in `simulate`, released with the tensions of rigid
+        ones. Not with "listing".
 
     Returns
     -------
@@ -107,6 +96,12 @@ def pseudo_periods(
     theta, omega = _starts(chain, theta, omega)
     releases = theta.reshape(-1, chain.n), omega.reshape(-1, chain.n)
     reading = _checks.choice("reading", reading, READINGS)
+    springs = check_springs(chain, stiffness, axial_damping)
+    if springs is not None and reading == "listing":
+        raise ValueError(
+            'reading must be "bob", "link" or "height" with stiffness, because the listing knows '
+            'rigid rods alone, got "listing"'
+        )
     rtol = check_rtol(rtol)
     threads = _checks.count("threads", threads, high=MAX_THREADS)
     if duration is not None:
@@ -129,16 +124,16 @@ def pseudo_periods(
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
         duration = _WINDOW * theory.fundamental_period(chain)
 
-    periods, shares = np.empty_like(releases[0]), _shares(len(releases[0]))
-    remaining = iter(shares)
+    periods, parts = np.empty_like(releases[0]), shares(len(releases[0]))
+    remaining, measurement = iter(parts), Measurement(_CODES[reading], duration, rtol)
 
     def measure_shares(worker: int, call: Call) -> None:
         del worker
         for share in remaining:
             start = releases[0][share], releases[1][share]
-            periods[share] = _measured(chain, *start, reading, duration, rtol, call)
+            periods[share] = measure(chain, springs, *start, measurement, call)
 
-    helpers = Helpers(min(threads, len(shares)) - 1)
+    helpers = Helpers(min(threads, len(parts)) - 1)
     helpers.run(measure_shares)
     helpers.close()
     return periods.reshape(theta.shape)
@@ -161,66 +156,6 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
             )
     first, second = (np.broadcast_to(array, shape).copy() for array in given.values())
     return first, second
-
-
-def _shares(count: int) -> list[slice]:
-    """Return how `count` releases are shared out: packs, and the last few one by one."""
-    last = count - count % WIDTH
-    whole = [slice(k, k + WIDTH) for k in range(0, last, WIDTH)]
-    if count - last >= _WORTH_A_PACK:
-        return [*whole, slice(last, count)]
-    return whole + [slice(k, k + 1) for k in range(last, count)]
-
-
-def _measured(
-    chain: Chain,
-    theta: FloatArray,
-    omega: FloatArray,
-    reading: str,
-    duration: float,
-    rtol: float,
-    call: Call,
-) -> FloatArray:
-    """Return the pseudo-periods of one release, or of up to WIDTH side by side, (lanes, n)."""
-    count, code, n = len(theta), _CODES[reading], chain.n
-    lanes = 1 if count == 1 else WIDTH
-    # lanes to spare repeat the last release
-    theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
-    solver = new_solver(0.0, innermost(np.hstack([theta, omega])), lanes)
-    problem = Problem(arrays_of(chain.repeated(lanes)), np.zeros(n * lanes), rtol, 1e-2 * rtol)
-    record = new_record(innermost(theta), innermost(_orientation(chain, theta, code)))
-    threshold = _threshold(chain, omega, code, rtol)
-    release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
-    status, scratch = release[STATUS * lanes :], aligned_zeros(RELEASE_ROWS, n * lanes)
-    measure = measure_one if lanes == 1 else measure_many
-    attempts, starting = max(1, _RODS_PER_CALL // (n * lanes)), True
-    while np.any(status == RUNNING) and not call.stopped:
-        measure(code, starting, attempts, (solver, problem, record), release, scratch)
-        starting = False
-        check_angles(solver.y[: n * lanes], float(solver.clock[lanes]))
-    if np.any(status == STUCK):
-        time = solver.clock.reshape(-1, lanes)[1, np.argmin(status)]
-        raise IntegrationError(
-            f"no step is small enough at t = {time:g} s for rtol = {rtol:g}: "
-            f"loosen it, or check the state and parameters"
-        )
-    return record.period.reshape(n, lanes).T[:count]
-
-
-def _orientation(chain: Chain, theta: FloatArray, reading: int) -> FloatArray:
-    """Return +1 for rods released from positive angles (or from zero), -1 from negative ones."""
-    if reading == HEIGHT:
-        return np.ones_like(theta)
-    side = theta if reading == LINK else positions(chain, theta)[..., 0]
-    return np.where(side < 0.0, -1.0, 1.0)
-
-
-def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> FloatArray:
-    """Return the size [rad/s, m/s or m] above which the sign of a signal counts, (lanes,)."""
-    if reading == HEIGHT:
-        return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
-    rate = speed_threshold(chain.gravity, chain.lengths, np.max(np.abs(omega), axis=1))
-    return rate * float(chain.lengths.mean()) if reading == BOB else rate
 
 
 def sampled_periods(times: FloatArray, velocities: FloatArray) -> FloatArray:

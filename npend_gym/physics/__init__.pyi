@@ -7,4 +7,5 @@ from npend_gym.physics.linearisation import linearise as linearise
 from npend_gym.physics.pivot import Pivot as Pivot
 from npend_gym.physics.simulation import IntegrationError as IntegrationError
 from npend_gym.physics.simulation import simulate as simulate
+from npend_gym.physics.springs import Springs as Springs
 from npend_gym.physics.trajectory import Trajectory as Trajectory

@@ -14,8 +14,10 @@ from npend_gym.physics.arguments import check_limits, check_rtol, check_torque
 from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
+from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.pivot import check_pivot
-from npend_gym.physics.trajectory import MAX_BYTES, Trajectory
+from npend_gym.physics.springs import axial_start, check_springs
+from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Trajectory
 
 METHODS = ("dop853", "rk4")
 _MAX_STEPS = 10**12  # between two times
@@ -39,6 +41,10 @@ def simulate(
     force: float = 0.0,
     rail_damping: float = 0.0,
     pivot_velocity: ArrayLike = 0.0,
+    stiffness: ArrayLike | None = None,
+    axial_damping: ArrayLike = 0.0,
+    stretch: ArrayLike | None = None,
+    stretch_rate: ArrayLike | None = None,
     method: str = "dop853",
     rtol: float = 1e-10,
     atol: float = 1e-12,
@@ -71,6 +77,15 @@ def simulate(
     pivot_velocity : float or array_like, shape (2,)
         Velocity of the pivot at ``times[0]`` [m/s], sideways and up; a number: sideways. The motion
         of the chain depends on it where there is drag, or damping on the rail.
+    stiffness : float or array_like, shape (n,), optional
+        Of rods that stretch [N/m]: massless springs between point masses, for a pivot at rest. By
+        default rods are rigid, which is the limit of stiff ones; they take fewer steps.
+    axial_damping : float or array_like, shape (n,)
+        Viscous damping of the springs along their length [N s/m].
+    stretch, stretch_rate : float or array_like, shape (n,), optional
+        How much longer than ``chain.lengths`` the springs are at ``times[0]`` [m], and its rate
+        [m/s], zero where only `stretch` is given. By default springs carry the tensions of rigid
+        rods, and so follow them without vibration.
     method : {"dop853", "rk4"}
         "dop853": order 8(5,3), with steps chosen to meet `rtol` and `atol`. "rk4": order 4, with
         equal steps between two times, as few as possible but none longer than `dt`.
@@ -105,23 +120,29 @@ def simulate(
     torque = _checks.vector("torque", check_torque(torque, n), n)
     pivot = check_pivot(pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity)
     settings = _check_settings(method, rtol, atol, dt)
-    rods, state = arrays_of(chain.repeated(1), pivot.base), np.concatenate([theta, omega])
-    forces = torque
-    if pivot.moves:  # place and velocity of the pivot stand after those of the rods
-        state = np.concatenate([theta, [0.0, 0.0], omega, pivot.velocity])
+    springs = check_springs(chain, stiffness, axial_damping, stretch, stretch_rate, pivot)
+    rods, forces = arrays_of(chain.repeated(1), pivot.base), torque
+    # what stands after the angles in the state, and after their rates
+    names, place, rate = (), np.zeros(0), np.zeros(0)
+    if springs is not None:
+        rods, names = springs.arrays(chain, 1), AXIAL
+        place, rate = axial_start(chain, springs, theta, omega, torque, stretch, stretch_rate)
+    elif pivot.moves:
+        names, place, rate = OF_PIVOT, np.zeros(2), np.array(pivot.velocity)
         forces = np.concatenate([torque, [pivot.force, 0.0]])
+    state = np.concatenate([theta, place, omega, rate])
     if method == "rk4":
         frames = _run_rk4(rods, state, times, forces, n, **settings)
     else:
         frames = _run_dop853(Problem(rods, forces, **settings), state, times, n)
     made_by = provenance(
         {"method": method, **settings, "torque": torque.tolist(), "pivot": pivot.as_dict()}
+        | ({} if springs is None else {"springs": springs.as_dict()})
     )
-    places, rates = np.hsplit(frames, 2)
-    base = [places[:, n:].copy(), rates[:, n:].copy()] if pivot.moves else []
-    return Trajectory(
-        chain, times, places[:, :n].copy(), rates[:, :n].copy(), made_by, pivot, *base
-    )
+    columns = np.split(frames, np.cumsum([n, place.size, n]), axis=1)
+    theta, place, omega, rate = (part.copy() for part in columns)
+    beyond = dict(zip(names, (place, rate), strict=False))  # no names: rigid rods, pivot at rest
+    return Trajectory(chain, times, theta, omega, made_by, pivot, springs=springs, **beyond)
 
 
 def _check_times(times: ArrayLike, n: int) -> FloatArray:
@@ -160,7 +181,7 @@ def _run_rk4(
     steps = np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
     frames = np.empty((times.size, state.size))
     frames[0] = state
-    progress, scratch, sound = np.array([1, 0, 0]), new_rk4_scratch(torque.size), True
+    progress, scratch, sound = np.array([1, 0, 0]), new_rk4_scratch(state.size // 2), True
     while sound and progress[0] < times.size:
         progress[2] = max(1, _RODS_PER_CALL // n)
         sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames)
@@ -170,6 +191,7 @@ def _run_rk4(
         raise IntegrationError(
             f"the state diverged between t = {since:g} s and {until:g} s: "
             f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
+            + _ended_rod(chain)
         )
     return frames
 
@@ -188,9 +210,14 @@ def _run_dop853(problem: Problem, state: FloatArray, times: FloatArray, n: int) 
             raise IntegrationError(
                 f"no step is small enough at t = {solver.clock[1]:g} s for "
                 f"rtol = {problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the "
-                "state and parameters"
+                "state and parameters" + _ended_rod(problem.chain)
             )
     return frames
+
+
+def _ended_rod(chain: AnyArrays) -> str:
+    """Return what else may stop the motion of rods that stretch."""
+    return ", or a rod has no length left" if isinstance(chain, SpringArrays) else ""
 
 
 def check_angles(theta: FloatArray, time: float) -> None:

@@ -12,11 +12,13 @@ import numpy as np
 
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.pivot import Pivot, check_pivot
+from npend_gym.physics.springs import Springs, check_springs, stretched, stretching
 
-_OF_PIVOT = ("pivot_position", "pivot_velocity")  # arrays that are there where it moves
+OF_PIVOT = ("pivot_position", "pivot_velocity")  # arrays that are there where it moves
+AXIAL = ("stretch", "stretch_rate")  # and where rods stretch
 MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
 
 
@@ -40,6 +42,11 @@ class Trajectory:
     pivot_position, pivot_velocity : ndarray, shape (T, 2)
         Of the pivot, sideways and up, from its place at ``times[0]`` [m and m/s]; None where it
         is at rest.
+    springs : Springs
+        What the rods are where they stretch; None where they are rigid.
+    stretch, stretch_rate : ndarray, shape (T, n)
+        How much longer the rods are than ``chain.lengths`` [m], and its rate [m/s]; None where
+        they are rigid.
 
     Notes
     -----
@@ -54,10 +61,21 @@ class Trajectory:
     pivot: Pivot = field(default_factory=Pivot)
     pivot_position: FloatArray | None = None
     pivot_velocity: FloatArray | None = None
+    springs: Springs | None = None
+    stretch: FloatArray | None = None
+    stretch_rate: FloatArray | None = None
+
+    @property
+    def _rods(self) -> Chain | ChainParameters:
+        return self.chain if self.stretch is None else stretched(self.chain, self.stretch)
+
+    def lengths(self) -> FloatArray:
+        """Return the lengths of the rods [m], shape (T, n)."""
+        return np.broadcast_to(self._rods.lengths, self.theta.shape).copy()
 
     def positions(self) -> FloatArray:
         """Return the positions of the bobs [m], shape (T, n, 2)."""
-        return _energy.positions(self.chain, self.theta)
+        return _energy.positions(self._rods, self.theta)
 
     def centres(self) -> FloatArray:
         """Return the positions of the links' centres of mass [m], shape (T, n, 2)."""
@@ -69,15 +87,23 @@ class Trajectory:
 
     def velocities(self) -> FloatArray:
         """Return the velocities of the bobs [m/s], shape (T, n, 2)."""
-        return _energy.velocities(self.chain, self.theta, self.omega)
+        turning = _energy.velocities(self._rods, self.theta, self.omega)
+        if self.stretch_rate is None:
+            return turning
+        return turning + stretching(self.chain, self.theta, self.stretch_rate)
 
     def kinetic_energy(self) -> FloatArray:
         """Return the kinetic energy [J], shape (T,)."""
-        return _energy.kinetic_energy(self.chain, self.theta, self.omega)
+        if self.springs is None:
+            return _energy.kinetic_energy(self.chain, self.theta, self.omega)
+        return 0.5 * np.sum(self.velocities() ** 2, axis=-1) @ self.chain.masses
 
     def energy(self) -> FloatArray:
-        """Return the energy above hanging at rest [J], shape (T,)."""
-        return _energy.energy(self.chain, self.theta, self.omega)
+        """Return the energy above hanging at rest [J], shape (T,); springs are stretched there."""
+        if self.springs is None or self.stretch is None:
+            return _energy.energy(self.chain, self.theta, self.omega)
+        potential = self.springs.potential_energy(self.chain, self.theta, self.stretch)
+        return self.kinetic_energy() + potential
 
     def cart(self, position: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return position [m] and velocity [m/s] of the cart, shape (T,) each.
@@ -109,12 +135,13 @@ class Trajectory:
             {
                 "chain": self.chain.as_dict(),
                 "pivot": self.pivot.as_dict(),
+                "springs": self.springs and self.springs.as_dict(),
                 "provenance": self.provenance,
             }
         )
-        arrays = {name: getattr(self, name) for name in ("times", "theta", "omega")}
-        if self.pivot_position is not None:
-            arrays |= {name: getattr(self, name) for name in _OF_PIVOT}
+        names = ("times", "theta", "omega", *OF_PIVOT, *AXIAL)
+        arrays = {name: getattr(self, name) for name in names}
+        arrays = {name: array for name, array in arrays.items() if array is not None}
         with _files.replacing(Path(path), binary=True) as file:
             np.savez_compressed(file, about=np.array(about), **arrays)
 
@@ -149,7 +176,14 @@ def _read(path: Path) -> Trajectory:
     if not isinstance(about["provenance"], dict):
         raise TypeError("its provenance must be a dict")
     pivot = check_pivot(**about["pivot"])
-    motion = [_checks.array(name, data[name]) for name in _OF_PIVOT if pivot.moves]
-    if any(each.shape != (times.size, 2) for each in motion):
-        raise ValueError(f"{' and '.join(_OF_PIVOT)} must have the shape {(times.size, 2)}")
-    return Trajectory(chain, times, theta, omega, about["provenance"], pivot, *motion)
+    given: dict[str, Any] = about.get("springs") or {}
+    springs = check_springs(chain, **given)
+    beyond: dict[str, FloatArray] = {}
+    for names, width in ((OF_PIVOT, 2 * pivot.moves), (AXIAL, chain.n * (springs is not None))):
+        for name in names if width else ():
+            beyond[name] = _checks.array(name, data[name])
+            if beyond[name].shape != (times.size, width):
+                raise ValueError(f"{name} must have the shape {(times.size, width)}")
+    return Trajectory(
+        chain, times, theta, omega, about["provenance"], pivot, springs=springs, **beyond
+    )

@@ -6,6 +6,7 @@ parameters         chain                                          solved in
 `ChainArrays`      point masses on massless rods, fixed pivot     `tensions`, the fastest
 `LinkArrays`       links with inertia, viscous joints             `links`
 `MachineArrays`    all chains and bases, with motors, friction    `links`
+`SpringArrays`     point masses on rods that stretch              `springs`
 =================  =============================================  ============================
 
 A kernel that calls `accelerations` is compiled for the kind of its argument `chain`, so that a kind
@@ -29,6 +30,7 @@ from npend_gym.physics.kernels.links import (
     solve_links,
     solve_machine,
 )
+from npend_gym.physics.kernels.springs import SpringArrays, solve_springs
 from npend_gym.physics.kernels.tensions import (
     ChainArrays,
     any_damped,
@@ -40,7 +42,7 @@ from npend_gym.physics.kernels.tensions import (
 
 WORK_ROWS = 7
 
-AnyArrays = ChainArrays | LinkArrays | MachineArrays
+AnyArrays = ChainArrays | LinkArrays | MachineArrays | SpringArrays
 
 
 def arrays_of(chains: ChainParameters, base: FloatArray | None = None) -> AnyArrays:
@@ -67,7 +69,12 @@ def copy(source: FloatArray, target: FloatArray) -> None:
 
 @chosen_by_type(
     "chain",
-    {ChainArrays: solve_tensions, LinkArrays: solve_links, MachineArrays: solve_machine},
+    {
+        ChainArrays: solve_tensions,
+        LinkArrays: solve_links,
+        MachineArrays: solve_machine,
+        SpringArrays: solve_springs,
+    },
 )
 def accelerations(
     q: FloatArray, u: FloatArray, torque: FloatArray, chain: AnyArrays, work: FloatArray,
@@ -75,9 +82,9 @@ def accelerations(
 ) -> float:  # fmt: skip
     """Write the accelerations of a chain, or of a pack of them, into `alpha`.
 
-    `q` are the angles [rad], and the coordinates of the base [m] where it moves, `u` their rates;
-    `torque` acts at joints 0..n-1 [N m], then a force on the base [N]. Return the power that drag
-    takes [W].
+    `q` are the angles [rad], then the coordinates of the base where it moves, or how far the rods
+    are stretched [m]; `u` are their rates. `torque` acts at joints 0..n-1 [N m], then a force on
+    the base [N]. Return the power that drag takes [W].
     """
     raise NotImplementedError
 

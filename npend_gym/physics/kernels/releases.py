@@ -6,13 +6,23 @@ from the dense output; those that may hold a turning point are followed, rod by 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import (
+    chosen_by_type,
+    inlined_kernel,
+    inner_kernel,
+    kernel,
+    spliced_kernel,
+)
 from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dop853 import Problem, Solver, attempt, prepare_dense, start
+from npend_gym.physics.kernels.dynamics import AnyArrays
+from npend_gym.physics.kernels.links import LinkArrays, MachineArrays
+from npend_gym.physics.kernels.springs import SpringArrays
+from npend_gym.physics.kernels.tensions import ChainArrays
 from npend_gym.physics.kernels.turning_points import (
     BOB,
     LINK,
@@ -33,6 +43,39 @@ _SUBINTERVALS = 4  # of a step; at these tolerances a step is about a radian of 
 _ROOT_TOLERANCE = 1e-11  # s
 
 
+class Stretching(NamedTuple):
+    """Rods that stretch, where their lengths stand in the state too."""
+
+    length: FloatArray  # without load
+
+
+Rods = FloatArray | Stretching  # the lengths of rigid rods, or those
+
+
+@inlined_kernel
+def _rigid_rods(chain: Any, lane: int, width: int) -> FloatArray:
+    return chain.length[lane::width]
+
+
+@inlined_kernel
+def _springs(chain: SpringArrays, lane: int, width: int) -> Stretching:
+    return Stretching(chain.length[lane::width])
+
+
+@chosen_by_type(
+    "chain",
+    {
+        ChainArrays: _rigid_rods,
+        LinkArrays: _rigid_rods,
+        MachineArrays: _rigid_rods,
+        SpringArrays: _springs,
+    },
+)
+def _rods_of(chain: AnyArrays, lane: int, width: int) -> Rods:
+    """Return what readings need to know of the rods of one lane."""
+    raise NotImplementedError
+
+
 class _Dense(NamedTuple):
     """The signal of rod `i` during the last step of a solver."""
 
@@ -40,7 +83,7 @@ class _Dense(NamedTuple):
     i: int
     solver: Solver
     record: Record
-    length: FloatArray  # of the rods
+    rods: Rods
     scratch: FloatArray
 
 
@@ -62,32 +105,64 @@ def _state_at(solver: Solver, x: float, j: int) -> tuple[float, float]:
     return solver.y_old[j] + p * x, (d * x + p) / (solver.clock[1] - solver.clock[0])
 
 
+@inlined_kernel
+def _along_rigid_rod(
+    reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
+    rods: FloatArray,
+) -> tuple[float, float]:  # fmt: skip
+    theta, _ = _state_at(solver, x, i)
+    s, c = sincos(theta)
+    l = rods[i]
+    if reading == BOB:
+        return l * (omega * c), l * (alpha * c - (omega * omega) * s)
+    _, c0 = sincos(record.start[i])
+    return l * (c0 - c), l * (omega * s)
+
+
+@inlined_kernel
+def _along_spring(
+    reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
+    rods: Stretching,
+) -> tuple[float, float]:  # fmt: skip
+    n = rods.length.size
+    theta, _ = _state_at(solver, x, i)
+    stretch, _ = _state_at(solver, x, n + i)
+    growth, change = _state_at(solver, x, 3 * n + i)
+    s, c = sincos(theta)
+    r = rods.length[i] + stretch
+    if reading == BOB:
+        turned = r * (alpha * c - (omega * omega) * s) + 2.0 * (growth * (omega * c))
+        return r * (omega * c) + growth * s, turned + change * s
+    return record.start[i] - r * c, r * (omega * s) - growth * c
+
+
+@chosen_by_type("rods", {0: _along_rigid_rod, Stretching: _along_spring})
+def _along_rod(
+    reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
+    rods: Rods,
+) -> tuple[float, float]:  # fmt: skip
+    """Return what rod `i` adds to the signal of its bob and of those below, and to the slope."""
+    raise NotImplementedError
+
+
 @inner_kernel
 def _signals(
     reading: int, solver: Solver, x: float, first: int, last: int, record: Record,
-    length: FloatArray, scratch: FloatArray,
+    rods: Rods, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Write signal and slope of rods `first` to `last` at fraction `x` of the step.
 
     A bob's motion is the sum over the rods above it: except for LINK, `first` must be 0.
     """
-    n, signal, slope = record.start.size, scratch[_SIGNAL], scratch[_SLOPE]
+    velocities, signal, slope = solver.y.size // 2, scratch[_SIGNAL], scratch[_SLOPE]
     value = rate = 0.0
     for i in range(first, last + 1):
-        omega, alpha = _state_at(solver, x, n + i)
+        omega, alpha = _state_at(solver, x, velocities + i)
         if reading == LINK:
             value, rate = omega, alpha
         else:
-            theta, _ = _state_at(solver, x, i)
-            s, c = sincos(theta)
-            l = length[i]
-            if reading == BOB:
-                value = value + l * (omega * c)
-                rate = rate + l * (alpha * c - (omega * omega) * s)
-            else:
-                _, c0 = sincos(record.start[i])
-                value = value + l * (c0 - c)
-                rate = rate + l * (omega * s)
+            f, slope_here = _along_rod(reading, solver, x, i, omega, alpha, record, rods)
+            value, rate = value + f, rate + slope_here
         signal[i] = record.orientation[i] * value
         slope[i] = record.orientation[i] * rate
 
@@ -97,7 +172,7 @@ def _dense_at(motion: _Dense, x: float) -> tuple[float, float]:
     """Return the signal of one rod at fraction `x` of the step, and its slope."""
     first = motion.i if motion.reading == LINK else 0
     _signals(
-        motion.reading, motion.solver, x, first, motion.i, motion.record, motion.length,
+        motion.reading, motion.solver, x, first, motion.i, motion.record, motion.rods,
         motion.scratch,
     )  # fmt: skip
     return motion.scratch[_SIGNAL, motion.i], motion.scratch[_SLOPE, motion.i]
@@ -106,7 +181,7 @@ def _dense_at(motion: _Dense, x: float) -> tuple[float, float]:
 @inner_kernel
 def _follow_marked(
     reading: int, solver: Solver, left: float, right: float, threshold: float, record: Record,
-    length: FloatArray, scratch: FloatArray,
+    rods: Rods, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Follow the marked rods of one chain from fraction `left` of the step to `right`."""
     t, h = solver.clock[0], solver.clock[1] - solver.clock[0]
@@ -117,14 +192,14 @@ def _follow_marked(
                 t, h, left, right, scratch[_LEFT, i], scratch[_SLOPE_LEFT, i], scratch[_RIGHT, i],
                 scratch[_SLOPE_RIGHT, i],
             )  # fmt: skip
-            motion = _Dense(reading, i, solver, record, length, scratch)
+            motion = _Dense(reading, i, solver, record, rods, scratch)
             follow_interval(_dense_at, motion, rule, interval, record, i)
 
 
 @inlined_kernel
 def _mark(
     reading: int, solver: Solver, right: float, taken: bool, threshold: float, record: Record,
-    length: FloatArray, scratch: FloatArray,
+    rods: Rods, scratch: FloatArray,
 ) -> bool:  # fmt: skip
     """Take signals and slopes at fraction `right` of the steps that were `taken`.
 
@@ -133,7 +208,7 @@ def _mark(
     """
     n = record.start.size
     found = False
-    _signals(reading, solver, right, 0, n - 1, record, length, scratch)
+    _signals(reading, solver, right, 0, n - 1, record, rods, scratch)
     for i in range(n):
         f, slope = scratch[_RIGHT, i], scratch[_SLOPE_RIGHT, i]  # the right end until now
         g, slope_now = scratch[_SIGNAL, i], scratch[_SLOPE, i]
@@ -196,7 +271,7 @@ def _measure(
     lane_solver, lane_problem, lane_record = _as_numbers(bare, *lanes)
     lane_scratch = bare(lane_scratch)
     n, clock, threshold = record.start.size, solver.clock, state[THRESHOLD]
-    length = problem.chain.length
+    rods = _rods_of(problem.chain, 0, 1)
     if starting:
         start(solver, problem)
     for _ in range(max_steps):
@@ -212,16 +287,16 @@ def _measure(
         prepare_dense(solver, problem)
         first = taken & (clock[0] == 0.0)
         if any_of(first):
-            _mark(reading, solver, 0.0, first, threshold, record, length, scratch)
+            _mark(reading, solver, 0.0, first, threshold, record, rods, scratch)
         for part in range(_SUBINTERVALS):
             left, right = part / _SUBINTERVALS, (part + 1) / _SUBINTERVALS
-            if not _mark(reading, solver, right, taken, threshold, record, length, scratch):
+            if not _mark(reading, solver, right, taken, threshold, record, rods, scratch):
                 continue
             for lane in range(width):
                 _follow_marked(
                     reading, _lane_of_solver(lane_solver, lane, width), left, right,
                     release[THRESHOLD * width + lane], _lane_of_record(lane_record, lane, width),
-                    lane_problem.chain.length[lane::width], lane_scratch[:, lane::width],
+                    _rods_of(lane_problem.chain, lane, width), lane_scratch[:, lane::width],
                 )  # fmt: skip
         missing = 0.0
         for i in range(n):

@@ -42,7 +42,8 @@ class Record(NamedTuple):
     sign: FloatArray  # of the signal, once it counted; 0 before
     risen: FloatArray  # 1 where the signal has crossed from - to +
     zero: FloatArray  # s; latest zero of the signal
-    start: FloatArray  # starting angle, for HEIGHT; its cosine gives the starting height
+    # For HEIGHT: the angle at the start; where rods stretch, how far each reaches down there [m]
+    start: FloatArray
 
 
 class Rule(NamedTuple):

@@ -1,0 +1,143 @@
+"""The equations of motion of point masses on massless springs.
+
+A rod that stretches by x_i has the length r_i = l_i + x_i, and its tension is given,
+
+    T_i = k_i x_i + d_i x_i',                                                                   (1)
+
+where a rigid rod's must be solved for. With f_i the torque on rod i by its length, and s and c as
+in `tensions`, forces along and across the rods give the accelerations one by one:
+
+    x_i'' = r_i omega_i^2 + v_{i+1} (T_{i+1} c_{i+1} + f_{i+1} s_{i+1} - T_i)                   (2)
+            + v_i (T_{i-1} c_i - f_{i-1} s_i - T_i) + [i = 0] g c_0,
+    r_i alpha_i = v_{i+1} (T_{i+1} s_{i+1} - f_{i+1} c_{i+1} + f_i)                             (3)
+            - v_i (T_{i-1} s_i + f_{i-1} c_i - f_i) - 2 x_i' omega_i - [i = 0] g s_0.
+
+These are Eqs. (1) and (2) of `tensions`, with x_i'' in the first, r_i for l_i, and the
+Coriolis term in the second. Drag slows bob i at the rate rho_i = v_{i+1} (drag_i + quadratic_drag_i
+|velocity|): it adds rho_{i-1} times the velocity of the bob above less rho_i times that of bob i.
+
+q = (theta_0.., x_0..), u = (omega_0.., x_0'..). The stretch stands there, not the length, because
+rounding of the length would be noise in the tension of a stiff rod, and take many small steps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.chain import ChainParameters
+from npend_gym.compiled.aligned import innermost
+from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.packs import where
+from npend_gym.compiled.sincos import sincos
+
+
+class SpringArrays(NamedTuple):
+    """The parameters of a chain of springs, or of a pack of such chains."""
+
+    inverse_mass: FloatArray  # v at joints 0..n, (n + 1,); zero at the pivot
+    length: FloatArray  # l, (n,); of the springs without load
+    stiffness: FloatArray  # k, (n,)
+    axial_damping: FloatArray  # d, (n,)
+    damping: FloatArray  # joints 0..n-1, (n,)
+    gravity: FloatArray  # g, (1,)
+    drag: FloatArray  # (n,); empty where the air resists no bob
+    quadratic_drag: FloatArray  # (n,) or empty, as drag
+
+
+def spring_arrays(
+    chains: ChainParameters, stiffness: FloatArray, axial_damping: FloatArray
+) -> SpringArrays:
+    """Return the parameters of B chains in the form that the kernels take, the lane innermost.
+
+    `stiffness` and `axial_damping`, (n,), are those of all chains.
+    """
+    masses, lengths = chains.masses, chains.lengths
+    above = np.zeros((len(masses), 1))
+    resisted = slice(None) if np.any(chains.drag) or np.any(chains.quadratic_drag) else slice(0)
+    return SpringArrays(
+        innermost(np.concatenate([above, 1.0 / masses], axis=1)),
+        innermost(lengths),
+        innermost(np.broadcast_to(stiffness, lengths.shape)),
+        innermost(np.broadcast_to(axial_damping, lengths.shape)),
+        innermost(chains.damping),
+        np.array(chains.gravity),
+        innermost(chains.drag[resisted]),
+        innermost(chains.quadratic_drag[resisted]),
+    )
+
+
+@inlined_kernel
+def _add_drag(
+    r: FloatArray, omega: FloatArray, rate: FloatArray, chain: SpringArrays, s: FloatArray,
+    c: FloatArray, along: FloatArray, across: FloatArray,
+) -> float:  # fmt: skip
+    """Add the accelerations by drag to `along` and `across`; return the power that it takes [W]."""
+    v, linear, quadratic = chain.inverse_mass[1:], chain.drag, chain.quadratic_drag
+    a = b = slowing_above = power = 0.0
+    for i in range(linear.size):
+        a, b = c[i] * a + s[i] * b, c[i] * b - s[i] * a  # of the bob above, in this rod's axes
+        along[i] = along[i] + slowing_above * a
+        across[i] = across[i] + slowing_above * b
+        a = a + rate[i]
+        b = b + r[i] * omega[i]
+        square = a * a + b * b
+        drag = linear[i] + quadratic[i] * math.sqrt(square)
+        slowing_above = v[i] * drag
+        along[i] = along[i] - slowing_above * a
+        across[i] = across[i] - slowing_above * b
+        power = power + drag * square
+    return power
+
+
+@inlined_kernel
+def solve_springs(
+    q: FloatArray, u: FloatArray, torque: FloatArray, chain: SpringArrays, work: FloatArray,
+    alpha: FloatArray,
+) -> float:  # fmt: skip
+    """Write the accelerations (alpha [rad/s^2], x'' [m/s^2]), (2n,), into `alpha`.
+
+    They are NaN where a rod has no length: no step of an integrator leads beyond. Return the power
+    that drag takes [W].
+    """
+    l, damping, g = chain.length, chain.damping, chain.gravity
+    n = l.size
+    theta, stretch, omega, rate = q[:n], q[n:], u[:n], u[n:]
+    across, along = alpha[:n], alpha[n:]
+    v, v_below = chain.inverse_mass, chain.inverse_mass[1:]
+    s, s_below = work[0], work[0][1:]
+    c, c_below = work[1], work[1][1:]
+    f_above, f, f_below = work[2], work[2][1:], work[2][2:]
+    t_above, t, t_below = work[3], work[3][1:], work[3][2:]
+    r, inverse_r = work[4], work[5]
+
+    s[0], c[0] = sincos(theta[0])
+    for i in range(1, n):
+        s[i], c[i] = sincos(theta[i] - theta[i - 1])
+    tau = torque[0] - damping[0] * omega[0]
+    for i in range(n):
+        r[i] = l[i] + stretch[i]
+        inverse_r[i] = where(r[i] > 0.0, 1.0 / r[i], np.nan)
+        t[i] = chain.stiffness[i] * stretch[i] + chain.axial_damping[i] * rate[i]
+        f[i] = tau
+        if i < n - 1:
+            tau = torque[i + 1] - damping[i + 1] * (omega[i + 1] - omega[i])
+            f[i] = f[i] - tau
+        f[i] = f[i] * inverse_r[i]
+    for i in range(n):
+        pull_below = (t_below[i] * c_below[i] + f_below[i] * s_below[i]) - t[i]
+        pull_above = (t_above[i] * c[i] - f_above[i] * s[i]) - t[i]
+        along[i] = (r[i] * (omega[i] * omega[i]) + v_below[i] * pull_below) + v[i] * pull_above
+        push_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
+        push_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
+        turned = 2.0 * (rate[i] * omega[i])
+        across[i] = (v_below[i] * push_below - v[i] * push_above) - turned
+    along[0] = along[0] + g[0] * c[0]
+    across[0] = across[0] - g[0] * s[0]
+    power = _add_drag(r, omega, rate, chain, s, c, along, across)
+    for i in range(n):
+        across[i] = across[i] * inverse_r[i]
+    return power

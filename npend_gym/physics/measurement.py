@@ -1,0 +1,134 @@
+"""Releases integrated until every bob has turned twice, many side by side in packs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym._threads import Call
+from npend_gym.chain import Chain, ChainParameters
+from npend_gym.compiled.aligned import aligned_zeros, innermost
+from npend_gym.compiled.packs import WIDTH
+from npend_gym.physics.energy import positions
+from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
+from npend_gym.physics.kernels.dynamics import arrays_of
+from npend_gym.physics.kernels.releases import (
+    RELEASE_ROWS,
+    RUNNING,
+    STATUS,
+    STUCK,
+    measure_many,
+    measure_one,
+)
+from npend_gym.physics.kernels.turning_points import (
+    BOB,
+    HEIGHT,
+    LINK,
+    Record,
+    new_record,
+    speed_threshold,
+)
+from npend_gym.physics.simulation import IntegrationError, check_angles
+from npend_gym.physics.springs import Springs, axial_start, stretched
+
+_HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
+_RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
+_WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
+
+
+class Measurement(NamedTuple):
+    """What is measured of releases, and how exactly."""
+
+    reading: int  # BOB, LINK or HEIGHT
+    duration: float  # s; the release ends there, complete or not
+    rtol: float
+
+
+def shares(count: int) -> list[slice]:
+    """Return how `count` releases are shared out: packs, and the last few one by one."""
+    last = count - count % WIDTH
+    whole = [slice(k, k + WIDTH) for k in range(0, last, WIDTH)]
+    if count - last >= _WORTH_A_PACK:
+        return [*whole, slice(last, count)]
+    return whole + [slice(k, k + 1) for k in range(last, count)]
+
+
+def measure(
+    chain: Chain,
+    springs: Springs | None,
+    theta: FloatArray,
+    omega: FloatArray,
+    measurement: Measurement,
+    call: Call,
+) -> FloatArray:
+    """Return the pseudo-periods of one release, or of up to WIDTH side by side, (releases, n).
+
+    Raises
+    ------
+    IntegrationError
+        If the integration cannot go on.
+    """
+    count, n = len(theta), chain.n
+    reading, duration, rtol = measurement
+    lanes = 1 if count == 1 else WIDTH
+    # lanes to spare repeat the last release
+    theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
+    solver, problem, record = _release(chain, springs, theta, omega, measurement)
+    threshold = _threshold(chain, omega, reading, rtol)
+    release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
+    status, scratch = release[STATUS * lanes :], aligned_zeros(RELEASE_ROWS, n * lanes)
+    follow = measure_one if lanes == 1 else measure_many
+    attempts, starting = max(1, _RODS_PER_CALL // (n * lanes)), True
+    while np.any(status == RUNNING) and not call.stopped:
+        follow(reading, starting, attempts, (solver, problem, record), release, scratch)
+        starting = False
+        check_angles(solver.y[: n * lanes], float(solver.clock[lanes]))
+    if np.any(status == STUCK):
+        time = solver.clock.reshape(-1, lanes)[1, np.argmin(status)]
+        raise IntegrationError(
+            f"no step is small enough at t = {time:g} s for rtol = {rtol:g}: "
+            f"loosen it, or check the state and parameters"
+        )
+    return record.period.reshape(n, lanes).T[:count]
+
+
+def _release(
+    chain: Chain,
+    springs: Springs | None,
+    theta: FloatArray,
+    omega: FloatArray,
+    measurement: Measurement,
+) -> tuple[Solver, Problem, Record]:
+    """Return releases from these states (lanes, n), not yet begun, as the kernels take them."""
+    reading, _, rtol = measurement
+    lanes, n = len(theta), chain.n
+    rods, state, start = chain.repeated(lanes), [theta, omega], theta
+    arrays = arrays_of(rods)
+    if springs is not None:
+        stretch, rate = axial_start(chain, springs, theta, omega, np.zeros(n))
+        arrays, rods = springs.arrays(chain, lanes), stretched(chain, stretch)
+        state = [theta, stretch, omega, rate]
+        start = -np.diff(positions(rods, theta)[..., 1], axis=1, prepend=0.0)
+    return (
+        new_solver(0.0, innermost(np.hstack(state)), lanes),
+        Problem(arrays, np.zeros(n * lanes), rtol, 1e-2 * rtol),
+        new_record(innermost(start), innermost(_orientation(rods, theta, reading))),
+    )
+
+
+def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> FloatArray:
+    """Return +1 for rods released from positive angles (or from zero), -1 from negative ones."""
+    if reading == HEIGHT:
+        return np.ones_like(theta)
+    side = theta if reading == LINK else positions(rods, theta)[..., 0]
+    return np.where(side < 0.0, -1.0, 1.0)
+
+
+def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> FloatArray:
+    """Return the size [rad/s, m/s or m] above which the sign of a signal counts, (lanes,)."""
+    if reading == HEIGHT:
+        return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
+    rate = speed_threshold(chain.gravity, chain.lengths, np.max(np.abs(omega), axis=1))
+    return rate * float(chain.lengths.mean()) if reading == BOB else rate
