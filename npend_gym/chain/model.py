@@ -159,7 +159,7 @@ class Chain:
 
     @cached_property
     def lifting_energy(self) -> float:
-        """Energy that lifts the hanging chain upright, 2 g sum_i |h_i| with `lift` h [J].
+        """Energy that lifts the hanging chain upright, 2 g sum_i abs(h_i) with `lift` h [J].
 
         Without gravity: that on Earth. It is the unit in which environments judge energies.
         """

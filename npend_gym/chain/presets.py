@@ -76,7 +76,7 @@ def uniform(
     drag: float = 0.0,
     quadratic_drag: float = 0.0,
 ) -> Chain:
-    """Return a chain of `n` equal rods, each `length` [m] long with a bob of `mass` [kg]."""
+    """Return a chain of n equal rods, each `length` [m] long with a bob of `mass` [kg]."""
     n = _checks.count("n", n, high=MAX_RODS)
     mass = _checks.positive_number("mass", mass)
     length = _checks.positive_number("length", length)
