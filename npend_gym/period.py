@@ -21,7 +21,7 @@ from npend_gym.physics.kernels.turning_points import (
     second_reversals,
 )
 from npend_gym.physics.measurement import Measurement, measure, shares
-from npend_gym.physics.springs import check_springs
+from npend_gym.physics.springs import check_springs, check_vibrations
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
 READINGS = (*_CODES, "listing")
@@ -123,6 +123,8 @@ def pseudo_periods(
         if chain.gravity == 0.0:
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
         duration = _WINDOW * theory.fundamental_period(chain)
+    if springs is not None:
+        check_vibrations(chain, springs, duration)
 
     periods, parts = np.empty_like(releases[0]), shares(len(releases[0]))
     remaining, measurement = iter(parts), Measurement(_CODES[reading], duration, rtol)

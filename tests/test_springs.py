@@ -10,8 +10,11 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 
-from npend_gym import Chain, IntegrationError, Trajectory, pseudo_periods, simulate
+from npend_gym import Chain, IntegrationError, Trajectory, pseudo_periods, simulate, theory
 from npend_gym.physics import tensions
+from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
+from npend_gym.physics.kernels.dynamics import arrays_of
+from npend_gym.physics.springs import axial_start, check_springs
 
 SOFT = np.array([300.0, 500.0, 200.0, 400.0])  # N/m, for the chain `uneven`
 
@@ -177,6 +180,43 @@ def test_stiff_springs_come_to_rigid_rods_by_an_error_that_goes_as_one_over_stif
     assert 1e-5 < errors[-1] < 1e-4
 
 
+def steps_of(chain, stiffness=None, **start):
+    """Return the number of steps for 2 s from 0.5 rad."""
+    n = chain.n
+    theta, omega = np.full(n, 0.5), np.zeros(n)
+    rods, state = arrays_of(chain.repeated(1)), [theta, omega]
+    if stiffness is not None:
+        springs = check_springs(chain, stiffness)
+        stretch, rate = axial_start(chain, springs, theta, omega, np.zeros(n), **start)
+        rods, state = springs.arrays(chain, 1), [theta, stretch, omega, rate]
+    state = np.concatenate(state)
+    solver, problem = new_solver(0.0, state), Problem(rods, np.zeros(n), 1e-10, 1e-12)
+    times, frames, count = np.array([0.0, 2.0]), np.empty((2, state.size)), 0
+    while dop853_frames(solver, problem, count == 0, times, 1, 1, frames) == 1:
+        count += 1
+    return count + 1
+
+
+def test_steps_on_stiff_springs_grow_no_faster_than_their_vibrations():
+    chain = Chain.uniform(5)
+    strain = np.array([1e-3, 1e-4, 1e-5, 1e-6])
+    counts = [steps_of(chain, 5.0 * 9.81 / e) for e in strain]
+    assert np.all(np.diff(np.log(counts)) < 0.5 * np.log(10.0))
+    rigid = steps_of(chain)
+    assert counts[1] / rigid == pytest.approx(20.0, rel=0.2)
+    loud = steps_of(chain, 5.0 * 9.81 / 1e-4, stretch=0.0)
+    assert loud / rigid == pytest.approx(80.0, rel=0.2)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 20, 100])
+def test_the_fastest_vibration_of_a_uniform_chain_is_the_fastest_swing_over_the_root_of_strain(n):
+    e, k = 1e-4, n * 9.81 / 1e-4
+    apart = np.eye(n) - np.eye(n, k=-1)
+    fastest = np.sqrt(k * eigh(apart.T @ apart, eigvals_only=True)[-1])
+    swing = theory.normal_modes(Chain.uniform(n))[0].max()
+    assert 1.0 - 1e-9 < fastest * np.sqrt(e) / swing < 1.24
+
+
 @pytest.mark.parametrize("axial_damping", [0.0, 50.0])
 def test_the_start_that_is_chosen_does_not_ring_and_an_unstretched_one_does(uneven, axial_damping):
     times = np.linspace(0.0, 0.05, 51)
@@ -315,6 +355,8 @@ def test_a_rod_that_shrinks_to_nothing_is_an_error_and_not_a_nan():
             "stiffness is for point masses",
         ),
         ({"theta": 3.1, "stiffness": 5.0}, ValueError, "give stretch, or more stiffness"),
+        ({"stiffness": [1e3, 1e22, 1e3]}, ValueError, r"at most 1e\+09 times in 1 s"),
+        ({"axial_damping": 1e12}, ValueError, "rigid rods are the limit of stiff springs"),
     ],
 )
 def test_bad_springs_are_refused_by_name(change, error, message):
@@ -330,6 +372,7 @@ def test_bad_springs_are_refused_by_name(change, error, message):
     [
         ({"reading": "listing"}, ValueError, 'reading must be "bob", "link" or "height"'),
         ({"stiffness": [0.0, 1.0, 1.0]}, ValueError, "stiffness must be greater than zero"),
+        ({"stiffness": 1e22}, ValueError, "rigid rods are the limit of stiff springs"),
         ({"stiffness": None, "axial_damping": 1.0}, ValueError, "stiffness must be given with it"),
         (
             {"chain": Chain(1.0, [1.0, 1.0, 1.0], inertias=0.1)},

@@ -16,7 +16,7 @@ from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
 from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.pivot import check_pivot
-from npend_gym.physics.springs import axial_start, check_springs
+from npend_gym.physics.springs import axial_start, check_springs, check_vibrations
 from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Trajectory
 
 METHODS = ("dop853", "rk4")
@@ -125,6 +125,7 @@ def simulate(
     # what stands after the angles in the state, and after their rates
     names, place, rate = (), np.zeros(0), np.zeros(0)
     if springs is not None:
+        check_vibrations(chain, springs, float(times[-1] - times[0]))
         rods, names = springs.arrays(chain, 1), AXIAL
         place, rate = axial_start(chain, springs, theta, omega, torque, stretch, stretch_rate)
     elif pivot.moves:

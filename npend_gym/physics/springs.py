@@ -16,6 +16,7 @@ from npend_gym.physics.equations import accelerations, tensions
 from npend_gym.physics.kernels.springs import SpringArrays, spring_arrays
 from npend_gym.physics.pivot import Pivot
 
+MAX_VIBRATIONS = 1e9  # along the rods, in the time that is simulated
 _DIFFERENCE = 1e-5  # of the time in which the state changes: T' is a difference over that
 
 
@@ -101,6 +102,28 @@ def check_springs(
     k = _checks.vector("stiffness", stiffness, chain.n)
     damping = _checks.at_least_zero("axial_damping", damping)
     return Springs(_checks.positive("stiffness", k), damping)
+
+
+def check_vibrations(chain: Chain, springs: Springs, duration: float) -> None:
+    """Refuse springs so stiff that a motion of this `duration` [s] would never be finished.
+
+    Rods vibrate no faster than sqrt(2 max_i k_i (1/m_i + 1/m_{i-1})), by Gershgorin's circles;
+    dampers relax no faster than 2 max_i d_i (1/m_i + 1/m_{i-1}).
+    """
+    inverse = 1.0 / chain.masses
+    both_ends = inverse + np.concatenate([[0.0], inverse[:-1]])
+    rate = max(
+        float(np.sqrt(2.0 * np.max(springs.stiffness * both_ends))),
+        float(2.0 * np.max(springs.axial_damping * both_ends)),
+    )
+    if rate * duration > 2.0 * np.pi * MAX_VIBRATIONS:
+        raise ValueError(
+            f"stiffness and axial_damping must make rods vibrate at most {MAX_VIBRATIONS:g} times "
+            f"in {duration:g} s, because every vibration takes steps, got "
+            f"{_checks.show(springs.stiffness.tolist())} and "
+            f"{_checks.show(springs.axial_damping.tolist())}: leave them out, rigid rods are the "
+            "limit of stiff springs"
+        )
 
 
 def stretched(chain: Chain, stretch: FloatArray) -> ChainParameters:
