@@ -43,6 +43,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.aligned import aligned_zeros, innermost
 from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.packs import bare
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.tensions import one_minus_cos
 
@@ -190,12 +191,11 @@ def _rows(terms: FloatArray) -> FloatArray:
 
 @inlined_kernel
 def _tip_drag(
-    u: FloatArray, chain: MachineArrays, s: FloatArray, c: FloatArray, along: FloatArray,
-    across: FloatArray,
+    u: FloatArray, length: FloatArray, joints: FloatArray, s: FloatArray, c: FloatArray,
+    along: FloatArray, across: FloatArray,
 ) -> Any:  # fmt: skip
     """Write the forces that overcome the drag of each tip, in its link's axes; return the power."""
-    n = chain.length.size
-    linear, quadratic = chain.joints[Joint.DRAG], chain.joints[Joint.QUADRATIC_DRAG]
+    n = length.size
     a = b = 0.0 * u[0]  # velocity of the joint above, along e and n
     if u.size > n:
         b = u[n]
@@ -203,9 +203,9 @@ def _tip_drag(
         a = -u[n + 1]  # the axes of the base have e downwards
     power = 0.0 * u[0]
     for i in range(n):
-        a, b = c[i] * a + s[i] * b, (c[i] * b - s[i] * a) + chain.length[i] * u[i]
+        a, b = c[i] * a + s[i] * b, (c[i] * b - s[i] * a) + length[i] * u[i]
         square = a * a + b * b
-        drag = linear[i] + quadratic[i] * math.sqrt(square)
+        drag = joints[Joint.DRAG, i] + joints[Joint.QUADRATIC_DRAG, i] * math.sqrt(square)
         along[i] = drag * a
         across[i] = drag * b
         power = power + drag * square
@@ -227,8 +227,10 @@ def _articulated(machine: bool) -> Callable[..., Any]:
         q: FloatArray, u: FloatArray, torque: FloatArray, chain: Any, work: FloatArray,
         alpha: FloatArray,
     ) -> Any:  # fmt: skip
-        terms, length, damping = chain.terms, chain.length, chain.damping
-        n = length.size
+        # Views of what is bare cost nothing; of others Numba would count references, tens of ns
+        terms, length, damping = bare(chain.terms), bare(chain.length), bare(chain.damping)
+        n, work = length.size, bare(work)
+        q, u, torque, alpha = bare(q), bare(u), bare(torque), bare(alpha)
         s, c, g_e, g_n, g_k, free = work[0], work[1], work[2], work[3], work[4], work[5]
         s[0], c[0] = sincos(q[0])
         for i in range(1, n):
@@ -236,7 +238,8 @@ def _articulated(machine: bool) -> Callable[..., Any]:
         zero = 0.0 * u[0]
         power = zero
         if machine:
-            power = _tip_drag(u, chain, s, c, g_e, g_n)
+            joints, base = bare(chain.joints), bare(chain.base)
+            power = _tip_drag(u, length, joints, s, c, g_e, g_n)
         ee = en = nn = b_e = b_n = p_e = p_n = sigma = beta = tau_below = zero
         for i in range(n - 1, -1, -1):
             l, m, moment = length[i], terms[Link.MASS, i], terms[Link.MOMENT, i]
@@ -245,7 +248,7 @@ def _articulated(machine: bool) -> Callable[..., Any]:
             relative = u[i] - u[i - 1] if i > 0 else u[i]
             tau = torque[i] - damping[i] * relative
             if machine:
-                tau = tau - _friction_torque(chain.joints, i, relative)
+                tau = tau - _friction_torque(joints, i, relative)
                 b_e, b_n, beta = b_e + g_e[i], b_n + g_n[i], beta - p_e * w
             t = tau - tau_below
             tau_below = tau
@@ -270,7 +273,7 @@ def _articulated(machine: bool) -> Callable[..., Any]:
                 rest = 2.0 * (m * l - moment)
                 across = (across + rest * p_n) + ((m + (nn + zero)) * sigma - p_n * p_n)
                 along = along - p_e * reach
-                coupling = chain.joints[Joint.COUPLING, i]
+                coupling = joints[Joint.COUPLING, i]
                 gk = coupling * inverse
                 g_k[i] = gk
                 p_e, p_n = -(lever * gk), -(reach * gk)
@@ -290,8 +293,7 @@ def _articulated(machine: bool) -> Callable[..., Any]:
                 p_e, p_n = ci * p_e - si * p_n, si * p_e + ci * p_n
 
         x, y = zero - chain.gravity[0], zero
-        if machine and chain.base.size > 0:
-            base = chain.base
+        if machine and base.size > 0:
             x = x - base[Base.UP, 0]
             force = (torque[n] - base[Base.DAMPING, 0] * u[n]) - (en * x + b_n)
             inverse = base[Base.INVERSE_MASS, 0]
