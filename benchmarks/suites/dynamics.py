@@ -24,17 +24,40 @@ _H = 1e-6  # s; so short that the chain hardly moves while it is timed
 def rows(peers: Peers) -> Iterator[Row]:
     """Yield the comparisons; where a peer is left out, the package's own speed alone."""
     for n in (2, 5, 20, 100, 1000):
-        ours = {"one evaluation": evaluations(n), "one RK4 step": steps(n)}
+        bobs = Chain.uniform(n)
+        ours = {"one evaluation": evaluations(bobs), "one RK4 step": steps(bobs)}
         for what, job in ours.items():
             theirs = peers.job("MuJoCo", lambda n=n, what=what: mujoco_jobs(n)[what])
             yield _row(f"{what}, N = {n}", job, "MuJoCo", theirs)
     for n in (2, 5, 20, 100):
         theirs = peers.job("Pinocchio", lambda n=n: pinocchio_job(n))
         if theirs is not None:
-            yield _row(f"one evaluation, N = {n}", evaluations(n), "Pinocchio ABA", theirs)
+            job = evaluations(Chain.uniform(n))
+            yield _row(f"one evaluation, N = {n}", job, "Pinocchio ABA", theirs)
     theirs = peers.job("mujoco.rollout", lambda: mujoco_rollouts(10, 256))
-    yield _row("RK4 steps of 256 chains, N = 10", many_steps(10, 256), "mujoco.rollout", theirs)
+    job = many_steps(Chain.uniform(10), 256)
+    yield _row("RK4 steps of 256 chains, N = 10", job, "mujoco.rollout", theirs)
     yield growth()
+    yield from link_rows(peers)
+
+
+def link_rows(peers: Peers) -> Iterator[Row]:
+    """Yield the comparisons of chains of uniform rods, which have inertia."""
+    for n in (2, 5, 20, 100, 1000):
+        theirs = peers.job("MuJoCo", lambda n=n: mujoco_jobs(n, rods=True)["one RK4 step"])
+        yield _row(f"one RK4 step of rods, N = {n}", steps(rods(n)), "MuJoCo", theirs)
+    for n in (2, 5, 20, 100):
+        bobs, joints = Chain.uniform(n), rods(n, friction=0.01)
+        yield _row(f"one RK4 step of rods, N = {n}", steps(rods(n)), "point masses", steps(bobs))
+        many = many_steps(bobs, 256)
+        for what, chain in (("rods", rods(n)), ("rods with dry friction", joints)):
+            name = f"RK4 steps of 256 chains of {what}, N = {n}"
+            yield _row(name, many_steps(chain, 256), "point masses", many)
+
+
+def rods(n: int, friction: float = 0.0) -> Chain:
+    """Return a chain of uniform rods of 1 kg and 1 m."""
+    return Chain.rods(np.ones(n), np.ones(n), friction=friction)
 
 
 def _row(name: str, ours: Job, peer: str, theirs: Job | None) -> Row:
@@ -45,7 +68,7 @@ def _row(name: str, ours: Job, peer: str, theirs: Job | None) -> Row:
 def growth() -> Row:
     """Return how the time of an evaluation grows from 100 to 100 000 rods."""
     counts = (100, 1_000, 10_000, 100_000)
-    best = [rates({"": evaluations(n)}, rounds=3)[""] for n in counts]
+    best = [rates({"": evaluations(Chain.uniform(n))}, rounds=3)[""] for n in counts]
     slope = -float(np.polyfit(np.log(counts), np.log(best), 1)[0])
     return Row("one evaluation, N = 100000", "", best[-1], math.nan, f"time grows as N^{slope:.2f}")
 
@@ -82,44 +105,50 @@ def _repeat_steps(
             rk4_step(x, w, h, packs(torque), wide, packs(scratch))
 
 
-def evaluations(n: int) -> Job:
+def evaluations(chain: Chain) -> Job:
     """Return the job of evaluating the dynamics of one chain released from pi/4."""
-    theta, rest = np.full(n, np.pi / 4), np.zeros(n)
-    rods, work, alpha = arrays_of(Chain.uniform(n).repeated(1)), new_work(n), np.zeros(n)
+    theta, rest = np.full(chain.n, np.pi / 4), np.zeros(chain.n)
+    given, work, alpha = arrays_of(chain.repeated(1)), new_work(chain.n), np.zeros(chain.n)
 
     def run(calls: int) -> None:
-        _repeat_evaluation(theta, rest, rest, rods, work, alpha, calls)
+        _repeat_evaluation(theta, rest, rest, given, work, alpha, calls)
 
     return Job(run)
 
 
-def steps(n: int) -> Job:
+def steps(chain: Chain) -> Job:
     """Return the job of taking Runge-Kutta steps with one chain released from pi/4."""
+    n, given = chain.n, arrays_of(chain.repeated(1))
     theta, omega, torque = np.full(n, np.pi / 4), np.zeros(n), np.zeros(n)
-    rods, scratch = arrays_of(Chain.uniform(n).repeated(1)), new_rk4_scratch(n)
+    scratch = new_rk4_scratch(n)
 
     def run(calls: int) -> None:
-        _repeat_step(theta, omega, _H, torque, rods, scratch, calls)
+        _repeat_step(theta, omega, _H, torque, given, scratch, calls)
 
     return Job(run)
 
 
-def many_steps(n: int, lanes: int) -> Job:
+def many_steps(chain: Chain, lanes: int) -> Job:
     """Return the job of taking Runge-Kutta steps with many chains, a multiple of WIDTH."""
-    groups, size = lanes // WIDTH, n * WIDTH
+    n, groups, size = chain.n, lanes // WIDTH, chain.n * WIDTH
     theta, omega = aligned_zeros(groups, size), aligned_zeros(groups, size)
     theta[:] = np.pi / 4
-    rods = arrays_of(Chain.uniform(n).repeated(WIDTH))
+    given = arrays_of(chain.repeated(WIDTH))
     scratch, torque = new_rk4_scratch(n, WIDTH), aligned_zeros(size)
 
     def run(calls: int) -> None:
-        _repeat_steps(theta, omega, _H, torque, rods, scratch, calls)
+        _repeat_steps(theta, omega, _H, torque, given, scratch, calls)
 
     return Job(run, lanes)
 
 
-def mujoco_chain(n: int, dt: float = 0.01) -> tuple[Any, Any]:
-    """Return MuJoCo's model and data of n bobs of 1 kg on rods of 1 m, released from pi/4."""
+def mujoco_chain(n: int, dt: float = 0.01, *, rods: bool = False) -> tuple[Any, Any]:
+    """Return MuJoCo's model and data of n bobs of 1 kg on rods of 1 m, released from pi/4.
+
+    With `rods`, of uniform rods of 1 kg and 1 m. MuJoCo needs some inertia of bobs too; 1e-9 kg m^2
+    has no visible effect.
+    """
+    centre, inertia = (0.5, 1.0 / 12.0) if rods else (1.0, 1e-9)
     mujoco: Any = import_module("mujoco")
     spec: Any = mujoco.MjSpec()
     spec.option.timestep, spec.option.integrator = dt, mujoco.mjtIntegrator.mjINT_RK4
@@ -128,8 +157,7 @@ def mujoco_chain(n: int, dt: float = 0.01) -> tuple[Any, Any]:
     for i in range(n):
         body = body.add_body(pos=[0, 0, -1 if i else 0])
         body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, -1, 0])
-        # MuJoCo needs some inertia; 1e-9 kg m^2 has no visible effect
-        body.mass, body.ipos, body.inertia = 1.0, [0, 0, -1], [1e-9] * 3
+        body.mass, body.ipos, body.inertia = 1.0, [0, 0, -centre], [inertia] * 3
         body.explicitinertial = True
     model = spec.compile()
     data: Any = mujoco.MjData(model)
@@ -137,10 +165,10 @@ def mujoco_chain(n: int, dt: float = 0.01) -> tuple[Any, Any]:
     return model, data
 
 
-def mujoco_jobs(n: int) -> dict[str, Job]:
+def mujoco_jobs(n: int, *, rods: bool = False) -> dict[str, Job]:
     """Return MuJoCo's jobs of the same names as ours."""
     mujoco: Any = import_module("mujoco")
-    model, data = mujoco_chain(n)
+    model, data = mujoco_chain(n, rods=rods)
 
     def repeat(call: Callable[[Any, Any], None]) -> Callable[[int], None]:
         def run(times: int) -> None:

@@ -196,6 +196,7 @@ def _tip_drag(
 ) -> Any:  # fmt: skip
     """Write the forces that overcome the drag of each tip, in its link's axes; return the power."""
     n = length.size
+    linear, quadratic = joints[Joint.DRAG], joints[Joint.QUADRATIC_DRAG]
     a = b = 0.0 * u[0]  # velocity of the joint above, along e and n
     if u.size > n:
         b = u[n]
@@ -205,7 +206,7 @@ def _tip_drag(
     for i in range(n):
         a, b = c[i] * a + s[i] * b, (c[i] * b - s[i] * a) + length[i] * u[i]
         square = a * a + b * b
-        drag = joints[Joint.DRAG, i] + joints[Joint.QUADRATIC_DRAG, i] * math.sqrt(square)
+        drag = linear[i] + quadratic[i] * math.sqrt(square)
         along[i] = drag * a
         across[i] = drag * b
         power = power + drag * square
@@ -231,7 +232,8 @@ def _articulated(machine: bool) -> Callable[..., Any]:
         terms, length, damping = bare(chain.terms), bare(chain.length), bare(chain.damping)
         n, work = length.size, bare(work)
         q, u, torque, alpha = bare(q), bare(u), bare(torque), bare(alpha)
-        s, c, g_e, g_n, g_k, free = work[0], work[1], work[2], work[3], work[4], work[5]
+        s, c, g_e, g_n, g_k = work[0], work[1], work[2], work[3], work[4]
+        free, rest = work[5], work[6]
         s[0], c[0] = sincos(q[0])
         for i in range(1, n):
             s[i], c[i] = sincos(q[i] - q[i - 1])
@@ -262,33 +264,28 @@ def _articulated(machine: bool) -> Callable[..., Any]:
                 t = t - beta
             inverse = 1.0 / spread
             ge, gn, start = lever * inverse, reach * inverse, (t - l * b_n) * inverse
-            g_e[i], g_n[i], free[i] = ge, gn, start
-            # Eq. (3), still in the axes of this link
+            g_e[i], g_n[i], free[i], rest[i] = ge, gn, start, kept * inverse
+            # Eq. (3), times D where it would wait for the division
             b_e = (b_e - moment * square) + lever * start
             b_n = (kept * b_n) * inverse + gn * t
-            ee = (m + ee) - lever * ge
             across = terms[Link.Z, i] + terms[Link.E, i] * nn
             along = kept * en
             if machine:
-                rest = 2.0 * (m * l - moment)
-                across = (across + rest * p_n) + ((m + (nn + zero)) * sigma - p_n * p_n)
+                across = across + ((2.0 * (m * l - moment)) * p_n + (m + nn) * sigma - p_n * p_n)
                 along = along - p_e * reach
                 coupling = joints[Joint.COUPLING, i]
                 gk = coupling * inverse
                 g_k[i] = gk
                 p_e, p_n = -(lever * gk), -(reach * gk)
                 sigma, beta = -(coupling * gk), coupling * start
-            en, nn = along * inverse, across * inverse
             # into the axes of the link above
             si, ci = s[i], c[i]
             b_e, b_n = ci * b_e - si * b_n, si * b_e + ci * b_n
             ss, sc, cc = si * si, si * ci, ci * ci
-            cross = 2.0 * (sc * en)
-            ee, en, nn = (
-                (cc * ee + ss * nn) - cross,
-                sc * (ee - nn) + (cc - ss) * en,
-                (ss * ee + cc * nn) + cross,
-            )
+            carried, taken, cross = m + ee, lever * lever, (2.0 * sc) * along
+            ee = cc * carried + ((ss * across - cc * taken) - cross) * inverse
+            en = sc * carried + ((cc - ss) * along - sc * (across + taken)) * inverse
+            nn = ss * carried + ((cc * across - ss * taken) + cross) * inverse
             if machine:
                 p_e, p_n = ci * p_e - si * p_n, si * p_e + ci * p_n
 
@@ -304,13 +301,13 @@ def _articulated(machine: bool) -> Callable[..., Any]:
         above = zero
         for i in range(n):
             x, y = c[i] * x + s[i] * y, c[i] * y - s[i] * x
-            here = (free[i] - g_e[i] * x) - g_n[i] * y
+            start = free[i] - g_e[i] * x
             if machine:
-                here = here - g_k[i] * above
-                above = here
-            alpha[i] = here
-            x = x - length[i] * (u[i] * u[i])
-            y = y + length[i] * here
+                start = start - g_k[i] * above
+            above = start - g_n[i] * y
+            alpha[i] = above
+            # y + l alpha, where 1 - l g_n is K / D: the next link need not wait for alpha
+            x, y = x - length[i] * (u[i] * u[i]), length[i] * start + rest[i] * y
         return power
 
     return solve
