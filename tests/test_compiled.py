@@ -1,6 +1,9 @@
 """What the folder for compiled code relies on in Numba, and what it promises to kernels."""
 
+import contextlib
+import io
 import math
+import os
 import subprocess
 import sys
 from inspect import signature
@@ -100,3 +103,32 @@ def test_a_kernel_is_loaded_from_the_disk_by_the_next_process(tmp_path):
         for _ in range(2)
     ]
     assert hits == ["0", "1"]
+
+
+ACCELERATIONS = """
+import numpy as np
+from npend_gym import Chain, simulate
+from npend_gym.physics import accelerations
+
+for chain in (Chain.uniform(3), Chain.rods(1.0, [1.0, 0.5]), Chain.realaigym("C.1")):
+    print(*accelerations(chain, 0.5, 1.0))
+path = simulate(Chain.uniform(2), 0.5, 1.0, [0.0, 0.02], stiffness=50.0, method="rk4", dt=0.01)
+print(*path.theta[-1], *path.stretch[-1])
+"""
+
+
+def test_kernels_of_every_kind_of_chain_run_without_compilation_too():
+    with contextlib.redirect_stdout(io.StringIO()) as compiled:
+        exec(ACCELERATIONS, {})
+    interpreted = subprocess.run(
+        [sys.executable, "-c", ACCELERATIONS],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    ours, expected = (
+        np.array(printed.split(), float) for printed in (interpreted, compiled.getvalue())
+    )
+    np.testing.assert_allclose(ours, expected, rtol=1e-13)
+    assert ours.size == 3 + 2 + 2 + 4

@@ -124,10 +124,18 @@ else:
         """Give the decorated function, in compiled code, the text of one of `kernels`."""
 
         def decorate(function):
+            place = list(inspect.signature(function).parameters).index(argument)
+            if config.DISABLE_JIT:  # kernels are functions of Python then, and so is this
+
+                def run(*arguments):
+                    given = arguments[place]
+                    entries = len(given) if isinstance(given, tuple) else 0
+                    return kernels.get(type(given), kernels.get(entries))(*arguments)
+
+                return run
             for one in (function, *(each.py_func for each in kernels.values())):
                 one.__annotations__ = {}  # Numba compares the signatures, with these
             signature = inspect.signature(function)
-            place = list(signature.parameters).index(argument)
 
             def choose(*arguments):
                 given = arguments[place]
