@@ -59,7 +59,7 @@ def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
         raise ValueError(
             f"{name} must be one number or an array of shape {shape}, got shape {out.shape}"
         )
-    return np.broadcast_to(out, shape).copy()
+    return out if out.shape == shape else np.full(shape, out)
 
 
 def vector(name: str, value: Any, n: int) -> FloatArray:

@@ -8,7 +8,7 @@ import pytest
 from engines import dm_control_model, mujoco_accelerations, mujoco_motion
 from gymnasium.envs.classic_control.acrobot import rk4
 
-from npend_gym import Chain, simulate
+from npend_gym import Chain, chaos, simulate
 from npend_gym.physics import accelerations, linearise, mass_matrix, tensions
 from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
 from npend_gym.physics.substeps import default_substeps
@@ -207,6 +207,11 @@ def test_the_linearisation_of_links_is_the_slope_of_their_accelerations(n):
         found = np.hstack([system.A[n:], system.B[n:]])
         assert difference(found, expected) <= 1e-8
         np.testing.assert_array_equal(system.A[:n], np.eye(n, 2 * n, k=n))
+
+
+def test_a_motion_of_links_without_losses_keeps_the_volume_in_phase_space():
+    assert abs(chaos.volume_change(LOSSLESS)) < 1e-6
+    assert chaos.volume_change(MACHINE) < -0.9
 
 
 def test_states_with_leading_axes_are_linearised_one_by_one():

@@ -186,17 +186,15 @@ class Chain:
         ValueError
             If a change breaks the rule of its parameter.
         """
-        values = {
-            name: parameters.check_parameter(name, changes[name])
-            if name in changes
-            else np.broadcast_to(getattr(self, name), (size, *np.shape(getattr(self, name))))
-            for name in ChainParameters._fields
-        }
+        own = {name: np.asarray(getattr(self, name))[None] for name in ChainParameters._fields}
+        if size == 1 and not changes:
+            return ChainParameters(**own)
+        values = {name: np.broadcast_to(row, (size, *row.shape[1:])) for name, row in own.items()}
+        values |= {name: parameters.check_parameter(name, row) for name, row in changes.items()}
         if "lengths" in changes and "centres" not in changes:
             at_the_end = self.centres == self.lengths
             values["centres"] = np.where(at_the_end, values["lengths"], self.centres)
-        chains = ChainParameters(**values)
-        return chains.check() if changes else chains
+        return ChainParameters(**values).check()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters as plain numbers and lists, for JSON: `from_dict` reads them.

@@ -146,6 +146,8 @@ def check_parameter(name: str, value: FloatArray) -> FloatArray:
 
 def gear_ratios(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return gear ratios of `shape`, of which None and infinity (of any sign) mean infinity."""
+    if value is None or (np.ndim(value) == 0 and value == np.inf):
+        return np.full(shape, np.inf)
     given = np.array(value, dtype=object)
     infinite = np.array([one is None or one in (np.inf, -np.inf) for one in given.flat], np.bool_)
     infinite = infinite.reshape(given.shape)
