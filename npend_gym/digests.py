@@ -20,6 +20,8 @@ from npend_gym.period import READINGS, pseudo_periods
 from npend_gym.physics import Trajectory, simulate
 
 ENV_STEPS = 120
+LINKS = {"inertias": 0.05, "centres": 0.6}
+MACHINERY = {"friction": 0.02, "armature": 0.01, "gear": -6.0, "drag": 0.05}
 
 # fmt: off
 GOLDEN: dict[str, str] = {
@@ -28,9 +30,9 @@ GOLDEN: dict[str, str] = {
     "simulate, rk4":
         "73713f4137f1f45fcd8c3a77cfedfa73cf9dd3d08a078b26e38831f87f9277c2",
     "simulate, cart":
-        "e537470cb20b866221ec846efad135ee31f023581a05b5575a2aa8a2c5440032",
+        "002379e8570929fa11c12c49cc7e7e0f2ae8be665ce553e67605f791ce9080a7",
     "simulate, shaken pivot":
-        "b72167d3077461a9343dbd0fb54f056881ba2e6c7c5acc7abae2b9c4af68377f",
+        "767ea39dc7a011f9c68a8e75e3a5c31319aeeb48481c94b6eeaf00a6489a5cc7",
     "simulate, drag":
         "f05dc6231a8b15f2bb5713d86485b9eee9b100cb6dd91cff0e5c579ea977c9e1",
     "pseudo-periods, bob":
@@ -57,6 +59,12 @@ GOLDEN: dict[str, str] = {
         "def3db74709a5d5d7c69c905838d99f48665e3469b0817873d99c823e15c0aa8",
     "vector environment, calm":
         "0487043008f9327918b0e3dc6c02cf3b85cba7ff11c26c2941effa57eb97884e",
+    "simulate, links":
+        "0b76b87e9437f8ccb2a3b3e4df8881ef8fe0647364f5d7c2587c7aefe1a313c7",
+    "simulate, machine":
+        "dea857db59ea60b76c22d8e10f5d26731422c07825f5020742e44d906e231219",
+    "vector environment, machine":
+        "7f16542a389dffd730529d8694ac75cbaf679a4e1398dd35ff7639897ee223ae",
 }
 # fmt: on
 
@@ -94,9 +102,14 @@ def checks() -> dict[str, Callable[[], Iterator[Any]]]:
     return {
         **{f"simulate, {name}": _motion(options) for name, options in motions.items()},
         "simulate, drag": _motion({}, drag=0.05, quadratic_drag=0.02),
+        "simulate, links": _motion({}, **LINKS),
+        "simulate, machine": _motion({"cart_mass": 2.0}, **LINKS, **MACHINERY),
         **{f"pseudo-periods, {reading}": _periods(reading) for reading in READINGS},
         **{f"environment, {mode}": _single(mode) for mode in MODES},
         **{f"vector environment, {mode}": _vector(mode) for mode in MODES},
+        "vector environment, machine": _vector(
+            "swingup", {"masses": [1.0, 0.5], "lengths": [0.5, 0.3], **LINKS, **MACHINERY}
+        ),
     }
 
 
@@ -133,10 +146,11 @@ def _single(mode: str) -> Callable[[], Iterator[Any]]:
     return compute
 
 
-def _vector(mode: str) -> Callable[[], Iterator[Any]]:
+def _vector(mode: str, chain: dict[str, Any] | None = None) -> Callable[[], Iterator[Any]]:
     def compute() -> Iterator[Any]:
+        given = {"n": 3, "drag": 0.1} if chain is None else {"chain": chain}
         envs = gym.make_vec(
-            ENV_ID, num_envs=20, n=3, mode=mode, drag=0.1, max_episode_steps=40, threads=2
+            ENV_ID, num_envs=20, mode=mode, max_episode_steps=40, threads=2, **given
         )
         envs.action_space.seed(1)
         yield envs.reset(seed=1)[0]

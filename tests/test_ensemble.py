@@ -171,7 +171,7 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
         (lambda: Ensemble(CHAINS[0], 0), "size must be at least 1"),
         (lambda: Ensemble([]), "chain must be a npend_gym.Chain"),
         (lambda: Ensemble(CHAINS[0], 2, joints=(3,)), "joint must be between 0 and 2"),
-        (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "chain must have 3 rods"),
+        (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "the same number of rods, got 3 and 2"),
         (lambda: ensemble().set_state([7], 0.1), "members must be indices below 5"),
         (lambda: ensemble().set_state([0], np.ones((2, 3))), "theta and omega must have the shape"),
         (lambda: ensemble().set_state([0], 2e5), "theta must lie within"),
@@ -186,3 +186,65 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
 def test_bad_input_is_refused_by_name(call, message):
     with pytest.raises((ValueError, TypeError), match=message):
         call()
+
+
+MACHINE = {"inertias": 0.02, "centres": 0.3, "friction": 0.05, "armature": 0.01, "gear": -6.0}
+
+
+@pytest.mark.parametrize("parts", [{}, MACHINE], ids=["point masses", "machine"])
+def test_chains_on_carts_follow_simulate_and_the_work_that_is_done(parts):
+    rng = np.random.default_rng(3)
+    chains = [Chain(rng.uniform(0.5, 2.0, 2), [0.5, 0.4], drag=0.1, **parts) for _ in range(17)]
+    many = Ensemble(chains, cart_mass=2.0, rail_damping=0.3)
+    many.set_state(slice(None), [0.4, 0.2], 0.0, cart=(0.5, 0.3))
+    one = Ensemble(chains[5], 1, cart_mass=2.0, rail_damping=0.3)
+    one.set_state(0, [0.4, 0.2], 0.0, cart=(0.5, 0.3))
+    for _ in range(10):
+        many.advance(0.3, 0.05, 100, force=1.5)
+        one.advance(0.3, 0.05, 100, force=1.5)
+    path = simulate(
+        chains[5], [0.4, 0.2], 0.0, [0.0, 0.5], torque=0.3, cart_mass=2.0, rail_damping=0.3,
+        force=1.5, pivot_velocity=0.3,
+    )  # fmt: skip
+    np.testing.assert_allclose(many.theta[5], path.theta[-1], rtol=0, atol=1e-7)
+    carts = [many.cart[0][5], many.cart[1][5]]
+    np.testing.assert_allclose(carts, np.array(path.cart(0.5))[:, -1], rtol=0, atol=1e-7)
+    for found, alone in ((many.theta, one.theta), (many.cart[0], one.cart[0])):
+        np.testing.assert_array_equal(found[5], alone[0])
+    # in the frame of the rail: m v^2 / 2 of the cart and of all that it carries
+    _, velocity = many.cart
+    links, weights = many.chain(5), many.parameters.masses[5]
+    joint_speeds = links.lengths * np.cos(many.theta[5]) * many.omega[5]
+    above = np.concatenate([[0.0], np.cumsum(joint_speeds)[:-1]])
+    centre_speeds = above + links.centres * np.cos(many.theta[5]) * many.omega[5]
+    carried = velocity[5] * (weights @ centre_speeds + 0.5 * weights.sum() * velocity[5])
+    gained = many.energy[5] + carried + velocity[5] ** 2  # 2 kg of cart
+    start = Ensemble(links, 1, cart_mass=2.0)
+    start.set_state(0, [0.4, 0.2], 0.0, cart=(0.5, 0.3))
+    before = start.energy[0] + 0.5 * weights.sum() * 0.3**2 + 0.3**2
+    assert gained - before == pytest.approx(many.work[5], abs=1e-7)
+
+
+def test_chains_of_all_kinds_stand_side_by_side_and_keep_their_parameters():
+    kinds = [Chain.uniform(2), Chain.rods([1.0, 1.0], [1.0, 0.5]), Chain.realaigym("C.1")]
+    many = Ensemble(kinds)
+    many.set_state(slice(None), 0.5)
+    many.advance(0.0, 0.1, 50)
+    for k, chain in enumerate(kinds):
+        assert many.chain(k) == chain
+        path = simulate(chain, 0.5, 0.0, [0.0, 0.1])
+        np.testing.assert_allclose(many.theta[k], path.theta[-1], rtol=0, atol=1e-7)
+
+
+def test_what_an_ensemble_was_not_made_for_is_refused():
+    point_masses = Ensemble(Chain.uniform(2), 2)
+    with pytest.raises(ValueError, match="begin with a chain that has these"):
+        point_masses.set_chain(0, Chain.rods([1.0, 1.0], [1.0, 1.0]))
+    with pytest.raises(ValueError, match="force must be 0 where no cart_mass is given"):
+        point_masses.advance(0.0, 0.1, force=1.0)
+    with pytest.raises(ValueError, match="cart must be 0 where no cart_mass is given"):
+        point_masses.set_state(0, 0.1, cart=(0.0, 1.0))
+    with pytest.raises(ValueError, match="rail_damping acts on the cart"):
+        Ensemble(Chain.uniform(2), 2, rail_damping=1.0)
+    with pytest.raises(ValueError, match="the same number of rods"):
+        Ensemble([Chain.uniform(2), Chain.uniform(3)])

@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym._checks import BoolArray, FloatArray
+from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_chain
-from npend_gym.physics import energy as _energy
 from npend_gym.physics.arguments import check_limits, check_members, check_states
 from npend_gym.physics.kernels.ensemble import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.members import Members
 from npend_gym.physics.memory import Memory
+from npend_gym.physics.pivot import check_pivot
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
 
 
-class Ensemble:
+class Ensemble(Members):
     """B chains of n rods each, advanced side by side.
 
     No chain depends on another, on B or on the number of threads.
@@ -35,6 +36,9 @@ class Ensemble:
         Joints that `advance` puts torques on; joint 0 is the pivot.
     threads : int
         Threads that share the members. No result depends on it.
+    cart_mass, rail_damping : float
+        Mass [kg] of the cart that carries each pivot, if there is one, and viscous damping on its
+        rail [N s/m], as in `simulate`. Energies and positions are relative to the pivot.
 
     Attributes
     ----------
@@ -60,21 +64,26 @@ class Ensemble:
         *,
         joints: Sequence[int] = (0,),
         threads: int = 1,
+        cart_mass: float | None = None,
+        rail_damping: float = 0.0,
     ) -> None:
-        one_for_all = isinstance(chains, Chain)
-        listed = [chains] if one_for_all else [*chains]
-        first = check_chain(listed[0] if listed else None)
-        self.n, self.size = first.n, len(listed)
-        if size is not None:
-            self.size = _checks.count("size", size)
-        if not one_for_all and self.size != len(listed):
+        listed = [chains] if isinstance(chains, Chain) else [*chains]
+        self.n = check_chain(listed[0] if listed else None).n
+        self.size = len(listed) if size is None else _checks.count("size", size)
+        if self.size != len(listed) and not isinstance(chains, Chain):
             raise ValueError(f"size must be the number of chains, {len(listed)}, got {self.size}")
+        rows = [check_chain(chain).repeated(1) for chain in listed]
+        for chain in listed:
+            if chain.n != self.n:
+                raise ValueError(
+                    f"chains must have the same number of rods, got {self.n} and {chain.n}"
+                )
+        together = ChainParameters(*(np.concatenate(fields) for fields in zip(*rows, strict=True)))
         self.joints = np.array([_checks.count("joint", j, low=0, high=self.n - 1) for j in joints])
-        self._memory = Memory(first.repeated(1), self.size, threads)
+        pivot = check_pivot(cart_mass=cart_mass, rail_damping=rail_damping)
+        super().__init__(Memory(together, self.size, threads, base=pivot.base))
+        self._has_cart = pivot.moves
         self._substeps: dict[float, int] = {}  # by default, of the last dt
-        self._ready = True
-        for k, chain in enumerate(listed if not one_for_all else ()):
-            self.set_chain([k], chain)
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
         """Give some members the parameters of a chain; their time and measurements start anew.
@@ -99,7 +108,14 @@ class Ensemble:
         memory.restart(chosen)
         self._ready = True
 
-    def set_state(self, members: Any, theta: ArrayLike, omega: ArrayLike = 0.0) -> None:
+    def set_state(
+        self,
+        members: Any,
+        theta: ArrayLike,
+        omega: ArrayLike = 0.0,
+        *,
+        cart: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
+    ) -> None:
         """Put some members into a state; their time, work and measurements start anew.
 
         Parameters
@@ -108,8 +124,11 @@ class Ensemble:
             Which members, k of them.
         theta, omega : array_like, shape (k, n) or (n,)
             Angles [rad] and angular velocities [rad/s]; one number stands for all rods.
+        cart : (array_like, array_like), shape (k,) each
+            Position [m] and velocity [m/s] of the carts.
         """
         chosen = check_members(members, self.size)
+        carts = [self._of_cart("cart", value, (chosen.size,)) for value in cart]
         states = check_states(self.n, theta=theta, omega=omega)
         if states[0].shape not in ((self.n,), (chosen.size, self.n)):
             raise ValueError(
@@ -118,8 +137,17 @@ class Ensemble:
             )
         check_limits(*states)
         memory, self._ready = self._intact, False
+        for field, values in zip((Rod.THETA, Rod.OMEGA), carts, strict=True):
+            memory.of_base(field)[memory.place(chosen)] = values
         memory.write_state(chosen, *states)
         self._ready = True
+
+    def _of_cart(self, name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+        """Return numbers that belong to carts, refused where there are none."""
+        values = _checks.broadcast(name, value, shape)
+        if np.any(values) and not self._has_cart:
+            raise ValueError(f"{name} must be 0 where no cart_mass is given")
+        return values
 
     def advance(
         self,
@@ -128,6 +156,7 @@ class Ensemble:
         substeps: int | None = None,
         *,
         active: ArrayLike | None = None,
+        force: ArrayLike = 0.0,
     ) -> None:
         """Advance the members by `dt` under constant torques, by Runge-Kutta steps of order 4.
 
@@ -142,6 +171,8 @@ class Ensemble:
             mode needs, see `default_substeps`, and more where a rod turns by more than 1/20 rad.
         active : array_like of bool, shape (B,), optional
             Members to advance; all by default.
+        force : array_like, shape (B,)
+            Horizontal force on the carts [N]; one number stands for all.
 
         Raises
         ------
@@ -163,88 +194,16 @@ class Ensemble:
         mask = np.ones(self.size) if active is None else np.asarray(active, np.bool_)
         if mask.shape != (self.size,):
             raise ValueError(f"active must have the shape ({self.size},), got {mask.shape}")
+        pushed = self._of_cart("force", force, (self.size,))
         memory, self._ready = self._intact, False
         place = memory.place(np.arange(self.size))
+        memory.of_base(Rod.TORQUE)[place] = pushed
         for joint, column in zip(self.joints, given.T, strict=True):
             memory.per_rod(Rod.TORQUE)[(*place, joint)] = column
         memory.members[Member.ACTIVE] = mask
         memory.run(advance_one if self.size == 1 else advance_many, (), dt, count, rotation)
         memory.members[Member.ACTIVE] = 1.0
         self._ready = True
-
-    @property
-    def time(self) -> FloatArray:
-        """Time since the state was set [s], shape (B,)."""
-        return self._intact.members[Member.TIME].copy()
-
-    @property
-    def work(self) -> FloatArray:
-        """Work of torques, damping and drag since the state was set [J], shape (B,)."""
-        return self._intact.members[Member.WORK].copy()
-
-    @property
-    def diverged(self) -> BoolArray:
-        """Members whose state left all bounds in the last step, shape (B,)."""
-        return self._intact.members[Member.DIVERGED] != 0.0
-
-    @property
-    def theta(self) -> FloatArray:
-        """Angles [rad], not wrapped, shape (B, n)."""
-        return self._intact.read(Rod.THETA)
-
-    @property
-    def omega(self) -> FloatArray:
-        """Angular velocities [rad/s], shape (B, n)."""
-        return self._intact.read(Rod.OMEGA)
-
-    @property
-    def pseudo_periods(self) -> FloatArray:
-        """Pseudo-period of each bob [s], shape (B, n), reading "bob"; NaN where not complete."""
-        return self._intact.read(Rod.PERIOD)
-
-    @property
-    def parameters(self) -> ChainParameters:
-        """The parameters of the members' chains, shape (B, n)."""
-        return self._intact.parameters
-
-    @property
-    def kinetic_energy(self) -> FloatArray:
-        """Kinetic energy [J], shape (B,)."""
-        return _energy.kinetic_energy(self.parameters, self.theta, self.omega)
-
-    @property
-    def energy(self) -> FloatArray:
-        """Energy above hanging at rest [J], shape (B,)."""
-        return _energy.energy(self.parameters, self.theta, self.omega)
-
-    @property
-    def positions(self) -> FloatArray:
-        """Positions of the bobs [m], shape (B, n, 2)."""
-        return _energy.positions(self.parameters, self.theta)
-
-    @property
-    def centre_of_mass(self) -> FloatArray:
-        """Position of the centre of mass [m], shape (B, 2)."""
-        return _energy.centre_of_mass(self.parameters, self.theta)
-
-    @property
-    def tip(self) -> FloatArray:
-        """Position of the last bob [m], shape (B, 2)."""
-        return self.positions[:, -1]
-
-    def chain(self, member: int) -> Chain:
-        """Return the chain of a member."""
-        values = {name: row[member] for name, row in self.parameters._asdict().items()}
-        return Chain.from_dict(values | {"gravity": float(values["gravity"])})
-
-    @property
-    def _intact(self) -> Memory:
-        """The memory, refused where a call was interrupted."""
-        if not self._ready:
-            raise RuntimeError(
-                "a call was interrupted and members may be in different steps: make a new Ensemble"
-            )
-        return self._memory
 
     def _default_substeps(self, dt: float) -> int:
         """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""

@@ -34,7 +34,7 @@ class Memory:
     Parameters
     ----------
     chains : ChainParameters
-        The parameters of one chain; all members have them until they are given others.
+        The parameters of all members, or of one chain for all.
     size : int
         Number of members B.
     threads : int
@@ -82,6 +82,9 @@ class Memory:
         self._plan: tuple[float, int, float] | None = None  # of the last `run`
         self._helpers: Helpers | None = None
         self.arrays[0][Member.ACTIVE] = 1.0
+        if len(chains.masses) > 1:  # lanes to spare repeat the last chain
+            own = np.minimum(np.arange(lanes), size - 1)
+            chains = ChainParameters(*(field[own] for field in chains))
         self.write_chain(np.arange(lanes), chains)
         self.restart(np.arange(lanes))
 
@@ -98,6 +101,10 @@ class Memory:
     def per_rod(self, field: int) -> FloatArray:
         """Return a view of a field of all rods, shape (groups, width, n): see `place`."""
         return self._rods[:, field, : self.n].swapaxes(1, 2)
+
+    def of_base(self, field: int) -> FloatArray:
+        """Return a view, (groups, width), of THETA, OMEGA or TORQUE of a base that moves."""
+        return self._rods[:, field, self.n]
 
     @property
     def _rods(self) -> FloatArray:

@@ -1,0 +1,100 @@
+"""What is known of the members of an ensemble: their states, energies and measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import Chain, ChainParameters
+from npend_gym.physics import energy as _energy
+from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.memory import Memory
+
+
+class Members:
+    """The members of an `Ensemble`, read: every property is a new array."""
+
+    def __init__(self, memory: Memory) -> None:
+        self._memory = memory
+        self._ready = True  # no call was interrupted
+
+    @property
+    def _intact(self) -> Memory:
+        """The memory, refused where a call was interrupted."""
+        if not self._ready:
+            raise RuntimeError(
+                "a call was interrupted and members may be in different steps: make a new Ensemble"
+            )
+        return self._memory
+
+    @property
+    def time(self) -> FloatArray:
+        """Time since the state was set [s], shape (B,)."""
+        return self._intact.members[Member.TIME].copy()
+
+    @property
+    def work(self) -> FloatArray:
+        """Work of torques, damping and drag since the state was set [J], shape (B,)."""
+        return self._intact.members[Member.WORK].copy()
+
+    @property
+    def diverged(self) -> BoolArray:
+        """Members whose state left all bounds in the last step, shape (B,)."""
+        return self._intact.members[Member.DIVERGED] != 0.0
+
+    @property
+    def theta(self) -> FloatArray:
+        """Angles [rad], not wrapped, shape (B, n)."""
+        return self._intact.read(Rod.THETA)
+
+    @property
+    def omega(self) -> FloatArray:
+        """Angular velocities [rad/s], shape (B, n)."""
+        return self._intact.read(Rod.OMEGA)
+
+    @property
+    def cart(self) -> tuple[FloatArray, FloatArray]:
+        """Position [m] and velocity [m/s] of the carts, shape (B,) each; zero without a cart."""
+        members = self._intact.place(np.arange(self.size))
+        position, velocity = (self._intact.of_base(field) for field in (Rod.THETA, Rod.OMEGA))
+        return position[members], velocity[members]
+
+    @property
+    def pseudo_periods(self) -> FloatArray:
+        """Pseudo-period of each bob [s], shape (B, n), reading "bob"; NaN where not complete."""
+        return self._intact.read(Rod.PERIOD)
+
+    @property
+    def parameters(self) -> ChainParameters:
+        """The parameters of the members' chains, shape (B, n)."""
+        return self._intact.parameters
+
+    @property
+    def kinetic_energy(self) -> FloatArray:
+        """Kinetic energy [J], shape (B,)."""
+        return _energy.kinetic_energy(self.parameters, self.theta, self.omega)
+
+    @property
+    def energy(self) -> FloatArray:
+        """Energy above hanging at rest [J], shape (B,)."""
+        return _energy.energy(self.parameters, self.theta, self.omega)
+
+    @property
+    def positions(self) -> FloatArray:
+        """Positions of the bobs [m], shape (B, n, 2)."""
+        return _energy.positions(self.parameters, self.theta)
+
+    @property
+    def centre_of_mass(self) -> FloatArray:
+        """Position of the centre of mass [m], shape (B, 2)."""
+        return _energy.centre_of_mass(self.parameters, self.theta)
+
+    @property
+    def tip(self) -> FloatArray:
+        """Position of the last bob [m], shape (B, 2)."""
+        return self.positions[:, -1]
+
+    def chain(self, member: int) -> Chain:
+        """Return the chain of a member."""
+        values = {name: row[member] for name, row in self.parameters._asdict().items()}
+        return Chain.from_dict(values | {"gravity": float(values["gravity"])})
