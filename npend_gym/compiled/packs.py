@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 else:
     from llvmlite import ir
-    from numba import types
+    from numba import config, types
     from numba.core import cgutils
     from numba.core.datamodel import PrimitiveModel, register_default
     from numba.core.typeconv import Conversion
@@ -218,9 +218,14 @@ else:
         return signature(result, given), each
 
     @intrinsic
-    def bare(typingctx, array):
+    def _bare_view(typingctx, array):
         """Return a view of `array` that does not keep it alive; its caller must."""
         return _viewed(array, lambda one: one, 1)
+
+    def _itself(array):
+        return array
+
+    bare = _itself if config.DISABLE_JIT else _bare_view
 
     @intrinsic
     def packs(typingctx, array):

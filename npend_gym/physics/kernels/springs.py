@@ -33,6 +33,7 @@ from npend_gym.compiled.aligned import innermost
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import sincos
+from npend_gym.physics.kernels.tensions import chain_arrays
 
 
 class SpringArrays(NamedTuple):
@@ -55,19 +56,12 @@ def spring_arrays(
 
     `stiffness` and `axial_damping`, (n,), are those of all chains.
     """
-    masses, lengths = chains.masses, chains.lengths
-    above = np.zeros((len(masses), 1))
-    resisted = slice(None) if np.any(chains.drag) or np.any(chains.quadratic_drag) else slice(0)
+    rigid, shape = chain_arrays(chains), chains.lengths.shape
+    springs = (innermost(np.broadcast_to(each, shape)) for each in (stiffness, axial_damping))
     return SpringArrays(
-        innermost(np.concatenate([above, 1.0 / masses], axis=1)),
-        innermost(lengths),
-        innermost(np.broadcast_to(stiffness, lengths.shape)),
-        innermost(np.broadcast_to(axial_damping, lengths.shape)),
-        innermost(chains.damping),
-        np.array(chains.gravity),
-        innermost(chains.drag[resisted]),
-        innermost(chains.quadratic_drag[resisted]),
-    )
+        rigid.inverse_mass, rigid.length, *springs, rigid.damping, rigid.gravity, rigid.drag,
+        rigid.quadratic_drag,
+    )  # fmt: skip
 
 
 @inlined_kernel
