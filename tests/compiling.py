@@ -31,6 +31,8 @@ SHARES = {
     "one release": lambda: pseudo_periods(Chain.uniform(2), 0.1),
     "many releases": lambda: pseudo_periods(Chain.uniform(2), np.full((17, 2), 0.1)),
     "adaptive steps": lambda: simulate(*SHORT),
+    "a release on springs": lambda: pseudo_periods(Chain.uniform(2), 0.1, stiffness=1e3),
+    "adaptive steps on springs": lambda: simulate(*SHORT, stiffness=1e3),
     "fixed steps": lambda: simulate(*SHORT, method="rk4", dt=0.1),
 }
 
