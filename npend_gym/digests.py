@@ -35,6 +35,8 @@ GOLDEN: dict[str, str] = {
         "767ea39dc7a011f9c68a8e75e3a5c31319aeeb48481c94b6eeaf00a6489a5cc7",
     "simulate, drag":
         "f05dc6231a8b15f2bb5713d86485b9eee9b100cb6dd91cff0e5c579ea977c9e1",
+    "simulate, springs":
+        "d593bb43b3b3a7e798c84af92c7d1315c3ea7318b70d689dca033ad966b0102d",
     "pseudo-periods, bob":
         "79f893c0ebf178d6382c004f054e2ee301c1bb5d72472804473a42710975dc1e",
     "pseudo-periods, link":
@@ -98,6 +100,7 @@ def checks() -> dict[str, Callable[[], Iterator[Any]]]:
         "rk4": {"method": "rk4", "dt": 0.01},
         "cart": {"cart_mass": 2.0, "force": 0.5},
         "shaken pivot": {"pivot_acceleration": (0.5, -1.0)},
+        "springs": {"stiffness": 500.0, "axial_damping": 0.1},
     }
     return {
         **{f"simulate, {name}": _motion(options) for name, options in motions.items()},

@@ -96,7 +96,8 @@ class Trajectory:
         """Return the kinetic energy [J], shape (T,)."""
         if self.springs is None:
             return _energy.kinetic_energy(self.chain, self.theta, self.omega)
-        return 0.5 * np.sum(self.velocities() ** 2, axis=-1) @ self.chain.masses
+        speed_squared = np.sum(self.velocities() ** 2, axis=-1)
+        return 0.5 * np.sum(self.chain.masses * speed_squared, axis=-1)
 
     def energy(self) -> FloatArray:
         """Return the energy above hanging at rest [J], shape (T,); springs are stretched there."""
