@@ -22,7 +22,7 @@ from npend_gym.physics.kernels.layout import (
     group_of,
     record_of,
 )
-from npend_gym.physics.kernels.rk4 import K_4, OMEGAS, WORK, rk4_step
+from npend_gym.physics.kernels.rk4 import K_4, OMEGA_2, WORK, rk4_step
 from npend_gym.physics.kernels.turning_points import (
     BOB,
     Cubic,
@@ -191,7 +191,7 @@ def _dissipate(group: Group, h: Any, dissipated: Any, scratch: FloatArray) -> An
     """Add what the dampers take in the last three stages of a substep to `dissipated` [J]."""
     size = group.theta.size
     for stage in range(3):
-        omega = scratch[RK4 + OMEGAS + 1 + stage][:size]
+        omega = scratch[RK4 + OMEGA_2 + stage][:size]
         weight = h / 6.0 if stage == 2 else h / 3.0
         dissipated = dissipated + weight * joint_power(omega, group.chain)
     return dissipated

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.aligned import aligned_zeros
-from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, accelerations, copy
 
-# Rows of the work space: angular accelerations of K_1..K_4; omega of K_1..K_4, which is their
-# theta', and the next; theta of the stage; then the rows of `accelerations`
-K_4, OMEGAS, _THETA, WORK = 3, 4, 9, 10
+# Rows of the work space: accelerations of K_1..K_4; velocities of K_2..K_4, which are their q';
+# coordinates of the stage; then the rows of `accelerations`
+K_4, OMEGA_2, _THETA, WORK = 3, 4, 7, 8
 RK4_ROWS = WORK + WORK_ROWS
 
 
@@ -25,40 +25,14 @@ def new_rk4_scratch(n: int, width: int = 1) -> FloatArray:
 
 
 @inlined_kernel
-def _stage(
-    k: int, theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray,
-    chain: AnyArrays, scratch: FloatArray,
-) -> Any:  # fmt: skip
-    """Evaluate stage `k` and set the state of the next; return the power of drag [W]."""
-    n = theta.size
-    x, w, alpha = scratch[_THETA][:n], scratch[OMEGAS + k], scratch[k]
-    next_w = scratch[OMEGAS + k + 1]
-    power = accelerations(x, w, torque, chain, scratch[WORK:], alpha)
-    if k < 3:
-        stage_h = h if k == 2 else 0.5 * h
-        for i in range(n):
-            x[i] = theta[i] + stage_h * w[i]
-            next_w[i] = omega[i] + stage_h * alpha[i]
-    return power
-
-
-@inlined_kernel
-def _combine(theta: FloatArray, omega: FloatArray, h: float, scratch: FloatArray) -> None:
-    """Take the step, Y + h (K_1 + 2 K_2 + 2 K_3 + K_4) / 6, in place; copy it for a stage."""
-    a1, a2, a3, a4 = scratch[0], scratch[1], scratch[2], scratch[3]
-    w2, w3, w4 = scratch[OMEGAS + 1], scratch[OMEGAS + 2], scratch[OMEGAS + 3]
-    sixth = h / 6.0
+def _next_stage(
+    theta: FloatArray, omega: FloatArray, rate: FloatArray, alpha: FloatArray, h: float,
+    x: FloatArray, w: FloatArray,
+) -> None:  # fmt: skip
+    """Write the state of a stage, theta + h rate and omega + h alpha, into `x` and `w`."""
     for i in range(theta.size):
-        theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
-    for i in range(theta.size):
-        omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
-
-
-@inlined_kernel
-def _begin(theta: FloatArray, omega: FloatArray, scratch: FloatArray) -> None:
-    """Let the first stage be evaluated at this state."""
-    copy(theta, scratch[_THETA])
-    copy(omega, scratch[OMEGAS])
+        x[i] = theta[i] + h * rate[i]
+        w[i] = omega[i] + h * alpha[i]
 
 
 @spliced_kernel
@@ -69,21 +43,38 @@ def rk4_step(
     """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
 
     `scratch` has RK4_ROWS rows of n + 2 or more. Afterwards the accelerations at the start of the
-    step are in its row 0, those of the last stage, near those at the end, in row K_4. One loop over
-    the stages, so that Numba compiles the long text of `accelerations` once.
+    step are in its row 0, those of the last stage, near those at the end, in row K_4. A loop over
+    the stages would be compiled sooner, and a tenth slower for short chains.
 
     Return the energy that drag takes in the step [J].
     """
-    drag_ends = drag_middle = 0.0 * h
-    _begin(theta, omega, scratch)
-    for k in range(4):
-        power = _stage(k, theta, omega, h, torque, chain, scratch)
-        if k == 0 or k == 3:
-            drag_ends = drag_ends + power
-        else:
-            drag_middle = drag_middle + power
-    _combine(theta, omega, h, scratch)
-    return (h / 6.0) * (drag_ends + 2.0 * drag_middle)
+    n = theta.size
+    a1, a2, a3, a4 = scratch[0], scratch[1], scratch[2], scratch[K_4]
+    w2, w3, w4 = scratch[OMEGA_2], scratch[OMEGA_2 + 1], scratch[OMEGA_2 + 2]
+    x, work = scratch[_THETA][:n], scratch[WORK:]
+    power_1 = accelerations(theta, omega, torque, chain, work, a1)
+    _next_stage(theta, omega, omega, a1, 0.5 * h, x, w2)
+    power_2 = accelerations(x, w2, torque, chain, work, a2)
+    _next_stage(theta, omega, w2, a2, 0.5 * h, x, w3)
+    power_3 = accelerations(x, w3, torque, chain, work, a3)
+    _next_stage(theta, omega, w3, a3, h, x, w4)
+    power_4 = accelerations(x, w4, torque, chain, work, a4)
+    sixth = h / 6.0
+    for i in range(n):
+        theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
+    for i in range(n):
+        omega[i] += sixth * ((a1[i] + a4[i]) + 2.0 * (a2[i] + a3[i]))
+    return sixth * ((power_1 + power_4) + 2.0 * (power_2 + power_3))
+
+
+@inner_kernel
+def _steps(
+    theta: FloatArray, omega: FloatArray, h: float, count: int, torque: FloatArray,
+    chain: AnyArrays, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Take `count` steps: compiled together with what surrounds them, they would be slower."""
+    for _ in range(count):
+        rk4_step(theta, omega, h, torque, chain, scratch)
 
 
 @kernel
@@ -104,8 +95,7 @@ def rk4_frames(
         k = progress[0]
         h: Any = (times[k] - times[k - 1]) / steps[k]
         count = min(steps[k] - progress[1], progress[2])
-        for _ in range(count):
-            rk4_step(theta, omega, h, torque, chain, scratch)
+        _steps(theta, omega, h, count, torque, chain, scratch)
         progress[1] += count
         progress[2] -= count
         if progress[1] < steps[k]:
