@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain, pseudo_periods
+from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.play import Game, play
 
 
@@ -86,6 +86,22 @@ def test_after_a_push_the_pseudo_periods_are_those_of_the_free_motion_since(pg):
     run(game, 5.0)
     expected = pseudo_periods(Chain.uniform(1), theta, omega)
     np.testing.assert_allclose(game.periods, expected, atol=1e-4)
+
+
+def test_a_chain_of_links_is_released_and_shown_as_bars(pg):
+    game = Game(chain="realaigym A.0", amplitude=1.0)
+    key(pg, game, "UP")
+    assert game.n == 2  # the number of links is that of the chain
+    rods = Game(2).picture()
+    run(game, 0.2)
+    chain = Chain.realaigym("A.0")
+    start = Game(chain=chain, amplitude=1.0).theta
+    np.testing.assert_allclose(
+        game.theta, simulate(chain, start, 0.0, [0.0, 0.2]).theta[-1], atol=1e-5
+    )
+    assert game.picture().shape == rods.shape
+    run(game, 2.0)
+    np.testing.assert_allclose(game.periods, pseudo_periods(chain, start, duration=2.2), atol=1e-4)
 
 
 @pytest.mark.parametrize("side", [0.7, -0.7])
@@ -202,6 +218,7 @@ def test_without_a_display_the_command_says_so():
         ("--amplitude 0", "amplitude must be between 0 and pi"),
         ("--amplitude nan", "amplitude must be finite"),
         ("--seed -1", "seed must be at least 0"),
+        ("--n 3 --chain acrobot", "n must be left out where chain is given, got 3"),
     ],
 )
 def test_bad_arguments_of_play_exit_with_2(arguments, message, refusal):

@@ -11,6 +11,7 @@ from npend_gym.render import Painter, Scene, tile
 from npend_gym.window import Window
 
 TIP, TORQUE = (0xD5, 0x5E, 0x00), (0xCC, 0x79, 0xA7)
+FIRST, INK, ROD = (0x00, 0x72, 0xB2), (0x2B, 0x33, 0x3B), (0x5F, 0x69, 0x73)
 PAPER, DISC = (0xF3, 0xF4, 0xF6), (0xFF, 0xFF, 0xFF)
 
 
@@ -97,6 +98,33 @@ def test_the_torque_turns_the_arrow_its_way_and_zero_draws_none():
     assert where(none, TORQUE) is None
 
 
+def test_the_arrow_is_at_the_joint_with_the_motor():
+    for joint in (0, 1, 2):
+        scene = hanging_arc(3, torque=-0.2, joint=joint)
+        place = np.vstack([np.zeros(2), scene.positions])[joint] / scene.reach
+        expected = 240 + 0.44 * 480 * place * (1.0, -1.0)
+        assert np.linalg.norm(where(Painter().paint(scene), TORQUE) - expected) < 30
+
+
+def test_links_are_bars_with_a_dot_at_the_centre_of_mass():
+    ends = np.array([[0.6, 0.0], [0.6, -0.4]])
+    centres = np.array([[0.2, 0.0], [0.6, 0.3]])  # the second is above its own joint
+    frame = Painter(480).paint(Scene(ends, 1.0, centres=centres))
+    bobs = Painter(480).paint(Scene(ends, 1.0))
+
+    def color(x, y, picture=frame):
+        return tuple(picture[round(240 - 211.2 * y), round(240 + 211.2 * x)].tolist())
+
+    assert color(0.2, 0.0) == DISC  # the middle of the dot
+    assert color(0.2 + 0.015, 0.0) == INK
+    for share in (0.2, 0.5, 0.8):
+        assert color(0.6 * share + 0.05, 0.02) == FIRST
+        assert color(0.62, -0.4 * share) == TIP
+        assert color(0.62, -0.4 * share, bobs) == DISC  # beside the thin rod of a point mass
+    assert color(0.6, 0.3 + 0.015) == INK
+    assert color(0.6, 0.1) == ROD
+
+
 def test_the_trace_fades_with_age():
     trace = np.stack([np.linspace(-0.9, 0.0, 50), np.full(50, 0.3)], axis=1)
     frame = Painter(192).paint(Scene([[0.0, 0.3]], 1.0, trace=trace)).astype(int)
@@ -153,6 +181,8 @@ def test_a_scene_keeps_its_own_positions():
         ({"torque": 1.5}, "torque must be between -1 and 1"),
         ({"caption": "two\nlines"}, "caption must be one printable line"),
         ({"trace": [[1.0, 2.0, 3.0]]}, "trace must have shape"),
+        ({"centres": [[0.0, 1.0]] * 2}, "centres must have a place for each of the 1 links"),
+        ({"joint": 1}, "joint must be between 0 and 0"),
     ],
 )
 def test_a_scene_refuses_what_cannot_be_drawn(change, message):

@@ -2,10 +2,13 @@ import json
 import pathlib
 import pickle
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from npend_gym import Chain
+from npend_gym.envs import EnvConfig
 from npend_gym.rl import Policy, evaluate, pretrained_names
 from npend_gym.rl.policies import MAX_BYTES, PRETRAINED
 
@@ -35,6 +38,13 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
         expected = torch.nn.Sequential(*layers[:-1])(torch.from_numpy(obs / 2.0)).clamp(-1.0, 1.0)
     np.testing.assert_allclose(policy(obs), expected.numpy(), atol=1e-6)
     assert 0 < np.sum(np.abs(policy(obs)) < 1.0) < 50  # some are clipped, some are not
+
+
+def test_the_chain_of_a_policys_environment_is_kept_as_numbers(tmp_path):
+    chain = Chain.realaigym("C.1")
+    replace(small_policy(), env={"chain": chain, "actuated": [1]}).save(tmp_path / "a.npz")
+    env = Policy.load(tmp_path / "a.npz").env
+    assert EnvConfig(**env).chain == chain
 
 
 @pytest.mark.parametrize("kind", [str, pathlib.Path])

@@ -1,9 +1,11 @@
-"""A chain as users name one: the object itself, its parameters, or a preset's name."""
+"""A chain as users give one: the object itself, its parameters, or a preset's name."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from npend_gym import _checks
 from npend_gym.chain.model import Chain
@@ -39,3 +41,14 @@ def as_chain(value: Any) -> Chain:
 def preset_name(chain: Chain) -> str | None:
     """Return which of PRESETS equals `chain`; None where none does."""
     return next((name for name in PRESETS if Chain.preset(name) == chain), None)
+
+
+def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keywords that JSON can hold: chains as dicts, arrays as lists."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, Chain):
+            return value.as_dict()
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+    return {name: plain(value) for name, value in keywords.items()}

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
 from npend_gym import _checks
-from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain
+from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain, plain_keywords
 from npend_gym.envs.modes import Mode
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
@@ -105,17 +105,6 @@ class PlainSpec:
             spec = copy.copy(spec)
             spec.kwargs = plain_keywords(spec.kwargs)
         vars(env)["spec"] = spec
-
-
-def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keywords that JSON can hold: chains as dicts, arrays as lists."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, Chain):
-            return value.as_dict()
-        return value.tolist() if isinstance(value, np.ndarray) else value
-
-    return {name: plain(value) for name, value in keywords.items()}
 
 
 def check_names(owner: type, keywords: Mapping[str, Any]) -> None:

@@ -73,10 +73,22 @@ function drawChain(release, time) {
   pen.globalAlpha = 1;
   const bobs = [];
   for (let bob = 0; bob < release.n; bob++) bobs.push(pixel(...place(release, bob, time)));
-  path([pixel(0, 0), ...bobs], ink, release.n > 60 ? 2.5 : 1.5);
-  const radius = Math.min(8, Math.max(2, (0.35 * scale) / release.n));
-  bobs.forEach((at, bob) => disc(at, radius, ramp(bob / release.n)));
-  disc(bobs[tip], Math.max(radius + 1, 5), TIP);
+  const joints = [pixel(0, 0), ...bobs], radius = Math.min(8, Math.max(2, (0.35 * scale) / release.n));
+  const along = (link, share) =>
+    [0, 1].map((c) => joints[link][c] + share * (joints[link + 1][c] - joints[link][c]));
+  if (release.centres.length === 0) {
+    path(joints, ink, release.n > 60 ? 2.5 : 1.5);
+    bobs.forEach((at, bob) => disc(at, radius, ramp(bob / release.n)));
+    disc(bobs[tip], Math.max(radius + 1, 5), TIP);
+  } else { // links are bars, with a dot at the centre of mass
+    pen.lineCap = "round";
+    release.centres.forEach((share, link) => {
+      path([joints[link], along(link, share)], ink, radius / 2);
+      path([joints[link], joints[link + 1]], link === tip ? TIP : ramp(link / release.n), 1.6 * radius);
+    });
+    release.centres.forEach((share, link) => disc(along(link, share), radius / 2, ink));
+    joints.slice(0, -1).forEach((at) => disc(at, radius / 3, "white"));
+  }
   for (const { bob, period } of release.order)
     if (period <= time) disc(pixel(...place(release, bob - 1, period)), 0.45 * radius, ink);
   disc(pixel(0, 0), 3, ink);

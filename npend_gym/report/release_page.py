@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -96,7 +97,7 @@ def command(experiment: ReleaseExperiment) -> str:
     default, words = ReleaseExperiment().as_dict(), ["npend release"]
     values = experiment.as_dict()
     if isinstance(experiment.chain, Chain):
-        words += ["--chain", preset_name(experiment.chain) or "chain.json"]
+        words += ["--chain", shlex.quote(preset_name(experiment.chain) or "chain.json")]
         del values["chain"]
     for name, value in values.items():
         if value is not None and value != default[name]:
@@ -120,12 +121,19 @@ def _recorded(experiment: ReleaseExperiment, recording: Recording) -> dict[str, 
         "label": f"{n}, from {math.degrees(start):.4g} degrees",
         "interval": float(motion.times[1]),
         "places": base64.b64encode(places.tobytes()).decode(),
+        "centres": _centres(recording),
         "periods": [float(t) if math.isfinite(t) else None for t in recording.periods],
         "models": {
             name: {"value": value, "color": _COLORS[name], "style": _STYLES.get(name, "")}
             for name, value in _models(experiment, n, start).items()
         },
     }
+
+
+def _centres(recording: Recording) -> list[float]:
+    """Return where the centres of mass are along links that are bodies, over their lengths."""
+    chain = recording.motion.chain
+    return (chain.centres / chain.lengths).tolist() if recording.motion.bodies().size else []
 
 
 def _law(
@@ -144,6 +152,7 @@ def _law(
             "points": [[n, values[name]] for n, values in curves.items() if name in values],
         }
         for name, color in _COLORS.items()
+        if any(name in values for values in curves.values())
     ]  # fmt: skip
     bobs = [
         [run.n, float(t), f"N = {run.n}, trial {run.trial}, bob {bob}: {t:.4f} s"]

@@ -11,12 +11,20 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize_scalar
 
 from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
 
+_SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 
-def discretise(config: EnvConfig, angle: float) -> tuple[FloatArray, FloatArray]:
+
+def discretise(
+    config: EnvConfig, angle: float, *, motors_rub: bool = True
+) -> tuple[FloatArray, FloatArray]:
     """Return the linear map of one environment step about rest with all rods at `angle` [rad].
+
+    Dry friction is taken as the damper that brakes as much in a swing of 0.03 rad; its slope at
+    rest holds for far slower motions alone. Without `motors_rub` joints with a motor have none.
 
     Returns
     -------
@@ -27,11 +35,23 @@ def discretise(config: EnvConfig, angle: float) -> tuple[FloatArray, FloatArray]
         hold): the exponential of dt [[A, B], [0, 0]] contains both matrices.
     """
     n, joints = config.chain.n, config.joints.tolist()
-    rates = linearise(config.chain, angle, joints=joints)
+    rates = linearise(_with_dampers(config, motors_rub=motors_rub), angle, joints=joints)
     block = np.zeros((2 * n + len(joints),) * 2)
     block[: 2 * n] = np.hstack([rates.A, rates.B * config.max_torque])
     step: FloatArray = np.asarray(expm(block * config.dt))
     return step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :]
+
+
+def _with_dampers(config: EnvConfig, *, motors_rub: bool) -> Chain:
+    """Return the chain with dampers in place of dry friction, see `discretise`."""
+    chain = config.chain
+    if not np.any(chain.friction):
+        return chain
+    dampers = chain.friction / np.hypot(chain.friction_speed, _SWING / _time_scale(config))
+    if not motors_rub:
+        dampers[config.joints] = 0.0
+    damping = (chain.damping + dampers).tolist()
+    return Chain.from_dict(chain.as_dict() | {"friction": 0.0, "damping": damping})
 
 
 @dataclass(frozen=True)
@@ -57,7 +77,9 @@ def lqr(config: EnvConfig, angle: float = np.pi, action_weight: float = 1.0) -> 
     """Return the linear-quadratic regulator about rest with all rods at `angle`.
 
     It minimises the sum over all steps of (theta - angle)^2 + (l / g) omega^2, added up over the
-    rods, plus `action_weight` times the squared actions; l is the mean length of the rods.
+    rods, plus `action_weight` times the squared actions; l is the mean length of the rods. Dry
+    friction is taken as a damper, see `discretise`, and in joints with a motor as none: so the
+    regulator balances from farther away than by the slope of friction at rest.
 
     Parameters
     ----------
@@ -78,7 +100,7 @@ def lqr(config: EnvConfig, angle: float = np.pi, action_weight: float = 1.0) -> 
 
 def riccati(config: EnvConfig, angle: float, action_weight: float) -> tuple[FloatArray, FloatArray]:
     """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): the cost from x on is x S x."""
-    a, b = discretise(config, angle)
+    a, b = discretise(config, angle, motors_rub=False)
     q = state_weights(config)
     r = action_weight * np.eye(b.shape[1])
     s = np.asarray(solve_discrete_are(a, b, q, r), np.float64)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._files import read_arrays, replacing
+from npend_gym.chain import plain_keywords
 
 MAX_BYTES = 10_000_000  # of a policy's file once unpacked
 PRETRAINED = Path(__file__).parent / "pretrained"
@@ -58,7 +59,7 @@ class Policy:
             arrays |= {f"weight{k}": weight, f"bias{k}": bias}
         with replacing(path, binary=True) as file:
             np.savez_compressed(file, **arrays)
-        about = {"env": self.env} | self.provenance
+        about = {"env": plain_keywords(self.env)} | self.provenance
         with replacing(path.with_suffix(".json")) as file:
             file.write(json.dumps(about, indent=2, allow_nan=False) + "\n")
 

@@ -1,0 +1,156 @@
+"""Releases, campaigns, pages, films and the game with a chain of links."""
+
+import json
+import re
+import shlex
+
+import numpy as np
+import pytest
+from test_page import data_of
+
+from npend_gym import Chain, pseudo_periods, theory
+from npend_gym.chain import as_chain, preset_name
+from npend_gym.cli import main
+from npend_gym.experiments import (
+    Campaign,
+    CampaignPlan,
+    ReleaseExperiment,
+    analyse,
+    measure,
+    run_release,
+    summary_rows,
+)
+from npend_gym.experiments.campaign.parts import read_part
+from npend_gym.recording import record_first_trials, record_release
+from npend_gym.report import release_page, release_tables
+
+NAME = "realaigym A.0"
+CHAIN = Chain.preset(NAME)
+EXPERIMENT = ReleaseExperiment(chain=NAME, trials=2, amplitude=0.6)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return run_release(EXPERIMENT)
+
+
+def test_every_preset_is_found_by_its_name_and_names_are_found_by_the_chain():
+    for name in ("acrobot", NAME, "multiarm 3"):
+        assert preset_name(as_chain(name)) == name
+    assert preset_name(Chain.uniform(2)) is None
+
+
+def test_the_chain_of_a_release_is_measured_in_every_trial(runs):
+    assert EXPERIMENT.n_values == (2,)
+    assert [run.trial for run in runs] == [1, 2]
+    for run in runs:
+        np.testing.assert_array_equal(run.periods, pseudo_periods(CHAIN, run.start))
+        assert np.isfinite(run.periods).all()
+
+
+def test_a_release_survives_json_and_is_read_back_from_its_folder(runs, tmp_path):
+    plain = json.loads(json.dumps(EXPERIMENT.as_dict()))
+    assert "masses" not in plain
+    assert Chain.from_dict(plain["chain"]) == CHAIN
+    assert ReleaseExperiment(**plain) == EXPERIMENT
+    release_tables.write(EXPERIMENT, runs, tmp_path, figures=False)
+    experiment, again = release_tables.read(tmp_path)
+    assert experiment == EXPERIMENT
+    assert [run.periods.tolist() for run in again] == [run.periods.tolist() for run in runs]
+
+
+def test_what_does_not_apply_to_links_says_so(runs):
+    (row,) = summary_rows(EXPERIMENT, runs)
+    assert np.isnan([row["ideal_s"], row["corrected_s"], row["ideal_error"]]).all()
+    assert row["fundamental_s"] == theory.fundamental_period(CHAIN)
+    table = release_tables.summary_text(EXPERIMENT, runs).splitlines()[1].split()
+    assert table[-6] == "-"
+    assert "for point masses" in release_tables.LEGEND
+
+
+@pytest.mark.parametrize("made", [ReleaseExperiment, CampaignPlan])
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"masses": 2.0}, "masses must be left out where chain is given, which has its own"),
+        ({"gravity": 1.6}, "gravity must be left out where chain is given"),
+        ({"chain": "acrobat"}, "chain must be a npend_gym.Chain, a dict"),
+    ],
+)
+def test_fields_that_contradict_the_chain_are_refused(made, fields, message):
+    with pytest.raises(ValueError, match=message):
+        made(**({"chain": CHAIN} | fields))
+    n_name = "n_values" if made is ReleaseExperiment else "n"
+    with pytest.raises(ValueError, match=f"{n_name} must be left out .* be its 2 links; got"):
+        made(chain=CHAIN, **{n_name: [3]})
+    assert getattr(made(chain=CHAIN, **{n_name: [2]}), n_name) == (2,)
+
+
+def test_a_campaign_of_a_chain_measures_it_and_keeps_it(tmp_path):
+    plan = CampaignPlan(chain=CHAIN.as_dict(), amplitude=[0.2, 0.4, 0.6, 0.8], trials=2)
+    assert CampaignPlan(**json.loads(json.dumps(plan.as_dict()))) == plan
+    with Campaign(plan, tmp_path) as campaign:
+        assert all(record.done for _, record in campaign.run("threading", 1))
+    (task,) = plan.tasks()
+    rows = read_part(tmp_path / "releases" / task.part)
+    for start, tip in zip(rows["start_rad"].to_pylist(), rows["tip_s"].to_pylist(), strict=True):
+        assert tip == pseudo_periods(CHAIN, start)[-1]
+    cells = read_part(tmp_path / "cells.parquet")
+    assert Chain.from_dict(json.loads(cells["chain"][0].as_py())) == CHAIN
+    assert cells["ideal_s"].to_pylist() == [None] * 4
+    (group,) = analyse(tmp_path).groups
+    assert group.label == f"chain {NAME}, reading bob"
+    assert group.laws[0].exact is None
+
+
+def test_the_command_line_takes_presets_and_files(tmp_path, capsys):
+    file = tmp_path / "chain.json"
+    file.write_text(json.dumps(CHAIN.as_dict()))
+    shown = []
+    for chain in (NAME, str(file)):
+        assert main(["release", "--chain", chain, "--trials", "1", "--json"]) == 0
+        shown.append(json.loads(capsys.readouterr().out)["summary"])
+    assert shown[0] == shown[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "argument --chain: must be one of acrobot, .* or a JSON file .*; got no_such_chain"),
+        ("{", "cannot be read: Expecting property name"),
+        ('{"masses": [1]}', "the dict of a chain has no 'lengths'"),
+        ("[1]", "chain must be a npend_gym.Chain, a dict"),
+        ('{"masses": [1], "lengths": [1], "inertias": [-1]}', "inertias must be zero or more"),
+    ],
+)
+def test_a_bad_chain_on_the_command_line_is_refused_in_a_line(text, message, refusal, tmp_path):
+    file = "no_such_chain"
+    if text is not None:
+        (tmp_path / "chain.json").write_text(text)
+        file = str(tmp_path / "chain.json")
+    error = refusal("release", "--chain", file, "--out", str(tmp_path / "out"))
+    assert re.search(message, error)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_page_has_the_centres_of_mass_of_links(runs, tmp_path):
+    recordings = record_first_trials(EXPERIMENT, runs)
+    path = release_page.write(EXPERIMENT, runs, recordings, tmp_path / "links.html")
+    (release,) = data_of(path)["releases"]
+    np.testing.assert_allclose(release["centres"] * CHAIN.lengths, CHAIN.centres)
+    assert set(release["models"]) == {"T1"}
+    assert {one["name"] for one in data_of(path)["law"]["series"]} == {
+        "T1", "each bob", "mean of a trial",
+    }  # fmt: skip
+    words = shlex.split(release_page.command(EXPERIMENT))
+    assert words[:4] == ["npend", "release", "--chain", NAME]
+
+
+def test_a_recording_of_links_is_made_again_from_its_provenance(runs):
+    recording = record_release(EXPERIMENT, runs[0], 0.05)
+    arguments = dict(recording.provenance["arguments"])
+    trial, start = arguments.pop("trial"), arguments.pop("start")
+    experiment = ReleaseExperiment(**arguments)
+    again = record_release(experiment, measure(experiment, 2, trial, start), 0.05)
+    np.testing.assert_array_equal(again.motion.theta, recording.motion.theta)
+    assert recording.motion.bodies().shape == recording.motion.positions().shape
