@@ -20,7 +20,8 @@ import numba
 import numpy as np
 
 from npend_gym._machine import machine
-from npend_gym.compiled.packs import WIDTH, bare, packs
+from npend_gym.compiled.arrays import bare, packs
+from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.rk4 import RK4_ROWS, rk4_step
 from npend_gym.physics.kernels.tensions import ChainArrays
 

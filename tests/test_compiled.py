@@ -17,8 +17,9 @@ from numba.core.typing import templates
 from numba.extending import intrinsic, lower_builtin, overload, type_callable
 from numba.np.arrayobj import populate_array
 
+from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.jit import kernel
-from npend_gym.compiled.packs import WIDTH, any_of, bare, packs, where
+from npend_gym.compiled.packs import WIDTH, any_of, where
 
 
 class RowFields(NamedTuple):

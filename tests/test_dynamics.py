@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from numba import njit
 
 from npend_gym import Chain
-from npend_gym.compiled.packs import WIDTH, any_of, packs, where
+from npend_gym.compiled.arrays import packs
+from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import MAX_ANGLE, sincos
 from npend_gym.physics import equations
 from npend_gym.physics.kernels.dynamics import (

@@ -2,18 +2,17 @@
 
 A *pack* holds one quantity of WIDTH chains in the vector registers of the processor. It is added,
 multiplied and compared as a float is, so that a kernel written for one chain does for many when it
-is given arrays of packs: `packs` makes such a view of an array of floats whose innermost axis runs
-over the lanes. Each lane's arithmetic is that of a float, to the last bit, whatever the processor.
+is given arrays of packs, which are views of arrays of floats: see `arrays`. Each lane's arithmetic
+is that of a float, to the last bit, whatever the processor.
 
-`where`, `larger` and `any_of` do for packs, and for floats too, what `if` cannot.
+`where` and `any_of` do for packs, and for floats too, what `if` cannot.
 """
 
-# ruff: noqa: ARG001, ARG002, ARG005  Numba hands these functions more than they need
+# ruff: noqa: ARG001, ARG002  Numba hands these functions more than they need
 from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -22,23 +21,7 @@ WIDTH = 16  # more than fit the registers, so that the processor need not wait f
 
 _T = TypeVar("_T")
 
-NumbersOf = Callable[[Any], Any]  # `packs` or `bare`
-
 if TYPE_CHECKING:
-
-    def bare(array: _T) -> _T:
-        """Return a view of `array` that does not keep it alive; its caller must.
-
-        Views of it cost nothing, where others count references, some ns each.
-        """
-        return array
-
-    def packs(array: _T) -> _T:
-        """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m).
-
-        Of a tuple of arrays: a view of each; `bare` does the same.
-        """
-        return array
 
     def where(condition: bool, a: _T, b: _T) -> _T:
         """Return `a` in the lanes where `condition` holds, `b` in the others."""
@@ -50,13 +33,12 @@ if TYPE_CHECKING:
 
 else:
     from llvmlite import ir
-    from numba import config, types
+    from numba import types
     from numba.core import cgutils
     from numba.core.datamodel import PrimitiveModel, register_default
     from numba.core.typeconv import Conversion
     from numba.core.typing import signature
     from numba.extending import intrinsic, lower_builtin, lower_cast, overload, type_callable
-    from numba.np.arrayobj import populate_array
 
     _NUMBERS = (types.Float, types.Integer)
 
@@ -68,15 +50,15 @@ else:
             super().__init__(f"Pack({element})")
 
         def can_convert_from(self, typingctx, other):
-            fits = isinstance(other, _NUMBERS if self == _FLOATS else types.Boolean)
+            fits = isinstance(other, _NUMBERS if self == FLOATS else types.Boolean)
             return Conversion.promote if fits else None
 
         def unify(self, typingctx, other):
             return self if self.can_convert_from(typingctx, other) else None
 
-    _FLOATS, _MASK = _Pack(types.float64), _Pack(types.boolean)
+    FLOATS, _MASK = _Pack(types.float64), _Pack(types.boolean)
     _REGISTERS = {
-        _FLOATS: ir.VectorType(ir.DoubleType(), WIDTH),
+        FLOATS: ir.VectorType(ir.DoubleType(), WIDTH),
         # 0 or -1: masks as wide as the numbers go into the processor's selection as they are
         _MASK: ir.VectorType(ir.IntType(64), WIDTH),
     }
@@ -93,10 +75,10 @@ else:
         lanes = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH)
         return builder.shuffle_vector(first, nothing, lanes)
 
-    @lower_cast(types.Float, _FLOATS)
-    @lower_cast(types.Integer, _FLOATS)
+    @lower_cast(types.Float, FLOATS)
+    @lower_cast(types.Integer, FLOATS)
     def _from_number(context, builder, fromty, toty, number):
-        return _spread(builder, context.cast(builder, number, fromty, types.float64), _FLOATS)
+        return _spread(builder, context.cast(builder, number, fromty, types.float64), FLOATS)
 
     @lower_cast(types.Boolean, _MASK)
     def _from_bool(context, builder, fromty, toty, truth):
@@ -109,13 +91,13 @@ else:
     def _holds(builder, mask):
         return builder.icmp_signed("<", mask, ir.Constant(mask.type, [0] * WIDTH))
 
-    def _binary(operation, instruction, of=_FLOATS, to=None):
+    def _binary(operation, instruction, of=FLOATS, to=None):
         """Let `operation` on packs be an instruction; a number beside a pack is in every lane."""
 
         @type_callable(operation)
         def _typed(context):
             def typed(a, b):
-                fits = [x == of or (of == _FLOATS and isinstance(x, _NUMBERS)) for x in (a, b)]
+                fits = [x == of or (of == FLOATS and isinstance(x, _NUMBERS)) for x in (a, b)]
                 return signature(to or of, of, of) if all(fits) and of in (a, b) else None
 
             return typed
@@ -151,9 +133,9 @@ else:
 
         @type_callable(operation)
         def _typed(context):
-            return lambda a: a if a == _FLOATS else None
+            return lambda a: a if a == FLOATS else None
 
-        @lower_builtin(operation, _FLOATS)
+        @lower_builtin(operation, FLOATS)
         def _lowered(context, builder, sig, args):
             return instruction(builder, *args)
 
@@ -172,73 +154,12 @@ else:
     _unary(math.sqrt, _root)
     _unary(abs, _size)
 
-    def _view(context, builder, array_type, array, view_type, lanes):
-        """Return a bare view of an array, `lanes` of its innermost entries as one."""
-        old = context.make_array(array_type)(context, builder, array)
-        view = context.make_array(view_type)(context, builder)
-        width = ir.Constant(old.itemsize.type, lanes)
-        size = builder.mul(old.itemsize, width)
-        shape = cgutils.unpack_tuple(builder, old.shape)
-        strides = cgutils.unpack_tuple(builder, old.strides)
-        if lanes > 1:
-            shape[-1], strides[-1] = builder.udiv(shape[-1], width), size
-        populate_array(
-            view,
-            data=builder.bitcast(old.data, view.data.type),
-            shape=cgutils.pack_array(builder, shape),
-            strides=cgutils.pack_array(builder, strides),
-            itemsize=size,
-            meminfo=None,
-        )
-        return view._getvalue()  # noqa: SLF001  as all of Numba's extensions do
-
-    def _viewed(given, type_of, lanes):
-        """Return signature and code of a view; of each array where `given` is a tuple or None."""
-        if given == types.none:
-            return signature(given, given), lambda context, builder, sig, args: args[0]
-        if isinstance(given, types.Array):
-            view = type_of(given)
-
-            def one(context, builder, sig, args):
-                return _view(context, builder, given, args[0], view, lanes)
-
-            return signature(view, given), one
-        views = [type_of(array) for array in given]
-        named = getattr(given, "instance_class", None)
-        result = types.NamedTuple(views, named) if named else types.Tuple(views)
-
-        def each(context, builder, sig, args):
-            arrays = cgutils.unpack_tuple(builder, args[0], len(views))
-            made = [
-                _view(context, builder, old, array, view, lanes)
-                for old, array, view in zip(given, arrays, views, strict=True)
-            ]
-            return context.make_tuple(builder, result, made)
-
-        return signature(result, given), each
-
-    @intrinsic
-    def _bare_view(typingctx, array):
-        """Return a view of `array` that does not keep it alive; its caller must."""
-        return _viewed(array, lambda one: one, 1)
-
-    def _itself(array):
-        return array
-
-    bare = _itself if config.DISABLE_JIT else _bare_view
-
-    @intrinsic
-    def packs(typingctx, array):
-        """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
-        # not aligned: a pack may begin at any float
-        return _viewed(array, lambda one: types.Array(_FLOATS, one.ndim, "C", aligned=False), WIDTH)
-
     @intrinsic
     def _select(typingctx, condition, a, b):
         def codegen(context, builder, sig, args):
             return builder.select(_holds(builder, args[0]), args[1], args[2])
 
-        return signature(_FLOATS, _MASK, _FLOATS, _FLOATS), codegen
+        return signature(FLOATS, _MASK, FLOATS, FLOATS), codegen
 
     @intrinsic
     def _any_lane(typingctx, condition):

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
-from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import ROUND
 from npend_gym.physics.kernels.dynamics import energies
 from npend_gym.physics.kernels.ensemble import advance_group, bob_velocities

@@ -9,7 +9,7 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym._threads import Call
 from npend_gym.chain import Chain, ChainParameters
-from npend_gym.compiled.aligned import aligned_zeros, innermost
+from npend_gym.compiled.arrays import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.energy import positions
 from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver

@@ -13,7 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import SIMPLE_FIELDS, ChainParameters
-from npend_gym.compiled.aligned import aligned_zeros
+from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.physics.energy import sideways
 from npend_gym.physics.kernels.ensemble import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch

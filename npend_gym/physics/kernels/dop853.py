@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.aligned import aligned_zeros
+from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.dynamics import AnyArrays, copy, derivative, new_work

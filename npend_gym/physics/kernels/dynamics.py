@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.compiled.aligned import aligned_zeros
+from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import chosen_by_type, inner_kernel, kernel
 from npend_gym.physics.kernels.links import (
     LinkArrays,

@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
-from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import MAX_ANGLE, ROUND, sincos
 from npend_gym.physics.kernels.dynamics import accelerations, any_power, copy, joint_power
 from npend_gym.physics.kernels.layout import (

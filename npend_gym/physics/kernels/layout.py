@@ -21,7 +21,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.aligned import aligned_zeros
+from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.dynamics import AnyArrays

@@ -41,9 +41,8 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.compiled.aligned import aligned_zeros, innermost
+from npend_gym.compiled.arrays import aligned_zeros, bare, innermost
 from npend_gym.compiled.jit import inlined_kernel
-from npend_gym.compiled.packs import bare
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.tensions import one_minus_cos
 

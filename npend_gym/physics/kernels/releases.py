@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import (
     chosen_by_type,
     inlined_kernel,
@@ -16,7 +17,7 @@ from npend_gym.compiled.jit import (
     kernel,
     spliced_kernel,
 )
-from npend_gym.compiled.packs import WIDTH, NumbersOf, any_of, bare, packs, where
+from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dop853 import Problem, Solver, attempt, prepare_dense, start
 from npend_gym.physics.kernels.dynamics import AnyArrays

@@ -29,7 +29,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.compiled.aligned import innermost
+from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import sincos

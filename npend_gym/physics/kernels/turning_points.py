@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.aligned import aligned_zeros
+from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 
