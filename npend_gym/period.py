@@ -57,6 +57,8 @@ def pseudo_periods(
         - "link": the rod's angular velocity has gone 0, -, +, 0;
         - "height": the bob is back at its starting height;
         - "listing": the estimator printed in the paper's appendix D, quirks and all.
+
+        The bob of a link with inertia is its far end: the next joint, or the tip.
     duration : float, optional
         Length of the window [s]. By default it lasts until every bob has completed, at most ten
         fundamental periods ("listing": the paper's 10 s).

@@ -6,9 +6,10 @@ import shlex
 
 import numpy as np
 import pytest
+from scipy.special import ellipk
 from test_page import data_of
 
-from npend_gym import Chain, pseudo_periods, theory
+from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.chain import as_chain, preset_name
 from npend_gym.cli import main
 from npend_gym.experiments import (
@@ -21,6 +22,7 @@ from npend_gym.experiments import (
     summary_rows,
 )
 from npend_gym.experiments.campaign.parts import read_part
+from npend_gym.period import sampled_periods
 from npend_gym.recording import record_first_trials, record_release
 from npend_gym.report import release_page, release_tables
 
@@ -46,6 +48,26 @@ def test_the_chain_of_a_release_is_measured_in_every_trial(runs):
     for run in runs:
         np.testing.assert_array_equal(run.periods, pseudo_periods(CHAIN, run.start))
         assert np.isfinite(run.periods).all()
+
+
+@pytest.mark.parametrize(("centre", "length"), [(0.3, 0.5), (0.7, 0.5), (0.02, 0.1)])
+def test_one_body_has_the_period_of_the_physical_pendulum(centre, length):
+    mass, inertia, amplitude = 0.8, 0.03, 1.1
+    # almost no friction makes it a machine, whose kernels other tests compile
+    chain = Chain(mass, [length], centres=centre, inertias=inertia, friction=1e-30)
+    small = 2.0 * np.pi * np.sqrt((inertia + mass * centre**2) / (mass * chain.gravity * centre))
+    exact = small * 2.0 / np.pi * ellipk(np.sin(0.5 * amplitude) ** 2)
+    for reading, part in (("bob", 1.0), ("link", 1.0), ("height", 0.5)):
+        periods = pseudo_periods(chain, amplitude, reading=reading)
+        np.testing.assert_allclose(periods, part * exact, rtol=1e-9)
+
+
+def test_the_bob_of_a_link_is_its_far_end():
+    periods = pseudo_periods(CHAIN, 0.6)
+    times = np.linspace(0.0, 1.2 * periods.max(), 20_000)
+    motion = simulate(CHAIN, 0.6, 0.0, times)
+    speeds = np.ascontiguousarray(motion.velocities()[..., 0].T)
+    np.testing.assert_allclose(sampled_periods(times, speeds), periods, rtol=0, atol=1e-7)
 
 
 def test_a_release_survives_json_and_is_read_back_from_its_folder(runs, tmp_path):
