@@ -38,7 +38,7 @@ def array(name: str, value: Any) -> FloatArray:
             f"{name} must hold real numbers, got {show(value)}; convert with np.asarray(..., float)"
         )
     out = np.array(raw, dtype=np.float64, order="C")
-    if np.all(np.abs(out) <= LARGEST):  # one pass, as most values are good; NaN fails it
+    if (abs(out) <= LARGEST).all():  # one pass, as most values are good; NaN fails it
         return out
     if not np.all(np.isfinite(out)):
         raise ValueError(f"{name} must be finite, got {show(value)}")
@@ -47,7 +47,7 @@ def array(name: str, value: Any) -> FloatArray:
 
 def within(name: str, value: FloatArray, limit: float) -> FloatArray:
     """Return `value`, refused where an entry is larger than `limit`, or less than minus that."""
-    if np.any(np.abs(value) > limit):
+    if (abs(value) > limit).any():
         raise ValueError(f"{name} must lie within +-{limit:g}, got {show(value.tolist())}")
     return value
 
@@ -69,9 +69,9 @@ def vector(name: str, value: Any, n: int) -> FloatArray:
 
 def at_least_zero(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is negative."""
-    if np.any(value < 0.0):
+    if (value < 0.0).any():
         raise ValueError(f"{name} must be zero or more, got {show(value.tolist())}")
-    if np.any((value > 0.0) & (value < SMALLEST)):
+    if ((value > 0.0) & (value < SMALLEST)).any():
         raise ValueError(
             f"{name} must be zero or at least {SMALLEST:g}, got {show(value.tolist())}"
         )
@@ -80,9 +80,9 @@ def at_least_zero(name: str, value: FloatArray) -> FloatArray:
 
 def positive(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is zero or negative."""
-    if np.any(value <= 0.0):
+    if (value <= 0.0).any():
         raise ValueError(f"{name} must be greater than zero, got {show(value.tolist())}")
-    if np.any(value < SMALLEST):
+    if (value < SMALLEST).any():
         raise ValueError(f"{name} must be at least {SMALLEST:g}, got {show(value.tolist())}")
     return value
 

@@ -140,8 +140,9 @@ def simulate(
         {"method": method, **settings, "torque": torque.tolist(), "pivot": pivot.as_dict()}
         | ({} if springs is None else {"springs": springs.as_dict()})
     )
-    columns = np.split(frames, np.cumsum([n, place.size, n]), axis=1)
-    theta, place, omega, rate = (part.copy() for part in columns)
+    half = n + place.size
+    columns = slice(n), slice(n, half), slice(half, half + n), slice(half + n, None)
+    theta, place, omega, rate = (frames[:, part].copy() for part in columns)
     beyond = dict(zip(names, (place, rate), strict=False))  # no names: rigid rods, pivot at rest
     return Trajectory(chain, times, theta, omega, made_by, pivot, springs=springs, **beyond)
 
