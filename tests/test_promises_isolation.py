@@ -58,7 +58,7 @@ def run(code, folder, **environment):
 def test_no_connection_is_opened_and_nothing_is_written_outside_the_output(tmp_path):
     pytest.importorskip("matplotlib")
     pytest.importorskip("pygame")
-    kernels = Path(npend_gym.__file__).parent / "physics" / "kernels" / "__pycache__"
+    kernels = Path(npend_gym.__file__).parent / "__pycache__"
     caches = [str(kernels), os.environ.get("NUMBA_CACHE_DIR", str(kernels)), "/dev"]
     allowed = [str(tmp_path), *caches]
     # matplotlib has a cache of fonts and a folder for its settings
