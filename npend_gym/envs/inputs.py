@@ -17,7 +17,7 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.links import count_terms
+from npend_gym.physics.kernels.link_terms import count_terms
 
 _START_OPTIONS = ("theta", "omega", "amplitude")
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}

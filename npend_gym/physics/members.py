@@ -15,6 +15,7 @@ class Members:
     """The members of an `Ensemble`, read: every property is a new array."""
 
     def __init__(self, memory: Memory) -> None:
+        self.n, self.size = memory.n, memory.size
         self._memory = memory
         self._ready = True  # no call was interrupted
 

@@ -17,7 +17,7 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.physics.energy import sideways
 from npend_gym.physics.kernels.ensemble import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
-from npend_gym.physics.kernels.links import model_terms
+from npend_gym.physics.kernels.link_terms import model_terms
 from npend_gym.physics.kernels.turning_points import speed_threshold
 
 Indices = NDArray[np.int64]
@@ -42,7 +42,7 @@ class Memory:
     spare_rows : int
         Rows after those of `Member` in `members`, for the use of the caller.
     base : ndarray, optional
-        The entries of `links.Base` where the pivots are carts.
+        The entries of `link_terms.Base` where the pivots are carts.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.physics.kernels.links import Base
+from npend_gym.physics.kernels.link_terms import Base
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Pivot:
 
     @property
     def base(self) -> FloatArray | None:
-        """The entries of `kernels.links.Base`, shape (4,); None where the pivot is at rest."""
+        """The entries of `kernels.link_terms.Base`, shape (4,); None where the pivot is at rest."""
         if not self.moves:
             return None
         entries = np.zeros(len(Base))

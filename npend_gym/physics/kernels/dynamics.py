@@ -19,10 +19,8 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import chosen_by_type, inner_kernel, kernel
+from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, link_arrays
 from npend_gym.physics.kernels.links import (
-    LinkArrays,
-    MachineArrays,
-    link_arrays,
     link_energies,
     machine_damped,
     machine_energies,
@@ -48,7 +46,7 @@ AnyArrays = ChainArrays | LinkArrays | MachineArrays | SpringArrays
 def arrays_of(chains: ChainParameters, base: FloatArray | None = None) -> AnyArrays:
     """Return the parameters of B chains in the form that the kernels take, the lane innermost.
 
-    `base` has the four entries of `links.Base` where the pivot moves.
+    `base` has the four entries of `link_terms.Base` where the pivot moves.
     """
     if base is None and chains.is_ideal:
         return chain_arrays(chains)

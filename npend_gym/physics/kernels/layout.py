@@ -25,7 +25,7 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.dynamics import AnyArrays
-from npend_gym.physics.kernels.links import LinkArrays, MachineArrays
+from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
 from npend_gym.physics.kernels.tensions import ChainArrays, any_positive
 from npend_gym.physics.kernels.turning_points import Record

@@ -21,7 +21,7 @@ from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dop853 import Problem, Solver, attempt, prepare_dense, start
 from npend_gym.physics.kernels.dynamics import AnyArrays
-from npend_gym.physics.kernels.links import LinkArrays, MachineArrays
+from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
 from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.kernels.tensions import ChainArrays
 from npend_gym.physics.kernels.turning_points import (
