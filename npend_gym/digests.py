@@ -66,7 +66,7 @@ GOLDEN: dict[str, str] = {
     "simulate, machine":
         "dea857db59ea60b76c22d8e10f5d26731422c07825f5020742e44d906e231219",
     "vector environment, machine":
-        "5433bf1ee9d94e697e57bd86aa9fa293907dea7e8b10dc72886f53213a8a8c6d",
+        "7f16542a389dffd730529d8694ac75cbaf679a4e1398dd35ff7639897ee223ae",
 }
 # fmt: on
 

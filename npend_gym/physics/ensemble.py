@@ -102,7 +102,9 @@ class Ensemble(Members):
                 f"chain must have {self.n} rods, for each of the {chosen.size} members, "
                 f"got masses of shape {rows.masses.shape}"
             )
-        memory, self._ready = self._intact, False
+        memory = self._intact
+        memory.terms_of(rows)  # refused before anything changes
+        self._ready = False
         self._substeps.clear()
         memory.write_chain(chosen, rows)
         memory.restart(chosen)

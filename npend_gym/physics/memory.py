@@ -140,16 +140,19 @@ class Memory:
         self.per_rod(Rod.THETA)[place], self.per_rod(Rod.OMEGA)[place] = theta, omega
         self.restart(members)
 
-    def write_chain(self, members: Indices, chains: ChainParameters) -> None:
-        """Give some members, k of them, the parameters (k, n); or (1, n), the same to all.
+    def terms_of(self, chains: ChainParameters) -> list[FloatArray]:
+        """Return what the model holds of some chains.
 
         Raises
         ------
         ValueError
             If they need more than the chain that the memory was made for.
         """
-        place, models = self.place(members), self.arrays[2] or ()
-        terms = model_terms(chains, self._base, len(models))
+        return model_terms(chains, self._base, len(self.arrays[2] or ()))
+
+    def write_chain(self, members: Indices, chains: ChainParameters) -> None:
+        """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""
+        place, terms = self.place(members), self.terms_of(chains)
         for field, values in (
             (Rod.MASS, chains.masses),
             (Rod.LENGTH, chains.lengths),
@@ -163,7 +166,7 @@ class Memory:
         # at joints 0..n: zero at the pivot, because it cannot move
         self._rods[:, Rod.INVERSE_MASS, 1:].swapaxes(1, 2)[place] = 1.0 / chains.masses
         self.arrays[0][Member.GRAVITY, members] = chains.gravity
-        for model, values in zip(models, terms, strict=True):
+        for model, values in zip(self.arrays[2] or (), terms, strict=True):
             columns = model.shape[2] // self.width
             by_lane = model.reshape(*model.shape[:2], columns, self.width)
             lanes_first = by_lane.transpose(0, 3, 1, 2)

@@ -50,17 +50,17 @@ _SIN, _COS, _G_E, _G_N, _G_K, _FREE, _REST = range(7)
 
 @inlined_kernel
 def _tip_drag(
-    u: FloatArray, chain: MachineArrays, s: FloatArray, c: FloatArray, along: FloatArray,
-    across: FloatArray,
+    u: FloatArray, coordinates: int, chain: MachineArrays, s: FloatArray, c: FloatArray,
+    along: FloatArray, across: FloatArray,
 ) -> Any:  # fmt: skip
     """Write the forces that overcome the drag of each tip, in its link's axes; return the power."""
     length, joints = bare(chain.length), bare(chain.joints)
     n, linear, quadratic = length.size, joints[Joint.DRAG], joints[Joint.QUADRATIC_DRAG]
     a: Any = 0.0 * u[0]  # velocity of the joint above, along e and n
     power = b = a
-    if u.size > n:
+    if coordinates > n:
         b = u[n]
-    if u.size > n + 1:
+    if coordinates > n + 1:
         a = -u[n + 1]  # the axes of the base have e downwards
     for i in range(n):
         a, b = c[i] * a + s[i] * b, (c[i] * b - s[i] * a) + length[i] * u[i]
@@ -77,15 +77,13 @@ def _accelerate_base(
     u: FloatArray, torque: FloatArray, chain: MachineArrays, en: Any, nn: Any, b_n: Any,
     alpha: FloatArray,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Write the accelerations of a base that moves; return them with gravity, in its axes."""
+    """Write the acceleration sideways of a base that moves; return both, with gravity."""
     n, base = chain.length.size, bare(chain.base)
     x = -chain.gravity[0] - base[Base.UP, 0]
     force = (torque[n] - base[Base.DAMPING, 0] * u[n]) - (en * x + b_n)
     inverse = base[Base.INVERSE_MASS, 0]
     y = (base[Base.ACROSS, 0] + inverse * force) / (1.0 + inverse * nn)
     alpha[n] = y
-    if u.size > n + 1:
-        alpha[n + 1] = base[Base.UP, 0] + 0.0 * y
     return x, y
 
 
@@ -185,6 +183,7 @@ def _articulated(machine: bool) -> Callable[..., Any]:
         q: FloatArray, u: FloatArray, torque: FloatArray, chain: Any, work: FloatArray,
         alpha: FloatArray,
     ) -> Any:  # fmt: skip
+        # u and alpha may be longer than q
         q, u, torque, work, alpha = bare(q), bare(u), bare(torque), bare(work), bare(alpha)
         n, s, c = chain.length.size, work[_SIN], work[_COS]
         s[0], c[0] = sincos(q[0])
@@ -193,11 +192,13 @@ def _articulated(machine: bool) -> Callable[..., Any]:
         torques(u, torque, chain, work[_FREE][:n])
         power: Any = 0.0 * u[0]
         if machine:
-            power = _tip_drag(u, chain, s, c, work[_G_E], work[_G_N])
+            power = _tip_drag(u, q.size, chain, s, c, work[_G_E], work[_G_N])
         en, nn, b_n = ascend(u, chain, work)
         x, y = 0.0 * power - chain.gravity[0], 0.0 * power
-        if machine and u.size > n:
+        if machine and q.size > n:
             x, y = _accelerate_base(u, torque, chain, en, nn, b_n, alpha)
+            if q.size > n + 1:
+                alpha[n + 1] = chain.base[Base.UP, 0] + 0.0 * y
         descend(u, chain, work, x, y, alpha)
         return power
 

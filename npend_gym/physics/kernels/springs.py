@@ -57,10 +57,10 @@ def spring_arrays(
     `stiffness` and `axial_damping`, (n,), are those of all chains.
     """
     rigid, shape = chain_arrays(chains), chains.lengths.shape
-    springs = (innermost(np.broadcast_to(each, shape)) for each in (stiffness, axial_damping))
+    stiff, damped = (innermost(np.broadcast_to(x, shape)) for x in (stiffness, axial_damping))
     return SpringArrays(
-        rigid.inverse_mass, rigid.length, *springs, rigid.damping, rigid.gravity, rigid.drag,
-        rigid.quadratic_drag,
+        rigid.inverse_mass, rigid.length, stiff, damped, rigid.damping, rigid.gravity,
+        rigid.drag, rigid.quadratic_drag,
     )  # fmt: skip
 
 
