@@ -56,6 +56,25 @@ def test_threads_and_the_number_of_members_change_no_bit():
     np.testing.assert_array_equal(run(some[:1], 1), whole[some[:1]])
 
 
+@pytest.mark.parametrize("size", [1, 5, 40])
+def test_a_rollout_is_a_sequence_of_steps_to_the_last_bit(size):
+    torques, start = RNG.normal(size=(6, size, 2)), RNG.normal(size=(size, 3))
+    stepped, rolled = (Ensemble(CHAINS[1], size, joints=(2, 0)) for _ in range(2))
+    for one in (stepped, rolled):
+        one.set_state(slice(None), start, 0.3)
+    theta, omega = rolled.rollout(torques, 0.05, 3)
+    assert theta.shape == omega.shape == (7, size, 3)
+    for k, torque in enumerate(torques):
+        np.testing.assert_array_equal(np.hstack([theta[k], omega[k]]),
+                                      np.hstack([stepped.theta, stepped.omega]))  # fmt: skip
+        stepped.advance(torque, 0.05, 3)
+    for one in (theta[-1], rolled.theta):
+        np.testing.assert_array_equal(one, stepped.theta)
+    np.testing.assert_array_equal(rolled.work, stepped.work)
+    with pytest.raises(ValueError, match=rf"torques must have the shape \(T, {size}, 2\)"):
+        rolled.rollout(torques[0], 0.05)
+
+
 def test_the_energy_changes_by_the_work_that_is_done():
     many = ensemble()
     before = many.energy

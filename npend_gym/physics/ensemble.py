@@ -18,7 +18,7 @@ from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.members import Members
 from npend_gym.physics.memory import Memory
 from npend_gym.physics.pivot import check_pivot
-from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
+from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS
 
 
 class Ensemble(Members):
@@ -83,7 +83,6 @@ class Ensemble(Members):
         pivot = check_pivot(cart_mass=cart_mass, rail_damping=rail_damping)
         super().__init__(Memory(together, self.size, threads, base=pivot.base))
         self._has_cart = pivot.moves
-        self._substeps: dict[float, int] = {}  # by default, of the last dt
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
         """Give some members the parameters of a chain; their time and measurements start anew.
@@ -188,11 +187,7 @@ class Ensemble(Members):
         A member that leaves all bounds keeps its last finite state; `diverged` is True for it.
         """
         given = _checks.broadcast("torque", torque, (self.size, self.joints.size))
-        dt = _checks.positive_number("dt", dt)
-        if substeps is None:
-            count, rotation = self._default_substeps(dt), MAX_ROTATION
-        else:
-            count, rotation = _checks.count("substeps", substeps, high=MAX_SUBSTEPS), math.inf
+        step = self._check_step(dt, substeps)
         mask = np.ones(self.size) if active is None else np.asarray(active, np.bool_)
         if mask.shape != (self.size,):
             raise ValueError(f"active must have the shape ({self.size},), got {mask.shape}")
@@ -203,17 +198,53 @@ class Ensemble(Members):
         for joint, column in zip(self.joints, given.T, strict=True):
             memory.per_rod(Rod.TORQUE)[(*place, joint)] = column
         memory.members[Member.ACTIVE] = mask
-        memory.run(advance_one if self.size == 1 else advance_many, (), dt, count, rotation)
+        memory.run(advance_one if self.size == 1 else advance_many, (), *step)
         memory.members[Member.ACTIVE] = 1.0
         self._ready = True
 
-    def _default_substeps(self, dt: float) -> int:
-        """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""
-        if dt not in self._substeps:
-            rows = np.hstack([row.reshape(self.size, -1) for row in self.parameters])
-            different = np.unique(rows, axis=0, return_index=True)[1].tolist()
-            self._substeps = {dt: max(default_substeps(self.chain(k), dt) for k in different)}
-        return self._substeps[dt]
+    def rollout(
+        self, torques: ArrayLike, dt: float, substeps: int | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Advance all members by T steps and return their states before and after each.
+
+        To the last bit what T calls of `advance` give, without what each call costs.
+
+        Parameters
+        ----------
+        torques : array_like, shape (T, B, joints)
+            As for `advance` in each step, like `dt` and `substeps`.
+
+        Returns
+        -------
+        tuple of ndarray, shape (T + 1, B, n)
+            Angles [rad] and angular velocities [rad/s].
+        """
+        given, (members, joints) = _checks.array("torques", torques), (self.size, self.joints)
+        if given.ndim != 3 or given.shape[1:] != (members, joints.size):
+            raise ValueError(
+                f"torques must have the shape (T, {members}, {joints.size}), got {given.shape}"
+            )
+        step, memory = self._check_step(dt, substeps), self._intact
+        fields = [memory.per_rod(field) for field in (Rod.TORQUE, Rod.THETA, Rod.OMEGA)]
+        wanted = np.zeros((len(given), memory.lanes, self.n))
+        wanted[:, :members, joints] = given
+        states = np.empty((2, len(given) + 1, *fields[0].shape))
+        states[:, 0] = fields[1:]
+        self._ready = False
+        memory.of_base(Rod.TORQUE)[:] = 0.0
+        for k, torque in enumerate(wanted.reshape(-1, *fields[0].shape), start=1):
+            fields[0][:] = torque
+            memory.run(advance_one if members == 1 else advance_many, (), *step)
+            states[:, k] = fields[1:]
+        self._ready = True
+        return tuple(states.reshape(2, len(given) + 1, -1, self.n)[:, :, :members])
+
+    def _check_step(self, dt: float, substeps: int | None) -> tuple[float, int, float]:
+        """Return the duration of a step, its number of substeps and the rotation they allow."""
+        dt = _checks.positive_number("dt", dt)
+        if substeps is None:
+            return dt, self._default_substeps(dt), MAX_ROTATION
+        return dt, _checks.count("substeps", substeps, high=MAX_SUBSTEPS), math.inf
 
     def close(self) -> None:
         """End the threads; they start again where they are needed."""

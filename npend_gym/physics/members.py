@@ -9,6 +9,7 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
+from npend_gym.physics.substeps import default_substeps
 
 
 class Members:
@@ -18,6 +19,7 @@ class Members:
         self.n, self.size = memory.n, memory.size
         self._memory = memory
         self._ready = True  # no call was interrupted
+        self._substeps: dict[float, int] = {}  # by default, of the last dt
 
     @property
     def _intact(self) -> Memory:
@@ -56,7 +58,7 @@ class Members:
     @property
     def cart(self) -> tuple[FloatArray, FloatArray]:
         """Position [m] and velocity [m/s] of the carts, shape (B,) each; zero without a cart."""
-        members = self._intact.place(np.arange(self.size))
+        members = self._intact.place(np.arange(self._intact.size))
         position, velocity = (self._intact.of_base(field) for field in (Rod.THETA, Rod.OMEGA))
         return position[members], velocity[members]
 
@@ -99,3 +101,11 @@ class Members:
         """Return the chain of a member."""
         values = {name: row[member] for name, row in self.parameters._asdict().items()}
         return Chain.from_dict(values | {"gravity": float(values["gravity"])})
+
+    def _default_substeps(self, dt: float) -> int:
+        """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""
+        if dt not in self._substeps:
+            rows = np.hstack([row.reshape(len(row), -1) for row in self.parameters])
+            different = np.unique(rows, axis=0, return_index=True)[1].tolist()
+            self._substeps = {dt: max(default_substeps(self.chain(k), dt) for k in different)}
+        return self._substeps[dt]
