@@ -1,6 +1,7 @@
 from npend_gym import chaos as chaos
 from npend_gym import envs as envs
 from npend_gym import experiments as experiments
+from npend_gym import identification as identification
 from npend_gym import physics as physics
 from npend_gym import rl as rl
 from npend_gym import theory as theory
@@ -8,6 +9,8 @@ from npend_gym._version import __version__ as __version__
 from npend_gym.chain import Chain as Chain
 from npend_gym.envs import NPendulumEnv as NPendulumEnv
 from npend_gym.envs import NPendulumVectorEnv as NPendulumVectorEnv
+from npend_gym.identification import Identification as Identification
+from npend_gym.identification import identify as identify
 from npend_gym.period import pseudo_periods as pseudo_periods
 from npend_gym.physics import IntegrationError as IntegrationError
 from npend_gym.physics import Trajectory as Trajectory

@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import io
 import re
+import shutil
 from importlib import import_module
 from pathlib import Path
 
@@ -24,6 +25,7 @@ BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 def test_code_of_the_page_prints_what_the_page_shows(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as for a script that stands there
+    shutil.copytree(ROOT / "examples" / "data", tmp_path / "examples" / "data")
     names = {"__name__": "page"}
     for code, shown in BLOCK.findall(page.read_text(encoding="utf-8")):
         with contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -41,7 +43,9 @@ def test_every_picture_is_drawn_by_a_command_that_some_page_names():
         assert re.search(rf"images/{name}\.", pages), f"no page shows {name}"
 
 
-@pytest.mark.parametrize("face", ["physics", "envs", "rl", "experiments", "paper"])
+@pytest.mark.parametrize(
+    "face", ["physics", "envs", "rl", "experiments", "paper", "identification"]
+)
 def test_the_reference_has_every_public_name(face):
     pages = (ROOT / "docs" / "reference").glob("*.md")
     reference = "".join(page.read_text(encoding="utf-8") for page in pages)

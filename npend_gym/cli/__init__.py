@@ -27,6 +27,7 @@ COMMANDS = {
     "paper": "reproduce the source paper and judge every equation, number and claim",
     "campaign": "sweep the release experiment over anything, on one machine or many",
     "analyse": "fit the law of the pseudo-period to a campaign, list outliers, write a report",
+    "identify": "fit a chain to measured motion, with standard errors and held-out data",
     "bench": "measure speed and accuracy beside the peers that are installed",
     "verify": "check that this machine computes the very same bits",
 }

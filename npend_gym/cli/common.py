@@ -36,7 +36,8 @@ def warn(text: str) -> None:
     print(printable(text), file=sys.stderr)
 
 
-def _numbers(text: str) -> float | list[float]:
+def numbers(text: str) -> float | list[float]:
+    """Return one number, or the numbers of a list joined by commas."""
     values = [float(part) for part in text.split(",")]
     return values if len(values) > 1 else values[0]
 
@@ -61,7 +62,7 @@ def chain_argument(text: str) -> Any:
         raise argparse.ArgumentTypeError(f"{rule}; {text} cannot be read: {error}") from error
 
 
-_numbers.__name__, integers.__name__ = "number or list", "list of integers"  # for error messages
+numbers.__name__, integers.__name__ = "number or list", "list of integers"  # for error messages
 
 CHAIN_OPTION = (
     "--chain", "chain", chain_argument, "NAME|FILE",
@@ -78,8 +79,8 @@ _RELEASE_OPTIONS = (
     ("--seed", "seed", int, "SEED", "seed of the random angles (default 0)"),
     ("--duration", "duration", float, "S",
      "longest time of a trial; the paper's is 10 (default: until all bobs have completed)"),
-    ("--masses", "masses", _numbers, "KG[,KG...]", "mass of all bobs, or of each (default 1)"),
-    ("--lengths", "lengths", _numbers, "M[,M...]", "length of all rods, or of each (default 1)"),
+    ("--masses", "masses", numbers, "KG[,KG...]", "mass of all bobs, or of each (default 1)"),
+    ("--lengths", "lengths", numbers, "M[,M...]", "length of all rods, or of each (default 1)"),
     ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (default 9.81)"),
     ("--damping", "damping", float, "NMS", "viscous damping of every joint (default 0)"),
     ("--reading", "reading", str, "NAME",

@@ -1,0 +1,174 @@
+"""Measured motion: angles, perhaps torques, of one or several recordings."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+
+MIN_ROWS = 20  # in a stretch that is used: fewer rows say nothing beside their own first state
+MAX_ROWS = 2_000_000
+_GAP = 10.0  # times the median interval: the rows after a longer one begin a new stretch
+_LIKELY = 8.0 * math.pi  # rad; larger angles are likely to be degrees
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Measured motion of a chain of n links.
+
+    Attributes
+    ----------
+    times : ndarray, shape (T,)
+        Instants [s], increasing within each piece.
+    theta : ndarray, shape (T, n)
+        Absolute angles from hanging [rad], counter-clockwise positive.
+    torque : ndarray, shape (T, n), or None
+        Torque at each joint [N m]; None for free swings.
+    piece : ndarray, int64, shape (T,)
+        Which recording each row is from; the rows of one stand together.
+    """
+
+    times: FloatArray
+    theta: FloatArray
+    torque: FloatArray | None
+    piece: NDArray[np.int64]
+
+    @property
+    def links(self) -> int:
+        """Number of links."""
+        return self.theta.shape[1]
+
+    def stretches(self) -> list[slice]:
+        """Return the rows of each stretch: a piece, or a part of it between two gaps.
+
+        A gap is an interval more than ten times as long as the median one; stretches of fewer than
+        20 rows are left out.
+        """
+        intervals = np.diff(self.times)
+        same = np.diff(self.piece) == 0
+        typical = float(np.median(intervals[same])) if same.any() else 0.0
+        breaks = np.flatnonzero(~same | (intervals > _GAP * typical)) + 1
+        edges = [0, *breaks.tolist(), self.times.size]
+        return [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_ROWS]
+
+
+def check_motion(
+    times: ArrayLike,
+    theta: ArrayLike,
+    torque: ArrayLike | None = None,
+    piece: ArrayLike | None = None,
+) -> Motion:
+    """Return measured motion, every part of it checked; angles are unwrapped.
+
+    Parameters
+    ----------
+    times : array_like, shape (T,)
+        Instants [s].
+    theta : array_like, shape (T, n), or (T,) for one link
+        Absolute angles from hanging [rad].
+    torque : array_like, shape (T, n), or (T,) for joint 0, optional
+        Torques at the joints [N m].
+    piece : array_like of int, shape (T,), optional
+        Which recording each row is from; all from one by default.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+
+    Warns
+    -----
+    UserWarning
+        If the angles are so large that they are likely to be degrees.
+    """
+    instants = _finite("times", times)
+    if instants.ndim != 1 or not MIN_ROWS <= instants.size <= MAX_ROWS:
+        raise ValueError(
+            f"times must hold {MIN_ROWS} to {MAX_ROWS} instants, got shape {instants.shape}"
+        )
+    rows = instants.size
+    angles = _columns("theta", theta, rows)
+    torques = None if torque is None else _columns("torque", torque, rows)
+    n = angles.shape[1]
+    if torques is not None and torques.shape[1] != n:
+        if torques.shape[1] != 1:
+            raise ValueError(
+                f"torque must have the shape ({rows}, {n}), or ({rows},) for joint 0, "
+                f"got shape {torques.shape}"
+            )
+        torques = np.hstack([torques, np.zeros((rows, n - 1))])
+    motion = Motion(instants, angles, torques, _check_pieces(piece, rows))
+    _check_order(motion)
+    if not motion.stretches():
+        raise ValueError(
+            f"times must have {MIN_ROWS} rows without a gap at least once; the median interval is "
+            f"{np.median(np.diff(instants)):g} s"
+        )
+    return _unwrapped(motion)
+
+
+def _finite(name: str, value: ArrayLike) -> FloatArray:
+    raw = np.asarray(value)
+    if raw.dtype.kind == "f" and not np.all(np.isfinite(raw)):
+        row = int(np.argwhere(~np.isfinite(raw))[0][0])
+        raise ValueError(
+            f"{name} must be finite, got {raw[row]} in row {row}: leave out rows without a value, "
+            "gaps are allowed"
+        )
+    return _checks.array(name, value)
+
+
+def _columns(name: str, value: ArrayLike, rows: int) -> FloatArray:
+    out = _finite(name, value)
+    out = out[:, None] if out.ndim == 1 else out
+    if out.ndim != 2 or out.shape[0] != rows or out.shape[1] == 0:
+        raise ValueError(
+            f"{name} must have a row for each of the {rows} instants, got shape {out.shape}"
+        )
+    return out
+
+
+def _check_pieces(piece: ArrayLike | None, rows: int) -> NDArray[np.int64]:
+    if piece is None:
+        return np.zeros(rows, np.int64)
+    labels = _finite("piece", piece)
+    if labels.shape != (rows,) or np.any(labels != np.round(labels)):
+        raise ValueError(
+            f"piece must be {rows} integers, one for each row, got {_checks.show(piece)}"
+        )
+    starts = np.flatnonzero(np.diff(labels, prepend=np.nan) != 0.0)
+    if np.unique(labels[starts]).size < starts.size:
+        raise ValueError("piece must number recordings whose rows stand together, got them mixed")
+    return labels.astype(np.int64)
+
+
+def _check_order(motion: Motion) -> None:
+    same = np.diff(motion.piece) == 0
+    wrong = np.flatnonzero(same & (np.diff(motion.times) <= 0.0))
+    if wrong.size:
+        row = int(wrong[0]) + 1
+        raise ValueError(
+            f"times must increase within a piece, got {motion.times[row]:g} s in row {row} after "
+            f"{motion.times[row - 1]:g} s: sort the rows, and number recordings in piece"
+        )
+
+
+def _unwrapped(motion: Motion) -> Motion:
+    largest = float(np.abs(motion.theta).max())
+    if largest > _LIKELY:
+        warnings.warn(
+            f"theta reaches {largest:.4g} rad, {largest / (2.0 * math.pi):.1f} turns: are these "
+            "degrees? They must be radians (np.radians converts; npend identify --degrees)",
+            stacklevel=4,
+        )
+    theta = motion.theta.copy()
+    for rows in motion.stretches():
+        theta[rows] = np.unwrap(theta[rows], axis=0)
+    return Motion(motion.times, theta, motion.torque, motion.piece)

@@ -1,0 +1,205 @@
+"""What the motion of a chain determines, and chains that have these values.
+
+The equations of motion contain the masses, centres and inertias of the links only through 2 n
+numbers: with h_i = m_i c_i + l_i sum_{k>i} m_k ("lift") and J_i = I_i + m_i c_i^2 +
+l_i^2 sum_{k>i} m_k ("inertia", the diagonal of the mass matrix), they read
+
+    sum_j W_ij (cos(theta_i - theta_j) alpha_j + sin(theta_i - theta_j) omega_j^2)
+        + g h_i sin theta_i = tau_i - tau_{i+1},    W_ii = J_i,  W_ij = l_i h_j for i < j,
+
+linear in J and h, and in damping, dry friction, drag of the air and armature, which add to the
+torques and to W. Measured angles may have an offset each beside these: the zero of an encoder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters
+from npend_gym.chain.inertia import link_inertia
+
+UNITS = {
+    "inertia": "kg m^2",
+    "lift": "kg m",
+    "damping": "N m s/rad",
+    "friction": "N m",
+    "drag": "N s/m",
+    "quadratic_drag": "N s^2/m^2",
+    "armature": "kg m^2",
+    "offset": "rad",
+}
+QUANTITIES = tuple(UNITS)
+INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, OFFSET = range(len(QUANTITIES))
+_RESISTING = QUANTITIES[DAMPING:OFFSET]  # they are parameters of `Chain` too
+DEFAULT_FIT = ("inertia", "lift", "damping", "friction", "quadratic_drag")
+_LEAST = 1e-9  # inertia of a link, of the largest one
+_MARGIN = 1e-3  # by which a mass exceeds the smallest one that its link can have
+
+
+def values_of(chain: Chain) -> FloatArray:
+    """Return the values of a chain, rows as in `QUANTITIES`, shape (8, n); offsets are zero."""
+    inertia = np.diag(link_inertia(chain))
+    resisting = [getattr(chain, name) for name in _RESISTING]
+    return np.array([inertia, chain.lift, *resisting, np.zeros(chain.n)])
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Which values of a chain are fitted, and what is known of it.
+
+    Attributes
+    ----------
+    chain : Chain
+        Has the lengths, gravity, friction speed and gears, and the masses as far as they are
+        possible.
+    known : ndarray, shape (8, n)
+        The values that are not fitted, rows as in `QUANTITIES`.
+    free : ndarray, bool, shape (8, n)
+        Which values are fitted.
+    """
+
+    chain: Chain
+    known: FloatArray
+    free: BoolArray
+
+    @property
+    def names(self) -> list[str]:
+        """The fitted values by name, such as "inertia0", in the order of `pack`."""
+        return [f"{QUANTITIES[row]}{link}" for row, link in np.argwhere(self.free)]
+
+    @property
+    def units(self) -> list[str]:
+        """The units of the fitted values."""
+        return [UNITS[QUANTITIES[row]] for row, _ in np.argwhere(self.free)]
+
+    def pack(self, values: FloatArray) -> FloatArray:
+        """Return the fitted ones of values (..., 8, n), shape (..., k)."""
+        return values[..., self.free]
+
+    def unpack(self, fitted: FloatArray) -> FloatArray:
+        """Return all values, those that are not fitted as they are known, shape (..., 8, n)."""
+        out = np.tile(self.known, (*fitted.shape[:-1], 1, 1))
+        out[..., self.free] = fitted
+        return out
+
+    def fixed(self, values: FloatArray) -> Model:
+        """Return the model that has `values`, (8, n), and fits none."""
+        return Model(self.chain, values, np.zeros_like(self.free))
+
+    @property
+    def lower(self) -> FloatArray:
+        """The least fitted values: nothing drives a joint that has no motor, shape (k,)."""
+        least = np.full(self.free.shape, -np.inf)
+        least[[INERTIA, *range(DAMPING, OFFSET)]] = 0.0
+        return least[self.free]
+
+    def scale(self, values: FloatArray) -> FloatArray:
+        """Return sizes of the fitted values that matter to the motion, shape (k,)."""
+        inertia, lift = np.abs(values[INERTIA]), np.abs(values[LIFT]).max()
+        gravity = self.chain.gravity or STANDARD_GRAVITY
+        rate = np.sqrt(gravity / self.chain.lengths.mean())
+        sizes = np.ones(self.free.shape)
+        sizes[[INERTIA, ARMATURE]], sizes[LIFT] = inertia, lift
+        sizes[DAMPING], sizes[FRICTION] = inertia * rate, inertia * rate**2
+        sizes[DRAG] = sizes[DAMPING] / self.chain.lengths**2
+        sizes[QUADRATIC_DRAG] = inertia / self.chain.lengths**3
+        return sizes[self.free]
+
+    def parameters(self, values: FloatArray, around: FloatArray) -> ChainParameters | None:
+        """Return the parameters of chains whose `values`, (B, 8, n), are close to `around`, (8, n).
+
+        None if no masses give the links positive inertias.
+        """
+        masses = possible_masses(self.chain, around)
+        if masses is None:
+            return None
+        size = len(values)
+        below = np.cumsum(masses[::-1])[::-1] - masses
+        centres = (values[:, LIFT] - self.chain.lengths * below) / masses
+        inertias = values[:, INERTIA] - masses * centres**2 - below * self.chain.lengths**2
+        inertias[np.abs(inertias) < 1e-12 * values[:, INERTIA]] = 0.0  # rounding
+        if np.any(inertias < 0.0):
+            return None
+        resisting = values[:, DAMPING:OFFSET]
+        resisting = np.where(resisting < _checks.SMALLEST, 0.0, resisting).swapaxes(0, 1)
+        return self.chain.repeated(
+            size,
+            masses=np.tile(masses, (size, 1)),
+            centres=centres,
+            inertias=inertias,
+            **dict(zip(_RESISTING, resisting, strict=True)),
+        )
+
+    def chain_of(self, values: FloatArray) -> Chain:
+        """Return the chain that has `values`, (8, n), with the masses of `chain` where possible."""
+        rows = self.parameters(values[None], values)
+        if rows is None:
+            raise ValueError(
+                "chain must have lengths that fit the motion: with those given no links of "
+                f"positive inertia have inertia {values[INERTIA]} kg m^2 and lift {values[LIFT]} "
+                "kg m"
+            )
+        return Chain(**{name: row[0] for name, row in rows._asdict().items()})
+
+
+def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
+    """Return masses for which no link with these values, (8, n), has a negative inertia.
+
+    Those of the chain if they are possible; otherwise the same factor reduces all of them, but
+    none below the least that its link can have. None if nothing is possible.
+
+    Notes
+    -----
+    I_i >= 0 is m_i >= (h_i - l_i b)^2 / (J_i - l_i^2 b), b being the mass below link i, and
+    J_i > l_i^2 b. The least masses, found from the last link up, leave the most room above.
+    """
+    inertia, lift = values[INERTIA], values[LIFT]
+
+    def masses(factor: float) -> FloatArray | None:
+        out, below = np.empty(chain.n), 0.0
+        for i in reversed(range(chain.n)):
+            room = inertia[i] - below * chain.lengths[i] ** 2 * (1.0 + _MARGIN)
+            if not room > _LEAST * inertia.max():
+                return None
+            least = (lift[i] - chain.lengths[i] * below) ** 2 / room * (1.0 + _MARGIN)
+            out[i] = max(factor * chain.masses[i], least, _checks.SMALLEST)
+            below += out[i]
+        return out
+
+    whole = masses(1.0)
+    if whole is not None or masses(0.0) is None:
+        return whole
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if masses(middle) is None else (middle, high)
+    return masses(low)
+
+
+def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model:
+    """Return the model that fits the quantities `fit` of all links, as far as data can tell them.
+
+    Without torques one value sets the scale and is kept: the lift of link 0, or its inertia
+    where there is no gravity. The armature of joint 0 adds to the inertia of link 0 alone. Without
+    gravity no angle tells an offset.
+    """
+    names = list(DEFAULT_FIT + ("armature",) * driven if fit is None else fit)
+    free = np.zeros((len(QUANTITIES), chain.n), np.bool_)
+    for name in names:
+        free[QUANTITIES.index(_checks.choice("fit", name, QUANTITIES))] = True
+    free[ARMATURE, 0] &= not free[INERTIA, 0]
+    if chain.gravity == 0.0:
+        free[OFFSET] = free[LIFT, 0] = False
+        free[INERTIA, 0] &= driven
+    free[LIFT, 0] &= driven
+    if not free.any():
+        raise ValueError(
+            f"fit must name something that the data can tell, of {', '.join(QUANTITIES)}; got "
+            f"{_checks.show(names)}"
+        )
+    return Model(chain, values_of(chain), free)

@@ -1,0 +1,182 @@
+"""A first estimate that needs none: the equations of motion, linear in what is fitted.
+
+Their weak form is used: multiplied by bumps phi(t) and integrated by parts, they contain angles and
+angular velocities but no accelerations,
+
+    -int phi' p_i dt + int phi (sum_j W_ij sin(theta_i - theta_j) omega_i omega_j
+        + g h_i sin theta_i + D_i - D_{i+1}) dt = int phi (tau_i - tau_{i+1}) dt,
+
+p_i = sum_j W_ij cos(theta_i - theta_j) omega_j being the momentum of link i and D_i the torque of
+damping and friction at joint i; see `parameters` for W and h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.optimize import lsq_linear
+
+from npend_gym._checks import FloatArray
+from npend_gym.identification.motion import Motion
+from npend_gym.identification.parameters import (
+    ARMATURE,
+    DAMPING,
+    DRAG,
+    FRICTION,
+    INERTIA,
+    LIFT,
+    OFFSET,
+    QUADRATIC_DRAG,
+    QUANTITIES,
+    Model,
+)
+
+_DEGREE = 5  # of the splines
+_KNOTS = 5.0  # in the width of a bump
+_OVERLAP = 4  # bumps in the width of one
+_REWEIGHTED = 4  # times that a spline is fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """Angles [rad] and angular velocities [rad/s] by splines, shape (T, n); NaN outside stretches.
+
+    `width` is that of the bumps they are for: what takes a fifth of it or longer is followed [s].
+    """
+
+    width: float
+    theta: FloatArray
+    omega: FloatArray
+
+    def states(self, parts: Sequence[slice]) -> FloatArray:
+        """Return the first state of each part, shape (S, 2n)."""
+        rows = [part.start for part in parts]
+        return np.hstack([self.theta[rows], self.omega[rows]])
+
+
+def smooth(motion: Motion, width: float) -> Smooth:
+    """Return splines of a motion for bumps of `width` [s]."""
+    theta, omega = np.full((2, *motion.theta.shape), np.nan)
+    for rows in motion.stretches():
+        times = motion.times[rows]
+        most = max(1, (times.size - 2 * _DEGREE) // 2)
+        parts = max(1, min(most, round(_KNOTS * (times[-1] - times[0]) / width)))
+        inner = np.quantile(times, np.arange(1, parts) / parts)  # rows on both sides of every knot
+        ends = [times[0]] * (_DEGREE + 1), [times[-1]] * (_DEGREE + 1)
+        knots = np.concatenate([ends[0], inner, ends[1]])
+        for link in range(motion.links):
+            spline = _robust_spline(times, motion.theta[rows, link], knots)
+            theta[rows, link], omega[rows, link] = spline(times), spline.derivative()(times)
+    return Smooth(width, theta, omega)
+
+
+def _robust_spline(times: FloatArray, measured: FloatArray, knots: FloatArray) -> BSpline:
+    """Return the spline with these knots that fits best, where outliers lose their weight."""
+    weights = np.ones_like(measured)
+    for _ in range(_REWEIGHTED):
+        spline = make_lsq_spline(times, measured, knots, _DEGREE, w=weights)
+        away = spline(times) - measured
+        usual = max(3.0 * 1.4826 * float(np.median(np.abs(away))), 1e-12)
+        weights = 1.0 / (1.0 + (away / usual) ** 2)
+    return spline  # pyright: ignore[reportPossiblyUnboundVariable]
+
+
+def regress(
+    model: Model, motion: Motion, curves: Smooth, parts: Sequence[slice]
+) -> FloatArray | None:
+    """Return the values, (8, n), that solve the equations of motion best; None if nothing does.
+
+    Parameters
+    ----------
+    model : Model
+    motion : Motion
+    curves : Smooth
+        Its splines.
+    parts : sequence of slice
+        Rows of the motion that are used.
+    """
+    pairs = [_equations(model, motion, curves, rows) for rows in parts]
+    columns, right = zip(*pairs, strict=True)
+    matrix, vector = np.concatenate(columns), np.concatenate(right)  # (b, n, 8, n), (b, n)
+    known = model.known.copy()
+    wanted = model.free.copy()
+    wanted[OFFSET] = False
+    unknown = matrix[..., wanted]
+    vector = vector - np.einsum("bijk,jk->bi", matrix, np.where(wanted, 0.0, known))
+    if not vector.any() or vector.size < unknown.shape[-1]:
+        return None
+    weights, fitted = np.ones_like(vector), np.zeros(unknown.shape[-1])
+    lower = Model(model.chain, known, wanted).lower
+    for _ in range(10):  # each link's equations by their own scatter, outliers counted less
+        rows = (unknown * weights[..., None]).reshape(-1, fitted.size)
+        size = np.linalg.norm(rows, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        bounds = lower * size, np.inf
+        fitted = lsq_linear(rows / size, (vector * weights).ravel(), bounds).x / size
+        away = unknown @ fitted - vector
+        spread = np.maximum(1.4826 * np.median(np.abs(away), axis=0), 1e-300)
+        weights = (1.0 + (away / (3.0 * spread)) ** 2) ** -0.25 / spread
+    known[wanted] = fitted
+    return known
+
+
+def _equations(
+    model: Model, motion: Motion, curves: Smooth, rows: slice
+) -> tuple[FloatArray, FloatArray]:
+    """Return the matrix, (b, n, 8, n), and the right side, (b, n), of a part with b bumps."""
+    n, times, width = motion.links, motion.times[rows], curves.width
+    count = int(_OVERLAP * ((times[-1] - times[0]) / width - 1.0) + 1e-9) + 1
+    centres = times[0] + 0.5 * width + np.arange(max(0, count)) * (width / _OVERLAP)
+    s = (times - centres[:, None]) / (0.5 * width)
+    inside = np.maximum(1.0 - s**2, 0.0)
+    share = np.gradient(times)  # of each row in an integral
+    bump, slope = inside**3 * share, (-6.0 * s * inside**2) / (0.5 * width) * share
+    momenta, forces = _terms(model, curves.theta[rows], curves.omega[rows])
+    matrix = np.einsum("bt,tikj->bikj", bump, forces) - np.einsum("bt,tikj->bikj", slope, momenta)
+    torque = np.zeros((times.size, n + 1))
+    if motion.torque is not None:
+        torque[:, :n] = motion.torque[rows]
+    return matrix, bump @ (torque[:, :-1] - torque[:, 1:])
+
+
+def _terms(model: Model, theta: FloatArray, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what multiplies the values in the momenta and in the forces, (T, n, 8, n).
+
+    Entry (t, i, q, k) belongs to the equation of link i and to quantity q of link k.
+    """
+    chain, (count, n) = model.chain, theta.shape
+    momenta, forces = np.zeros((2, count, n, len(QUANTITIES), n))
+    for i in range(n):
+        momenta[:, i, INERTIA, i] = omega[:, i]
+        forces[:, i, LIFT, i] += chain.gravity * np.sin(theta[:, i])
+        for k in range(i + 1, n):
+            difference = theta[:, i] - theta[:, k]
+            cosine, sine = (chain.lengths[i] * f(difference) for f in (np.cos, np.sin))
+            momenta[:, i, LIFT, k] += cosine * omega[:, k]
+            momenta[:, k, LIFT, k] += cosine * omega[:, i]
+            forces[:, i, LIFT, k] += sine * omega[:, i] * omega[:, k]
+            forces[:, k, LIFT, k] -= sine * omega[:, i] * omega[:, k]
+    relative = np.diff(omega, axis=1, prepend=0.0)
+    u = relative / chain.friction_speed
+    coupling = 1.0 / chain.gear - 1.0
+    for j in range(n):
+        above = omega[:, j - 1] if j else 0.0
+        rotor = coupling[j] * above + omega[:, j]
+        for i, sign, share in ((j, 1.0, 1.0), (j - 1, -1.0, coupling[j])):
+            if i >= 0:
+                forces[:, i, DAMPING, j] += sign * relative[:, j]
+                forces[:, i, FRICTION, j] += sign * u[:, j] / np.sqrt(1.0 + u[:, j] ** 2)
+                momenta[:, i, ARMATURE, j] += share * rotor
+    x, y = (np.cumsum(chain.lengths * f(theta) * omega, axis=1) for f in (np.cos, np.sin))
+    speed = np.hypot(x, y)
+    for k in range(n):
+        for i in range(k + 1):
+            lever = chain.lengths[i] * (
+                np.cos(theta[:, i]) * x[:, k] + np.sin(theta[:, i]) * y[:, k]
+            )
+            forces[:, i, DRAG, k] += lever
+            forces[:, i, QUADRATIC_DRAG, k] += lever * speed[:, k]
+    return momenta, forces

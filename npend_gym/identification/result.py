@@ -1,0 +1,126 @@
+"""What an identification found."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import Chain
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A chain fitted to measured motion, and how far it can be trusted.
+
+    Attributes
+    ----------
+    chain : Chain
+        The fitted chain.
+    names, units : tuple of str
+        The k fitted values, such as "inertia0" and "kg m^2"; see the notes.
+    values, standard_errors : ndarray, shape (k,)
+        The values and their standard errors; infinite where the data do not determine a value,
+        zero for one that ended at its bound, zero.
+    correlation : ndarray, shape (k, k)
+        Correlation of the errors.
+    chain_errors : dict of str to ndarray, shape (n,)
+        Standard errors of parameters of `chain` by name, the masses taken as exact.
+    offsets : ndarray, shape (n,)
+        Measured less true angles [rad]; zero where they were not fitted.
+    held_out_rmse, given_rmse, fitted_rmse : float
+        Root mean square error of all angles [rad]: of the fitted chain and of the given one over
+        the segments that were held out, and of the fitted one over those that were fitted. NaN
+        where there are none. Each segment's first state is fitted.
+    segments : tuple of dict
+        For each segment: "piece", "start" and "end" [s], "held_out", "rmse" and "given_rmse".
+    outliers : ndarray, bool, shape (T, n)
+        Measured angles whose error exceeds six times the scatter of all. They count less in the
+        fit, but fully in the errors above.
+    residuals : ndarray, shape (T, n)
+        Simulated less measured angles [rad] in the rows of the data; NaN where not simulated.
+    held_out : ndarray, bool, shape (T,)
+        Which rows were held out.
+    undetermined : tuple of str
+        What the data cannot determine, in sentences, and what was taken in its place.
+    provenance : dict
+        What made it: versions and arguments.
+
+    Notes
+    -----
+    The motion depends on "inertia" J_i = I_i + m_i c_i^2 + l_i^2 sum_{k>i} m_k and "lift" h_i =
+    m_i c_i + l_i sum_{k>i} m_k of each link, and on its "damping", "friction", "drag",
+    "quadratic_drag" and "armature" as in `Chain`.
+    """
+
+    chain: Chain
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    standard_errors: FloatArray
+    correlation: FloatArray
+    chain_errors: dict[str, FloatArray]
+    offsets: FloatArray
+    held_out_rmse: float
+    given_rmse: float
+    fitted_rmse: float
+    segments: tuple[dict[str, Any], ...]
+    outliers: BoolArray
+    residuals: FloatArray
+    held_out: BoolArray
+    undetermined: tuple[str, ...]
+    provenance: dict[str, Any]
+
+    @property
+    def clean_rmse(self) -> float:
+        """The error `held_out_rmse` without outliers [rad]."""
+        errors = self.residuals[self.held_out[:, None] & ~self.outliers]
+        errors = errors[np.isfinite(errors)]
+        return float(np.sqrt(np.mean(errors**2))) if errors.size else math.nan
+
+    def rows(self) -> list[tuple[str, str, float, float]]:
+        """Return name, unit, value and standard error of each fitted value."""
+        numbers = self.values.tolist(), self.standard_errors.tolist()
+        return list(zip(self.names, self.units, *numbers, strict=True))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all but the residuals as plain numbers, lists and dicts, ready for JSON.
+
+        NaN and infinity become None.
+        """
+        return {
+            "chain": self.chain.as_dict(),
+            "parameters": [
+                {
+                    "name": name,
+                    "unit": unit,
+                    "value": _plain(value),
+                    "standard_error": _plain(error),
+                }
+                for name, unit, value, error in self.rows()
+            ],
+            "correlation": _plain(self.correlation),
+            "chain_standard_errors": {k: _plain(v) for k, v in self.chain_errors.items()},
+            "offsets": _plain(self.offsets),
+            "held_out_rmse": _plain(self.held_out_rmse),
+            "given_rmse": _plain(self.given_rmse),
+            "fitted_rmse": _plain(self.fitted_rmse),
+            "clean_rmse": _plain(self.clean_rmse),
+            "outliers": int(self.outliers.sum()),
+            "segments": [{k: _plain(v) for k, v in one.items()} for one in self.segments],
+            "undetermined": list(self.undetermined),
+            "provenance": self.provenance,
+        }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list):
+        return [_plain(one) for one in value]  # pyright: ignore[reportUnknownVariableType]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,164 @@
+"""The fit in stages: a regression gives first values, shooting over longer and longer segments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.identification.least_squares import Solution, scatter, solve
+from npend_gym.identification.motion import MIN_ROWS, Motion
+from npend_gym.identification.parameters import Model
+from npend_gym.identification.regression import regress, smooth
+from npend_gym.identification.segments import Segments, cut, side_by_side
+from npend_gym.identification.shooting import Shooting
+from npend_gym.physics.substeps import default_substeps
+
+_FIRST = 0.25  # typical periods in the shortest segments
+_WIDTHS = 6  # of bumps, tried by the regression
+_ROUGH = 3  # iterations that tell which first values are best
+_NODES = 2  # substeps between two nodes of the grid
+_TOO_MUCH = 8.0  # a fit whose error grows by this factor when segments are twice as long ...
+_SMALL = 0.02  # ... and exceeds this [rad] has lost the motion
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A solution for parts of the motion."""
+
+    segments: Segments
+    solution: Solution
+
+    @property
+    def squares(self) -> FloatArray:
+        """Sum of the squared errors of each segment [rad^2], shape (S,)."""
+        return (self.solution.residuals**2).sum(axis=1)
+
+    @property
+    def counts(self) -> FloatArray:
+        """Number of measured angles in each segment, shape (S,)."""
+        return self.segments.measured.sum(axis=1) * float(self.segments.theta.shape[2])
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the errors by their median [rad]."""
+        return scatter(self.solution.residuals, self.solution.weights)
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square error of all angles [rad]."""
+        return float(np.sqrt(self.squares.sum() / self.counts.sum()))
+
+
+class Stages:
+    """Fits of a model to one motion, whose first states come from splines of it.
+
+    Parameters
+    ----------
+    motion : Motion
+    model : Model
+        What is fitted.
+    """
+
+    def __init__(self, motion: Motion, model: Model) -> None:
+        self.motion, self.model = motion, model
+        self.period = _typical_period(motion)
+        self._interval = float(np.median(np.diff(motion.times)))
+        self._step = _NODES * self._interval / default_substeps(model.chain, self._interval)
+        self._curves = smooth(motion, 0.25 * self.period)
+
+    def fit(
+        self, model: Model, parts: Sequence[slice], fitted: FloatArray, iterations: int = 50
+    ) -> Fit | None:
+        """Return the fit of `model` to parts of the motion, from `fitted` on; None without motion.
+
+        The splines give the first states to begin with.
+        """
+        segments = side_by_side(self.motion, parts, self._step)
+        shooting = Shooting(model, segments)
+        counted = np.repeat(segments.measured, self.motion.links, axis=1).astype(np.float64)
+        start = fitted, self._curves.states(parts)
+        solution = solve(
+            shooting.residuals, shooting.linearise, start, counted, model.lower, iterations
+        )
+        return None if solution is None else Fit(segments, solution)
+
+    def judge(self, values: FloatArray, parts: Sequence[slice], iterations: int = 50) -> Fit | None:
+        """Return the fit of the first states alone, with the values (8, n)."""
+        return self.fit(self.model.fixed(values), parts, np.zeros(0), iterations)
+
+    def start(self, parts: Sequence[slice]) -> FloatArray:
+        """Return the values, (8, n), that fit best: those given, or those of several regressions.
+
+        The splines of the best regression give the first states from now on.
+
+        Raises
+        ------
+        RuntimeError
+            If none of them makes a chain that moves.
+        """
+        short = cut(self.motion, parts, self._durations(parts)[0])
+        widest = 0.5 * self.period
+        narrowest = min(max(10.0 * self._interval, 0.05 * self.period), 0.5 * widest)
+        judged = self.judge(self.model.known, short, _ROUGH)
+        candidates = [] if judged is None else [(judged.solution.rms, self.model.known)]
+        best = math.inf, self._curves
+        for width in np.geomspace(narrowest, widest, _WIDTHS).tolist():
+            self._curves = smooth(self.motion, width)
+            values = regress(self.model, self.motion, self._curves, parts)
+            judged = None if values is None else self.judge(values, short, _ROUGH)
+            if values is not None and judged is not None:
+                candidates.append((judged.solution.rms, values))
+                best = min(best, (judged.solution.rms, self._curves), key=lambda one: one[0])
+        self._curves = best[1]
+        if not candidates:
+            raise RuntimeError(
+                "no links of these lengths move like the data: check the lengths of the chain, the "
+                "units and the order of the angles, and that they are absolute, not of the joints"
+            )
+        return min(candidates, key=lambda one: one[0])[1]
+
+    def lengthen(self, parts: Sequence[slice], values: FloatArray) -> tuple[Fit, float]:
+        """Return the fit over the longest segments that are possible, and their duration [s]."""
+        durations = self._durations(parts)
+        short = cut(self.motion, parts, durations[0])
+        best, reached = self.fit(self.model, short, self.model.pack(values)), durations[0]
+        if best is None:
+            raise RuntimeError("the fit left all chains that can move: fit fewer quantities")
+        for duration in durations[1:]:
+            longer = cut(self.motion, parts, duration)
+            new = self.fit(self.model, longer, best.solution.fitted)
+            limit = max(_SMALL, _TOO_MUCH * best.solution.rms)
+            if new is None or new.solution.rms > limit:
+                break
+            best, reached = new, duration
+        return best, reached
+
+    def _durations(self, parts: Sequence[slice]) -> list[float]:
+        """Return how long segments are in each stage [s]: twice as long each time."""
+        times = self.motion.times
+        longest = max(float(times[rows.stop - 1] - times[rows.start]) for rows in parts)
+        shortest = max(_FIRST * self.period, 2 * MIN_ROWS * self._interval)
+        stages = max(0, math.floor(math.log2(longest / shortest))) if longest > shortest else 0
+        return [longest / 2**k for k in range(stages, -1, -1)]
+
+
+def _typical_period(motion: Motion) -> float:
+    """Return 2 pi times the median deviation of the angles over the median speed [s].
+
+    It is the period of a swing that is a sine.
+    """
+    periods: list[float] = []
+    for rows in motion.stretches():
+        theta = motion.theta[rows]
+        rates = np.diff(theta, axis=0) / np.diff(motion.times[rows])[:, None]
+        speed = np.median(np.abs(rates), axis=0)
+        away = np.median(np.abs(theta - np.median(theta, axis=0)), axis=0)
+        moving = (speed > 0.0) & (away > 0.0)
+        periods += (2.0 * np.pi * away[moving] / speed[moving]).tolist()
+    if not periods:
+        raise ValueError("theta must move, but each measured angle is at rest most of the time")
+    return float(np.median(periods))

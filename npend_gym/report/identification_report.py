@@ -1,0 +1,99 @@
+"""An identification on paper: text for the terminal, the chain and all values as JSON, figures."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from npend_gym.identification import Identification, Motion
+from npend_gym.report.outputs import (
+    prepare_folder,
+    write_csv,
+    write_figure,
+    write_json,
+    write_manifest,
+)
+
+_MRAD = 1e3
+
+
+def identification_text(result: Identification) -> str:
+    """Return what was fitted, how well, and what the data do not determine, as text."""
+    held = sum(one["held_out"] for one in result.segments)
+    longest = max(one["end"] - one["start"] for one in result.segments)
+    counts = f"{len(result.segments) - held} segments fitted, {held} held out"
+    lines = [
+        f"{counts}, each up to {longest:.2f} s from a first state that is fitted",
+        "",
+        "error of the angles (RMSE) [mrad]",
+        f"  held out, fitted chain {_mrad(result.held_out_rmse):>10}",
+        f"  held out, given chain  {_mrad(result.given_rmse):>10}",
+        f"  fitted segments        {_mrad(result.fitted_rmse):>10}",
+        f"  held out, {result.outliers.sum()} outliers left out: {_mrad(result.clean_rmse)}",
+        "",
+        f"{'fitted value':<18}{'':>12}   standard error",
+    ]
+    for name, unit, value, error in result.rows():
+        if error == 0.0:
+            spread = "at its bound"
+        else:
+            spread = f"{error:.2g}" if math.isfinite(error) else "not determined"
+        lines.append(f"{name:<18}{value:>12.6g}   {spread:<14} {unit}")
+    lines += ["", f"chain: {result.chain!r}", "", "not determined by the data:"]
+    lines += [f"  - {sentence}" for sentence in result.undetermined]
+    return "\n".join(lines)
+
+
+def _mrad(value: float) -> str:
+    return "-" if math.isnan(value) else f"{_MRAD * value:.2f}"
+
+
+def write_identification(
+    result: Identification, motion: Motion, out: Path, *, figures: bool
+) -> list[Path]:
+    """Write the chain, all values, the residuals and (with `figures`) pictures into `out`.
+
+    ``fit.json`` is the chain, as ``gym.make("NPendulum-v0", chain=...)`` takes it.
+    ``identification.json`` has everything else, ``residuals.csv`` a line for each row of the data.
+
+    Parameters
+    ----------
+    result : Identification
+    motion : Motion
+        What was measured.
+    out : Path
+    figures : bool
+        Whether to draw; this needs matplotlib, an extra.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    prepare_folder(out)
+    written = [
+        write_json(out / "fit.json", result.chain.as_dict()),
+        write_json(out / "identification.json", result.as_dict()),
+        write_csv(out / "residuals.csv", _residual_rows(result, motion)),
+    ]
+    if figures:
+        from npend_gym.report import identification_figures as draw
+
+        written.append(write_figure(out / "held_out.png", draw.motions(result, motion)))
+        written.append(write_figure(out / "errors.png", draw.errors(result)))
+        written.append(write_figure(out / "parameters.png", draw.parameters(result)))
+    arguments = result.provenance["arguments"]
+    manifest = write_manifest(out, "identification", arguments, written, complete=True)
+    return [*written, manifest]
+
+
+def _residual_rows(result: Identification, motion: Motion) -> list[dict[str, Any]]:
+    """Return a row for each row of the data; simulated less measured angles, NaN where neither."""
+    names = [f"residual{link}" for link in range(motion.links)]
+    measured = zip(motion.piece, motion.times, result.held_out, result.residuals, strict=True)
+    return [
+        {"piece": int(piece), "time": float(time), "held_out": int(held)}
+        | dict(zip(names, (float(one) for one in row), strict=True))
+        for piece, time, held, row in measured
+    ]

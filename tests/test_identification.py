@@ -1,0 +1,272 @@
+"""A chain from measured motion: made-up motion with known parameters, and measured pendulums."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from npend_gym import Chain, identify, simulate
+from npend_gym.identification import prediction_rmse, read_motion
+from npend_gym.identification.least_squares import solve
+from npend_gym.identification.motion import check_motion
+from npend_gym.identification.parameters import (
+    DEFAULT_FIT,
+    QUANTITIES,
+    new_model,
+    possible_masses,
+    values_of,
+)
+from npend_gym.identification.regression import regress, smooth
+from npend_gym.identification.segments import side_by_side
+from npend_gym.identification.shooting import Shooting
+from npend_gym.physics import accelerations
+
+DATA = Path(__file__).parent.parent / "examples" / "data"
+TRUE = Chain(
+    [0.1, 0.15], [0.2, 0.25], damping=[1e-4, 1e-4], quadratic_drag=[1e-3, 1e-3],
+    centres=[0.1, 0.12], inertias=[4e-4, 1e-3], friction=[4e-4, 2e-4],
+)  # fmt: skip
+KNOWN = Chain([0.1, 0.15], [0.2, 0.25], centres=[0.1, 0.12])
+NOISE = 1e-3  # rad
+
+
+def recorded(chain, pieces, *, seconds=1.5, rate=60.0, torque=None, seed=0, turned=1.2):
+    """Recordings of a chain from rest, (times, theta, piece), with noise; made by DOP853."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(0.0, seconds, 1.0 / rate)
+    columns = [], [], []
+    for piece in range(pieces):
+        start = rng.uniform(-turned, turned, chain.n)
+        theta = simulate(chain, start, 0.0, times, torque=torque).theta
+        columns[0].append(times)
+        columns[1].append(theta + NOISE * rng.normal(size=theta.shape))
+        columns[2].append(np.full(times.size, piece))
+    return tuple(np.concatenate(column) for column in columns)
+
+
+def truth(result, chain):
+    values = values_of(chain)
+    return np.array([values[QUANTITIES.index(name[:-1]), int(name[-1])] for name in result.names])
+
+
+def deviations(result, chain):
+    """How far fitted values are from the true ones, in standard errors; 0 at a bound."""
+    spread = np.where(result.standard_errors > 0.0, result.standard_errors, np.inf)
+    return (result.values - truth(result, chain)) / spread
+
+
+def test_the_true_values_lie_within_their_standard_errors():
+    times, theta, piece = recorded(TRUE, 6)
+    result = identify(times, theta, piece=piece, chain=KNOWN)
+    assert np.abs(deviations(result, TRUE)).max() < 4.0
+    assert result.names[:3] == ("inertia0", "inertia1", "lift1")
+    assert np.all(result.standard_errors[:3] < 2e-3 * result.values[:3])
+    assert result.held_out_rmse == pytest.approx(NOISE, rel=0.15)
+    assert result.fitted_rmse == pytest.approx(NOISE, rel=0.15)
+    assert result.given_rmse > 20.0 * NOISE
+    assert np.all(np.abs(np.linalg.eigvalsh(result.correlation) - 1.0) <= result.values.size)
+    assert result.chain.centres == pytest.approx(TRUE.centres, abs=5e-4)
+    assert result.chain.inertias == pytest.approx(TRUE.inertias, rel=0.02)
+
+
+@pytest.mark.long
+def test_standard_errors_are_neither_too_small_nor_too_large():
+    scaled = []
+    for seed in range(12):
+        times, theta, piece = recorded(TRUE, 8, seed=seed)
+        scaled.append(deviations(identify(times, theta, piece=piece, chain=KNOWN), TRUE))
+    assert 0.6 < np.sqrt(np.mean(np.square(scaled))) < 1.5
+
+
+def test_gaps_outliers_whole_turns_and_uneven_times_do_no_harm():
+    rng = np.random.default_rng(1)
+    times, theta, piece = recorded(TRUE, 6, rate=120.0)
+    bad = rng.random(theta.shape) < 0.02
+    theta[bad] += rng.choice([-1.0, 1.0], bad.sum()) * rng.uniform(0.2, 1.5, bad.sum())
+    theta = np.mod(theta + 3.0, 2.0 * np.pi) - 3.0
+    kept = (rng.random(times.size) > 0.2) & ~((times > 0.6) & (times < 0.75))
+    result = identify(times[kept], theta[kept], piece=piece[kept], chain=KNOWN)
+    assert np.abs(deviations(result, TRUE)).max() < 4.0
+    assert result.clean_rmse == pytest.approx(NOISE, rel=0.15)
+    assert result.outliers.sum() == pytest.approx(bad[kept].sum(), abs=3)
+    assert len(result.segments) == 12  # each piece has a gap
+
+
+def test_torques_tell_the_scale_and_free_swings_do_not():
+    times, theta, piece = recorded(TRUE, 4, torque=[0.02, -0.01])
+    driven = identify(times, theta, np.tile([0.02, -0.01], (times.size, 1)), piece=piece,
+                      chain=Chain([0.2, 0.3], [0.2, 0.25]), fit=["inertia", "lift", "friction"],
+                      held_out=0.0)  # fmt: skip
+    assert driven.values[:4] == pytest.approx(truth(driven, TRUE)[:4], rel=0.02)
+    assert not any(sentence.startswith("the scale") for sentence in driven.undetermined)
+    assert math.isnan(driven.held_out_rmse)
+    times, theta, piece = recorded(TRUE, 4)
+    free = identify(times, theta, piece=piece, chain=Chain([0.2, 0.3], [0.2, 0.25]))
+    scale = 0.2 * 0.5 / values_of(TRUE)[1, 0]
+    assert free.values[:3] == pytest.approx(scale * truth(free, TRUE)[:3], rel=0.02)
+    assert any(sentence.startswith("the scale: free swings") for sentence in free.undetermined)
+    assert any(sentence.startswith("masses: ") for sentence in free.undetermined)
+    assert any("lengths" in sentence for sentence in free.undetermined)
+
+
+def test_the_armature_of_a_geared_motor_and_the_zero_of_encoders_are_found():
+    motor = Chain([0.1, 0.15], [0.2, 0.25], centres=[0.1, 0.12], inertias=[4e-4, 1e-3],
+                  armature=[0.0, 2e-3], gear=[6.0, -6.0])  # fmt: skip
+    times, theta, piece = recorded(motor, 4)
+    known = Chain([0.1, 0.15], [0.2, 0.25], centres=[0.1, 0.12], gear=[6.0, -6.0])
+    result = identify(times, theta + np.array([0.02, -0.01]), piece=piece, chain=known,
+                      fit=["inertia", "lift", "armature", "offset"])  # fmt: skip
+    assert np.abs(deviations(result, motor)[:4]).max() < 4.0
+    assert result.chain.armature[1] == pytest.approx(2e-3, rel=0.05)
+    assert result.offsets == pytest.approx([0.02, -0.01], abs=5e-4)
+
+
+def test_the_measured_double_pendulum_is_predicted_better_than_with_its_published_parameters():
+    motion = read_motion(DATA / "multiarm_double.csv")
+    result = identify(motion.times, motion.theta, piece=motion.piece, chain="multiarm 2")
+    assert result.held_out_rmse < 1.6e-3
+    assert result.given_rmse > 1.5 * result.held_out_rmse
+    assert max(one["end"] - one["start"] for one in result.segments) > 2.6
+    assert result.held_out_rmse == pytest.approx(
+        math.sqrt(np.mean(result.residuals[result.held_out] ** 2))
+    )
+    held = result.held_out
+    unseen = {"times": motion.times[held], "theta": motion.theta[held], "piece": motion.piece[held]}
+    for chain, error in ((result.chain, result.held_out_rmse), ("multiarm 2", result.given_rmse)):
+        assert prediction_rmse(**unseen, chain=chain) == pytest.approx(error, rel=1e-3)
+    plain = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    assert Chain.from_dict(plain["chain"]) == result.chain
+    assert plain["provenance"]["arguments"]["chain"] == Chain.multiarm(2).as_dict()
+
+
+@pytest.mark.long
+def test_the_measured_driven_pendulum_is_predicted_better_than_with_its_published_parameters():
+    motion = read_motion(DATA / "realaigym_c1.csv")
+    result = identify(motion.times, motion.theta, motion.torque, chain="realaigym C.1", segment=1.0)
+    assert result.held_out_rmse < 0.04
+    assert result.held_out_rmse < 0.8 * result.given_rmse
+    armature = result.values[result.names.index("armature1")]
+    assert armature == pytest.approx(Chain.realaigym("C.1").armature[1], rel=0.3)
+
+
+def test_the_regression_finds_what_the_equations_of_motion_contain():
+    chain = Chain([0.3, 0.2, 0.25], [0.4, 0.3, 0.5], damping=1e-3, quadratic_drag=1e-3,
+                  centres=[0.2, 0.35, -0.1], inertias=2e-3, friction=2e-3, armature=1e-3,
+                  gear=[4.0, np.inf, -5.0])  # fmt: skip
+    times = np.linspace(0.0, 3.0, 3001)
+    torque = [0.05, -0.1, 0.03]
+    theta = simulate(chain, [1.5, -0.5, 2.0], 0.0, times, torque=torque).theta
+    motion = check_motion(times, theta, np.tile(torque, (times.size, 1)))
+    model = new_model(chain, (*DEFAULT_FIT, "armature"), driven=True)
+    found = regress(model, motion, smooth(motion, 0.08), motion.stretches())
+    assert found == pytest.approx(values_of(chain), rel=2e-3, abs=1e-4)
+
+
+def test_simulated_segments_and_their_derivatives_are_those_of_an_adaptive_integrator():
+    times = np.sort(np.random.default_rng(0).uniform(0.0, 0.6, 40))
+    torque = np.array([0.02, -0.03])
+    motion = check_motion(times, np.zeros((40, 2)), np.tile(torque, (40, 1)))
+    model = new_model(TRUE, ["inertia", "lift", "damping", "quadratic_drag"], driven=True)
+    shooting = Shooting(model, side_by_side(motion, [slice(0, 40)], 0.0005))
+    fitted, states = model.pack(values_of(TRUE)), np.array([[0.8, -0.3, 1.0, 2.0]])
+
+    def angles(fitted, state):
+        chain = model.chain_of(model.unpack(fitted))
+        return simulate(chain, state[:2], state[2:], times, torque=torque).theta.ravel()
+
+    residuals, by_fitted, by_state = shooting.linearise(fitted, states)
+    assert residuals[0] == pytest.approx(angles(fitted, states[0]), abs=1e-6)
+    steps = 2e-4 * np.append(model.scale(values_of(TRUE)), np.ones(4))
+    both = np.append(fitted, states)
+    slopes = np.concatenate([by_fitted, by_state], axis=2)[0]
+    for k, step in enumerate(steps):
+        above, below = (both + sign * step * np.eye(both.size)[k] for sign in (1.0, -1.0))
+        change = angles(above[:-4], above[-4:]) - angles(below[:-4], below[-4:])
+        assert slopes[:, k] * step == pytest.approx(0.5 * change, rel=1e-3, abs=1e-3 * step)
+
+
+def test_chains_of_equal_values_move_alike_whatever_their_masses():
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        n = int(rng.integers(1, 5))
+        real = Chain.rods(rng.uniform(0.1, 1.0, n), rng.uniform(0.2, 1.0, n))
+        given = Chain(rng.uniform(0.01, 10.0, n), real.lengths)
+        model = new_model(given, ["inertia"], driven=True)
+        same = model.chain_of(values_of(real))
+        assert np.all(same.inertias >= 0.0)
+        state = rng.uniform(-3.0, 3.0, (2, n))
+        assert accelerations(same, *state) == pytest.approx(
+            accelerations(real, *state), rel=1e-9, abs=1e-8
+        )
+
+
+def test_masses_are_kept_where_they_are_possible_and_refused_where_none_is():
+    rods = Chain.rods([0.5, 0.4], [0.3, 0.2])
+    assert possible_masses(rods, values_of(rods)) == pytest.approx(rods.masses)
+    long = Chain(rods.masses, 3.0 * rods.lengths)
+    assert possible_masses(long, values_of(rods)) is None
+    with pytest.raises(ValueError, match="lengths that fit the motion"):
+        new_model(long, ["inertia"], driven=True).chain_of(values_of(rods))
+
+
+def test_the_solver_finds_what_scipys_least_squares_finds():
+    rng = np.random.default_rng(3)
+    x = np.linspace(0.0, 3.0, 30)
+    own = np.array([[1.0], [2.0], [-1.5]])  # an amplitude for each segment, two common unknowns
+    y = own * np.exp(-0.7 * x) + 0.3 * x + 0.01 * rng.normal(size=(3, 30))
+    y[1, 4] += 3.0
+
+    def residuals(p, s):
+        return s * np.exp(-p[0] * x) + p[1] * x - y
+
+    def linearise(p, s):
+        decay = np.exp(-p[0] * x)
+        common = np.stack([-x * s * decay, np.tile(x, (3, 1))], axis=-1)
+        return residuals(p, s), common, np.tile(decay[:, None], (3, 1, 1))
+
+    start = np.array([0.3, 0.0]), np.ones((3, 1))
+    found = solve(residuals, linearise, start, np.ones((3, 30)), np.full(2, -np.inf))
+    c = 3.0 * 1.4826 * np.median(np.abs(found.residuals))
+    expected = least_squares(
+        lambda v: residuals(v[:2], v[2:, None]).ravel(), np.ones(5), loss="soft_l1", f_scale=c,
+        xtol=1e-12, ftol=1e-12, gtol=1e-12,
+    )  # fmt: skip
+    assert np.append(found.fitted, found.states) == pytest.approx(expected.x, rel=1e-4)
+    bounded = solve(residuals, linearise, start, np.ones((3, 30)), np.array([0.75, 0.0]))
+    assert bounded.fitted[0] == 0.75
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"times": "abc"}, "times must"),
+        ({"times": np.arange(5.0)}, r"times must hold 20 to"),
+        ({"times": np.zeros(40)}, r"times must increase within a piece, got 0 s in row 1"),
+        ({"theta": np.zeros((39, 2))}, r"theta must have a row for each of the 40 instants"),
+        ({"theta": np.full((40, 2), np.nan)}, r"theta must be finite.*gaps are allowed"),
+        ({"theta": np.zeros((40, 2))}, "theta must move"),
+        ({"torque": np.zeros((40, 3))}, r"torque must have the shape \(40, 2\)"),
+        ({"piece": np.zeros(3)}, "piece must be 40 integers"),
+        ({"piece": np.arange(40) % 2}, "piece must number recordings whose rows stand together"),
+        ({"chain": Chain.uniform(3)}, "chain must have a link for each of 2 angles, got 3"),
+        ({"chain": "nosuch"}, "chain must be a npend_gym.Chain"),
+        ({"fit": ["mass"]}, "fit must be one of inertia"),
+        ({"fit": []}, "fit must name something"),
+        ({"segment": 0.0}, "segment must be greater than zero"),
+        ({"held_out": 0.7}, "held_out must be a share between 0 and 0.5, got 0.7"),
+    ],
+)
+def test_bad_arguments_are_refused_with_their_name_and_rule(changes, message):
+    times = np.arange(40) / 40.0
+    good = {"times": times, "theta": np.sin(9.0 * times)[:, None] * [1.0, 2.0], "chain": KNOWN}
+    with pytest.raises((ValueError, TypeError), match=message):
+        identify(**good | changes)
+
+
+def test_angles_that_are_likely_degrees_bring_a_warning():
+    times = np.arange(40) / 40.0
+    with pytest.warns(UserWarning, match="are these degrees"):
+        check_motion(times, 80.0 * np.sin(9.0 * times))

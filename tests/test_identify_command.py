@@ -1,0 +1,145 @@
+"""`npend identify`: CSV files, what is written, and what is refused."""
+
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from npend_gym import Chain
+from npend_gym.cli import main
+from npend_gym.identification import read_motion
+
+DATA = Path(__file__).parent.parent / "examples" / "data"
+GOOD = "".join(f"{0.02 * k:.2f},{np.sin(0.15 * k):.6f}\n" for k in range(60))
+
+
+@pytest.fixture
+def motion_file(tmp_path):
+    """A function that writes lines to a CSV file and returns its name."""
+
+    def write(text, name="motion.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+def test_the_command_writes_a_chain_that_environments_take(tmp_path, capsys):
+    motion = read_motion(DATA / "multiarm_double.csv")
+    lines = (DATA / "multiarm_double.csv").read_text().splitlines()
+    few = [line for line in lines[1:] if int(line.split(",")[0]) >= 3][::2]  # at 62.5 Hz
+    (tmp_path / "few.csv").write_text("\n".join([lines[0], *few]))
+    out = tmp_path / "results"
+    arguments = ["--chain", "multiarm 2", "--segment", "1.4", "--out", str(out)]
+    assert main(["identify", str(tmp_path / "few.csv"), *arguments]) == 0
+    text = capsys.readouterr().out
+    assert "not determined by the data:" in text
+    assert "  - the scale: free swings" in text
+    chain = json.loads((out / "fit.json").read_text())
+    env = gym.make("NPendulum-v0", chain=chain, mode="swingup")
+    assert env.unwrapped.config.chain == Chain.from_dict(chain)
+    env.reset(seed=0)
+    assert np.isfinite(env.step(env.action_space.sample())[1])
+    record = json.loads((out / "identification.json").read_text())
+    assert record["held_out_rmse"] < 2e-3 < motion.links
+    assert record["provenance"]["arguments"]["segment"] == 1.4
+    rows = (out / "residuals.csv").read_text().splitlines()
+    assert rows[0] == "piece,time,held_out,residual0,residual1"
+    assert len(rows) == len(few) + 1
+    written = {path.name for path in out.iterdir()}
+    assert written >= {"held_out.png", "errors.png", "parameters.png", "manifest.json"}
+
+
+def test_columns_are_found_by_name_and_angles_of_joints_in_degrees_are_converted(motion_file):
+    lines = [f"x,{k % 7},{0.5 * k},{0.1 * k},{30.0 + k},{0.3}\n" for k in range(40)]
+    path = motion_file("\ufeffnote,theta1,tau0,time,theta0,more\n" + "".join(lines))
+    motion = read_motion(path, degrees=True, relative=True)
+    k = np.arange(40)
+    assert motion.theta == pytest.approx(np.radians([30.0 + k, 30.0 + k + k % 7]).T)
+    assert motion.torque == pytest.approx(np.array([0.5 * k, 0.0 * k]).T)
+    assert motion.times == pytest.approx(0.1 * k)
+    assert not motion.piece.any()
+
+
+def test_the_pieces_of_several_files_are_numbered_on(motion_file):
+    paths = [motion_file("time,theta0\n" + GOOD, name) for name in ("a.csv", "b.csv")]
+    assert read_motion(*paths).piece.tolist() == [0] * 60 + [1] * 60
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,angle\n0,1\n", "must have the column theta0, got 'time, angle'"),
+        ("t,theta0\n0,1\n", "must have the column time"),
+        ("", "must have the column time"),
+        ("time,theta0,theta2\n0,1,1\n", "must number columns from 0 on without a gap"),
+        ("time,theta0,tau0,tau1\n0,1,1,1\n", "must have an angle for each torque"),
+        ("time,theta0,theta0\n0,1,1\n", "must name each column once"),
+        ("time,theta0\n0,1\n", "times must hold 20 to 2000000 instants, got shape (1,)"),
+        (
+            "time,theta0\n" + GOOD + "0.5,1\n",
+            "times must increase within a piece, got 0.5 s in row",
+        ),
+        ("time,theta0\n" + GOOD + "1.3,nan\n", "line 62: theta0 must be a number, got 'nan'"),
+        ("time,theta0\n" + GOOD + "1.3,\n", "line 62: theta0 must be a number, got ''"),
+        ("time,theta0\n0,1.2 rad\n", "line 2: theta0 must be a number, got '1.2 rad'"),
+        ("time,theta0\n0,1,2\n", "line 2: 2 cells are needed, got 3"),
+        ("time,theta0,piece\n" + GOOD.replace("\n", ",0.5\n"), "piece must be 60 integers"),
+        ("time,theta0\n" + GOOD.replace(",", ";"), "line 2: 2 cells are needed, got 1"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_line_and_nothing_is_written(
+    text, message, motion_file, refusal, tmp_path
+):
+    out = tmp_path / "results"
+    error = refusal("identify", motion_file(text), "--lengths", "1", "--out", str(out))
+    assert message in error
+    assert "motion.csv" in error
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("", "--lengths or --chain must be given: angles do not tell lengths"),
+        ("--lengths 1,2", "chain must have a link for each of 1 angles, got 2"),
+        ("--lengths 1 --chain acrobot", "--lengths must be left out with --chain"),
+        ("--lengths 0", "lengths must be greater than zero"),
+        ("--lengths 1 --fit mass", "fit must be one of inertia, lift"),
+        ("--lengths 1 --segment -1", "segment must be greater than zero"),
+        ("--lengths 1 --held-out 2", "held_out must be a share between 0 and 0.5"),
+        ("--chain nosuch", "must be one of"),
+    ],
+)
+def test_bad_options_are_refused_and_nothing_is_written(
+    arguments, message, motion_file, refusal, tmp_path
+):
+    path, out = motion_file("time,theta0\n" + GOOD), tmp_path / "results"
+    assert message in refusal("identify", path, *arguments.split(), "--out", str(out))
+    assert not out.exists()
+
+
+def test_a_file_that_is_missing_is_a_failure_in_one_line(tmp_path, capsys):
+    assert main(["identify", str(tmp_path / "none.csv"), "--lengths", "1"]) == 1
+    assert "none.csv" in capsys.readouterr().err
+
+
+def test_degrees_in_place_of_radians_bring_one_line_of_warning(motion_file, capsys):
+    path = motion_file("time,theta0\n" + "".join(f"{0.02 * k},{40 * np.sin(0.1 * k)}\n"
+                                                 for k in range(60)))  # fmt: skip
+    with pytest.raises(SystemExit):
+        main(["identify", path, "--lengths", "0"])
+    first = capsys.readouterr().err.splitlines()[0]
+    assert first.startswith("npend identify: theta reaches 40 rad, 6.4 turns: are these degrees?")
+
+
+def test_the_licences_of_the_measured_data_stand_beside_them():
+    about = (DATA / "README.md").read_text(encoding="utf-8")
+    for path in DATA.glob("*.csv"):
+        assert f"`{path.name}`" in about
+    assert "MIT License" in (DATA / "LICENSE-multiarm").read_text()
+    assert "BSD 3-Clause License" in (DATA / "LICENSE-realaigym").read_text()
+    assert sum(path.stat().st_size for path in DATA.iterdir()) < 200_000
