@@ -74,9 +74,8 @@ class Memory:
             tuple(aligned_zeros(self.groups, len(t), t.shape[2] * self.width) for t in terms)
             or None,
         )
-        # What the kernels take in another form: for chains that are not ideal
         names = ChainParameters._fields[len(SIMPLE_FIELDS) :] if terms else ()
-        self._others = {name: np.zeros((lanes, self.n)) for name in names}
+        self._others = {name: np.zeros((lanes, self.n)) for name in names}  # for `parameters`
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._timing = np.zeros((threads, len(Timing)))
         self._plan: tuple[float, int, float] | None = None  # of the last `run`
@@ -199,9 +198,8 @@ class Memory:
     ) -> None:
         """Call ``kernel(*self.arrays, *arrays, timing, scratch)`` for all groups.
 
-        Large steps are divided over several calls, so short that Ctrl-C is heard between them, and
-        over the threads. `arrays` are those of a kernel which does more than `advance`. This
-        method does not check whether it was interrupted: its caller must.
+        Large steps are divided over threads, and over calls so short that Ctrl-C is heard between
+        them. The caller must check whether one was interrupted.
         """
         if self._plan != (dt, substeps, max_rotation):
             self._per_call = groups, piece = self._divide(substeps, max_rotation)
