@@ -111,13 +111,13 @@ def _mark(group: Group, threshold: Any, h: Any, scratch: FloatArray) -> bool:
 
 @inlined_kernel
 def _bob_accelerations(
-    theta: FloatArray, omega: FloatArray, alpha: FloatArray, length: FloatArray, out: FloatArray
-) -> None:
+    s: FloatArray, c: FloatArray, omega: FloatArray, alpha: FloatArray, length: FloatArray,
+    out: FloatArray,
+) -> None:  # fmt: skip
     """Write the horizontal acceleration of every bob."""
     total = 0.0
     for i in range(out.size):
-        s, c = sincos(theta[i])
-        total = total + length[i] * (alpha[i] * c - (omega[i] * omega[i]) * s)
+        total = total + length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
         out[i] = total
 
 
@@ -125,11 +125,15 @@ def _bob_accelerations(
 def _find_accelerations(group: Group, scratch: FloatArray) -> None:
     """Write the accelerations of the bobs at the start and at the end of the substep."""
     theta, omega, length = group.theta, group.omega, group.chain.length
-    before, omega_before = scratch[Scratch.THETA][: theta.size], scratch[Scratch.OMEGA]
+    before, omega_before = scratch[Scratch.THETA], scratch[Scratch.OMEGA]
     rk4, n = scratch[RK4:], group.velocity.size
-    _bob_accelerations(before, omega_before, rk4[0], length, scratch[Scratch.ACCELERATION][:n])
-    accelerations(theta, omega, group.torque, group.chain, rk4[WORK:], rk4[0])
-    _bob_accelerations(theta, omega, rk4[0], length, scratch[Scratch.ACCELERATION_END][:n])
+    alpha, s, c = rk4[0], rk4[1], rk4[2]  # two rows of the step that has been taken
+    for i in range(n):
+        s[i], c[i] = sincos(before[i])
+    _bob_accelerations(s, c, omega_before, alpha, length, scratch[Scratch.ACCELERATION][:n])
+    accelerations(theta, omega, group.torque, group.chain, rk4[WORK:], alpha)
+    s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
+    _bob_accelerations(s, c, omega, alpha, length, scratch[Scratch.ACCELERATION_END][:n])
 
 
 @inner_kernel
