@@ -95,6 +95,26 @@ def test_gaps_outliers_whole_turns_and_uneven_times_do_no_harm():
     assert len(result.segments) == 12  # each piece has a gap
 
 
+def test_segments_of_a_chaotic_motion_stay_so_short_that_errors_are_known():
+    chain = Chain.uniform(2)
+    times = np.arange(0.0, 12.0, 0.02)
+    theta = simulate(chain, [2.5, 2.8], 0.0, times).theta
+    theta += NOISE * np.random.default_rng(0).normal(size=theta.shape)
+    known, fit = Chain.uniform(2, mass=2.0), ["inertia", "lift"]
+    result = identify(times, theta, chain=known, fit=fit, segment=6.0)
+    assert np.abs(result.values / 2.0 - truth(result, chain)).max() < 1e-3
+    assert np.abs(result.values / 2.0 - truth(result, chain))[0] < 4.0 * result.standard_errors[0]
+    assert max(one["end"] - one["start"] for one in result.segments) < 6.0
+    assert result.held_out_rmse == pytest.approx(NOISE, rel=0.15)
+
+
+def test_a_chain_that_moves_otherwise_than_the_data_brings_a_warning():
+    times = np.arange(0.0, 3.0, 0.02)
+    theta = simulate(Chain.uniform(2), [0.8, 0.1], 0.0, times).theta
+    with pytest.warns(UserWarning, match="moves otherwise than the data, by .* check lengths"):
+        identify(times, theta[:, ::-1], chain=Chain.uniform(2))
+
+
 def test_torques_tell_the_scale_and_free_swings_do_not():
     times, theta, piece = recorded(TRUE, 4, torque=[0.02, -0.01])
     driven = identify(times, theta, np.tile([0.02, -0.01], (times.size, 1)), piece=piece,
@@ -170,7 +190,7 @@ def test_simulated_segments_and_their_derivatives_are_those_of_an_adaptive_integ
     torque = np.array([0.02, -0.03])
     motion = check_motion(times, np.zeros((40, 2)), np.tile(torque, (40, 1)))
     model = new_model(TRUE, ["inertia", "lift", "damping", "quadratic_drag"], driven=True)
-    shooting = Shooting(model, side_by_side(motion, [slice(0, 40)], 0.0005))
+    shooting = Shooting(model, side_by_side(motion, [slice(0, 40)], 0.0005), 0.0)
     fitted, states = model.pack(values_of(TRUE)), np.array([[0.8, -0.3, 1.0, 2.0]])
 
     def angles(fitted, state):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,11 +78,12 @@ def run(options: dict[str, Any]) -> int:
 
     out: Path | None = options.pop("out", None)
     as_json: bool = options.pop("json", False)
-    motion = _read(options)
-    problem = Problem(motion, _known(options), **options)
-    if out is not None:
-        outputs.prepare_folder(out)
-    result = problem.solve()
+    with _warnings_in_lines():
+        motion = _read(options)
+        problem = Problem(motion, _known(options), **options)
+        if out is not None:
+            outputs.prepare_folder(out)
+        result = problem.solve()
     if as_json:
         print(json.dumps(result.as_dict(), indent=2, allow_nan=False))
     else:
@@ -92,17 +95,24 @@ def run(options: dict[str, Any]) -> int:
     return OK
 
 
+@contextmanager
+def _warnings_in_lines() -> Generator[None, None, None]:
+    """Print each warning as one line, when the block ends."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            yield
+        finally:
+            for one in caught:
+                warn(f"npend identify: {one.message}")
+
+
 def _read(options: dict[str, Any]) -> Motion:
-    """Return the motion in the files, with a line for each warning."""
+    """Return the motion in the files."""
     from npend_gym.identification import read_motion
 
     units = {name: options.pop(name) for name in ("degrees", "relative") if name in options}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        motion = read_motion(*options.pop("files"), **units)
-    for one in caught:
-        warn(f"npend identify: {one.message}")
-    return motion
+    return read_motion(*options.pop("files"), **units)
 
 
 def _known(options: dict[str, Any]) -> Any:

@@ -64,7 +64,7 @@ def identify(
     Warns
     -----
     UserWarning
-        If the angles are likely to be degrees.
+        If the angles are likely to be degrees, or the fitted chain moves otherwise than the data.
 
     Notes
     -----

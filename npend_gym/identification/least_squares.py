@@ -30,6 +30,8 @@ class Solution:
     residuals : ndarray, shape (S, M)
     weights : ndarray, shape (S, M)
         How much each residual counts, 1 for a small one, and 0 where there is none.
+    by_state : ndarray, shape (S, M, r)
+        Derivatives of the residuals by the unknowns of each segment.
     projected : ndarray, shape (S, M, k)
         Derivatives of the residuals by the common unknowns, the others following at their best.
     """
@@ -38,6 +40,7 @@ class Solution:
     states: FloatArray
     residuals: FloatArray
     weights: FloatArray
+    by_state: FloatArray
     projected: FloatArray
 
     @property
@@ -117,7 +120,7 @@ def solve(
     f, by_fitted, by_state = linear
     weights = counted * _weights(f, _OUTLYING * scatter(f, counted))
     projected = _Normal(f, by_fitted, by_state, weights).project()
-    return Solution(fitted, states, f, weights, projected)
+    return Solution(fitted, states, f, weights, by_state, projected)
 
 
 def _weights(f: FloatArray, c: float) -> FloatArray:

@@ -159,12 +159,13 @@ def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
     J_i > l_i^2 b. The least masses, found from the last link up, leave the most room above.
     """
     inertia, lift = values[INERTIA], values[LIFT]
+    smallest = _LEAST * max(inertia.max(), np.abs(lift * chain.lengths).max())
 
     def masses(factor: float) -> FloatArray | None:
         out, below = np.empty(chain.n), 0.0
         for i in reversed(range(chain.n)):
             room = inertia[i] - below * chain.lengths[i] ** 2 * (1.0 + _MARGIN)
-            if not room > _LEAST * inertia.max():
+            if not room > smallest:
                 return None
             least = (lift[i] - chain.lengths[i] * below) ** 2 / room * (1.0 + _MARGIN)
             out[i] = max(factor * chain.masses[i], least, _checks.SMALLEST)

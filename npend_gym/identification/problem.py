@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from npend_gym.identification.uncertainty import uncertainty, undetermined
 
 _PERIODS = 4.0  # typical periods of the motion in the longest segments, by default
 _MANY = 12  # iterations: more are needed only where the given chain is hopeless
+_POOR = 0.05  # scatter of the errors, of that of the angles, from which on there is a warning
 _OUTLIER = 6.0  # times the scatter
 _CHAIN_PARAMETERS = (
     "centres", "inertias", "damping", "friction", "drag", "quadratic_drag", "armature",
@@ -78,6 +80,14 @@ class Problem:
         training = [rows for k, rows in enumerate(blocks) if k not in held]
         fitted, duration = self.stages.lengthen(training, self.stages.start(training))
         judged = cut(motion, [blocks[k] for k in held], duration)
+        moved = float(np.std(np.concatenate([motion.theta[rows] for rows in training])))
+        if fitted.scatter > _POOR * moved:
+            warnings.warn(
+                f"the fitted chain moves otherwise than the data, by {fitted.scatter:.2g} rad "
+                f"where angles vary by {moved:.2g} rad: check lengths, units, signs, and whether "
+                "angles are absolute",
+                stacklevel=3,
+            )
         return _result(self, fitted, judged)
 
 

@@ -109,6 +109,7 @@ def regress(
     if not vector.any() or vector.size < unknown.shape[-1]:
         return None
     weights, fitted = np.ones_like(vector), np.zeros(unknown.shape[-1])
+    least = 1e-9 * float(np.abs(vector).max())
     lower = Model(model.chain, known, wanted).lower
     for _ in range(10):  # each link's equations by their own scatter, outliers counted less
         rows = (unknown * weights[..., None]).reshape(-1, fitted.size)
@@ -117,7 +118,7 @@ def regress(
         bounds = lower * size, np.inf
         fitted = lsq_linear(rows / size, (vector * weights).ravel(), bounds).x / size
         away = unknown @ fitted - vector
-        spread = np.maximum(1.4826 * np.median(np.abs(away), axis=0), 1e-300)
+        spread = np.maximum(1.4826 * np.median(np.abs(away), axis=0), least)
         weights = (1.0 + (away / (3.0 * spread)) ** 2) ** -0.25 / spread
     known[wanted] = fitted
     return known

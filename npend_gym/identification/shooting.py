@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from npend_gym import _checks
@@ -23,10 +25,12 @@ class Shooting:
     ----------
     model : Model
     segments : Segments
+    rate : float
+        Substeps in a second, at least.
     """
 
-    def __init__(self, model: Model, segments: Segments) -> None:
-        self.model, self.segments = model, segments
+    def __init__(self, model: Model, segments: Segments, rate: float) -> None:
+        self.model, self.segments, self._least = model, segments, segments.step * rate
         at = segments.times / segments.step
         self._node = np.minimum(at.astype(np.int64), len(segments.torque) - 1)
         self._fraction = (at - self._node)[..., None, None]
@@ -96,7 +100,7 @@ class Shooting:
         if rows is None:
             return None
         chain = self.model.chain_of(values[0])
-        substeps = default_substeps(chain, self.segments.step)
+        substeps = max(math.ceil(self._least), default_substeps(chain, self.segments.step))
         # An Ensemble takes chains that need no more than its first one. With some friction, however
         # small, that has room for all values, and one kind of kernel is compiled for all models.
         roomy = chain.as_dict() | {"friction": (chain.friction + _checks.SMALLEST).tolist()}

@@ -15,12 +15,13 @@ from npend_gym.identification.parameters import Model
 from npend_gym.identification.regression import regress, smooth
 from npend_gym.identification.segments import Segments, cut, side_by_side
 from npend_gym.identification.shooting import Shooting
-from npend_gym.physics.substeps import default_substeps
+from npend_gym.physics.substeps import MAX_ROTATION, default_substeps
 
 _FIRST = 0.25  # typical periods in the shortest segments
 _WIDTHS = 6  # of bumps, tried by the regression
 _ROUGH = 3  # iterations that tell which first values are best
 _NODES = 2  # substeps between two nodes of the grid
+_SENSITIVE = 0.2  # growth of the scatter to so many rad: a chaotic motion has many solutions
 _TOO_MUCH = 8.0  # a fit whose error grows by this factor when segments are twice as long ...
 _SMALL = 0.02  # ... and exceeds this [rad] has lost the motion
 
@@ -41,6 +42,17 @@ class Fit:
     def counts(self) -> FloatArray:
         """Number of measured angles in each segment, shape (S,)."""
         return self.segments.measured.sum(axis=1) * float(self.segments.theta.shape[2])
+
+    @property
+    def growth(self) -> float:
+        """How many times as large an error of the first angles becomes in a segment, at most."""
+        angles = self.segments.theta.shape[2]
+        return float(np.abs(self.solution.by_state[..., :angles]).max())
+
+    def states(self) -> dict[int, FloatArray]:
+        """Return the first state of each segment by its first row in the motion."""
+        firsts = (rows.start for rows in self.segments.rows)
+        return dict(zip(firsts, self.solution.states, strict=True))
 
     @property
     def scatter(self) -> float:
@@ -67,28 +79,38 @@ class Stages:
         self.motion, self.model = motion, model
         self.period = _typical_period(motion)
         self._interval = float(np.median(np.diff(motion.times)))
-        self._step = _NODES * self._interval / default_substeps(model.chain, self._interval)
         self._curves = smooth(motion, 0.25 * self.period)
+        speed = float(np.nanquantile(np.abs(self._curves.omega), 0.999))
+        self._rate = speed / MAX_ROTATION  # substeps in a second, at least
+        self._step = _NODES / max(default_substeps(model.chain, 1.0), self._rate)
 
-    def fit(
-        self, model: Model, parts: Sequence[slice], fitted: FloatArray, iterations: int = 50
+    def _fit(
+        self, model: Model, parts: Sequence[slice], before: Fit | FloatArray, iterations: int = 50
     ) -> Fit | None:
-        """Return the fit of `model` to parts of the motion, from `fitted` on; None without motion.
+        """Return the fit of `model` to parts of the motion; None where nothing moves.
 
-        The splines give the first states to begin with.
+        It begins with what was fitted before, or with given values (k,); first states that were
+        not fitted before are those of the splines.
         """
-        segments = side_by_side(self.motion, parts, self._step)
-        shooting = Shooting(model, segments)
+        segments, states = side_by_side(self.motion, parts, self._step), self._curves.states(parts)
+        if isinstance(before, Fit):
+            found = before.states()
+            states = np.array([found.get(p.start, s) for p, s in zip(parts, states, strict=True)])
+        start = before.solution.fitted if isinstance(before, Fit) else before, states
+        shooting = Shooting(model, segments, self._rate)
         counted = np.repeat(segments.measured, self.motion.links, axis=1).astype(np.float64)
-        start = fitted, self._curves.states(parts)
         solution = solve(
             shooting.residuals, shooting.linearise, start, counted, model.lower, iterations
         )
         return None if solution is None else Fit(segments, solution)
 
     def judge(self, values: FloatArray, parts: Sequence[slice], iterations: int = 50) -> Fit | None:
-        """Return the fit of the first states alone, with the values (8, n)."""
-        return self.fit(self.model.fixed(values), parts, np.zeros(0), iterations)
+        """Return the fit of the first states alone, with the values (8, n), in stages."""
+        model, fit = self.model.fixed(values), None
+        for duration in self._durations(parts):
+            cuts = cut(self.motion, parts, duration)
+            fit = self._fit(model, cuts, np.zeros(0) if fit is None else fit, iterations)
+        return fit
 
     def start(self, parts: Sequence[slice]) -> FloatArray:
         """Return the values, (8, n), that fit best: those given, or those of several regressions.
@@ -125,14 +147,15 @@ class Stages:
         """Return the fit over the longest segments that are possible, and their duration [s]."""
         durations = self._durations(parts)
         short = cut(self.motion, parts, durations[0])
-        best, reached = self.fit(self.model, short, self.model.pack(values)), durations[0]
+        best, reached = self._fit(self.model, short, self.model.pack(values)), durations[0]
         if best is None:
             raise RuntimeError("the fit left all chains that can move: fit fewer quantities")
         for duration in durations[1:]:
             longer = cut(self.motion, parts, duration)
-            new = self.fit(self.model, longer, best.solution.fitted)
-            limit = max(_SMALL, _TOO_MUCH * best.solution.rms)
-            if new is None or new.solution.rms > limit:
+            new = self._fit(self.model, longer, best)
+            if new is None or new.rmse > max(_SMALL, _TOO_MUCH * best.rmse):
+                break
+            if new.growth * new.scatter > _SENSITIVE:
                 break
             best, reached = new, duration
         return best, reached

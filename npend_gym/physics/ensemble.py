@@ -221,9 +221,8 @@ class Ensemble(Members):
         """
         given, (members, joints) = _checks.array("torques", torques), (self.size, self.joints)
         if given.ndim != 3 or given.shape[1:] != (members, joints.size):
-            raise ValueError(
-                f"torques must have the shape (T, {members}, {joints.size}), got {given.shape}"
-            )
+            shape = f"(T, {members}, {joints.size})"
+            raise ValueError(f"torques must have the shape {shape}, got {given.shape}")
         step, memory = self._check_step(dt, substeps), self._intact
         fields = [memory.per_rod(field) for field in (Rod.TORQUE, Rod.THETA, Rod.OMEGA)]
         wanted = np.zeros((len(given), memory.lanes, self.n))

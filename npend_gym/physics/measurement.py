@@ -73,8 +73,8 @@ def measure(
     count, n = len(theta), chain.n
     reading, duration, rtol = measurement
     lanes = 1 if count == 1 else WIDTH
-    rows = np.minimum(np.arange(lanes), count - 1)  # lanes to spare repeat the last release
-    theta, omega = theta[rows], omega[rows]
+    # lanes to spare repeat the last release
+    theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
     solver, problem, record = _release(chain, springs, theta, omega, measurement)
     threshold = _threshold(chain, omega, reading, rtol)
     release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
