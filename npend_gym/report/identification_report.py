@@ -22,6 +22,7 @@ def identification_text(result: Identification) -> str:
     """Return what was fitted, how well, and what the data do not determine, as text."""
     held = sum(one["held_out"] for one in result.segments)
     longest = max(one["end"] - one["start"] for one in result.segments)
+    outliers = int(result.outliers[result.held_out].sum())
     counts = f"{len(result.segments) - held} segments fitted, {held} held out"
     lines = [
         f"{counts}, each up to {longest:.2f} s from a first state that is fitted",
@@ -30,7 +31,7 @@ def identification_text(result: Identification) -> str:
         f"  held out, fitted chain {_mrad(result.held_out_rmse):>10}",
         f"  held out, given chain  {_mrad(result.given_rmse):>10}",
         f"  fitted segments        {_mrad(result.fitted_rmse):>10}",
-        f"  held out, {result.outliers.sum()} outliers left out: {_mrad(result.clean_rmse)}",
+        f"  held out, {outliers} outliers left out: {_mrad(result.clean_rmse)}",
         "",
         f"{'fitted value':<18}{'':>12}   standard error",
     ]
