@@ -133,6 +133,7 @@ def test_velocities_are_the_change_of_positions_and_lengths_the_distances_of_bob
     np.testing.assert_allclose(path.velocities(), spline(times, 1), rtol=0, atol=1e-6)
     below = np.diff(path.positions(), axis=1, prepend=0.0)
     np.testing.assert_allclose(path.lengths(), np.linalg.norm(below, axis=2), rtol=1e-14)
+    np.testing.assert_array_equal(path.centres(), path.positions())
     rigid = simulate(uneven, 0.9, 0.3, [0.0, 1.0])
     np.testing.assert_array_equal(rigid.lengths(), [uneven.lengths] * 2)
 

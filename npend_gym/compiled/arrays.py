@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -29,13 +29,13 @@ def aligned_zeros(*shape: int) -> FloatArray:
     return np.ndarray(shape, float, memory, -memory.ctypes.data % _CACHE_LINE)
 
 
-def innermost(lanes: Sequence[FloatArray] | FloatArray) -> FloatArray:
-    """Return the rows of `lanes` (lanes, n) as one flat array with the lane innermost."""
-    rows = np.array(lanes)
-    if len(rows) == 1:
-        return rows[0]
-    flat = aligned_zeros(rows.size)
-    flat.reshape(rows.T.shape)[:] = rows.T
+def innermost(lanes: FloatArray) -> FloatArray:
+    """Return rows of each lane, (..., lanes, n), as (..., n lanes) with the lane innermost."""
+    *leading, count, n = np.shape(lanes)
+    if count == 1:
+        return np.array(lanes)[..., 0, :]
+    flat = aligned_zeros(*leading, n * count)
+    flat.reshape(*leading, n, count)[:] = np.swapaxes(lanes, -1, -2)
     return flat
 
 

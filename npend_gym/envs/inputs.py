@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -97,19 +97,16 @@ def checked_options(
 
 def _changed_chains(chain: Chain, lanes: int, changes: Mapping[str, FloatArray]) -> ChainParameters:
     """Return the chains of all lanes with the `changes` of reset options."""
-    made_for = count_terms(chain.repeated(1))
-
-    def is_more(names: Iterable[str]) -> bool:
-        return count_terms(chain.repeated(lanes, **{k: changes[k] for k in names})) > made_for
-
-    if is_more(changes):
-        name = next((name for name in changes if is_more([name])), next(iter(changes)))
+    changed, made_for = chain.repeated(lanes, **changes), count_terms(chain.repeated(1))
+    if count_terms(changed) > made_for:
+        alone = {k: count_terms(chain.repeated(lanes, **{k: v})) for k, v in changes.items()}
+        name = next((k for k, count in alone.items() if count > made_for), next(iter(changes)))
         raise ValueError(
             f"options[{name!r}] must not make links of point masses, nor give links friction, "
             "rotors or drag that the environment was made without: make it with a chain that has "
             "some, chain=Chain(...)"
         )
-    return check_weight(chain.repeated(lanes, **changes))
+    return check_weight(changed)
 
 
 def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:

@@ -50,9 +50,13 @@ class Solution:
 
 
 def scatter(residuals: FloatArray, counted: FloatArray) -> float:
-    """Return the standard deviation of residuals, by their median: outliers do not matter."""
-    typical = 1.4826 * float(np.median(np.abs(residuals[counted > 0.0])))
-    return max(typical, 1e-12)
+    """Return the `deviation` of the residuals that count, never quite zero."""
+    return max(float(deviation(residuals[counted > 0.0])), 1e-12)
+
+
+def deviation(errors: FloatArray) -> FloatArray:
+    """Return the standard deviation along axis 0 by the median: outliers do not matter to it."""
+    return 1.4826 * np.median(np.abs(errors), axis=0)
 
 
 def solve(

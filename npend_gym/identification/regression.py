@@ -20,6 +20,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.optimize import lsq_linear
 
 from npend_gym._checks import FloatArray
+from npend_gym.identification.least_squares import deviation
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import (
     ARMATURE,
@@ -79,7 +80,7 @@ def _robust_spline(times: FloatArray, measured: FloatArray, knots: FloatArray) -
     for _ in range(_REWEIGHTED):
         spline = make_lsq_spline(times, measured, knots, _DEGREE, w=weights)
         away = spline(times) - measured
-        usual = max(3.0 * 1.4826 * float(np.median(np.abs(away))), 1e-12)
+        usual = max(3.0 * float(deviation(away)), 1e-12)
         weights = 1.0 / (1.0 + (away / usual) ** 2)
     return spline  # pyright: ignore[reportPossiblyUnboundVariable]
 
@@ -118,7 +119,7 @@ def regress(
         bounds = lower * size, np.inf
         fitted = lsq_linear(rows / size, (vector * weights).ravel(), bounds).x / size
         away = unknown @ fitted - vector
-        spread = np.maximum(1.4826 * np.median(np.abs(away), axis=0), least)
+        spread = np.maximum(deviation(away), least)
         weights = (1.0 + (away / (3.0 * spread)) ** 2) ** -0.25 / spread
     known[wanted] = fitted
     return known

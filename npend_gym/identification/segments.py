@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from npend_gym._checks import BoolArray, FloatArray
@@ -41,19 +40,6 @@ class Segments:
     measured: BoolArray
     step: float
     torque: FloatArray
-
-    @property
-    def duration(self) -> float:
-        """Time that the longest segment takes [s]."""
-        return float(self.times.max())
-
-    def chosen(self, index: slice | NDArray[np.bool_]) -> Segments:
-        """Return some of the segments."""
-        numbers = np.arange(len(self.rows))[index]
-        return Segments(
-            [self.rows[k] for k in numbers], self.times[index], self.theta[index],
-            self.measured[index], self.step, self.torque[:, index],
-        )  # fmt: skip
 
 
 def cut(motion: Motion, stretches: Sequence[slice], duration: float) -> list[slice]:

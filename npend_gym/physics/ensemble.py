@@ -198,7 +198,7 @@ class Ensemble(Members):
         for joint, column in zip(self.joints, given.T, strict=True):
             memory.per_rod(Rod.TORQUE)[(*place, joint)] = column
         memory.members[Member.ACTIVE] = mask
-        memory.run(advance_one if self.size == 1 else advance_many, (), *step)
+        self._run(step)
         memory.members[Member.ACTIVE] = 1.0
         self._ready = True
 
@@ -233,10 +233,13 @@ class Ensemble(Members):
         memory.of_base(Rod.TORQUE)[:] = 0.0
         for k, torque in enumerate(wanted.reshape(-1, *fields[0].shape), start=1):
             fields[0][:] = torque
-            memory.run(advance_one if members == 1 else advance_many, (), *step)
+            self._run(step)
             states[:, k] = fields[1:]
         self._ready = True
         return tuple(states.reshape(2, len(given) + 1, -1, self.n)[:, :, :members])
+
+    def _run(self, step: tuple[float, int, float]) -> None:
+        self._memory.run(advance_one if self.size == 1 else advance_many, (), *step)
 
     def _check_step(self, dt: float, substeps: int | None) -> tuple[float, int, float]:
         """Return the duration of a step, its number of substeps and the rotation they allow."""

@@ -121,16 +121,18 @@ def simulate(
     pivot = check_pivot(pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity)
     settings = _check_settings(method, rtol, atol, dt)
     springs = check_springs(chain, stiffness, axial_damping, stretch, stretch_rate, pivot)
-    rods, forces = arrays_of(chain.repeated(1), pivot.base), torque
+    forces = torque
     # what stands after the angles in the state, and after their rates
     names, place, rate = (), np.zeros(0), np.zeros(0)
     if springs is not None:
         check_vibrations(chain, springs, float(times[-1] - times[0]))
         rods, names = springs.arrays(chain, 1), AXIAL
         place, rate = axial_start(chain, springs, theta, omega, torque, stretch, stretch_rate)
-    elif pivot.moves:
-        names, place, rate = OF_PIVOT, np.zeros(2), np.array(pivot.velocity)
-        forces = np.concatenate([torque, [pivot.force, 0.0]])
+    else:
+        rods = arrays_of(chain.repeated(1), pivot.base)
+        if pivot.moves:
+            names, place, rate = OF_PIVOT, np.zeros(2), np.array(pivot.velocity)
+            forces = np.concatenate([torque, [pivot.force, 0.0]])
     state = np.concatenate([theta, place, omega, rate])
     if method == "rk4":
         frames = _run_rk4(rods, state, times, forces, n, **settings)

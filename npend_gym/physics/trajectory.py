@@ -79,7 +79,7 @@ class Trajectory:
 
     def centres(self) -> FloatArray:
         """Return the positions of the links' centres of mass [m], shape (T, n, 2)."""
-        return _energy.centres(self.chain, self.theta)
+        return _energy.centres(self._rods, self.theta)
 
     def bodies(self) -> FloatArray:
         """Return `centres` where links are bodies, for pictures; for point masses (T, 0, 2)."""

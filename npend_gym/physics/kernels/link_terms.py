@@ -8,7 +8,7 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.compiled.arrays import aligned_zeros, innermost
+from npend_gym.compiled.arrays import innermost
 
 
 class LinkFields(NamedTuple):
@@ -138,15 +138,7 @@ def link_arrays(chains: ChainParameters, base: FloatArray | None = None) -> Any:
     `base` holds the entries of `Base` where the base moves.
     """
     plain = innermost(chains.lengths), innermost(chains.damping), np.array(chains.gravity)
-    rows = [_rows(terms) for terms in model_terms(chains, base)]
+    rows = [innermost(terms) for terms in model_terms(chains, base)]
     if len(rows) == 1:
         return LinkArrays(*plain, *rows)
     return MachineArrays(*plain, *rows)
-
-
-def _rows(terms: FloatArray) -> FloatArray:
-    """Return rows (rows, B, n) as (rows, n B), the lane innermost."""
-    rows, lanes, columns = terms.shape
-    flat = aligned_zeros(rows, columns * lanes)
-    flat.reshape(rows, columns, lanes)[:] = terms.swapaxes(1, 2)
-    return flat
