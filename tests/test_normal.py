@@ -1,0 +1,109 @@
+"""Normally distributed numbers and the logarithm they need, against mpmath, NumPy and SciPy."""
+
+import os
+import subprocess
+import sys
+
+import mpmath
+import numpy as np
+import pytest
+from scipy import stats
+
+from npend_gym.compiled.jit import kernel
+from npend_gym.compiled.normal import log, normal_pair
+from npend_gym.compiled.philox import Purpose, keys_of, philox
+
+COUNT = 100_000
+
+
+@kernel
+def logs(x):
+    out = np.empty_like(x)
+    for i in range(x.size):
+        out[i] = log(x[i])
+    return out
+
+
+@kernel
+def pairs(words):
+    out = np.empty(words.shape)
+    for i in range(words.shape[1]):
+        out[0, i], out[1, i] = normal_pair(words[0, i], words[1, i])
+    return out
+
+
+@kernel
+def random_words(keys):
+    out = np.empty((4, keys.shape[1]), np.uint64)
+    for i in range(keys.shape[1]):
+        words = philox(keys[0, i], keys[1, i], 0, 1, Purpose.SENSOR, 0)
+        out[0, i], out[1, i], out[2, i], out[3, i] = words
+    return out
+
+
+@pytest.fixture(scope="module")
+def words():
+    return random_words(keys_of(11, COUNT))
+
+
+def test_the_logarithm_is_exact_to_one_unit_in_the_last_place():
+    rng = np.random.default_rng(0)
+    x = np.concatenate([
+        rng.random(2000), 1.0 + rng.normal(size=1000) * 1e-3, 2.0 ** rng.uniform(-1000, 1000, 1000),
+        1.0 - 2.0**-53 * np.arange(1, 20), 2.0 ** -np.arange(60.0), [np.sqrt(0.5), np.sqrt(2.0)],
+    ])  # fmt: skip
+    with mpmath.workdps(40):
+        exact = [mpmath.log(mpmath.mpf(value)) for value in x.tolist()]
+        errors = np.array(
+            [abs(float(a - e)) for a, e in zip(map(mpmath.mpf, logs(x)), exact, strict=True)]
+        )
+    assert (errors <= np.spacing(np.abs(np.array(exact, float)))).all()
+    assert logs(np.ones(1))[0] == 0.0
+    np.testing.assert_allclose(logs(x), np.log(x), rtol=4e-16)
+
+
+def test_a_pair_is_that_of_box_and_muller(words):
+    u, v = (words[:2] >> np.uint64(11)) * 2.0**-53
+    radius = np.sqrt(-2.0 * np.log1p(-u))
+    expected = [radius * np.cos(2.0 * np.pi * v), radius * np.sin(2.0 * np.pi * v)]
+    np.testing.assert_allclose(pairs(words[:2]), expected, rtol=1e-13, atol=1e-15)
+
+
+def test_the_numbers_are_normally_distributed_and_unrelated(words):
+    found = np.concatenate([pairs(words[:2]), pairs(words[2:])])
+    for row in found:
+        assert stats.kstest(row, "norm").pvalue > 1e-3
+        # neighbours, whose seeds differ by 1
+        assert abs(np.corrcoef(row[:-1], row[1:])[0, 1]) < 4.0 / np.sqrt(COUNT)
+    assert stats.kstest((found**2).sum(axis=0), stats.chi2(4).cdf).pvalue > 1e-3
+    assert np.abs(np.corrcoef(found) - np.eye(4)).max() < 4.0 / np.sqrt(COUNT)
+    # in the tails too: beyond 3 standard deviations by a count at 4 sigma
+    beyond = 2.0 * stats.norm.sf(3.0)
+    assert (np.abs(found) > 3.0).mean() == pytest.approx(
+        beyond, abs=4.0 * np.sqrt(beyond / found.size)
+    )
+
+
+def test_the_extreme_words_give_finite_numbers():
+    ends = np.array([0, 1, 2**11, 2**63, 2**64 - 1], np.uint64)
+    found = pairs(np.array(np.meshgrid(ends, ends)).reshape(2, -1))
+    assert np.isfinite(found).all()
+    assert np.abs(found).max() == pytest.approx(np.sqrt(2.0 * 53.0 * np.log(2.0)), rel=1e-15)
+
+
+def test_one_at_a_time_or_many_compiled_or_not_the_bits_are_the_same(words):
+    many = pairs(words[:2])
+    alone = np.array([normal_pair(*pair) for pair in words[:2, :200].T]).T
+    np.testing.assert_array_equal(alone, many[:, :200])
+    code = (
+        "from npend_gym.compiled.normal import normal_pair\n"
+        f"print(*(z for pair in {words[:2, :50].T.tolist()} for z in normal_pair(*pair)))"
+    )
+    interpreted = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    np.testing.assert_array_equal(np.array(interpreted.split(), float), many[:, :50].T.ravel())
