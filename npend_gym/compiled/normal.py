@@ -1,4 +1,4 @@
-"""Normally distributed numbers from random words, the same bits on every machine.
+"""Normally distributed numbers from uniform ones, the same bits on every machine.
 
 The natural logarithm is that of FreeBSD's msun (fdlibm ``e_log.c``, Sun Microsystems 1993), without
 branches.
@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from npend_gym.compiled.jit import kernel
-from npend_gym.compiled.philox import unit
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.jit import inlined_kernel, kernel
 from npend_gym.compiled.sincos import sincos
 
 _ONE, _ROOT_HALF = 0x3FF0000000000000, 0x3FE6A09E667F3BCD  # the bits of 1 and of sqrt(1/2)
@@ -41,13 +41,24 @@ def log(x: float) -> float:
     return k * _LN2_HIGH - ((half_square - (s * (half_square + r) + k * _LN2_LOW)) - f)
 
 
-@kernel
-def normal_pair(first: int, second: int) -> tuple[float, float]:
-    """Return two independent numbers of mean 0 and standard deviation 1, from two random words.
+@inlined_kernel
+def normal_pair(u: float, v: float) -> tuple[float, float]:
+    """Return two independent numbers of mean 0 and standard deviation 1, from two in [0, 1).
 
-    With u and v the two words as numbers in [0, 1), they are the cosine and the sine of 2 pi v,
-    times sqrt(-2 log(1 - u)): at most 8.6 (Box and Muller, Ann. Math. Stat. 29, 1958).
+    The cosine and the sine of 2 pi v, times sqrt(-2 log(1 - u)): at most 8.6 for numbers of
+    `philox.unit` (Box and Muller, Ann. Math. Stat. 29, 1958).
     """
-    radius = math.sqrt(-2.0 * log(1.0 - unit(first)))
-    sine, cosine = sincos(2.0 * math.pi * unit(second))
+    radius = math.sqrt(-2.0 * log(1.0 - u))
+    sine, cosine = sincos(2.0 * math.pi * v)
     return radius * cosine, radius * sine
+
+
+@kernel
+def make_normal(u: FloatArray, v: FloatArray) -> None:
+    """Put pairs of normally distributed numbers in place of pairs of numbers in [0, 1), (m,) each.
+
+    A loop of its own, which the compiler vectorises: 3 ns a number. In a loop that also draws the
+    words, a number takes 17 ns.
+    """
+    for i in range(u.size):
+        u[i], v[i] = normal_pair(u[i], v[i])
