@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from suites import accuracy, dynamics, environments, output, timing
+from suites import accuracy, dynamics, environments, episodes, output, timing
 from suites.timing import Job, Peers, Row
 
 from npend_gym import Chain, simulate
@@ -99,8 +99,9 @@ def test_every_method_keeps_the_energy_at_its_tightest_tolerance():
 
 
 @pytest.mark.usefixtures("short_rounds")
-@pytest.mark.parametrize("suite", [dynamics, environments])
-def test_suites_compare_positive_rates(suite):
+@pytest.mark.parametrize("suite", [dynamics, environments, episodes])
+def test_suites_compare_positive_rates(suite, monkeypatch):
+    monkeypatch.setattr(episodes, "MANY", 64)
     rows = suite.rows(Peers(print))
     first = [next(rows) for _ in range(3)]
     assert all(row.ours_per_s > 0.0 and row.ratio > 0.0 for row in first if row.peer)
