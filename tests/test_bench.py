@@ -102,6 +102,7 @@ def test_every_method_keeps_the_energy_at_its_tightest_tolerance():
 @pytest.mark.parametrize("suite", [dynamics, environments, episodes])
 def test_suites_compare_positive_rates(suite, monkeypatch):
     monkeypatch.setattr(episodes, "MANY", 64)
+    monkeypatch.setattr(episodes, "LANES", 8)
     rows = suite.rows(Peers(print))
     first = [next(rows) for _ in range(3)]
     assert all(row.ours_per_s > 0.0 and row.ratio > 0.0 for row in first if row.peer)
