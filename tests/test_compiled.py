@@ -17,7 +17,8 @@ from numba.core.typing import templates
 from numba.extending import intrinsic, lower_builtin, overload, type_callable
 from numba.np.arrayobj import populate_array
 
-from npend_gym.compiled.arrays import bare, packs
+from npend_gym.compiled.arrays import aligned_zeros, bare, packs
+from npend_gym.compiled.exponential import one_minus_exp
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
 
@@ -53,6 +54,15 @@ def references(array):
     return total
 
 
+@kernel
+def decays(x, out, of_packs):
+    for i in range(x.size):
+        out[i] = one_minus_exp(x[i])
+    y, z = packs(x), packs(of_packs)
+    for i in range(y.size):
+        z[i] = one_minus_exp(y[i])
+
+
 def test_the_internals_of_numba_that_packs_use_are_there():
     # A new Numba that moves or renames one of these fails here, by name, and not in a kernel
     assert list(signature(populate_array).parameters)[:2] == ["array", "data"]
@@ -76,6 +86,15 @@ def test_a_pack_computes_in_every_lane_what_numpy_does_to_the_last_bit(count):
     with np.errstate(invalid="ignore"):
         expected = np.where((a > b) & (a != 0.0), np.sqrt(np.abs(a)) / b, -a * 2.0 - b)
     np.testing.assert_array_equal(out, expected)
+
+
+def test_a_decay_is_accurate_however_short_and_its_bits_are_the_same_in_packs():
+    x = aligned_zeros(64 * WIDTH)
+    x[1:] = np.geomspace(1e-30, 1e30, x.size - 1)
+    found, of_packs = np.empty_like(x), aligned_zeros(x.size)
+    decays(x, found, of_packs)
+    np.testing.assert_array_equal(found, of_packs)
+    np.testing.assert_allclose(found, -np.expm1(-x), rtol=2e-15)
 
 
 def test_views_of_a_bare_array_count_no_references():
