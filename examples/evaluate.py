@@ -15,6 +15,7 @@ import numpy as np
 from tqdm import tqdm
 from training import env_of_task, evaluation_env
 
+from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl import (
     HELD_OUT,
     Controller,
@@ -54,7 +55,8 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
         import train_sb3
 
         model, config = train_sb3.load_run(arguments.run)
-        return train_sb3.controller_of(model), evaluation_env(config["env_kwargs"])
+        arguments.env, settings = train_sb3.section(config)
+        return train_sb3.controller_of(model), evaluation_env(settings.get("env_kwargs", {}))
     if arguments.controller:
         keywords = env_of_task(arguments.task)
         return controller_of(arguments.controller, keywords), keywords
@@ -67,12 +69,18 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
 
 
 def film(
-    controller: Controller, keywords: dict[str, Any], seed: int, seconds: float, path: Path
+    controller: Controller,
+    keywords: dict[str, Any],
+    seed: int,
+    seconds: float,
+    path: Path,
+    *,
+    env_id: str = ENV_ID,
 ) -> None:
     """Write the start of an episode as .mp4 or .gif, 25 frames a second, or 12 frames as .png."""
     import imageio.v3 as imageio
 
-    env: Any = gym.make("NPendulum-v0", render_mode="rgb_array", **keywords)
+    env: Any = gym.make(env_id, render_mode="rgb_array", **keywords)
     observation, info = env.reset(seed=seed)
     frames, done = [env.render()], False
     skip = max(1, round(env.metadata["render_fps"] / 25))
@@ -94,14 +102,16 @@ def film(
     imageio.imwrite(path, np.stack(frames), **timing)
 
 
-def report(evaluation: Evaluation) -> str:
-    """Return the results as text."""
+def report(evaluation: Evaluation, env_id: str) -> str:
+    """Return the results as text, with the return for which the environment counts as solved."""
+    threshold = gym.spec(env_id).reward_threshold
+    solved = "" if threshold is None else f", solved from {threshold:g} on"
     successes, returns = evaluation.success, evaluation.returns
     low, high = evaluation.success_interval
     interval = f"95 % confidence {low:.1%} to {high:.1%} (Wilson)"
     lines = [
         f"success  {successes.sum()}/{successes.size} = {successes.mean():.1%}, {interval}",
-        f"return   {returns.mean():.2f} +- {returns.std():.2f} over episodes",
+        f"return   {returns.mean():.2f} +- {returns.std():.2f} over episodes{solved}",
         f"work     {evaluation.motor_work.mean():.2f} J done by or on the motors in an episode",
     ]
     if successes.any():
@@ -123,13 +133,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=HELD_OUT, help="of the first episode")
     parser.add_argument("--video", type=Path, help="of the first episode: .mp4, .gif or .png")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
+    parser.add_argument("--env", default=ENV_ID, help='environment, "npend/SwingUp-v1" say')
     arguments = parser.parse_args()
     controller, keywords = chosen(arguments)
-    print(f"NPendulum-v0 {keywords}")
-    evaluation = evaluate(controller, keywords, episodes=arguments.episodes, seed=arguments.seed)
-    print(report(evaluation))
+    print(f"{arguments.env} {keywords}")
+    evaluation = evaluate(
+        controller,
+        keywords,
+        episodes=arguments.episodes,
+        seed=arguments.seed,
+        env_id=arguments.env,
+    )
+    print(report(evaluation, arguments.env))
     if arguments.video:
-        film(controller, keywords, arguments.seed, arguments.seconds, arguments.video)
+        seed, seconds, path = arguments.seed, arguments.seconds, arguments.video
+        film(controller, keywords, seed, seconds, path, env_id=arguments.env)
         print(f"written: {arguments.video}")
 
 

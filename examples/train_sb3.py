@@ -1,5 +1,8 @@
 """Train with Stable-Baselines3 or sb3-contrib, any algorithm, from a file in RL Zoo's format.
 
+RL Zoo reads the same file, in its line `algo` too: `python -m rl_zoo3.train --algo ppo --env
+npend/SwingUp-v1 --gym-packages npend_gym --conf-file examples/configs/swingup-2.yml`.
+
 Run it with `python examples/train_sb3.py swingup-2`; it reads `examples/configs/swingup-2.yml` (or
 the file given) and writes checkpoints, TensorBoard logs and a model card to `runs/swingup-2`.
 `--resume` continues from the last checkpoint. Checkpoints hold weights only: loading runs no code.
@@ -40,17 +43,21 @@ def algorithm(name: str) -> type[BaseAlgorithm]:
     raise ValueError(f"algo must be in Stable-Baselines3 or sb3-contrib (installed?), got {name!r}")
 
 
+def section(config: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the id of the environment and its settings, the one section in RL Zoo's format."""
+    return next((name, dict(value)) for name, value in config.items() if isinstance(value, dict))
+
+
 def make_model(config: dict[str, Any], seed: int, log: str | None = None) -> BaseAlgorithm:
     """Return an untrained model on the environments that `config` describes."""
-    settings = dict(config["NPendulum-v0"])
+    env_id, settings = section(config)
     settings.pop("n_timesteps")
     num_envs, rate = settings.pop("n_envs", 1), settings["learning_rate"]
     if isinstance(rate, str):  # RL Zoo's "lin_1e-3": falls linearly to zero
         initial = float(rate.removeprefix("lin_"))
         settings["learning_rate"] = lambda progress_remaining: initial * progress_remaining
-    envs = gym.make_vec(
-        "NPendulum-v0", num_envs=num_envs, autoreset_mode="SAME_STEP", **config["env_kwargs"]
-    )
+    keywords = settings.pop("env_kwargs", {})
+    envs = gym.make_vec(env_id, num_envs=num_envs, autoreset_mode="SAME_STEP", **keywords)
     model_class = algorithm(config["algo"])
     return model_class(
         env=SB3VecEnv(envs), seed=seed, tensorboard_log=log, device="cpu", **settings
@@ -90,9 +97,10 @@ class Checkpoints(BaseCallback):
 
     def save(self) -> None:
         """Evaluate the model and write its weights."""
-        score = evaluate(
-            controller_of(self.model), evaluation_env(self.config["env_kwargs"]), episodes=50
-        ).as_row()
+        env_id, settings = section(self.config)
+        keywords = evaluation_env(settings.get("env_kwargs", {}))
+        controller = controller_of(self.model)
+        score = evaluate(controller, keywords, episodes=50, env_id=env_id).as_row()
         for name in ("success", "return", "motor_work"):
             self.logger.record(f"held_out/{name}", score[name])
         state = {"parameters": self.model.get_parameters(), "steps": self.model.num_timesteps}
@@ -104,7 +112,8 @@ class Checkpoints(BaseCallback):
 
 def model_card(config: dict[str, Any], seed: int, checkpoints: Checkpoints, seconds: float) -> str:
     """Return a description of the weights for whoever finds them."""
-    return f"""# {config["algo"].upper()} on NPendulum-v0, {config["env_kwargs"]}
+    env_id, settings = section(config)
+    return f"""# {config["algo"].upper()} on {env_id}, {settings.get("env_kwargs", {})}
 
 Trained by `examples/train_sb3.py` for {checkpoints.num_timesteps} steps in {seconds:.0f} s,
 seed {seed}, with npend_gym {npend_gym.__version__}, Stable-Baselines3
@@ -142,7 +151,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(path, folder / "config.yml")
     config = yaml.safe_load(path.read_text(encoding="utf-8"))
-    total = arguments.steps or int(config["NPendulum-v0"]["n_timesteps"])
+    total = arguments.steps or int(section(config)[1]["n_timesteps"])
     torch.set_num_threads(1)  # two are slower for networks this small
     model = make_model(config, arguments.seed, str(folder / "tensorboard"))
     if arguments.resume:

@@ -52,6 +52,12 @@ def test_the_diagrams_appear_from_left_to_right():
     assert 0 < upper[1] < upper[2]
 
 
+def test_a_film_without_diagrams_is_the_left_half_of_one_with_them():
+    whole, plain = film(), film(diagrams=False)
+    assert plain.picture(20).shape == (240, 240, 3)
+    assert np.array_equal(plain.picture(20), whole.picture(20)[:, :240])
+
+
 def test_a_bob_is_dotted_once_it_has_completed():
     shown = film(1, duration=3.0, size=480)
     (period,) = shown.recording.periods
@@ -108,6 +114,12 @@ def test_animate_films_a_release(tmp_path, capsys):
     assert main(arguments.split()) == 0
     assert "11 pictures, 1.1 s" in capsys.readouterr().out
     assert imageio.improps(out).shape[:3] == (11, 120, 240)
+
+
+def test_animate_films_the_chain_alone(tmp_path):
+    out = tmp_path / "a.gif"
+    assert main(f"animate --plain --n 1 --duration 0.2 --size 120 --out {out}".split()) == 0
+    assert imageio.improps(out).shape[1:3] == (120, 120)
 
 
 def test_animate_films_a_policy_that_comes_with_the_package(tmp_path, capsys):

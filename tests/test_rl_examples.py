@@ -1,9 +1,11 @@
 """Every training script runs for a short time, and examples/evaluate.py takes what it writes."""
 
 import csv
+import inspect
 import json
 import re
 
+import gymnasium as gym
 import pytest
 from scripts import run_python, run_script
 from test_examples import ROOT
@@ -80,18 +82,44 @@ def test_train_sb3_trains_resumes_and_writes_a_model_card(script, tmp_path):
     assert successes_in(printed)[1] == "5"
 
 
-@pytest.mark.parametrize("config", sorted(p.stem for p in (EXAMPLES / "configs").glob("*.yml")))
+CONFIGS = sorted(path.stem for path in (EXAMPLES / "configs").glob("*.yml"))
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_rl_zoo_trains_what_the_config_is_named_after(config):
+    """Read the file as rl_zoo3.exp_manager does: by the id, `env_kwargs` within the section."""
+    yaml = pytest.importorskip("yaml")
+    sb3 = pytest.importorskip("stable_baselines3")
+    sb3_contrib = pytest.importorskip("sb3_contrib")
+    by_id = yaml.safe_load((EXAMPLES / "configs" / f"{config}.yml").read_text())
+    algo = by_id.pop("algo")  # in RL Zoo an argument of the command line
+    ((env_id, hyperparams),) = by_id.items()
+    env = gym.spec(env_id).make(**hyperparams.pop("env_kwargs", {}))
+    mode, n = config.split("-")[:2]
+    assert (env.unwrapped.config.mode.name, env.unwrapped.config.n) == (mode, int(n))
+    assert env.spec.max_episode_steps <= 500
+    assert hyperparams.pop("n_envs", 1) > 1
+    assert int(hyperparams.pop("n_timesteps")) >= 10_000
+    if isinstance(hyperparams["learning_rate"], str):
+        kind, initial = hyperparams["learning_rate"].split("_")
+        assert kind == "lin"
+        assert float(initial) > 0.0
+    model_class = getattr(sb3, algo.upper(), None) or getattr(sb3_contrib, algo.upper())
+    assert set(hyperparams) < set(inspect.signature(model_class).parameters)
+
+
+@pytest.mark.parametrize("config", CONFIGS)
 def test_every_config_makes_a_model(config):
     pytest.importorskip("stable_baselines3")
     yaml = pytest.importorskip("yaml")
-    from train_sb3 import algorithm, make_model
+    from train_sb3 import algorithm, make_model, section
 
     settings = yaml.safe_load((EXAMPLES / "configs" / f"{config}.yml").read_text())
     if settings["algo"] == "tqc":
         pytest.importorskip("sb3_contrib")
     model = make_model(settings, seed=0)
     assert isinstance(model, algorithm(settings["algo"]))
-    assert model.n_envs == settings["NPendulum-v0"]["n_envs"]
+    assert model.n_envs == section(settings)[1]["n_envs"]
     with pytest.raises(ValueError, match="algo must be in"):
         algorithm("nonsense")
 

@@ -29,6 +29,7 @@ examples:
   npend animate --n 3 --amplitude 3 --duration 20 --reading link --out wild.gif
   npend animate --chain acrobot --amplitude 2 --out acrobot.gif
   npend animate --policy swingup-2 --duration 8 --out swingup.gif
+  npend animate --policy calm-2 --plain --size 240 --out small.gif
   npend animate --policy mine.npz --seed 7 --out mine.mp4
 """
 _FPS = 25.0
@@ -46,6 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--speed", type=float, metavar="FACTOR", help=text)
     text = "height in pixels; the width is twice that (default 480)"
     parser.add_argument("--size", type=int, metavar="PIXELS", help=text)
+    text = "the chain alone, without the diagrams: square pictures"
+    parser.add_argument("--plain", action="store_true", help=text)
     text = "file to write, .gif or .mp4"
     parser.add_argument("--out", type=Path, metavar="FILE", required=True, help=text)
 
@@ -58,6 +61,7 @@ def run(options: dict[str, Any]) -> int:
     out: Path = options.pop("out")
     size, speed = options.pop("size", 480), options.pop("speed", 1.0)
     fps: float | None = options.pop("fps", None)
+    diagrams = not options.pop("plain", False)
     prepare_file(out, animation.SUFFIXES)
     if "policy" in options:
         recording = _episode(**options)
@@ -65,7 +69,7 @@ def run(options: dict[str, Any]) -> int:
     else:
         fps = _checks.positive_number("fps", _FPS if fps is None else fps)
         recording = _release(_checks.positive_number("speed", speed) / fps, **options)
-    film = animation.Film(recording, fps=fps, speed=speed, size=size)
+    film = animation.Film(recording, fps=fps, speed=speed, size=size, diagrams=diagrams)
     animation.write(film, out, progress("picture"))
     seconds, size = len(film) / film.fps, out.stat().st_size
     print(printable(str(out)) + f": {len(film)} pictures, {seconds:.1f} s, {size / 1e6:.2f} MB")

@@ -22,6 +22,7 @@ from npend_gym.envs.keywords import (
     check_names,
     check_weight,
     joints_of,
+    torque_limit,
     with_config_keywords,
 )
 from npend_gym.envs.modes import Mode, find_mode
@@ -79,9 +80,6 @@ class EnvConfig:
         mode = find_mode(given["mode"])
         joints = joints_of(given["actuated"], chain.n) if mode.torque_share > 0.0 else ()
         dt = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
-        max_torque = 0.5 * mode.torque_share * chain.lifting_energy
-        if given["max_torque"] is not None:
-            max_torque = _checks.nonnegative_number("max_torque", given["max_torque"])
         substeps, max_rotation = _substeps(given["substeps"], dt, chain)
         amplitude = _checks.number("amplitude", given["amplitude"])
         spread = _checks.nonnegative_number("spread", given["spread"])
@@ -89,7 +87,7 @@ class EnvConfig:
             "mode": mode,
             "chain": chain,
             "actuated": given["actuated"],
-            "max_torque": max_torque,
+            "max_torque": torque_limit(given, mode, chain),
             "dt": dt,
             "substeps": given["substeps"],
             "observation": _checks.choice("observation", given["observation"], OBSERVATIONS),

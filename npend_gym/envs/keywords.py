@@ -19,6 +19,7 @@ from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain, plain_ke
 from npend_gym.envs.modes import Mode
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
+DIFFICULTIES = {"easy": 0.5, "medium": 0.2, "hard": 0.1}  # torque limit over the static torque
 
 _Class = TypeVar("_Class", bound=type)
 _Weighed = TypeVar("_Weighed", Chain, ChainParameters)
@@ -44,6 +45,7 @@ class EnvKeywords(TypedDict, total=False):
     gear: ArrayLike
     actuated: Sequence[int]
     max_torque: float | None
+    difficulty: str | float | None
     dt: float | None
     substeps: int | None
     observation: str
@@ -58,6 +60,7 @@ DEFAULTS: dict[str, Any] = {
     "masses": 1.0,
     "lengths": 1.0,
     "max_torque": None,
+    "difficulty": None,
     "actuated": (0,),
     "dt": None,
     "substeps": None,
@@ -169,3 +172,31 @@ def joints_of(actuated: Any, n: int) -> tuple[int, ...]:
             f"actuated must name at least one joint, and each once, got {_checks.show(listed)}"
         )
     return joints
+
+
+def torque_limit(keywords: Mapping[str, Any], mode: Mode, chain: Chain) -> float:
+    """Return the torque of the action 1 [N m], as `max_torque`, `difficulty` or the mode says."""
+    static_torque = 0.5 * chain.lifting_energy
+    difficulty, given = keywords.get("difficulty"), keywords.get("max_torque")
+    if difficulty is None and given is None:
+        return mode.torque_share * static_torque
+    if difficulty is None:
+        return _checks.nonnegative_number("max_torque", given)
+    shown = _checks.show(difficulty)
+    if given is not None:
+        raise ValueError(
+            f"difficulty cannot be given together with max_torque, because each sets the torque "
+            f"limit: leave one out; got difficulty={shown} and max_torque={_checks.show(given)}"
+        )
+    if mode.torque_share == 0.0:
+        raise ValueError(
+            f"difficulty must be left out in mode {mode.name!r}, which has no motor; got {shown}"
+        )
+    if not isinstance(difficulty, str):
+        return _checks.positive_number("difficulty", difficulty) * static_torque
+    if difficulty not in DIFFICULTIES:
+        raise ValueError(
+            f"difficulty must be one of {', '.join(DIFFICULTIES)}, or the torque limit as a "
+            f"fraction of the static torque; got {shown}"
+        )
+    return DIFFICULTIES[difficulty] * static_torque

@@ -2,18 +2,40 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from gymnasium.envs import registration
 
 ENV_ID = "NPendulum-v0"
 MAX_EPISODE_STEPS = 1000
 
 
+class Task(NamedTuple):
+    """A task under a name of its own: keywords of the environment, and when it is solved."""
+
+    keywords: dict[str, Any]
+    reward_threshold: float | None = None
+    """Mean return of an episode for which the task counts as solved, with the default keywords."""
+
+
+# Each page docs/tasks/*.md describes one of them
+TASKS = {
+    "npend/SwingUp-v1": Task({"mode": "swingup", "observation": "sincos"}, 900.0),
+    "npend/Balance-v1": Task({"mode": "balance", "observation": "sincos"}, 990.0),
+    "npend/Calm-v1": Task({"mode": "calm", "observation": "sincos"}, 900.0),
+    "npend/Release-v1": Task({"mode": "passive", "observation": "sincos"}),  # has no reward
+}
+
+
 def register_envs() -> None:
     """Make the environments known to `gym.make` and `gym.make_vec`; may be called again."""
-    if ENV_ID not in registration.registry:
-        registration.register(
-            id=ENV_ID,
-            entry_point="npend_gym:NPendulumEnv",
-            vector_entry_point="npend_gym:NPendulumVectorEnv",
-            max_episode_steps=MAX_EPISODE_STEPS,
-        )
+    for env_id, task in ({ENV_ID: Task({})} | TASKS).items():
+        if env_id not in registration.registry:
+            registration.register(
+                id=env_id,
+                entry_point="npend_gym:NPendulumEnv",
+                vector_entry_point="npend_gym:NPendulumVectorEnv",
+                max_episode_steps=MAX_EPISODE_STEPS,
+                reward_threshold=task.reward_threshold,
+                kwargs=dict(task.keywords),
+            )

@@ -28,8 +28,9 @@ _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 class NPendulumEnv(gym.Env[ObsArray, Any]):
     r"""The N-pendulum: n point masses on massless rods, or n links, hung from a pivot.
 
-    This is what `gym.make("NPendulum-v0")` returns inside its wrappers; `NPendulumVectorEnv` steps
-    many of them at once.
+    This is what `gym.make("NPendulum-v0")` returns inside its wrappers, and `gym.make` of a task by
+    name, "npend/SwingUp-v1", "npend/Balance-v1", "npend/Calm-v1" or "npend/Release-v1", which have
+    observation="sincos". `NPendulumVectorEnv` steps many of them at once.
 
     Description
     -----------
@@ -119,6 +120,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Joints with a motor, in the order of the action; joint 0 is the pivot.
     max_torque : float, optional
         Torque of the action 1 [N m]; by default as in the table, for the chain as made.
+    difficulty : {"easy", "medium", "hard"} or float, optional
+        Instead of `max_torque`, the limit over the static torque: 0.5, 0.2 or 0.1, or this number.
     dt : float, optional
         Time of a step [s]; by default as in the table.
     substeps : int, optional
@@ -137,7 +140,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     Version history
     ---------------
-    v0: initial version.
+    NPendulum-v0, npend/...-v1: initial versions.
 
     References
     ----------

@@ -48,11 +48,19 @@ class Film:
     speed : float
         Seconds of the motion in a second of the film.
     size : int
-        Height in pixels, even; the width is twice that.
+        Height in pixels, even; the width is twice that, or the same without diagrams.
+    diagrams : bool
+        Whether the diagrams stand beside the chain.
     """
 
     def __init__(
-        self, recording: Recording, *, fps: float = 25.0, speed: float = 1.0, size: int = 480
+        self,
+        recording: Recording,
+        *,
+        fps: float = 25.0,
+        speed: float = 1.0,
+        size: int = 480,
+        diagrams: bool = True,
     ) -> None:
         self.recording = recording
         self.fps = _checks.positive_number("fps", fps)
@@ -67,7 +75,7 @@ class Film:
         self._places, self._energy = motion.positions(), motion.energy()
         self._centres = motion.bodies()
         self._turned = recording.turning_points()
-        self._before, self._after, self._box = _diagrams(recording, size)
+        self._diagrams = _diagrams(recording, size) if diagrams else None
 
     def __len__(self) -> int:
         return self._shown.size
@@ -76,8 +84,11 @@ class Film:
         return map(self.picture, range(len(self)))
 
     def picture(self, k: int) -> Frame:
-        """Return picture `k`, of shape (size, 2 size, 3)."""
-        return np.hstack([self._painter.paint(self._scene(k)), self._diagrams_at(k)])
+        """Return picture `k`, of shape (size, 2 size, 3), or (size, size, 3) without diagrams."""
+        chain = self._painter.paint(self._scene(k))
+        if self._diagrams is None:
+            return chain
+        return np.hstack([chain, self._diagrams_at(k, *self._diagrams)])
 
     def _scene(self, k: int) -> Scene:
         recording, now = self.recording, self._shown[k]
@@ -99,12 +110,14 @@ class Film:
             joint=recording.joint,
         )
 
-    def _diagrams_at(self, k: int) -> Frame:
+    def _diagrams_at(
+        self, k: int, before: Frame, after: Frame, box: tuple[int, int, int, int]
+    ) -> Frame:
         """Return the diagrams as far as they are known at picture `k`."""
-        times, (left, top, right, bottom) = self.recording.motion.times, self._box
+        times, (left, top, right, bottom) = self.recording.motion.times, box
         now = round(left + (right - left) * times[self._shown[k]] / times[-1])
-        picture = self._before.copy()
-        picture[:, :now] = self._after[:, :now]
+        picture = before.copy()
+        picture[:, :now] = after[:, :now]
         picture[top:bottom, now - 1 : now + 1] = rgb(INK)
         return picture
 
@@ -142,7 +155,7 @@ def _draw(recording: Recording) -> Figure:
     return figure
 
 
-def _diagrams(recording: Recording, size: int) -> tuple[Frame, Frame, tuple[int, ...]]:
+def _diagrams(recording: Recording, size: int) -> tuple[Frame, Frame, tuple[int, int, int, int]]:
     """Return the diagrams before and after the motion, and the pixels that time runs through.
 
     The latter are those from the left, top, right and bottom of all axes.
@@ -161,8 +174,8 @@ def _diagrams(recording: Recording, size: int) -> tuple[Frame, Frame, tuple[int,
         for artist in (*axes.lines, *axes.collections):
             artist.set_visible(False)
     upper, lower = (axes.get_window_extent() for axes in figure.axes)
-    box = (upper.x0, size - upper.y1, upper.x1, size - lower.y0)
-    return picture(), after, tuple(map(round, box))
+    left, top = round(upper.x0), round(size - upper.y1)
+    return picture(), after, (left, top, round(upper.x1), round(size - lower.y0))
 
 
 def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:

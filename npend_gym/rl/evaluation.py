@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-import npend_gym.envs.registration
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.envs.registration import ENV_ID, register_envs
 
 HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
 
@@ -91,7 +91,12 @@ class Evaluation:
 
 
 def evaluate(
-    controller: Controller, keywords: dict[str, Any], *, episodes: int = 100, seed: int = HELD_OUT
+    controller: Controller,
+    keywords: dict[str, Any],
+    *,
+    episodes: int = 100,
+    seed: int = HELD_OUT,
+    env_id: str = ENV_ID,
 ) -> Evaluation:
     """Let `controller` act in whole episodes, all side by side.
 
@@ -100,11 +105,14 @@ def evaluate(
     controller : callable
         ``controller(observation, info)`` returns the actions, see `Controller`.
     keywords : dict
-        Keywords of ``gym.make_vec("NPendulum-v0", ...)``.
+        Keywords of ``gym.make_vec(env_id, ...)``. Those of a policy, ``policy.env``, make the
+        environment show what the policy observes, whatever the environment shows by default.
     episodes : int
         Number of episodes; they have the seeds `seed`, `seed` + 1 and so on.
     seed : int
         Seed of the first episode.
+    env_id : str
+        Environment to play, "npend/SwingUp-v1" say. Its `reward_threshold` is a mean of `returns`.
 
     Returns
     -------
@@ -115,10 +123,8 @@ def evaluate(
     ValueError, TypeError
         If a keyword breaks its rule.
     """
-    npend_gym.envs.registration.register_envs()
-    envs: Any = gym.make_vec(
-        "NPendulum-v0", num_envs=_checks.count("episodes", episodes), **keywords
-    )
+    register_envs()
+    envs: Any = gym.make_vec(env_id, num_envs=_checks.count("episodes", episodes), **keywords)
     config = envs.unwrapped.config
     observation, info = envs.reset(seed=seed)
     angles = _joint_angles(info["theta"], config.joints)

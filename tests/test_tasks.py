@@ -1,0 +1,108 @@
+"""The tasks by name: what Gymnasium's registry says of them, and that policies solve them."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+
+from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv
+from npend_gym.envs.registration import ENV_ID, TASKS
+from npend_gym.rl import Policy, evaluate
+
+SOLVED = [env_id for env_id, task in TASKS.items() if task.reward_threshold is not None]
+
+
+def test_the_registry_lists_the_tasks_under_one_heading():
+    listed = gym.pprint_registry(disable_print=True)
+    heading = listed.index("===== npend =====")
+    assert all(env_id in listed[heading:] for env_id in TASKS)
+    assert {env_id for env_id in gym.registry if env_id.startswith("npend/")} == set(TASKS)
+    assert all(gym.spec(env_id).max_episode_steps for env_id in [ENV_ID, *TASKS])
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_a_task_is_made_by_name_alone_singly_and_in_one_vector(env_id):
+    env, envs = gym.make(f"npend_gym:{env_id}"), gym.make_vec(env_id, num_envs=3)
+    assert type(env.unwrapped) is NPendulumEnv
+    assert type(envs) is NPendulumVectorEnv
+    for config in (env.unwrapped.config, envs.config):
+        assert config.n == 2
+        assert config.mode.name == TASKS[env_id].keywords["mode"]
+    observation, _ = env.reset(seed=5)
+    assert np.array_equal(envs.reset(seed=4)[0][1], observation)
+    assert gym.make(env_id, n=5).unwrapped.config.n == 5
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_the_spec_of_a_task_survives_json(env_id):
+    for spec in (gym.spec(env_id), gym.make(env_id, n=3, max_episode_steps=7).spec):
+        assert EnvSpec.from_json(spec.to_json()) == spec
+    again = gym.make(EnvSpec.from_json(spec.to_json()))
+    assert (again.unwrapped.config.n, again.spec.max_episode_steps) == (3, 7)
+
+
+@pytest.mark.parametrize("env_id", SOLVED)
+def test_a_policy_of_the_package_reaches_the_threshold_and_chance_does_not(env_id):
+    threshold = gym.spec(env_id).reward_threshold
+    policy = Policy.pretrained(f"{TASKS[env_id].keywords['mode']}-2")
+    assert EnvConfig(**policy.env).n == gym.make(env_id).unwrapped.config.n
+    mean = evaluate(policy, policy.env, episodes=100, env_id=env_id).returns.mean()
+    assert threshold < mean < 1.1 * threshold
+    rng = np.random.default_rng(0)
+    chance = evaluate(
+        lambda observation, _: rng.uniform(-1.0, 1.0, (len(observation), 1)),
+        {},
+        episodes=10,
+        env_id=env_id,
+    )
+    assert chance.returns.mean() < 0.25 * threshold
+
+
+# -- the ladder of torque limits ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("difficulty", "fraction"),
+    [("easy", 0.5), ("medium", 0.2), ("hard", 0.1), (0.03, 0.03), (1, 1.0)],
+)
+def test_difficulty_is_the_torque_limit_over_the_torque_that_holds_the_chain_level(
+    difficulty, fraction
+):
+    masses, lengths, g = np.array([1.0, 0.5, 0.25]), np.array([1.0, 0.4, 0.2]), 3.7
+    level = g * (masses * np.cumsum(lengths)).sum()  # each bob at its distance from the pivot
+    for mode in ("swingup", "balance", "calm"):
+        config = EnvConfig(
+            n=3, mode=mode, masses=masses, lengths=lengths, gravity=g, difficulty=difficulty
+        )
+        assert config.max_torque == pytest.approx(fraction * level, rel=1e-14)
+
+
+def test_the_defaults_are_rungs_of_the_ladder():
+    for mode, rung in (("swingup", "easy"), ("balance", "easy"), ("calm", "medium")):
+        assert EnvConfig(mode=mode).max_torque == EnvConfig(mode=mode, difficulty=rung).max_torque
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "message"),
+    [
+        ({"difficulty": "harder"}, ValueError, "difficulty must be one of easy, medium, hard, or"),
+        ({"difficulty": 0.0}, ValueError, "difficulty must be greater than zero, got 0.0"),
+        ({"difficulty": -0.2}, ValueError, "difficulty must be greater than zero, got -0.2"),
+        ({"difficulty": float("nan")}, ValueError, "difficulty must be finite, got nan"),
+        ({"difficulty": True}, TypeError, "difficulty must be a real number, got True"),
+        ({"difficulty": ["easy"]}, TypeError, r"difficulty must be a real number, got \['easy'\]"),
+        (
+            {"difficulty": "hard", "max_torque": 2.0},
+            ValueError,
+            "difficulty cannot be given together with max_torque.*difficulty='hard' and max",
+        ),
+        (
+            {"difficulty": "easy", "mode": "passive"},
+            ValueError,
+            "difficulty must be left out in mode 'passive', which has no motor; got 'easy'",
+        ),
+    ],
+)
+def test_a_wrong_difficulty_is_refused(keywords, error, message):
+    with pytest.raises(error, match=message):
+        EnvConfig(**keywords)
