@@ -14,8 +14,10 @@ import gymnasium as gym
 import numpy as np
 
 from npend_gym.chain import Chain
+from npend_gym.compiled.normal import make_normal
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID
+from npend_gym.experiments import starts
 from npend_gym.period import READINGS, pseudo_periods
 from npend_gym.physics import Trajectory, simulate
 
@@ -45,6 +47,8 @@ GOLDEN: dict[str, str] = {
         "7b604ea4c26d56468f82c82efc5a4dcfa55372748e5484b86b91553e58894d41",
     "pseudo-periods, listing":
         "ac4a922183b77f6611320cd8e1f9860775fb865e779440ac1f909e7ae9ca1312",
+    "random numbers":
+        "d5b23020686d4b80c904fa907482e42fffdc6c8aca01fe76f8d4527e70a32263",
     "environment, passive":
         "603f7847c378f72a9fb528df5fdd20a3083f62a81031975cb4fcbd7f7464ea61",
     "environment, swingup":
@@ -108,6 +112,7 @@ def checks() -> dict[str, Callable[[], Iterator[Any]]]:
         "simulate, links": _motion({}, **LINKS),
         "simulate, machine": _motion({"cart_mass": 2.0}, **LINKS, **MACHINERY),
         **{f"pseudo-periods, {reading}": _periods(reading) for reading in READINGS},
+        "random numbers": _random_numbers,
         **{f"environment, {mode}": _single(mode) for mode in MODES},
         **{f"vector environment, {mode}": _vector(mode) for mode in MODES},
         "vector environment, machine": _vector(
@@ -134,6 +139,13 @@ def _periods(reading: str) -> Callable[[], Iterator[Any]]:
         yield pseudo_periods(Chain.uniform(3), starts, reading=reading)
 
     return compute
+
+
+def _random_numbers() -> Iterator[Any]:
+    u, v = np.reshape(starts(2**64 - 500, 0, 2000, 0.0, 1.0), (2, 1000))
+    yield from (u, v)
+    make_normal(u, v)
+    yield from (u, v)
 
 
 def _single(mode: str) -> Callable[[], Iterator[Any]]:

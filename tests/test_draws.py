@@ -1,6 +1,5 @@
-"""One draw of a trial: `npend release`, `npend campaign` and mode "passive" start alike."""
+"""One draw of a trial: `npend release` and `npend campaign` start alike."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -10,19 +9,24 @@ from npend_gym.experiments import CampaignPlan, ReleaseExperiment, starts
 from npend_gym.experiments.campaign.task import measure_task
 
 
+def numpys(seed):
+    """Return the draw by which an episode that is seeded so starts."""
+    return np.random.Generator(np.random.Philox(key=seed)).random()
+
+
 @given(st.integers(0, 2**63 - 1), st.integers(0, 10**12))
 @example(0, 0)
-@example(2**32 - 2, 0)
+@example(2**64 - 2, 0)
 @example(2**63 - 1, 10**12)
 def test_the_draws_are_those_of_numpy_generators_of_successive_seeds(seed, first):
-    expected = [np.random.Generator(np.random.PCG64(seed + first + k)).random() for k in range(3)]
+    expected = [numpys(seed + first + k) for k in range(3)]
     np.testing.assert_array_equal(starts(seed, first, 3, 0.0, 1.0), expected)
 
 
 def test_a_hundred_thousand_draws_are_those_of_numpy():
     found = starts(5, 0, 100_000, 0.7, 0.017)
     for k in (0, 1, 65_535, 65_536, 99_999):
-        assert found[k] == 0.7 + 0.017 * np.random.Generator(np.random.PCG64(5 + k)).random()
+        assert found[k] == 0.7 + 0.017 * numpys(5 + k)
 
 
 def test_draws_are_uniform_and_unrelated():
@@ -35,16 +39,11 @@ def test_draws_are_uniform_and_unrelated():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_release_campaign_and_environments_start_every_trial_alike(n):
+def test_release_and_campaign_start_every_trial_alike(n):
     seed, trials = 40, 4
-    env = gym.make("NPendulum-v0", n=n, mode="passive", amplitude=0.6, spread=0.02)
-    single = [env.reset(seed=seed + t)[1]["theta"][0] for t in range(trials)]
-    lanes = gym.make_vec(
-        "NPendulum-v0", num_envs=trials, n=n, mode="passive", amplitude=0.6, spread=0.02
-    )
-    vector = lanes.reset(seed=seed)[1]["theta"][:, 0].tolist()
+    expected = [0.6 + 0.02 * numpys(seed + t) for t in range(trials)]
     release = ReleaseExperiment(n_values=[n], trials=trials, amplitude=0.6, spread=0.02, seed=seed)
     plan = CampaignPlan(n=n, trials=trials, amplitude=0.6, spread=0.02, seed=seed)
     (task,) = plan.tasks()
-    assert single == vector == [start for _, _, start in release.runs()]
-    assert measure_task(plan, task)[0].tolist() == single
+    assert [start for _, _, start in release.runs()] == expected
+    assert measure_task(plan, task)[0].tolist() == expected
