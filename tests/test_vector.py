@@ -5,6 +5,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym.envs import NPendulumVectorEnv
@@ -15,41 +16,6 @@ ALL_MODES = tuple(MODES)
 
 def make_vec(num_envs, **keywords):
     return gym.make_vec("NPendulum-v0", num_envs=num_envs, **keywords)
-
-
-def actions_for(env, steps, seed=0):
-    env.action_space.seed(seed)
-    return [env.action_space.sample() for _ in range(steps)]
-
-
-def run(env, actions, seed=7):
-    """Return everything that the vector env shows."""
-    return [env.reset(seed=seed)] + [env.step(action) for action in actions]
-
-
-def assert_same(a, b):
-    """Assert equality of nested tuples, dicts and arrays, to the last bit."""
-    if isinstance(a, dict):
-        assert a.keys() == b.keys()
-        for key in a:
-            assert_same(a[key], b[key])
-    elif isinstance(a, (tuple, list)):
-        assert len(a) == len(b)
-        for x, y in zip(a, b, strict=True):
-            assert_same(x, y)
-    elif isinstance(a, np.ndarray) and a.dtype == object:
-        assert_same(list(a), list(b))
-    elif a is None:
-        assert b is None
-    else:
-        np.testing.assert_array_equal(a, b)
-
-
-def lane(value, k):
-    """Return lane `k` of something batched, infos without their masks."""
-    if isinstance(value, dict):
-        return {key: lane(v, k) for key, v in value.items() if not key.startswith("_")}
-    return value[k]
 
 
 @pytest.mark.parametrize("mode", ["passive", "calm"])
@@ -89,19 +55,7 @@ def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(mode, autorese
         autoreset_mode=autoreset,
     )
     actions = actions_for(vector, 80)
-    for ours, theirs in zip(run(vector, actions), run(singles, actions), strict=True):
-        assert_same(ours[0], theirs[0])
-        for mine, reference in zip(ours[1:-1], theirs[1:-1], strict=True):
-            assert_same(mine, reference)
-        for key, value in theirs[-1].items():
-            if key not in ("final_obs", "final_info", "_pseudo_period", "_pseudo_periods"):
-                assert_same(ours[-1][key], value)
-        if "final_obs" in theirs[-1]:
-            assert_same(ours[-1]["_final_obs"], theirs[-1]["_final_obs"])
-            done = theirs[-1]["_final_obs"]
-            for k in np.flatnonzero(done):
-                assert_same(ours[-1]["final_obs"][k], theirs[-1]["final_obs"][k])
-                assert_same(lane(ours[-1]["final_info"], k), lane(theirs[-1]["final_info"], k))
+    assert_lanes_are_singles(run(vector, actions), run(singles, actions))
 
 
 @pytest.mark.parametrize("threads", [2, 3])

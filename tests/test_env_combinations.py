@@ -1,0 +1,152 @@
+"""Environments with any combination of their keywords keep what all of them promise."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lanes import actions_for, assert_lanes_are_singles, assert_same, run
+
+from npend_gym import Chain
+from npend_gym.envs import EnvKeywords, SwingUp
+from npend_gym.envs.keywords import CHAIN_KEYWORDS
+from npend_gym.envs.modes import MODES
+
+LANES, STEPS = 3, 10
+FINAL = {"final_obs", "_final_obs", "final_info", "_final_info"}
+
+
+class Own(SwingUp):
+    """A task that is judged in Python."""
+
+    def reward(self, quantities):
+        """Return the height of the centre of mass."""
+        return 0.0 + quantities.height
+
+
+def per_rod(low, high):
+    """Return a strategy, for n rods, of a number for all or one for each."""
+    number = st.floats(low, high)
+    return lambda n: number | st.lists(number, min_size=n, max_size=n)
+
+
+def or_zero(numbers):
+    """Return a strategy of 0.0 too."""
+    return lambda n: st.just(0.0) | numbers(n)
+
+
+def one_of(*values):
+    """Return the strategy of some values, whatever n is."""
+    return lambda _n: st.sampled_from(values)
+
+
+def chain_of_uneven_links(n):
+    return Chain(
+        np.linspace(1.0, 0.4, n), np.linspace(0.6, 0.9, n), centres=0.3, inertias=0.02,
+        friction=0.01, friction_speed=0.1, armature=1e-3, gear=[np.inf, 6.0, -6.0][:n],
+    )  # fmt: skip
+
+
+def joints(n):
+    return st.lists(st.integers(0, n - 1), min_size=1, max_size=n, unique=True)
+
+
+# Of every keyword but n: the strategy of its values for n rods
+KEYWORDS = {
+    "mode": one_of(*MODES, f"{__name__}:Own"),
+    "chain": lambda n: st.sampled_from([None, Chain([1.0, 0.5, 2.0][:n], 0.7, drag=0.0).as_dict()]),
+    "masses": per_rod(0.3, 3.0),
+    "lengths": per_rod(0.3, 2.0),
+    "gravity": one_of(0.0, 1.62, 9.81, 20.0),
+    "damping": or_zero(per_rod(1e-3, 1.0)),
+    "actuated": joints,
+    "max_torque": one_of(None, 0.0, 3.0),
+    "dt": one_of(None, 0.01, 0.07),
+    "substeps": one_of(None, 1, 7),
+    "observation": one_of("angles", "sincos"),
+    "amplitude": one_of(0.0, -0.4, 2.5),
+    "spread": one_of(0.0, 0.3),
+}
+# Those that make links of bobs, or give them drag
+OF_LINKS = {
+    "chain": lambda n: st.just(chain_of_uneven_links(n)),
+    "centres": per_rod(0.1, 0.3),
+    "inertias": or_zero(per_rod(1e-3, 0.1)),
+    "friction": per_rod(1e-3, 0.1),
+    "friction_speed": per_rod(0.05, 0.2),
+    "armature": or_zero(per_rod(1e-4, 1e-2)),
+    "gear": lambda n: st.lists(st.sampled_from([None, -6.0, 4.0]), min_size=n, max_size=n),
+    "drag": or_zero(per_rod(1e-3, 0.1)),
+    "quadratic_drag": or_zero(per_rod(1e-3, 0.1)),
+}
+
+
+@st.composite
+def combinations(draw, every_kernel=False):
+    """Draw keywords that go together; kinds of links that need more kernels only on request."""
+    n = draw(st.integers(1, 3))
+    links = draw(st.booleans())
+    optional = KEYWORDS | (OF_LINKS if links else {})
+    keywords = draw(st.fixed_dictionaries({}, optional={k: s(n) for k, s in optional.items()}))
+    if links and not every_kernel:
+        keywords.setdefault("friction", 0.01)
+    if keywords.get("chain") is not None:
+        keywords = {k: v for k, v in keywords.items() if k not in CHAIN_KEYWORDS}
+    return {"n": n} | keywords
+
+
+def keeps_energy(chain):
+    """Return whether energy is left to compare errors with, and no link is turned too quickly."""
+    return chain.is_ideal and (chain.gravity > 0.0 or not np.any(chain.damping))
+
+
+def check(keywords, autoreset, steps, seed):
+    """Make environments, single and vector, and look at all that they show."""
+    common = {"max_episode_steps": steps} | keywords
+    vector = gym.make_vec("NPendulum-v0", num_envs=LANES, autoreset_mode=autoreset, **common)
+    singles = gym.make_vec(
+        "NPendulum-v0", num_envs=LANES, vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": autoreset}, **common,
+    )  # fmt: skip
+    actions = actions_for(vector, STEPS, seed)
+    shown = run(vector, actions, seed)
+    assert_lanes_are_singles(shown, run(singles, actions, seed))
+    for observation, *outcome, info in shown:
+        assert vector.observation_space.contains(observation)
+        told = {key: value for key, value in info.items() if key not in FINAL}
+        assert told.keys() == shown[0][1].keys()
+        for key, value in (told | info.get("final_info", {})).items():
+            assert value.dtype.kind != "f" or np.isfinite(value).all(), key
+        if outcome:
+            assert np.all((outcome[0] >= 0.0) & (outcome[0] <= 1.0))
+        if keywords.get("substeps") is None and keeps_energy(vector.config.chain):
+            assert np.all(np.abs(info["energy_error"]) < 0.05)
+
+    env = gym.make("NPendulum-v0", **common)
+    twin = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    assert twin.spec.to_json() == env.spec.to_json()
+    assert_same(env.reset(seed=seed), twin.reset(seed=seed))
+    action = actions_for(env, 1, seed)[0]
+    assert_same(env.step(action), twin.step(action))
+
+
+AUTORESET = st.sampled_from([AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+
+
+def test_every_keyword_has_a_strategy():
+    assert {"n", *KEYWORDS, *OF_LINKS} == set(EnvKeywords.__annotations__)
+
+
+@settings(max_examples=60)
+@given(combinations(), AUTORESET, st.integers(2, 6), st.integers(0, 2**70))
+def test_any_combination_of_keywords_keeps_every_promise(keywords, autoreset, steps, seed):
+    check(keywords, autoreset, steps, seed)
+
+
+@pytest.mark.long
+@settings(max_examples=500)
+@given(combinations(every_kernel=True), AUTORESET, st.integers(2, 6), st.integers(0, 2**70))
+def test_many_combinations_of_keywords_keep_every_promise(keywords, autoreset, steps, seed):
+    check(keywords, autoreset, steps, seed)
