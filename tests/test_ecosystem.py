@@ -1,41 +1,74 @@
-"""Other packages' own checks of an environment."""
+"""Other packages' own checks, of every environment that is registered."""
 
 import warnings
 
 import gymnasium as gym
+import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym.envs.modes import MODES
+
+IDS = [name for name, spec in gym.registry.items() if "npend_gym:" in str(spec.entry_point)]
+every_id = pytest.mark.parametrize("env_id", IDS)
 
 
-@pytest.mark.parametrize("mode", list(MODES))
-def test_stable_baselines3_checker_is_content_without_a_warning(mode):
+@every_id
+def test_gymnasiums_checker_is_content_without_a_warning(env_id):
+    check_env(gym.make(env_id).unwrapped, skip_render_check=True)
+
+
+@every_id
+def test_stable_baselines3_checker_is_content_without_a_warning(env_id):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = gym.make("NPendulum-v0", n=2, mode=mode, observation="sincos").unwrapped
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        checker.check_env(env, warn=True)
+    env = gym.make(env_id).unwrapped
+    if env_id == "NPendulum-v0":
+        env = gym.make(env_id, observation="sincos").unwrapped  # of angles, bounds are far apart
+    checker.check_env(env, warn=True)
 
 
-@pytest.mark.parametrize("mode", ["swingup", "balance", "calm"])
-def test_torchrl_spec_check_is_content(mode):
+@every_id
+def test_torchrl_spec_check_is_content(env_id):
     pytest.importorskip("torchrl")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # TorchRL warns of itself
         from torchrl.envs import GymEnv
         from torchrl.envs.utils import check_env_specs
 
-        check_env_specs(GymEnv("NPendulum-v0", n=2, mode=mode, device="cpu"))
+        check_env_specs(GymEnv(env_id, device="cpu"))
 
 
+@every_id
 @pytest.mark.parametrize("autoreset", ["DISABLED", "SAME_STEP"])
-def test_torchrl_spec_check_is_content_with_the_vector_environment(autoreset):
+def test_torchrl_spec_check_is_content_with_the_vector_environment(env_id, autoreset):
     pytest.importorskip("torchrl")
-    envs = gym.make_vec("NPendulum-v0", num_envs=3, n=2, mode="balance", autoreset_mode=autoreset)
+    envs = gym.make_vec(env_id, num_envs=3, autoreset_mode=autoreset)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # TorchRL warns of itself
         from torchrl.envs import GymWrapper
         from torchrl.envs.utils import check_env_specs
 
         check_env_specs(GymWrapper(envs, device="cpu"))
+
+
+@every_id
+@pytest.mark.filterwarnings("ignore")  # Minari names all that one may say of a dataset
+def test_minari_recovers_the_environment_of_a_dataset(env_id, tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    env = minari.DataCollector(gym.make(env_id, n=3), record_infos=True, data_format="arrow")
+    env.action_space.seed(0)
+    shown = []
+    for seed in range(2):
+        shown.append([env.reset(seed=seed)[0]])
+        shown[-1] += [env.step(env.action_space.sample())[0] for _ in range(20)]
+    env.create_dataset("npend/random-v0")
+    env.close()
+    dataset = minari.load_dataset("npend/random-v0")
+    again = dataset.recover_environment()
+    assert again.spec == gym.make(env_id, n=3).spec
+    for seed, (episode, observations) in enumerate(zip(dataset, shown, strict=True)):
+        replayed = [again.reset(seed=seed)[0]]
+        replayed += [again.step(action)[0] for action in episode.actions]
+        np.testing.assert_array_equal(episode.observations, observations)
+        np.testing.assert_array_equal(replayed, observations)

@@ -63,6 +63,7 @@ KEYWORDS = {
     "damping": or_zero(per_rod(1e-3, 1.0)),
     "actuated": joints,
     "max_torque": one_of(None, 0.0, 3.0),
+    "difficulty": one_of(None, "easy", "hard", 0.3),
     "dt": one_of(None, 0.01, 0.07),
     "substeps": one_of(None, 1, 7),
     "observation": one_of("angles", "sincos"),
@@ -94,6 +95,8 @@ def combinations(draw, every_kernel=False):
         keywords.setdefault("friction", 0.01)
     if keywords.get("chain") is not None:
         keywords = {k: v for k, v in keywords.items() if k not in CHAIN_KEYWORDS}
+    if keywords.get("mode") == "passive" or keywords.get("max_torque") is not None:
+        keywords.pop("difficulty", None)
     return {"n": n} | keywords
 
 
