@@ -79,6 +79,11 @@ class ChainParameters(NamedTuple):
         gravity = np.where(self.gravity > 0.0, self.gravity, STANDARD_GRAVITY)
         return 2.0 * gravity * _sum(np.abs(self.lift))
 
+    def stacked(self) -> FloatArray:
+        """Return all parameters in one array, shape (B, 12, n); gravity fills its row."""
+        rows = [row if row.ndim == 2 else row[:, None] for row in self]
+        return np.stack(np.broadcast_arrays(*rows), axis=1)
+
     def beyond_ideal(self) -> list[str]:
         """Return the names of the parameters that differ from those of ideal chains."""
         ideal = ChainParameters.ideal(*self[: len(SIMPLE_FIELDS)])

@@ -31,14 +31,6 @@ def bodies(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     return centres(chain, theta) if shown else np.empty((*theta.shape[:-1], 0, 2))
 
 
-def sideways(
-    lengths: FloatArray, theta: FloatArray, omega: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the horizontal position [m] and velocity [m/s] of every bob, shape (..., n) each."""
-    s, c = _sincos(theta)
-    return np.cumsum(lengths * s, axis=-1), np.cumsum(lengths * (omega * c), axis=-1)
-
-
 def velocities(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the velocities of the bobs, or of the links' far ends [m/s], shape (..., n, 2)."""
     return _tip_velocities(chain.lengths, *_sincos(theta), omega)

@@ -102,7 +102,7 @@ class Ensemble(Members):
                 f"got masses of shape {rows.masses.shape}"
             )
         memory = self._intact
-        memory.terms_of(rows)  # refused before anything changes
+        memory.check_kind(rows)  # refused before anything changes
         self._ready = False
         self._substeps.clear()
         memory.write_chain(chosen, rows)

@@ -130,5 +130,6 @@ def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> Fl
     """Return the size [rad/s, m/s or m] above which the sign of a signal counts, (lanes,)."""
     if reading == HEIGHT:
         return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
-    rate = speed_threshold(chain.gravity, chain.lengths, np.max(np.abs(omega), axis=1))
-    return rate * float(chain.lengths.mean()) if reading == BOB else rate
+    mean = float(chain.lengths.mean())
+    rate = speed_threshold(np.sqrt(chain.gravity / mean), np.max(np.abs(omega), axis=1))
+    return rate * mean if reading == BOB else rate

@@ -12,20 +12,17 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers
-from npend_gym.chain import SIMPLE_FIELDS, ChainParameters
+from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
-from npend_gym.physics.energy import sideways
 from npend_gym.physics.kernels.ensemble import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
-from npend_gym.physics.kernels.link_terms import model_terms
-from npend_gym.physics.kernels.turning_points import speed_threshold
+from npend_gym.physics.kernels.link_terms import Joint, Link, check_terms, model_terms
+from npend_gym.physics.kernels.members import begin_all_to_measure, write_chains
 
 Indices = NDArray[np.int64]
 
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one
-_NOT_SEEN = ((Rod.PERIOD, np.nan), (Rod.ZERO, np.nan), (Rod.SIGN, 0.0), (Rod.RISEN, 0.0))
-_SINCE_THE_START = ([Member.TIME], [Member.WORK], [Member.COMPLETED], [Member.DIVERGED])
 
 
 class Memory:
@@ -67,15 +64,15 @@ class Memory:
         self.width = group_width(size)
         self.groups = -(-size // self.width)
         lanes = self.groups * self.width
-        self._base, terms = base, model_terms(chains, base)
+        terms = model_terms(chains, base)
         self.arrays: tuple[FloatArray, FloatArray, Model] = (
             aligned_zeros(len(Member) + spare_rows, lanes),
             aligned_zeros(self.groups, len(Rod), (self.n + 1) * self.width),
             tuple(aligned_zeros(self.groups, len(t), t.shape[2] * self.width) for t in terms)
             or None,
         )
-        names = ChainParameters._fields[len(SIMPLE_FIELDS) :] if terms else ()
-        self._others = {name: np.zeros((lanes, self.n)) for name in names}  # for `parameters`
+        if base is not None and self.arrays[2] is not None:
+            self.arrays[2][-1][:] = base[:, None]
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._timing = np.zeros((threads, len(Timing)))
         self._plan: tuple[float, int, float] | None = None  # of the last `run`
@@ -129,9 +126,23 @@ class Memory:
             self.read(Rod.DRAG),
             self.read(Rod.QUADRATIC_DRAG),
         )
-        if not self._others:
+        model = self.arrays[2]
+        if model is None:
             return ChainParameters.ideal(*common)
-        return ChainParameters(*common, *(row[: self.size] for row in self._others.values()))
+        links = self._by_lane(model[0])
+        if len(model) == 1:
+            plain = ChainParameters.ideal(*common)
+            return plain._replace(centres=links[Link.CENTRE], inertias=links[Link.INERTIA])
+        joints = self._by_lane(model[1])
+        return ChainParameters(
+            *common, links[Link.CENTRE], links[Link.INERTIA], joints[Joint.FRICTION],
+            joints[Joint.FRICTION_SPEED], joints[Joint.ARMATURE], joints[Joint.GEAR],
+        )  # fmt: skip
+
+    def _by_lane(self, rows: FloatArray) -> FloatArray:
+        """Return rows (groups, rows, n width) as (rows, B, n), new."""
+        by_lane = rows.reshape(*rows.shape[:2], self.n, self.width).transpose(1, 0, 3, 2)
+        return by_lane.reshape(rows.shape[1], -1, self.n)[:, : self.size]
 
     def write_state(self, members: Indices, theta: FloatArray, omega: FloatArray) -> None:
         """Put some members into states, and begin to measure from there."""
@@ -139,54 +150,18 @@ class Memory:
         self.per_rod(Rod.THETA)[place], self.per_rod(Rod.OMEGA)[place] = theta, omega
         self.restart(members)
 
-    def terms_of(self, chains: ChainParameters) -> list[FloatArray]:
-        """Return what the model holds of some chains.
-
-        Raises
-        ------
-        ValueError
-            If they need more than the chain that the memory was made for.
-        """
-        return model_terms(chains, self._base, len(self.arrays[2] or ()))
+    def check_kind(self, chains: ChainParameters) -> ChainParameters:
+        """Return chains, refused where they need more than the chain the memory was made for."""
+        check_terms(chains, len(self.arrays[2] or ()))
+        return chains
 
     def write_chain(self, members: Indices, chains: ChainParameters) -> None:
         """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""
-        place, terms = self.place(members), self.terms_of(chains)
-        for field, values in (
-            (Rod.MASS, chains.masses),
-            (Rod.LENGTH, chains.lengths),
-            (Rod.INVERSE_LENGTH, 1.0 / chains.lengths),
-            (Rod.DAMPING, chains.damping),
-            (Rod.DRAG, chains.drag),
-            (Rod.QUADRATIC_DRAG, chains.quadratic_drag),
-            (Rod.CARRIED, chains.lift),
-        ):
-            self.per_rod(field)[place] = values
-        # at joints 0..n: zero at the pivot, because it cannot move
-        self._rods[:, Rod.INVERSE_MASS, 1:].swapaxes(1, 2)[place] = 1.0 / chains.masses
-        self.arrays[0][Member.GRAVITY, members] = chains.gravity
-        for model, values in zip(self.arrays[2] or (), terms, strict=True):
-            columns = model.shape[2] // self.width
-            by_lane = model.reshape(*model.shape[:2], columns, self.width)
-            lanes_first = by_lane.transpose(0, 3, 1, 2)
-            lanes_first[place] = values.swapaxes(0, 1)
-        for name, values in self._others.items():
-            values[members] = getattr(chains, name)
+        write_chains(*self.arrays, members, self.check_kind(chains).stacked())
 
     def restart(self, members: Indices) -> None:
         """Begin to measure from the present state of some members."""
-        place = self.place(members)
-        theta, omega = self.per_rod(Rod.THETA)[place], self.per_rod(Rod.OMEGA)[place]
-        lengths, gravity = self.per_rod(Rod.LENGTH)[place], self.arrays[0][Member.GRAVITY, members]
-        fastest = np.abs(omega).max(axis=1)
-        threshold = speed_threshold(gravity, lengths, fastest) * lengths.mean(axis=1)
-        self.arrays[0][_SINCE_THE_START, members] = 0.0
-        self.arrays[0][Member.THRESHOLD, members] = threshold
-        position, velocity = sideways(lengths, theta, omega)
-        self.per_rod(Rod.ORIENTATION)[place] = np.where(position < 0.0, -1.0, 1.0)
-        self.per_rod(Rod.VELOCITY)[place] = velocity
-        for field, value in _NOT_SEEN:
-            self.per_rod(field)[place] = value
+        begin_all_to_measure(*self.arrays[:2], self.n, members)
 
     def run(
         self,

@@ -9,6 +9,10 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import innermost
+from npend_gym.compiled.jit import inlined_kernel, kernel
+
+# The rows of a chain (parameters, n), by the names of `ChainParameters`
+Parameter: Any = ChainParameters(*range(len(ChainParameters._fields)))  # type: ignore[arg-type]
 
 
 class LinkFields(NamedTuple):
@@ -37,6 +41,8 @@ class JointFields(NamedTuple):
     RATIO: int = 4  # 1/gear - 1: turns of the rotor by the link above, by those of its own
     DRAG: int = 5  # N s/m, on the tip
     QUADRATIC_DRAG: int = 6  # N s^2/m^2
+    GEAR: int = 7  # this and the next only to tell the parameters again
+    FRICTION_SPEED: int = 8
 
 
 Joint = JointFields()
@@ -74,32 +80,54 @@ class MachineArrays(NamedTuple):
     base: FloatArray  # (len(Base), 1); (0, 1) where the base rests
 
 
-def link_terms(chains: ChainParameters) -> FloatArray:
-    """Return the rows of `LinkArrays.terms` of many chains, shape (len(Link), B, n)."""
-    m, c, inertia = chains.masses, chains.centres, chains.inertias
-    rest = chains.lengths - c
+@inlined_kernel
+def link_terms_of(chain: FloatArray, i: int, terms: FloatArray, column: int) -> None:
+    """Write the rows of `LinkArrays.terms` for link `i` of a chain (parameters, n)."""
+    m, c, inertia = (
+        chain[Parameter.masses, i],
+        chain[Parameter.centres, i],
+        chain[Parameter.inertias, i],
+    )
+    rest, n = chain[Parameter.lengths, i] - c, chain.shape[1]
     # the rotor at a joint turns with the link below it, and with the link above by its ratio
-    rotors = np.array(chains.armature)
-    rotors[:, :-1] += (chains.armature * _ratio(chains) ** 2)[:, 1:]
-    return np.stack([
-        m, m * c, inertia + m * c * c + rotors, inertia - m * c * rest + rotors,
-        inertia + m * rest * rest + rotors, m * (inertia + rotors), c, inertia,
-    ])  # fmt: skip
+    rotors = chain[Parameter.armature, i]
+    if i + 1 < n:
+        ratio = 1.0 / chain[Parameter.gear, i + 1] - 1.0
+        rotors += chain[Parameter.armature, i + 1] * (ratio * ratio)
+    terms[Link.MASS, column] = m
+    terms[Link.MOMENT, column] = m * c
+    terms[Link.J, column] = inertia + m * c * c + rotors
+    terms[Link.K, column] = inertia - m * c * rest + rotors
+    terms[Link.E, column] = inertia + m * rest * rest + rotors
+    terms[Link.Z, column] = m * (inertia + rotors)
+    terms[Link.CENTRE, column] = c
+    terms[Link.INERTIA, column] = inertia
 
 
-def joint_terms(chains: ChainParameters) -> FloatArray:
-    """Return the rows of `MachineArrays.joints` of many chains, shape (len(Joint), B, n)."""
-    ratio = _ratio(chains)
-    coupling = chains.armature * ratio
-    coupling[:, 0] = 0.0  # above joint 0 nothing turns
-    return np.stack([
-        coupling, chains.friction, 1.0 / chains.friction_speed, chains.armature, ratio,
-        chains.drag, chains.quadratic_drag,
-    ])  # fmt: skip
+@inlined_kernel
+def joint_terms_of(chain: FloatArray, i: int, joints: FloatArray, column: int) -> None:
+    """Write the rows of `MachineArrays.joints` for joint `i` of a chain (parameters, n)."""
+    ratio = 1.0 / chain[Parameter.gear, i] - 1.0
+    # above joint 0 nothing turns
+    joints[Joint.COUPLING, column] = chain[Parameter.armature, i] * ratio if i > 0 else 0.0
+    joints[Joint.FRICTION, column] = chain[Parameter.friction, i]
+    joints[Joint.PER_SPEED, column] = 1.0 / chain[Parameter.friction_speed, i]
+    joints[Joint.ARMATURE, column] = chain[Parameter.armature, i]
+    joints[Joint.RATIO, column] = ratio
+    joints[Joint.DRAG, column] = chain[Parameter.drag, i]
+    joints[Joint.QUADRATIC_DRAG, column] = chain[Parameter.quadratic_drag, i]
+    joints[Joint.GEAR, column] = chain[Parameter.gear, i]
+    joints[Joint.FRICTION_SPEED, column] = chain[Parameter.friction_speed, i]
 
 
-def _ratio(chains: ChainParameters) -> FloatArray:
-    return 1.0 / chains.gear - 1.0
+@kernel
+def _fill_terms(chains: FloatArray, links: FloatArray, joints: FloatArray) -> None:
+    """Write the terms (rows, B, n) of the chains (B, parameters, n); of joints where wanted."""
+    for k in range(chains.shape[0]):
+        for i in range(chains.shape[2]):
+            link_terms_of(chains[k], i, links[:, k], i)
+            if joints.shape[1] > 0:
+                joint_terms_of(chains[k], i, joints[:, k], i)
 
 
 def count_terms(chains: ChainParameters) -> int:
@@ -108,28 +136,32 @@ def count_terms(chains: ChainParameters) -> int:
     return 0 if chains.is_ideal else 3 if any(np.any(values) for values in machinery) else 1
 
 
-def model_terms(
-    chains: ChainParameters, base: FloatArray | None = None, count: int | None = None
-) -> list[FloatArray]:
-    """Return what chains need beside lengths, damping and gravity: none, one or three arrays.
-
-    Shapes are (rows, B, n), and (len(Base), B, 1) for a base that moves, or (0, B, 1) if it rests.
-    `count` asks for more arrays than they need; fewer are a ValueError.
-    """
-    least = count_terms(chains) if base is None else 3
-    wanted = least if count is None else count
-    if least > wanted:
+def check_terms(chains: ChainParameters, count: int) -> None:
+    """Raise a ValueError where chains need more arrays than `count`."""
+    if count_terms(chains) > count:
         raise ValueError(
             "chains of point masses cannot become links, nor links get friction, rotors or drag, "
             "while they are at work: begin with a chain that has these"
         )
+
+
+def model_terms(chains: ChainParameters, base: FloatArray | None = None) -> list[FloatArray]:
+    """Return what chains need beside lengths, damping and gravity: none, one or three arrays.
+
+    Shapes are (rows, B, n), and (len(Base), B, 1) for a base that moves, or (0, B, 1) if it rests.
+    """
+    wanted = count_terms(chains) if base is None else 3
     if wanted == 0:
         return []
+    lanes, n = chains.masses.shape
+    links, joints = np.empty((len(Link), lanes, n)), np.empty((len(Joint), lanes, n))
     if wanted == 1:
-        return [link_terms(chains)]
+        _fill_terms(chains.stacked(), links, joints[:, :0])
+        return [links]
+    _fill_terms(chains.stacked(), links, joints)
     entries = np.zeros(0) if base is None else base
-    moving = np.broadcast_to(entries[:, None, None], (entries.size, len(chains.masses), 1))
-    return [link_terms(chains), joint_terms(chains), moving]
+    moving = np.broadcast_to(entries[:, None, None], (entries.size, lanes, 1))
+    return [links, joints, moving]
 
 
 def link_arrays(chains: ChainParameters, base: FloatArray | None = None) -> Any:

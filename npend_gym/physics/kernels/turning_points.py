@@ -22,7 +22,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
@@ -84,20 +83,17 @@ def new_record(theta: FloatArray, orientation: FloatArray) -> Record:
     return record
 
 
-def speed_threshold(gravity: ArrayLike, lengths: FloatArray, fastest: ArrayLike) -> FloatArray:
+def speed_threshold(natural: FloatArray, fastest: FloatArray) -> FloatArray:
     """Return the angular velocity [rad/s] above which a sign counts, 1e-6 sqrt(g/l).
 
     Parameters
     ----------
-    gravity : array_like, shape (...)
-        [m/s^2]
-    lengths : ndarray, shape (..., n)
-        [m]; l is their mean.
-    fastest : array_like, shape (...)
+    natural : float or ndarray
+        sqrt(g/l), l being the mean length of the rods [rad/s].
+    fastest : float or ndarray
         Largest angular velocity at the release, which sets the scale without gravity [rad/s].
     """
-    natural = np.sqrt(gravity / lengths.mean(axis=-1))
-    return _THRESHOLD * np.where(natural > 0.0, natural, fastest)
+    return _THRESHOLD * where(natural > 0.0, natural, fastest)
 
 
 @inner_kernel

@@ -1,0 +1,122 @@
+"""A member of an ensemble: its chain written to memory, and its measurements begun, lane by lane.
+
+A chain is an array (parameters, n) with the rows of `Parameter`; gravity fills its row. `physics.memory` writes whole ensembles by these functions, environments a lane that starts.
+"""
+
+# ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
+from __future__ import annotations
+
+import math
+
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import bare
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
+from npend_gym.compiled.sincos import sincos
+from npend_gym.physics.kernels.layout import Member, Model, Rod
+from npend_gym.physics.kernels.link_terms import Parameter, joint_terms_of, link_terms_of
+from npend_gym.physics.kernels.turning_points import speed_threshold
+
+_speed_threshold = inlined_kernel(speed_threshold)
+
+
+@inlined_kernel
+def _no_terms(model: Model, g: int, lane: int, width: int, chain: FloatArray) -> None:
+    return
+
+
+@inlined_kernel
+def _write_links(model: Model, g: int, lane: int, width: int, chain: FloatArray) -> None:
+    terms = model[0][g]
+    for i in range(chain.shape[1]):
+        link_terms_of(chain, i, terms, i * width + lane)
+
+
+@inlined_kernel
+def _write_machine(model: Model, g: int, lane: int, width: int, chain: FloatArray) -> None:
+    terms, joints = model[0][g], model[1][g]
+    for i in range(chain.shape[1]):
+        link_terms_of(chain, i, terms, i * width + lane)
+        joint_terms_of(chain, i, joints, i * width + lane)
+
+
+@chosen_by_type("model", {0: _no_terms, 1: _write_links, 3: _write_machine})
+def _write_terms(model: Model, g: int, lane: int, width: int, chain: FloatArray) -> None:
+    """Write what a chain needs in the model, beside the rows of `Rod`."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def write_chain(
+    members: FloatArray, rods: FloatArray, model: Model, k: int, width: int, chain: FloatArray
+) -> None:
+    """Give member `k`, in groups of `width`, a chain."""
+    g, lane, n = k // width, k % width, chain.shape[1]
+    rows, below = rods[g], 0.0
+    for i in range(n - 1, -1, -1):
+        mass, length = chain[Parameter.masses, i], chain[Parameter.lengths, i]
+        centre = chain[Parameter.centres, i]
+        r, carried = i * width + lane, below + mass
+        rows[Rod.MASS, r] = mass
+        rows[Rod.LENGTH, r] = length
+        rows[Rod.INVERSE_LENGTH, r] = 1.0 / length
+        rows[Rod.DAMPING, r] = chain[Parameter.damping, i]
+        rows[Rod.DRAG, r] = chain[Parameter.drag, i]
+        rows[Rod.QUADRATIC_DRAG, r] = chain[Parameter.quadratic_drag, i]
+        # `Chain.lift`
+        rows[Rod.CARRIED, r] = (
+            length * carried if centre == length else (mass * centre + length * below)
+        )
+        # at joints 0..n: zero at the pivot, because it cannot move
+        rows[Rod.INVERSE_MASS, r + width] = 1.0 / mass
+        below = carried
+    members[Member.GRAVITY, k] = chain[Parameter.gravity, 0]
+    _write_terms(model, g, lane, width, chain)
+
+
+@inlined_kernel
+def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) -> None:
+    """Begin to measure member `k` from its present state: time, work, turning points."""
+    g, lane = k // width, k % width
+    rows, total, fastest = rods[g], 0.0, 0.0
+    position, velocity = 0.0, 0.0
+    for i in range(n):
+        r = i * width + lane
+        length, omega = rows[Rod.LENGTH, r], rows[Rod.OMEGA, r]
+        s, c = sincos(rows[Rod.THETA, r])
+        total += length
+        fastest = max(fastest, abs(omega))
+        position += length * s
+        velocity += length * (omega * c)
+        rows[Rod.ORIENTATION, r] = -1.0 if position < 0.0 else 1.0
+        rows[Rod.VELOCITY, r] = velocity
+        rows[Rod.PERIOD, r] = rows[Rod.ZERO, r] = math.nan
+        rows[Rod.SIGN, r] = rows[Rod.RISEN, r] = 0.0
+    mean = total / n
+    natural = math.sqrt(members[Member.GRAVITY, k] / mean)
+    members[Member.THRESHOLD, k] = _speed_threshold(natural, fastest) * mean
+    members[Member.TIME, k] = members[Member.WORK, k] = 0.0
+    members[Member.COMPLETED, k] = members[Member.DIVERGED, k] = 0.0
+
+
+@kernel
+def write_chains(
+    members: FloatArray, rods: FloatArray, model: Model, chosen: FloatArray, chains: FloatArray
+) -> None:
+    """Give `chosen` members, k of them, the chains (k, parameters, n); or (1, ...) to all."""
+    members, rods, model, width = bare(members), bare(rods), bare(model), _width(members, rods)
+    for row in range(chosen.size):
+        chain = chains[row if chains.shape[0] > 1 else 0]
+        write_chain(members, rods, model, chosen[row], width, chain)
+
+
+@kernel
+def begin_all_to_measure(members: FloatArray, rods: FloatArray, n: int, chosen: FloatArray) -> None:
+    """Begin to measure `chosen` members from their present states."""
+    members, rods, width = bare(members), bare(rods), _width(members, rods)
+    for k in chosen:
+        begin_to_measure(members, rods, k, width, n)
+
+
+@inlined_kernel
+def _width(members: FloatArray, rods: FloatArray) -> int:
+    return members.shape[1] // rods.shape[0]
