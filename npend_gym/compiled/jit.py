@@ -16,7 +16,10 @@ PACKAGE = Path(__file__).parent.parent
 
 
 # Everything that is compiled, relative to the package
-_SOURCES = ("compiled/*.py", "physics/kernels/*.py", "theory/pivots.py", "envs/kernels.py")
+_SOURCES = (
+    "compiled/*.py", "physics/kernels/*.py", "theory/pivots.py", "theory/closed_forms.py",
+    "envs/kernels.py", "envs/modes.py", "envs/motors.py", "envs/sensors.py", "envs/starts.py",
+)  # fmt: skip
 
 
 def sources_digest(package: Path) -> str:

@@ -7,7 +7,7 @@ observations, the quantities that modes judge by, and the numbers of the info.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import ROUND
+from npend_gym.envs.modes import Balance, Calm, Mode, Passive, Quantities, SwingUp
 from npend_gym.physics.kernels.dynamics import energies
 from npend_gym.physics.kernels.ensemble import advance_group, bob_velocities
 from npend_gym.physics.kernels.layout import (
@@ -40,25 +41,31 @@ class EpisodeFields(NamedTuple):
 
     START_ENERGY: int = len(Member)  # J, at the start of the episode
     MEAN_SQUARED_ACTION: int = len(Member) + 1  # of the last step, 0 to 1
-    STARTING: int = len(Member) + 2  # 1 where an episode starts, for a call that only observes
-    OBSERVED: int = len(Member) + 3  # 1 where such a call is to write
+    STARTING: int = len(Member) + 2  # 1 where an episode starts: the call judges it as new
+    OBSERVED: int = len(Member) + 3  # 1 where a call that only observes is to write
     MAX_TORQUE: int = len(Member) + 4  # N m of the action 1
-    MOTORS: int = len(Member) + 5  # number of actuated joints, at least 1
-    PER_ENERGY: int = len(Member) + 6  # 1/J, of the energy that lifts the chain upright
-    PER_LENGTH: int = len(Member) + 7  # 1/m, of the chain's length
-    PER_LIFT: int = (
-        len(Member) + 8
-    )  # 1/(kg m): height of the centre of mass over sum carried * (1-cos)
+    PER_ENERGY: int = len(Member) + 5  # 1/J, of the energy that lifts the chain upright
+    PER_LENGTH: int = len(Member) + 6  # 1/m, of the chain's length
+    # 1/(kg m): height of the centre of mass, 0 to 1, over sum carried * (1 - cos)
+    PER_LIFT: int = len(Member) + 7
+    IDEAL_PERIOD: int = len(Member) + 8  # s; 0 where it does not apply
+    HAS_BOBS: int = len(Member) + 9  # 1 where it does: point masses on massless rods
+    EPISODE: int = len(Member) + 10  # number of the episode of this seed, from 0
+    STEPS: int = len(Member) + 11  # of the episode
+    STEPS_HELD: int = len(Member) + 12  # instants in a row at which the goal was met
+    AMPLITUDE: int = len(Member) + 13  # rad, of a release
 
 
 Episode = EpisodeFields()
-
-
 EPISODE_ROWS = len(Episode)
 
 
 class OutputFields(NamedTuple):
-    """Rows of `quantities`, an entry for each lane: first what a mode judges by."""
+    """Rows of `outputs`, an entry for each lane: first what a mode judges by.
+
+    After these follow n rows each of pseudo-periods (0.0 where not complete), angles and angular
+    velocities.
+    """
 
     HEIGHT: int = 0
     TIP: int = 1
@@ -70,34 +77,78 @@ class OutputFields(NamedTuple):
     ENERGY_JOULES: int = 7
     ENERGY_ERROR: int = 8
     PSEUDO_PERIOD: int = 9  # s
-    TIP_HEIGHT: int = 10  # m
-    COMPLETED: int = 11
-    DIVERGED: int = 12
+    IDEAL_PERIOD: int = 10  # s
+    TIP_HEIGHT: int = 11  # m
+    COMPLETED: int = 12
+    DIVERGED: int = 13
+    SUCCESS: int = 14
+    REWARD: int = 15  # this and what follows belongs to a step, and is no part of the info
+    TERMINATED: int = 16
+    TRUNCATED: int = 17
 
 
 Output = OutputFields()
 
 
-PERIODS, ANGLES, SPEEDS = range(3)  # blocks of `per_rod`, (lanes, n) each
+class TaskFields(NamedTuple):
+    """Entries of `task`: what is the same for all lanes. The actuated joints follow."""
+
+    MODE: int = 0  # number of a built-in mode; 0: Python judges
+    MAX_STEPS: int = 1  # of an episode; infinite: any number
+    HOLD_STEPS: int = 2  # over which the goal must have held
+
+
+Task = TaskFields()
+
+
+class ModeNumbers(NamedTuple):
+    """The built-in modes, as `Task.MODE` knows them."""
+
+    PASSIVE: int = 1
+    SWING_UP: int = 2
+    BALANCE: int = 3
+    CALM: int = 4
+
+
+MODE_NUMBERS = ModeNumbers()
+NUMBER_OF: dict[type[Mode], int] = dict(
+    zip((Passive, SwingUp, Balance, Calm), MODE_NUMBERS, strict=True)
+)
+
+
+def _compiled(formula: Any) -> Any:
+    """Return a formula of a mode, compiled: its `self` is None."""
+    return inlined_kernel(formula)
+
+
+_passive_reward = _compiled(Passive.reward)
+_swing_up_reward, _swing_up_achieved = _compiled(SwingUp.reward), _compiled(SwingUp.achieved)
+_balance_reward, _balance_failed = _compiled(Balance.reward), _compiled(Balance.failed)
+_balance_achieved = _compiled(Balance.achieved)
+_calm_reward, _calm_achieved = _compiled(Calm.reward), _compiled(Calm.achieved)
 
 
 @inlined_kernel
-def _apply_actions(numbers: FloatArray, g: int, group: Group, actions: FloatArray) -> None:
-    """Turn the actions of a group, one a joint, into torques; beyond +-1 they are clipped."""
-    limit = numbers[Episode.MAX_TORQUE, g]
-    squares = 0.0 * limit
-    for j in range(group.torque.size):
-        action = where(actions[j] > 1.0, 1.0, where(actions[j] < -1.0, -1.0, actions[j]))
-        group.torque[j] = limit * action
-        squares = squares + action * action
-    numbers[Episode.MEAN_SQUARED_ACTION, g] = squares / numbers[Episode.MOTORS, g]
+def _apply_actions(
+    members: FloatArray, rows: FloatArray, first: int, width: int, actions: FloatArray,
+    task: FloatArray,
+) -> None:  # fmt: skip
+    """Turn the actions (lanes, joints) of a group into torques; beyond +-1 they are clipped."""
+    for k in range(width):
+        limit, squares = members[Episode.MAX_TORQUE, first + k], 0.0
+        for column in range(actions.shape[1]):
+            given, joint = actions[first + k, column], int(task[len(Task) + column])
+            action = 1.0 if given > 1.0 else max(given, -1.0)
+            rows[Rod.TORQUE, joint * width + k] = limit * action
+            squares += action * action
+        members[Episode.MEAN_SQUARED_ACTION, first + k] = squares / max(1, actions.shape[1])
 
 
 @inlined_kernel
-def _judge(
-    numbers: FloatArray, g: int, group: Group, scratch: FloatArray, quantities: FloatArray
-) -> None:
-    """Write the quantities of a group whose sines, cosines and velocities are known.
+def _measure(
+    numbers: FloatArray, g: int, group: Group, scratch: FloatArray, outputs: FloatArray
+) -> Quantities[Any]:
+    """Write and return the quantities of a group whose sines, cosines and velocities are known.
 
     The energy of lanes that start becomes that of the start.
     """
@@ -105,30 +156,86 @@ def _judge(
     kinetic, lift, tip = energies(
         group.omega, group.carried, group.mass, group.velocity, group.chain, s, c
     )
-    total = 0.0
-    for i in range(group.velocity.size):
+    total, first = 0.0, len(Output)
+    n = group.velocity.size
+    for i in range(n):
         period = group.record.period[i]
-        total = total + where(period > 0.0, period, 0.0)
+        known = where(period > 0.0, period, 0.0)
+        total = total + known
+        outputs[first + i, g] = known
+        outputs[first + n + i, g] = group.theta[i]
+        outputs[first + 2 * n + i, g] = group.omega[i]
     energy = kinetic + group.chain.gravity[0] * lift
-    start = where(numbers[Episode.STARTING, g] > 0.0, energy, numbers[Episode.START_ENERGY, g])
+    starts = numbers[Episode.STARTING, g] > 0.0
+    start = where(starts, energy, numbers[Episode.START_ENERGY, g])
     numbers[Episode.START_ENERGY, g] = start
+    squares = where(starts, 0.0, numbers[Episode.MEAN_SQUARED_ACTION, g])
+    numbers[Episode.MEAN_SQUARED_ACTION, g] = squares
     scale = where(energy > start, energy, start)
     drift = (energy - start) - numbers[Member.WORK, g]
     per_energy, completed = numbers[Episode.PER_ENERGY, g], numbers[Member.COMPLETED, g]
-    fraction = energy / where(start > 0.0, start, 1.0)
-    quantities[Output.HEIGHT, g] = lift * numbers[Episode.PER_LIFT, g]
-    quantities[Output.TIP, g] = tip * numbers[Episode.PER_LENGTH, g]
-    quantities[Output.ENERGY, g] = energy * per_energy
-    quantities[Output.KINETIC_ENERGY, g] = kinetic * per_energy
-    quantities[Output.ENERGY_FRACTION, g] = where(start > 0.0, fraction, energy * per_energy)
-    quantities[Output.MEAN_SQUARED_ACTION, g] = numbers[Episode.MEAN_SQUARED_ACTION, g]
-    quantities[Output.TIME, g] = numbers[Member.TIME, g]
-    quantities[Output.ENERGY_JOULES, g] = energy
-    quantities[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
-    quantities[Output.PSEUDO_PERIOD, g] = total / where(completed > 0.0, completed, 1.0)
-    quantities[Output.TIP_HEIGHT, g] = tip
-    quantities[Output.COMPLETED, g] = completed
-    quantities[Output.DIVERGED, g] = numbers[Member.DIVERGED, g]
+    share = energy / where(start > 0.0, start, 1.0)
+    quantities = Quantities(
+        lift * numbers[Episode.PER_LIFT, g], tip * numbers[Episode.PER_LENGTH, g],
+        energy * per_energy, kinetic * per_energy,
+        where(start > 0.0, share, energy * per_energy), squares, group.theta, group.omega,
+    )  # fmt: skip
+    outputs[Output.HEIGHT, g] = quantities.height
+    outputs[Output.TIP, g] = quantities.tip
+    outputs[Output.ENERGY, g] = quantities.energy
+    outputs[Output.KINETIC_ENERGY, g] = quantities.kinetic_energy
+    outputs[Output.ENERGY_FRACTION, g] = quantities.energy_fraction
+    outputs[Output.MEAN_SQUARED_ACTION, g] = squares
+    outputs[Output.TIME, g] = numbers[Member.TIME, g]
+    outputs[Output.ENERGY_JOULES, g] = energy
+    outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
+    outputs[Output.PSEUDO_PERIOD, g] = total / where(completed > 0.0, completed, 1.0)
+    outputs[Output.IDEAL_PERIOD, g] = numbers[Episode.IDEAL_PERIOD, g]
+    outputs[Output.TIP_HEIGHT, g] = tip
+    outputs[Output.COMPLETED, g] = completed
+    outputs[Output.DIVERGED, g] = numbers[Member.DIVERGED, g]
+    return quantities
+
+
+@inlined_kernel
+def _judge(
+    numbers: FloatArray, g: int, quantities: Quantities[Any], outputs: FloatArray,
+    task: FloatArray, observes: bool,
+) -> None:  # fmt: skip
+    """Write reward, end and success by the formulas of the built-in mode; count the steps.
+
+    Where Python judges, it does so afterwards. A lane that starts has no reward and no end.
+    """
+    mode = int(task[Task.MODE])
+    failed = quantities.height != quantities.height
+    reward, achieved = 0.0 * quantities.height, failed
+    if mode == MODE_NUMBERS.PASSIVE:
+        reward = _passive_reward(None, quantities)
+    elif mode == MODE_NUMBERS.SWING_UP:
+        reward = _swing_up_reward(None, quantities)
+        achieved = _swing_up_achieved(None, quantities)
+    elif mode == MODE_NUMBERS.BALANCE:
+        reward, failed = _balance_reward(None, quantities), _balance_failed(None, quantities)
+        achieved = _balance_achieved(None, quantities)
+    elif mode == MODE_NUMBERS.CALM:
+        reward, achieved = _calm_reward(None, quantities), _calm_achieved(None, quantities)
+    starts = numbers[Episode.STARTING, g] > 0.0
+    held, steps = numbers[Episode.STEPS_HELD, g], numbers[Episode.STEPS, g]
+    if not observes:
+        held, steps = held + 1.0, steps + 1.0
+    held = where(starts, 1.0, held)
+    if mode > 0 and not observes:
+        held = where(achieved, held, 0.0)
+    elif mode > 0:
+        held = where(starts, where(achieved, 1.0, 0.0), held)
+    steps = where(starts, 0.0, steps)
+    numbers[Episode.STEPS_HELD, g], numbers[Episode.STEPS, g] = held, steps
+    outputs[Output.SUCCESS, g] = where(held > task[Task.HOLD_STEPS], 1.0, 0.0)
+    if not observes:
+        over = (steps >= task[Task.MAX_STEPS]) | (numbers[Member.DIVERGED, g] > 0.0)
+        outputs[Output.REWARD, g] = where(starts, 0.0, reward)
+        outputs[Output.TERMINATED, g] = where(starts, 0.0, where(failed, 1.0, 0.0))
+        outputs[Output.TRUNCATED, g] = where(over, 1.0, 0.0)
 
 
 @inlined_kernel
@@ -143,43 +250,37 @@ def _wrap(theta: FloatArray, wrapped: FloatArray) -> None:
 
 @inlined_kernel
 def _observe(
-    rows: FloatArray, first: int, width: int, scratch: FloatArray, observation: ObsArray,
-    per_rod: FloatArray,
-) -> None:  # fmt: skip
-    """Write observations, pseudo-periods, angles and speeds of a group, lane by lane.
+    rows: FloatArray, first: int, width: int, scratch: FloatArray, observation: ObsArray
+) -> None:
+    """Write the observations of a group, lane by lane.
 
     `rows` are the group's rows of the ensemble's `rods`, `first` is its first lane.
     """
     s, c, wrapped = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.WRAPPED]
-    theta, omegas, period = rows[Rod.THETA], rows[Rod.OMEGA], rows[Rod.PERIOD]
-    n = per_rod.shape[2]
+    omega = rows[Rod.OMEGA]
+    n = omega.size // width - 1
     with_sines = observation.shape[1] == 3 * n
     for k in range(width):
-        row, periods = observation[first + k], per_rod[PERIODS, first + k]
-        angles, speeds = per_rod[ANGLES, first + k], per_rod[SPEEDS, first + k]
+        row = observation[first + k]
         for i in range(n):
             j = i * width + k
-            omega = omegas[j]
-            periods[i] = 0.0 if math.isnan(period[j]) else period[j]
-            angles[i] = theta[j]
-            speeds[i] = omega
             if with_sines:
                 row[i] = s[j]
                 row[n + i] = c[j]
-                row[2 * n + i] = omega
+                row[2 * n + i] = omega[j]
             else:
                 angle = np.float32(wrapped[j])
                 row[i] = -_PI_32 if angle >= _PI_32 else angle  # float32 may round up to pi
-                row[n + i] = omega
+                row[n + i] = omega[j]
 
 
 @spliced_kernel
 def _step(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
-    actions: FloatArray, outputs: tuple[ObsArray, FloatArray, FloatArray], timing: FloatArray,
-    scratch: FloatArray,
+    actions: FloatArray, outputs: tuple[ObsArray, FloatArray], task: FloatArray,
+    timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    observation, quantities, per_rod = outputs
+    observation, told = outputs
     numbers, work = view(members), view(scratch)
     observes = timing[Timing.SUBSTEPS] == 0.0
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
@@ -190,33 +291,34 @@ def _step(
             bob_velocities(group, work[Scratch.SIN], work[Scratch.COS])
         else:
             if timing[Timing.FIRST_SUBSTEP] == 0.0:
-                _apply_actions(numbers, g, group, view(actions)[g])
+                _apply_actions(members, rods[g], g * width, width, actions, task)
             advance_group(view, width, members, rods, timing, scratch, g, group)
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
-            _judge(numbers, g, group, work, view(quantities))
-            if observation.shape[1] == 2 * group.theta.size:
-                _wrap(group.theta, work[Scratch.WRAPPED])
-            _observe(rods[g], g * width, width, scratch, observation, per_rod)
+            quantities = _measure(numbers, g, group, work, view(told))
+            _judge(numbers, g, quantities, view(told), task, observes)
+            if observation.shape[1] == 2 * group.velocity.size:
+                _wrap(group.theta[: group.velocity.size], work[Scratch.WRAPPED])
+            _observe(rods[g], g * width, width, scratch, observation)
 
 
 @kernel
 def step_one(
     members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
-    observation: ObsArray, quantities: FloatArray, per_rod: FloatArray, timing: FloatArray,
+    observation: ObsArray, outputs: FloatArray, task: FloatArray, timing: FloatArray,
     scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of one environment; see `step_many`."""
-    outputs = bare(observation), bare(quantities), bare(per_rod)
+    written = bare(observation), bare(outputs)
     _step(
-        bare, 1, bare(members), bare(rods), bare(model), bare(actions), outputs, bare(timing),
-        bare(scratch),
+        bare, 1, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
+        bare(timing), bare(scratch),
     )  # fmt: skip
 
 
 @kernel
 def step_many(
     members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
-    observation: ObsArray, quantities: FloatArray, per_rod: FloatArray, timing: FloatArray,
+    observation: ObsArray, outputs: FloatArray, task: FloatArray, timing: FloatArray,
     scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of the active lanes, and write what is told of every lane.
@@ -227,15 +329,16 @@ def step_many(
         As for `npend_gym.physics.kernels.ensemble.advance_many`, `members` with the rows of
         `Episode`. With 0 substeps nothing moves: the call only observes, in the groups with a lane
         to be OBSERVED.
-    actions : ndarray, shape (groups, n * width)
-        Action at each joint; 0 at joints without a motor.
+    actions : ndarray, shape (lanes, joints)
+        Torque over its limit at each actuated joint; beyond +-1 it is clipped.
     observation : ndarray, float32, shape (lanes, 2n) or (lanes, 3n)
-    quantities : ndarray, shape (len(Output), lanes)
-    per_rod : ndarray, shape (3, lanes, n)
-        Written: pseudo-periods (0.0 where not complete), angles, angular velocities.
+        Written.
+    outputs : ndarray, shape (len(Output) + 3 n, lanes)
+        Written.
+    task : ndarray, shape (len(Task) + joints,)
     """
-    outputs = bare(observation), bare(quantities), bare(per_rod)
+    written = bare(observation), bare(outputs)
     _step(
-        packs, WIDTH, bare(members), bare(rods), bare(model), bare(actions), outputs,
+        packs, WIDTH, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
         bare(timing), bare(scratch),
     )  # fmt: skip

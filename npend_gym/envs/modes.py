@@ -89,12 +89,7 @@ class Mode:
         return np.logical_not(self.failed(quantities))
 
 
-def _calmness(quantities: Quantities[Any]) -> Any:
-    """Return 1 at rest, 1/2 where the kinetic energy is a quarter of the unit."""
-    return 1.0 / (1.0 + 4.0 * quantities.kinetic_energy)
-
-
-class _Release(Mode):
+class Release(Mode):
     """The base of the tasks that begin with a free release."""
 
     def start(
@@ -104,7 +99,30 @@ class _Release(Mode):
         return np.full(n, amplitude + spread * rng.random()), np.zeros(n)
 
 
-class Passive(_Release):
+class NearPose(Mode):
+    """The base of the tasks that begin near an equilibrium.
+
+    Attributes
+    ----------
+    pose : float
+        Angle of all rods there [rad].
+    nearness : float
+        Angles and angular velocities start within this [rad, rad/s].
+    """
+
+    pose: ClassVar[float]
+    nearness: ClassVar[float]
+
+    def start(
+        self, rng: np.random.Generator, n: int, amplitude: float, spread: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Start within `nearness` of the equilibrium at rest."""
+        del amplitude, spread
+        near = self.nearness
+        return self.pose + rng.uniform(-near, near, n), rng.uniform(-near, near, n)
+
+
+class Passive(Release):
     """The paper's experiment: a free release from rest; no torque, no reward, no failure."""
 
     name = "passive"
@@ -113,8 +131,7 @@ class Passive(_Release):
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return 0."""
-        del quantities
-        return -0.0  # not 0.0: 0 times the height of a hanging tip, as `npend verify` knows it
+        return -0.0 * quantities.height  # not 0.0: as `npend verify` knows it
 
     def achieved(self, quantities: Quantities[Any]) -> Any:
         """Return False: there is nothing to achieve."""
@@ -122,7 +139,7 @@ class Passive(_Release):
         return False
 
 
-class SwingUp(Mode):
+class SwingUp(NearPose):
     """From hanging nearly at rest to upright and slow.
 
     reward = height^2 (1 + calmness) / 2 (1 - mean_squared_action / 10), with
@@ -132,17 +149,12 @@ class SwingUp(Mode):
 
     name = "swingup"
     hold = 5.0
-
-    def start(
-        self, rng: np.random.Generator, n: int, amplitude: float, spread: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Start within 0.05 rad and 0.05 rad/s of hanging at rest."""
-        del amplitude, spread
-        return rng.uniform(-0.05, 0.05, n), rng.uniform(-0.05, 0.05, n)
+    pose, nearness = 0.0, 0.05
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the squared height of the centre of mass, halved where fast."""
-        upright = quantities.height * quantities.height * (0.5 + 0.5 * _calmness(quantities))
+        calmness = 1.0 / (1.0 + 4.0 * quantities.kinetic_energy)
+        upright = quantities.height * quantities.height * (0.5 + 0.5 * calmness)
         return upright * (1.0 - 0.1 * quantities.mean_squared_action)
 
     def achieved(self, quantities: Quantities[Any]) -> Any:
@@ -150,7 +162,7 @@ class SwingUp(Mode):
         return (quantities.height > 0.95) & (quantities.kinetic_energy < 0.01)
 
 
-class Balance(Mode):
+class Balance(NearPose):
     """Keep the upright chain up; fails when the tip falls below half its full height.
 
     reward = max(tip, 0) (1 + calmness) / 2 (1 - mean_squared_action / 10)
@@ -159,18 +171,13 @@ class Balance(Mode):
 
     name = "balance"
     dt = 0.02
-
-    def start(
-        self, rng: np.random.Generator, n: int, amplitude: float, spread: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Start within 0.02 rad and 0.02 rad/s of standing upright."""
-        del amplitude, spread
-        return np.pi + rng.uniform(-0.02, 0.02, n), rng.uniform(-0.02, 0.02, n)
+    pose, nearness = float(np.pi), 0.02
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the height of the tip, halved where fast."""
         upright = 0.5 * (quantities.tip + abs(quantities.tip))
-        upright = upright * (0.5 + 0.5 * _calmness(quantities))
+        calmness = 1.0 / (1.0 + 4.0 * quantities.kinetic_energy)
+        upright = upright * (0.5 + 0.5 * calmness)
         return upright * (1.0 - 0.1 * quantities.mean_squared_action)
 
     def failed(self, quantities: Quantities[Any]) -> Any:
@@ -182,7 +189,7 @@ class Balance(Mode):
         return quantities.tip >= 0.5
 
 
-class Calm(_Release):
+class Calm(Release):
     """Bring the released chain to rest.
 
     reward = (1 / (1 + e) + 1 / (1 + 100 e)) / 2 (1 - mean_squared_action / 10), with

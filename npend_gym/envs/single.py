@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
+from npend_gym.compiled.philox import keys_of
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import checked_action, checked_options
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
-from npend_gym.envs.modes import Quantities
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress
 
@@ -159,10 +159,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.render_mode = render_mode
         self.camera = Camera(render_mode, config.render_fps)
         self._episodes: Episodes = Episodes(config, 1)
-        self._mode = config.mode
         self._action_shape = (config.joints.size,)
-        self._hold_steps = config.hold_steps
-        self._steps_held = 0  # instants in a row at which the goal was met
+        self._is_seeded = False
         self._progress = Progress.NEW
 
     def reset(  # type: ignore[override]
@@ -190,22 +188,29 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             If an option is unknown or breaks its rule; the environment is then unchanged.
         """
         broken = self._progress is _UNFINISHED
-        episodes = Episodes(self.config, 1) if broken else self._episodes
+        episodes = self._episodes.renewed() if broken else self._episodes
         checked = checked_options(options, self.config)
         self._progress = _UNFINISHED
         self._episodes = episodes
         super().reset(seed=seed)
-        episodes.rngs = [self.np_random]
+        self._seed(episodes, given=seed is not None)
         episodes.start(_THE_LANE, checked)
+        episodes.observe()
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
             self.camera.follow(episodes)
-        quantities, info = episodes.only_lane()
-        self._steps_held = 0
-        info["success"] = self._success(quantities)
-        observation = episodes.observation[0]
+        observation, (_, _, _, info) = episodes.observation[0], episodes.only_lane()
         self._progress = _READY
         return observation, info
+
+    def _seed(self, episodes: Episodes, *, given: bool) -> None:
+        """Give the episodes the seed of Gymnasium's generator, where it is new."""
+        seed = self.np_random_seed
+        if seed < 0:  # a generator that the user has set tells no seed
+            seed, given = int(self.np_random.integers(2**63)), True
+        if given or not self._is_seeded:
+            episodes.seed(np.zeros(1, np.int64), [seed], keys_of(seed, 1))
+        self._is_seeded = True
 
     def step(  # type: ignore[override]
         self, action: Any
@@ -222,23 +227,15 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         """
         if self._progress is not _READY:
             raise self._progress.refuse("step")
-        episodes, mode = self._episodes, self._mode
+        episodes = self._episodes
         checked = checked_action(action, self._action_shape)
         self._progress = _UNFINISHED
         episodes.step(checked)
-        quantities, info = episodes.only_lane()
-        reward, failed = float(mode.reward(quantities)), bool(mode.failed(quantities))
-        info["success"] = self._success(quantities)
+        reward, terminated, truncated, info = episodes.only_lane()
         if self.render_mode is not None:
             self.camera.follow(episodes)
-        result = episodes.observation[0], reward, failed, info["diverged"], info
         self._progress = _READY
-        return result
-
-    def _success(self, quantities: Quantities[float]) -> bool:
-        """Return whether the goal is met now and was over all of the mode's `hold`."""
-        self._steps_held = self._steps_held + 1 if self._mode.achieved(quantities) else 0
-        return self._steps_held > self._hold_steps
+        return episodes.observation[0], reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it.

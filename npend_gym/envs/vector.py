@@ -14,8 +14,7 @@ from typing_extensions import Unpack
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
-from npend_gym.envs.generators import Generators
-from npend_gym.envs.info import BatchInfo, final_info, with_masks
+from npend_gym.envs.info import final_info, with_masks
 from npend_gym.envs.inputs import (
     checked_action,
     checked_autoreset_mode,
@@ -27,6 +26,7 @@ from npend_gym.envs.inputs import (
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress, lanes_are_done
+from npend_gym.envs.seeds import Seeds
 
 _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
@@ -92,12 +92,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         }
         self.camera = Camera(render_mode, config.render_fps)
         self.render_mode = render_mode
-        self._threads = threads
-        self._episodes: Episodes = Episodes(config, self.num_envs, threads)
-        self._generators = Generators(self.num_envs)
-        self._steps = np.zeros(self.num_envs, np.int64)
-        self._hold_steps = config.hold_steps
-        self._steps_held = np.zeros(self.num_envs, np.int64)  # instants in a row with the goal met
+        self._episodes: Episodes = Episodes(config, self.num_envs, threads, self.max_episode_steps)
+        self._seeds = Seeds(self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over
         self._progress = Progress.NEW
         self.closed = False
@@ -132,16 +128,18 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         every = self._progress is not _READY
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
         broken = self._progress is _UNFINISHED
-        episodes = Episodes(self.config, self.num_envs, self._threads) if broken else self._episodes
+        episodes = self._episodes.renewed() if broken else self._episodes
         checked = checked_options(given, self.config, self.num_envs)
-        seeds = self._generators.checked_seeds(seed)
+        checked_seed = self._seeds.checked(seed)
         self._progress = _UNFINISHED
         self._episodes = episodes
-        self._generators.seed(seeds, mask)
-        episodes.rngs = [generator for generator, _ in self._generators.pairs()]
-        self._begin(mask, checked)
+        lanes, keys = self._seeds.choose(checked_seed, mask)
+        episodes.seed(lanes, self._seeds.values, keys)
+        episodes.start(mask, checked)
+        episodes.observe()
+        self.camera.forget(mask)
         self._done = self._done & ~mask
-        result = episodes.observation, self._info_of(mask)
+        result = episodes.observation, with_masks(episodes.info(), mask.copy())
         self._progress = _READY
         return result
 
@@ -166,45 +164,34 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             raise lanes_are_done(waiting)
         episodes = self._episodes
         action = checked_action(actions, (self.num_envs, self.config.joints.size))
-        some_wait = np.count_nonzero(waiting) > 0
         self._progress = _UNFINISHED
-        if some_wait:
-            episodes.active[waiting] = 0.0
-        episodes.step(action)
-        self._steps += 1
-        if some_wait:  # autoreset of NEXT_STEP
-            episodes.active[waiting] = 1.0
-            self._begin(waiting, {}, reuse_buffers=True)
-        quantities, info = episodes.every_lane()
-        # new arrays, even where a mode returns one number, or one of the quantities as it is
-        reward, terminated = np.empty(self.num_envs), np.empty(self.num_envs, np.bool_)
-        reward[:] = self.config.mode.reward(quantities)
-        terminated[:] = self.config.mode.failed(quantities)
-        if some_wait:
-            reward[waiting], terminated[waiting] = 0.0, False
-            self._steps_held[waiting] = 0
-        self._steps_held += 1
-        self._steps_held *= self.config.mode.achieved(quantities)
-        truncated = episodes.diverged
-        if self.max_episode_steps is not None:
-            truncated |= self._steps >= self.max_episode_steps
+        if np.count_nonzero(waiting) > 0:  # autoreset of NEXT_STEP
+            episodes.start(waiting, {})
+            self.camera.forget(waiting)
+            episodes.step(action, waiting)
+        else:
+            episodes.step(action)
+        reward, terminated, truncated = episodes.outcome
         done = self._done = terminated | truncated
-        shown = self._autoreset(info, done)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(done) > 0:
+            info = self._reset_now(done)
+        else:
+            info = with_masks(episodes.info(), np.ones(self.num_envs, np.bool_))
         if self.render_mode is not None:
             self.camera.follow(episodes)
-        result = episodes.observation, reward, terminated, truncated, shown
+        result = episodes.observation, reward, terminated, truncated, info
         self._progress = _READY
         return result
 
-    def _autoreset(self, info: BatchInfo, done: BoolArray) -> dict[str, Any]:
-        """Return the info of the step, lanes that are done having been reset in SAME_STEP."""
-        info["success"] = self._steps_held > self._hold_steps
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP or np.count_nonzero(done) == 0:
-            return with_masks(info, np.ones(self.num_envs, np.bool_))
-        final = final_info(self._episodes.observation, info, done)
-        self._begin(done, {}, reuse_buffers=True)
+    def _reset_now(self, done: BoolArray) -> dict[str, Any]:
+        """Begin the next episode of lanes that are done; return the info with their last one."""
+        episodes = self._episodes
+        final = final_info(episodes.observation, episodes.info(), done)
+        episodes.start(done, {})
+        episodes.observe(reuse_buffers=True)
+        self.camera.forget(done)
         self._done = np.zeros(self.num_envs, np.bool_)
-        return self._info_of(np.ones(self.num_envs, np.bool_)) | final
+        return with_masks(episodes.info(), np.ones(self.num_envs, np.bool_)) | final
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
         """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window.
@@ -221,26 +208,10 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """The generators of the lanes."""
-        return tuple(generator for generator, _ in self._generators.pairs())
+        """A generator for each lane; nothing that the environment draws comes from them."""
+        return self._seeds.generators
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seeds of the lanes."""
-        return tuple(seed for _, seed in self._generators.pairs())
-
-    def _begin(
-        self, lanes: BoolArray, options: dict[str, FloatArray], *, reuse_buffers: bool = False
-    ) -> None:
-        """Begin a new episode in some lanes; with `reuse_buffers` in the step's own arrays."""
-        self._episodes.start(lanes, options, reuse_buffers=reuse_buffers)
-        self._steps[lanes] = 0
-        achieved = self.config.mode.achieved(self._episodes.every_lane()[0])
-        self._steps_held[lanes] = np.broadcast_to(achieved, lanes.shape)[lanes]
-        self.camera.forget(lanes)
-
-    def _info_of(self, lanes: BoolArray) -> dict[str, Any]:
-        """Return the info after a reset of some lanes."""
-        info = self._episodes.every_lane()[1]
-        info["success"] = self._steps_held > self._hold_steps
-        return with_masks(info, lanes.copy())
+        return tuple(self._seeds.values)

@@ -17,9 +17,7 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.physics.kernels.ensemble import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
 from npend_gym.physics.kernels.link_terms import Joint, Link, check_terms, model_terms
-from npend_gym.physics.kernels.members import begin_all_to_measure, write_chains
-
-Indices = NDArray[np.int64]
+from npend_gym.physics.kernels.members import Indices, begin_all_to_measure, write_chains
 
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one

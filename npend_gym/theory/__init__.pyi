@@ -1,7 +1,6 @@
 from npend_gym.theory.closed_forms import Models as Models
 from npend_gym.theory.closed_forms import amplitude_correction as amplitude_correction
 from npend_gym.theory.closed_forms import ideal_period as ideal_period
-from npend_gym.theory.closed_forms import ideal_periods as ideal_periods
 from npend_gym.theory.closed_forms import large_n_period as large_n_period
 from npend_gym.theory.closed_forms import models as models
 from npend_gym.theory.closed_forms import pendulum_period as pendulum_period

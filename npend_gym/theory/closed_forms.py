@@ -12,7 +12,7 @@ from scipy.special import ellipk, jn_zeros
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain, ChainParameters
+from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain
 from npend_gym.theory.modes import fundamental_period
 
 MAX_TERMS = 100_000  # of the amplitude series
@@ -34,16 +34,19 @@ def ideal_period(chain: Chain) -> float:
             "ideal_period is the paper's formula for point masses on massless rods, and does not "
             f"apply to links: use fundamental_period; got {chain}"
         )
-    return float(ideal_periods(chain.repeated(1))[0])
+    if not chain.gravity:
+        return math.nan
+    return paper_period(chain.masses, chain.lengths, chain.gravity)
 
 
-def ideal_periods(chains: ChainParameters) -> FloatArray:
-    """Return `ideal_period` of many chains [s], shape (B,); NaN where it does not apply."""
-    total = chains.masses.sum(axis=1, keepdims=True)
-    rates = np.sqrt(chains.gravity[:, None] * chains.masses / (chains.lengths * total)).sum(axis=1)
-    numerator = 2.0 * np.pi * chains.masses.shape[1]
-    applies = (rates > 0.0) & chains.has_bobs
-    return np.where(applies, numerator / np.where(applies, rates, 1.0), np.nan)
+def paper_period(masses: FloatArray, lengths: FloatArray, gravity: float) -> float:
+    """Return `ideal_period` of masses and lengths (n,) under gravity; for compiled code too."""
+    total = rates = 0.0
+    for mass in masses:
+        total += mass
+    for mass, length in zip(masses, lengths):  # noqa: B905  no keywords in compiled code
+        rates += math.sqrt(gravity * mass / (length * total))
+    return 2.0 * math.pi * len(masses) / rates
 
 
 def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatArray:
@@ -96,7 +99,7 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
 
     Where `angle` is an array, the mean of the corrections of its entries is taken.
     """
-    ideal = float(ideal_periods(chain.repeated(1))[0])
+    ideal = ideal_period(chain) if chain.has_bobs else math.nan
     corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
     return Models(ideal, corrected, fundamental_period(chain))
 

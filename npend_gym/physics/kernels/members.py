@@ -1,12 +1,17 @@
 """A member of an ensemble: its chain written to memory, and its measurements begun, lane by lane.
 
-A chain is an array (parameters, n) with the rows of `Parameter`; gravity fills its row. `physics.memory` writes whole ensembles by these functions, environments a lane that starts.
+A chain is an array (parameters, n) with the rows of `Parameter`; gravity fills its row.
+`physics.memory` writes whole ensembles by these functions, environments a lane that starts.
 """
 
 # ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare
@@ -16,7 +21,9 @@ from npend_gym.physics.kernels.layout import Member, Model, Rod
 from npend_gym.physics.kernels.link_terms import Parameter, joint_terms_of, link_terms_of
 from npend_gym.physics.kernels.turning_points import speed_threshold
 
-_speed_threshold = inlined_kernel(speed_threshold)
+Indices = NDArray[np.int64]
+
+_speed_threshold: Any = inlined_kernel(speed_threshold)
 
 
 @inlined_kernel
@@ -25,14 +32,14 @@ def _no_terms(model: Model, g: int, lane: int, width: int, chain: FloatArray) ->
 
 
 @inlined_kernel
-def _write_links(model: Model, g: int, lane: int, width: int, chain: FloatArray) -> None:
+def _write_links(model: Any, g: int, lane: int, width: int, chain: FloatArray) -> None:
     terms = model[0][g]
     for i in range(chain.shape[1]):
         link_terms_of(chain, i, terms, i * width + lane)
 
 
 @inlined_kernel
-def _write_machine(model: Model, g: int, lane: int, width: int, chain: FloatArray) -> None:
+def _write_machine(model: Any, g: int, lane: int, width: int, chain: FloatArray) -> None:
     terms, joints = model[0][g], model[1][g]
     for i in range(chain.shape[1]):
         link_terms_of(chain, i, terms, i * width + lane)
@@ -100,7 +107,7 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
 
 @kernel
 def write_chains(
-    members: FloatArray, rods: FloatArray, model: Model, chosen: FloatArray, chains: FloatArray
+    members: FloatArray, rods: FloatArray, model: Model, chosen: Indices, chains: FloatArray
 ) -> None:
     """Give `chosen` members, k of them, the chains (k, parameters, n); or (1, ...) to all."""
     members, rods, model, width = bare(members), bare(rods), bare(model), _width(members, rods)
@@ -110,7 +117,7 @@ def write_chains(
 
 
 @kernel
-def begin_all_to_measure(members: FloatArray, rods: FloatArray, n: int, chosen: FloatArray) -> None:
+def begin_all_to_measure(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) -> None:
     """Begin to measure `chosen` members from their present states."""
     members, rods, width = bare(members), bare(rods), _width(members, rods)
     for k in chosen:

@@ -83,7 +83,7 @@ def new_record(theta: FloatArray, orientation: FloatArray) -> Record:
     return record
 
 
-def speed_threshold(natural: FloatArray, fastest: FloatArray) -> FloatArray:
+def speed_threshold(natural: Any, fastest: Any) -> Any:
     """Return the angular velocity [rad/s] above which a sign counts, 1e-6 sqrt(g/l).
 
     Parameters

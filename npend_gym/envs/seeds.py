@@ -1,0 +1,80 @@
+"""The seeds of the lanes of a vector environment, and their keys."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import BoolArray
+from npend_gym.compiled.philox import Keys, key_of, keys_of
+
+Lanes = NDArray[np.int64]
+
+
+class Seeds:
+    """The seed of each lane: lane k of seed s has s + k.
+
+    Attributes
+    ----------
+    values : list of int
+        Empty until the first `choose`.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self.values: list[int] = []
+        self._generators: tuple[np.random.Generator, ...] | None = None
+
+    def checked(self, seed: Any) -> Any:
+        """Return the seed of lane 0 as an int, a list with that of every lane, or None."""
+        if seed is None:
+            return None
+        if not isinstance(seed, (list, tuple, np.ndarray)):
+            return _checks.count("seed", seed, low=0)
+        listed: list[Any] = list(seed)  # pyright: ignore[reportUnknownArgumentType]
+        if len(listed) != self._count:
+            raise ValueError(
+                f"seed must have an entry for each of the {self._count} lanes, got {len(listed)}"
+            )
+        return [None if s is None else _checks.count("seed", s, low=0) for s in listed]
+
+    def choose(self, seed: Any, lanes: BoolArray) -> tuple[Lanes, Keys]:
+        """Seed some lanes (B,); return those whose seed is new, and their keys (2, k).
+
+        A lane without a seed keeps the one it has. The first is drawn from the system where none
+        was given.
+        """
+        given: list[Any] = [None] * self._count if seed is None else seed
+        if isinstance(seed, int):
+            new, given = lanes, list(range(seed, seed + self._count))
+        else:
+            new = lanes & np.array([one is not None for one in given])
+        if not self.values:
+            entropy = seeding.np_random(None)[1] if any(one is None for one in given) else 0
+            self.values = [entropy + lane if one is None else one for lane, one in enumerate(given)]
+            new = np.ones(self._count, np.bool_)
+        elif new.all():
+            self.values = given
+        else:
+            self.values = [
+                given[lane] if chosen else old
+                for lane, (chosen, old) in enumerate(zip(new.tolist(), self.values, strict=True))
+            ]
+        if new.any():
+            self._generators = None
+        chosen = np.flatnonzero(new)
+        if isinstance(seed, int):
+            return chosen, keys_of(seed, self._count)[:, chosen]
+        keys = [key_of(self.values[lane]) for lane in chosen.tolist()]
+        return chosen, np.array(keys, np.uint64).reshape(-1, 2).T
+
+    @property
+    def generators(self) -> tuple[np.random.Generator, ...]:
+        """NumPy's generators of the seeds, for the user: the environment draws from none."""
+        if self._generators is None:
+            self._generators = tuple(seeding.np_random(seed)[0] for seed in self.values)
+        return self._generators

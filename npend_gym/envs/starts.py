@@ -1,0 +1,179 @@
+"""How episodes start: the chain drawn, the state drawn, the measurements begun, in compiled code.
+
+All draws are functions of seed and number of the episode: see `npend_gym.compiled.philox`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.chain import STANDARD_GRAVITY
+from npend_gym.compiled.arrays import bare
+from npend_gym.compiled.jit import inlined_kernel, kernel
+from npend_gym.compiled.philox import Keys, Purpose, philox, unit
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.kernels import Episode
+from npend_gym.envs.modes import NearPose, Release
+from npend_gym.physics.kernels.layout import Member, Model, Rod
+from npend_gym.physics.kernels.link_terms import Parameter
+from npend_gym.physics.kernels.members import Indices, begin_to_measure, write_chain
+from npend_gym.theory.closed_forms import paper_period
+
+_paper_period = inlined_kernel(paper_period)
+
+
+class StartFields(NamedTuple):
+    """Entries of `start`: how the built-in modes start."""
+
+    KIND: int = 0
+    POSE: int = 1  # rad
+    NEARNESS: int = 2  # rad and rad/s
+    SPREAD: int = 3  # rad
+
+
+Start = StartFields()
+BY_PYTHON, RELEASE, NEAR_POSE = range(3)  # kinds of start
+
+
+class DrawFields(NamedTuple):
+    """Columns of `draws`, which has a row for each number that is drawn at a start."""
+
+    FIELD: int = 0  # of `Parameter`, or, from len(Parameter) on, a row of `members`
+    ROD: int = 1
+    LOW: int = 2
+    HIGH: int = 3
+
+
+Draw = DrawFields()
+
+
+@inlined_kernel
+def _stream(keys: Keys, k: int, purpose: int, episode: float, j: int) -> float:
+    """Return number `j` of a stream of lane `k`, in [0, 1)."""
+    words = philox(keys[0, k], keys[1, k], j // 4, 0, purpose, episode)
+    return unit(words[j % 4])
+
+
+@inlined_kernel
+def _draw_chain(
+    members: FloatArray, keys: Keys, k: int, draws: FloatArray, chain: FloatArray,
+    context: FloatArray,
+) -> None:  # fmt: skip
+    """Draw the context of lane `k`, and write it where it belongs: into the chain, or members."""
+    for j in range(draws.shape[0]):
+        low, high = draws[j, Draw.LOW], draws[j, Draw.HIGH]
+        u = _stream(keys, k, Purpose.CHAIN, members[Episode.EPISODE, k], j)
+        value = low + (high - low) * u
+        context[k, j] = value
+        field, rod = int(draws[j, Draw.FIELD]), int(draws[j, Draw.ROD])
+        if field >= len(Parameter):
+            members[field - len(Parameter), k] = value
+            continue
+        if field == Parameter.lengths and chain[Parameter.centres, rod] == chain[field, rod]:
+            chain[Parameter.centres, rod] = value  # a bob stays at the end of its rod
+        chain[field, rod] = value
+
+
+@inlined_kernel
+def _draw_state(
+    members: FloatArray, rods: FloatArray, keys: Keys, k: int, width: int, n: int,
+    start: FloatArray,
+) -> None:  # fmt: skip
+    """Draw the state of lane `k` as the mode's `start` does."""
+    rows, lane, episode = rods[k // width], k % width, members[Episode.EPISODE, k]
+    near, release = start[Start.NEARNESS], start[Start.KIND] == RELEASE
+    for i in range(n):
+        theta = omega = 0.0
+        if release:
+            u = _stream(keys, k, Purpose.START, episode, 0)
+            theta = members[Episode.AMPLITUDE, k] + start[Start.SPREAD] * u
+        else:
+            u = _stream(keys, k, Purpose.START, episode, i)
+            v = _stream(keys, k, Purpose.START, episode, n + i)
+            theta = start[Start.POSE] + (-near + (near + near) * u)
+            omega = -near + (near + near) * v
+        rows[Rod.THETA, i * width + lane] = theta
+        rows[Rod.OMEGA, i * width + lane] = omega
+
+
+@inlined_kernel
+def _scale(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) -> None:
+    """Set what makes quantities mean the same for every chain, from the chain of lane `k`."""
+    rows, lane = rods[k // width], k % width
+    lift = size = length = 0.0
+    for i in range(n):
+        lifts = rows[Rod.CARRIED, i * width + lane]
+        lift += lifts
+        size += abs(lifts)
+        length += rows[Rod.LENGTH, i * width + lane]
+    gravity = members[Member.GRAVITY, k]
+    unit_of_energy = 2.0 * (gravity if gravity > 0.0 else STANDARD_GRAVITY) * size
+    members[Episode.PER_ENERGY, k] = 1.0 / unit_of_energy
+    members[Episode.PER_LENGTH, k] = 1.0 / length
+    members[Episode.PER_LIFT, k] = 0.5 / lift
+    members[Episode.IDEAL_PERIOD, k] = 0.0
+    if members[Episode.HAS_BOBS, k] > 0.0 and gravity > 0.0:
+        masses, lengths = rows[Rod.MASS, lane::width][:n], rows[Rod.LENGTH, lane::width][:n]
+        members[Episode.IDEAL_PERIOD, k] = _paper_period(masses, lengths, gravity)
+
+
+@kernel
+def begin_episodes(
+    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, nominal: FloatArray,
+    draws: FloatArray, start: FloatArray, context: FloatArray,
+) -> None:  # fmt: skip
+    """Begin the next episode of the lanes that are STARTING.
+
+    Parameters
+    ----------
+    members, rods, model
+        As for `step_many`.
+    keys : ndarray, uint64, shape (2, lanes)
+        Those of the lanes' seeds.
+    nominal : ndarray, shape (parameters, n)
+        The chain that the environment was made with.
+    draws : ndarray, shape (numbers, len(Draw))
+        What is drawn of it.
+    start : ndarray, shape (len(Start),)
+    context : ndarray, shape (lanes, numbers)
+        Written: the numbers drawn.
+    """
+    members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
+    n, width, chain = nominal.shape[1], members.shape[1] // rods.shape[0], nominal.copy()
+    for k in range(members.shape[1]):
+        if members[Episode.STARTING, k] == 0.0:
+            continue
+        members[Episode.EPISODE, k] += 1.0
+        if draws.shape[0] > 0:
+            chain[:] = nominal
+            _draw_chain(members, keys, k, draws, chain, context)
+            write_chain(members, rods, model, k, width, bare(chain))
+            _scale(members, rods, k, width, n)
+        if start[Start.KIND] != BY_PYTHON:
+            _draw_state(members, rods, keys, k, width, n, start)
+        begin_to_measure(members, rods, k, width, n)
+
+
+@kernel
+def scale_all(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) -> None:
+    """Set what makes quantities mean the same for every chain, of `chosen` lanes."""
+    members, rods = bare(members), bare(rods)
+    for k in chosen:
+        _scale(members, rods, k, members.shape[1] // rods.shape[0], n)
+
+
+def start_plan(config: EnvConfig) -> FloatArray:
+    """Return `start` of an environment's mode; of a mode of one's own, whose `start` Python calls.
+
+    A class derived from a built-in mode may have any `start` of its own.
+    """
+    mode, plan = config.mode, np.zeros(len(Start))
+    plan[Start.SPREAD] = config.spread
+    if isinstance(mode, Release) and type(mode).start is Release.start:
+        plan[Start.KIND] = RELEASE
+    elif isinstance(mode, NearPose) and type(mode).start is NearPose.start:
+        plan[[Start.KIND, Start.POSE, Start.NEARNESS]] = NEAR_POSE, mode.pose, mode.nearness
+    return plan
