@@ -137,6 +137,13 @@ def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> in
     return int(out)
 
 
+def truth(name: str, value: Any) -> bool:
+    """Return `value`, which must be True or False."""
+    if not _is_bool(value):
+        raise TypeError(f"{name} must be True or False, got {show(value)}")
+    return bool(value)
+
+
 def choice(name: str, value: Any, options: tuple[str, ...]) -> str:
     """Return `value`, which must be one of `options`."""
     if not isinstance(value, str) or value not in options:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -49,6 +49,10 @@ def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
     def plain(value: Any) -> Any:
         if isinstance(value, Chain):
             return value.as_dict()
+        if isinstance(value, Mapping):
+            return plain_keywords(cast("Mapping[str, Any]", value))
+        if isinstance(value, (tuple, list)):
+            return [plain(one) for one in cast("list[Any]", value)]
         return value.tolist() if isinstance(value, np.ndarray) else value
 
     return {name: plain(value) for name, value in keywords.items()}

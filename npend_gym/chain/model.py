@@ -190,11 +190,7 @@ class Chain:
         if size == 1 and not changes:
             return ChainParameters(**own)
         values = {name: np.broadcast_to(row, (size, *row.shape[1:])) for name, row in own.items()}
-        values |= {name: parameters.check_parameter(name, row) for name, row in changes.items()}
-        if "lengths" in changes and "centres" not in changes:
-            at_the_end = self.centres == self.lengths
-            values["centres"] = np.where(at_the_end, values["lengths"], self.centres)
-        return ChainParameters(**values).check()
+        return ChainParameters(**values).changed(changes)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters as plain numbers and lists, for JSON: `from_dict` reads them.

@@ -79,6 +79,22 @@ class ChainParameters(NamedTuple):
         gravity = np.where(self.gravity > 0.0, self.gravity, STANDARD_GRAVITY)
         return 2.0 * gravity * _sum(np.abs(self.lift))
 
+    def changed(self, changes: Mapping[str, FloatArray]) -> ChainParameters:
+        """Return the chains with new values of some parameters, by name.
+
+        Centres of mass at the ends of rods stay there when lengths change alone.
+
+        Raises
+        ------
+        ValueError
+            If a change breaks the rule of its parameter.
+        """
+        values = self._asdict() | {k: check_parameter(k, row) for k, row in changes.items()}
+        if "lengths" in changes and "centres" not in changes:
+            at_the_end = self.centres == self.lengths
+            values["centres"] = np.where(at_the_end, values["lengths"], self.centres)
+        return ChainParameters(**values).check()
+
     def stacked(self) -> FloatArray:
         """Return all parameters in one array, shape (B, 12, n); gravity fills its row."""
         rows = [row if row.ndim == 2 else row[:, None] for row in self]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,6 +26,7 @@ from npend_gym.envs.keywords import (
     with_config_keywords,
 )
 from npend_gym.envs.modes import Mode, find_mode
+from npend_gym.envs.randomization import Randomization, check_randomize
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
 
@@ -46,6 +47,8 @@ class EnvConfig:
 
     Attributes
     ----------
+    randomization : Randomization
+        What is drawn at every start.
     joints : ndarray, int64
         Actuated joints; none in a mode without a motor.
     min_substeps : int
@@ -68,7 +71,10 @@ class EnvConfig:
     observation: str
     amplitude: float
     spread: float
+    randomize: Mapping[str, Any] | None
+    observe_context: bool
 
+    randomization: Randomization = field(init=False, repr=False)
     joints: NDArray[np.int64] = field(init=False, repr=False)
     min_substeps: int = field(init=False, repr=False)
     max_rotation: float = field(init=False, repr=False)
@@ -80,19 +86,24 @@ class EnvConfig:
         mode = find_mode(given["mode"])
         joints = joints_of(given["actuated"], chain.n) if mode.torque_share > 0.0 else ()
         dt = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
-        substeps, max_rotation = _substeps(given["substeps"], dt, chain)
+max_torque = torque_limit(given, mode, chain)
+        random = check_randomize(given["randomize"], chain, {"max_torque": max_torque})
+        substeps, max_rotation = _substeps(given["substeps"], dt, random)
         amplitude = _checks.number("amplitude", given["amplitude"])
         spread = _checks.nonnegative_number("spread", given["spread"])
         checked = {
             "mode": mode,
             "chain": chain,
             "actuated": given["actuated"],
-            "max_torque": torque_limit(given, mode, chain),
+            "max_torque": max_torque,
             "dt": dt,
             "substeps": given["substeps"],
             "observation": _checks.choice("observation", given["observation"], OBSERVATIONS),
             "amplitude": _angle("amplitude", amplitude),
             "spread": _angle("spread", spread),
+            "randomize": given["randomize"],
+            "observe_context": _checks.truth("observe_context", given["observe_context"]),
+            "randomization": random,
             "joints": np.array(joints, np.int64),
             "min_substeps": substeps,
             "max_rotation": max_rotation,
@@ -128,12 +139,16 @@ class EnvConfig:
         return spaces.Box(-1.0, 1.0, (self.joints.size,), np.float32)
 
     @property
+    def context_names(self) -> tuple[str, ...]:
+        """What ``info["context"]`` holds, such as ("masses[0]", "masses[1]", "gravity")."""
+        return self.randomization.names
+
+    @property
     def observation_space(self) -> spaces.Space[Any]:
-        """Angles (or sines and cosines), then angular velocities, float32."""
-        n = self.chain.n
-        bound = np.full(3 * n if self.with_sines else 2 * n, MAX_SPEED, np.float32)
-        angles = 2 * n if self.with_sines else n
-        bound[:angles] = 1.0 if self.with_sines else np.pi
+        """Angles (or sines and cosines), angular velocities, the observed context; float32."""
+        n, shown = self.chain.n, len(self.context_names) if self.observe_context else 0
+        angles = np.full(2 * n, 1.0) if self.with_sines else np.full(n, np.pi)
+        bound = np.concatenate([angles, np.full(n, MAX_SPEED), np.ones(shown)]).astype(np.float32)
         return spaces.Box(-bound, bound, dtype=np.float32)
 
 
@@ -143,11 +158,15 @@ def make_config(env: type, keywords: EnvKeywords) -> EnvConfig:
     return EnvConfig(**keywords)
 
 
-def _substeps(given: int | None, dt: float, chain: Chain) -> tuple[int, float]:
+def _substeps(given: int | None, dt: float, random: Randomization) -> tuple[int, float]:
     """Return the least number of substeps, and the rotation that divides one [rad]."""
     if given is not None:
         return _checks.count("substeps", given, high=MAX_SUBSTEPS), math.inf
-    return default_substeps(chain, dt), MAX_ROTATION
+    chains = (
+        Chain(**{name: row[0] for name, row in corner._asdict().items()})
+        for corner in random.corners
+    )
+    return max(default_substeps(chain, dt) for chain in chains), MAX_ROTATION
 
 
 def _angle(name: str, value: float) -> float:

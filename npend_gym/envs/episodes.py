@@ -15,8 +15,10 @@ from npend_gym.compiled.philox import Keys, Purpose, generator
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.info import Info
 from npend_gym.envs.kernels import (
+    ANGLES,
     EPISODE_ROWS,
     NUMBER_OF,
+    SINCOS,
     Episode,
     Output,
     Task,
@@ -24,7 +26,8 @@ from npend_gym.envs.kernels import (
     step_one,
 )
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.starts import BY_PYTHON, begin_episodes, scale_all, start_plan
+from npend_gym.envs.options import KeptOptions
+from npend_gym.envs.starts import BY_PYTHON, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
@@ -61,26 +64,32 @@ class Episodes:
         self, config: EnvConfig, count: int, threads: int = 1, max_steps: int | None = None
     ) -> None:
         self.config, self.count, self._max_steps = config, count, max_steps
-        n, joints = config.chain.n, config.joints
-        self._memory = Memory(config.chain.repeated(1), count, threads, EPISODE_ROWS)
+        n, joints, random = config.chain.n, config.joints, config.randomization
+        self._memory = Memory(random.richest, count, threads, EPISODE_ROWS)
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
         members[Episode.MAX_TORQUE] = config.max_torque
-        members[Episode.HAS_BOBS] = config.chain.has_bobs
+        members[Episode.HAS_BOBS] = random.has_bobs
+        members[Episode.AMPLITUDE] = config.amplitude
         self.seeds: Sequence[int] = [0] * count
         self._keys: Keys = np.zeros((2, lanes), np.uint64)
-        self._nominal = config.chain.repeated(1).stacked()[0]
-        self._draws, self._context = np.zeros((0, 4)), np.zeros((lanes, 0))
+        nominal = config.chain.repeated(1).stacked()[0]
+        self._context = np.zeros((lanes, len(random.names)))
+        self._start = start_plan(config.mode, config.spread)
         self._judge = NUMBER_OF.get(type(config.mode), 0)
-        self._start = start_plan(config)
         self._task = np.array([
-            self._judge, math.inf if max_steps is None else max_steps, config.hold_steps, *joints,
+            self._judge, math.inf if max_steps is None else max_steps, config.hold_steps,
+            SINCOS if config.with_sines else ANGLES, *joints,
         ])  # fmt: skip
         self._actions = np.zeros((lanes, joints.size))  # of the next step
-        self._shapes = (lanes, (3 if config.with_sines else 2) * n), (_ROWS + 3 * n, lanes)
+        self._beginning = (
+            self._keys, nominal, random.draws, self._start, self._context, self._actions
+        )  # fmt: skip
+        self._shapes = (lanes, config.observation_space.shape[0]), (_ROWS + 3 * n, lanes)
         self._timing = config.dt, config.min_substeps, config.max_rotation
-        self._varied = np.zeros(count, np.bool_)  # lanes whose chain is not the config's
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
+        self._kept, self._had_options = KeptOptions(count), False
+        self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
         scale_all(*self._memory.arrays[:2], n, np.arange(lanes))
         self._new_outputs()
 
@@ -99,57 +108,67 @@ class Episodes:
         self._keys[:, lanes] = keys
         self._memory.members[Episode.EPISODE, lanes] = -1.0
 
-    def start(self, mask: BoolArray, options: Mapping[str, Any]) -> None:
+    def start(self, mask: BoolArray, options: Mapping[str, Any] | None = None) -> None:
         """Begin a new episode in the lanes of `mask`, with the options of `checked_options`.
 
-        `observe` or `step` shows it.
+        Without any, options that persist hold. `observe` or `step` shows the new episodes.
         """
-        memory, config = self._memory, self.config
-        members, rods, model = memory.arrays
-        members[Episode.STARTING, : self.count] = mask
-        chosen = np.flatnonzero(mask)
-        self._actions[chosen] = 0.0
-        if "chains" in options or self._varied.any():
-            self._change_chains(chosen, options.get("chains"))
-        members[Episode.AMPLITUDE] = config.amplitude
-        if "amplitude" in options:
-            members[Episode.AMPLITUDE, chosen] = options["amplitude"][chosen]
-        begin_episodes(
-            members, rods, model, self._keys, self._nominal, self._draws, self._start,
-            self._context,
-        )  # fmt: skip
-        by_python = self._start[0] == BY_PYTHON
-        if by_python or "theta" in options or "omega" in options:
-            theta, omega = memory.read(Rod.THETA)[chosen], memory.read(Rod.OMEGA)[chosen]
-            if by_python:
-                theta, omega = self._states_by_python(chosen)
-            theta = options["theta"][chosen] if "theta" in options else theta
-            omega = options["omega"][chosen] if "omega" in options else omega
-            memory.write_state(chosen, theta, omega)
+        memory, by_python = self._memory, self._start[0] == BY_PYTHON
+        memory.arrays[0][Episode.STARTING, : self.count] = mask
+        given = self._take_options(mask, options) if options or self._had_options else ()
+        begin_episodes(*memory.arrays, *self._beginning)
+        if by_python:
+            chosen = np.flatnonzero(mask)
+            memory.write_state(chosen, *self._states_by_python(chosen))
+        for lanes, values in given:
+            self._apply_options(lanes, values)
+
+    def _take_options(
+        self, mask: BoolArray, options: Mapping[str, Any] | None
+    ) -> Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]]:
+        """Return lanes with the options of their new episode, earlier ones being taken back."""
+        members, chosen = self._memory.arrays[0], np.flatnonzero(mask)
+        self._memory.write_chain(chosen, self.config.chain.repeated(1))
+        members[Episode.HAS_BOBS, chosen] = self.config.randomization.has_bobs
+        members[Episode.AMPLITUDE, chosen] = self.config.amplitude
+        scale_all(*self._memory.arrays[:2], self.config.n, chosen)
+        if options is not None:
+            self._kept.keep(mask, options)
+        given = list(self._kept.of(mask)) if options is None else [(chosen, options)]
+        for lanes, values in given:
+            if "amplitude" in values:
+                members[Episode.AMPLITUDE, lanes] = values["amplitude"][lanes]
+        self._had_options = True
+        return given
+
+    def _apply_options(self, lanes: NDArray[np.int64], options: Mapping[str, Any]) -> None:
+        """Change chain and state of some lanes, at their start, as the options say."""
+        memory, draws = self._memory, self.config.randomization.draws
+        if "changes" in options:
+            changes = {name: values[lanes] for name, values in options["changes"].items()}
+            drawn = ChainParameters(*(values[lanes] for values in memory.parameters))
+            chains = drawn.changed(changes)
+            memory.write_chain(lanes, chains)
+            memory.arrays[0][Episode.HAS_BOBS, lanes] = chains.has_bobs
+            scale_all(*memory.arrays[:2], self.config.n, lanes)
+            stacked = chains.stacked()
+            for j, (field, rod) in enumerate(draws[:, : Draw.LOW].astype(int).tolist()):
+                if field < stacked.shape[1]:
+                    self._context[lanes, j] = stacked[:, field, rod]
+        states = [memory.read(field)[lanes] for field in (Rod.THETA, Rod.OMEGA)]
+        for k, name in enumerate(("theta", "omega")):
+            states[k] = options[name][lanes] if name in options else states[k]
+        memory.write_state(lanes, *states)
 
     def _states_by_python(self, chosen: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """Return the starting states of a mode of one's own."""
-        theta, omega = np.empty((2, chosen.size, self.config.chain.n))
-        members = self._memory.members
+        """Return the starting states of a mode of the user's own."""
+        theta, omega = np.empty((2, chosen.size, self.config.n))
+        members, config = self._memory.members, self.config
         for row, k in enumerate(chosen.tolist()):
-            episode = int(members[Episode.EPISODE, k])
-            theta[row], omega[row] = self.config.mode.start(
-                generator(self.seeds[k], 0, Purpose.START, episode), self.config.chain.n,
-                float(members[Episode.AMPLITUDE, k]), self.config.spread,
-            )  # fmt: skip
+            episode, amplitude = members[[Episode.EPISODE, Episode.AMPLITUDE], k].tolist()
+            rng = generator(self.seeds[k], 0, Purpose.START, int(episode))
+            theta[row], omega[row] = config.mode.start(rng, config.n, amplitude, config.spread)
         return theta, omega
-
-    def _change_chains(self, chosen: NDArray[np.int64], given: ChainParameters | None) -> None:
-        """Give the chosen lanes the chains of their new episode, by default that of the config."""
-        if given is None:
-            chains = self.config.chain.repeated(chosen.size)
-        else:
-            chains = ChainParameters(*(values[chosen] for values in given))
-        members, rods, _ = self._memory.arrays
-        self._memory.write_chain(chosen, chains)
-        members[Episode.HAS_BOBS, chosen] = chains.has_bobs
-        scale_all(members, rods, self.config.chain.n, chosen)
-        self._varied[chosen] = given is not None
 
     def observe(self, *, reuse_buffers: bool = False) -> None:
         """Show the lanes that have started, and take no step.
@@ -164,30 +183,22 @@ class Episodes:
             self._new_outputs()
         self._memory.run(self._kernel, self._arrays, 0.0, 0, math.inf)
         self._judge_by_python(observes=True)
-        members[Episode.STARTING] = 0.0
 
     # -- stepping ---------------------------------------------------------------------------
 
-    def step(self, action: float | FloatArray | None, starting: BoolArray | None = None) -> None:
+    def step(self, action: float | FloatArray | None) -> None:
         """Take a step under `action`, (B, joints), 1 being the limit of the torque.
 
-        The lanes of `starting`, for which `start` was called, do not move and are shown as new.
+        Lanes for which `start` was called do not move, and are shown as new.
         """
-        members = self._memory.arrays[0]
         if action is not None:
             self._actions[: self.count] = action
-        if starting is not None:
-            self._actions[: self.count][starting] = 0.0
-            members[Member.ACTIVE, : self.count] = ~starting
         self._new_outputs()
         self._memory.run(self._kernel, self._arrays, *self._timing)
         self._judge_by_python(observes=False)
-        if starting is not None:
-            members[Member.ACTIVE] = 1.0
-            members[Episode.STARTING] = 0.0
 
     def _judge_by_python(self, *, observes: bool) -> None:
-        """Write reward, end and success as a mode of one's own judges."""
+        """Write reward, end and success as a mode of the user's own judges."""
         if self._judge > 0:
             return
         mode, outputs = self.config.mode, self._arrays[2][:, : self.count]
@@ -201,13 +212,18 @@ class Episodes:
             outputs[Output.REWARD] = mode.reward(quantities)
             outputs[Output.TERMINATED] = mode.failed(quantities)
             outputs[[[Output.REWARD], [Output.TERMINATED]], starts] = 0.0
+        members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
 
     # -- what is told -----------------------------------------------------------------------
 
     @property
     def observation(self) -> NDArray[np.float32]:
-        """The observations of all lanes, (B, 2n) or (B, 3n)."""
-        return self._arrays[1][: self.count]
+        """The observations of all lanes, (B, numbers)."""
+        observation = self._arrays[1][: self.count]
+        if self.config.observe_context:
+            shown = self.config.randomization.normalised(self._context[: self.count])
+            observation[:, -shown.shape[1] :] = shown
+        return observation
 
     @property
     def outcome(self) -> tuple[FloatArray, BoolArray, BoolArray]:
@@ -236,7 +252,7 @@ class Episodes:
         """
         outputs = self._arrays[2][:, : self.count]
         periods, theta, omega = (outputs[rods].T for rods in self._per_rod)
-        return {
+        info: Info[FloatArray, NDArray[np.int64], BoolArray] = {
             "time": outputs[_TIME],
             "energy": outputs[_ENERGY],
             "energy_error": outputs[_ENERGY_ERROR],
@@ -250,6 +266,9 @@ class Episodes:
             "diverged": outputs[_DIVERGED] != 0.0,
             "success": outputs[_SUCCESS] != 0.0,
         }
+        if self._context.shape[1] > 0:
+            info["context"] = self._context[: self.count].copy()
+        return info
 
     def only_lane(self) -> tuple[float, bool, bool, Info[float, int, bool]]:
         """Return reward, terminated, truncated and info of the only lane, as plain numbers."""
@@ -270,6 +289,8 @@ class Episodes:
             "diverged": row[_DIVERGED] != 0.0,
             "success": row[_SUCCESS] != 0.0,
         }
+        if self._context.shape[1] > 0:
+            info["context"] = self._context[0].copy()
         return row[_REWARD], row[_TERMINATED] != 0.0, row[_TRUNCATED] != 0.0, info
 
     def positions(self) -> FloatArray:

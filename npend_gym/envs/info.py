@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import TypedDict  # that of Python 3.10 cannot be generic
+from typing_extensions import NotRequired, TypedDict  # that of Python 3.10 cannot be generic
 
 from npend_gym._checks import BoolArray, FloatArray
 
@@ -51,8 +51,12 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     success: _Truth
     """Whether the goal of the mode has held without interruption for the mode's `hold` seconds."""
 
+    context: NotRequired[FloatArray]
+    """With `randomize`: the numbers drawn for this episode, (k,), by `EnvConfig.context_names`."""
+
 
 BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
+_MASKS = {key: f"_{key}" for key in Info.__annotations__}
 
 
 def with_masks(info: BatchInfo, present: BoolArray) -> dict[str, Any]:
@@ -61,12 +65,9 @@ def with_masks(info: BatchInfo, present: BoolArray) -> dict[str, Any]:
     The masks are `present` (B,); those of the pseudo-periods only where a bob has completed.
     """
     measured = present & (info["bobs_completed"] > 0)
-    return {
-        **info,
-        **dict.fromkeys([f"_{key}" for key in info], present),
-        "_pseudo_period": measured,
-        "_pseudo_periods": measured.copy(),
-    }
+    masks = dict.fromkeys([_MASKS[key] for key in info], present)
+    masks["_pseudo_period"], masks["_pseudo_periods"] = measured, measured.copy()
+    return {**info, **masks}
 
 
 def final_info(observation: NDArray[Any], info: BatchInfo, done: BoolArray) -> dict[str, Any]:

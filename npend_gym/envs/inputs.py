@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,16 +10,8 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import Chain, ChainParameters, check_parameter, gear_ratios
-from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
-from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.link_terms import count_terms
+from npend_gym._checks import BoolArray
 
-_START_OPTIONS = ("theta", "omega", "amplitude")
-_LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}
 MAX_LANES = 10_000_000
 MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
 
@@ -51,62 +42,6 @@ def checked_num_envs(value: Any, n: int) -> int:
 def checked_episode_steps(value: Any) -> int | None:
     """Return the number of steps after which an episode is truncated; None for never."""
     return None if value is None else _checks.count("max_episode_steps", value, high=2**63 - 1)
-
-
-def checked_options(
-    options: Mapping[str, Any] | None, config: EnvConfig, lanes: int | None = None
-) -> dict[str, Any]:
-    """Return the reset options, or say what is wrong.
-
-    Parameters
-    ----------
-    options : mapping or None
-        As users give them: of a single environment, or with a leading axis of `lanes`.
-
-    Returns
-    -------
-    dict
-        "theta", "omega" and "amplitude" as arrays with a leading lane axis, where they are given,
-        and "chains", the parameters of all lanes, where an option changes any.
-    """
-    given = dict(options or {})
-    unknown = set(given) - {*CHAIN_KEYWORDS, *_START_OPTIONS}
-    if unknown:
-        raise ValueError(
-            f"options must be among {', '.join((*_START_OPTIONS, *CHAIN_KEYWORDS))}; "
-            f"got {_checks.show(sorted(map(str, unknown)))}"
-        )
-    checked: dict[str, Any] = {}
-    for name, value in given.items():
-        label = f"options[{name!r}]"
-        shape = () if name in ("amplitude", "gravity") else (config.n,)
-        shape = shape if lanes is None else (lanes, *shape)
-        if name == "gear":
-            array = gear_ratios(label, value, shape)
-        else:
-            array = _checks.broadcast(label, value, shape)
-            _checks.within(label, array, _LIMITS.get(name, math.inf))
-        if name in CHAIN_KEYWORDS:
-            check_parameter(label, array)
-        checked[name] = array[None] if lanes is None else array
-    changes = {name: checked.pop(name) for name in CHAIN_KEYWORDS if name in checked}
-    if changes:
-        checked["chains"] = _changed_chains(config.chain, lanes or 1, changes)
-    return checked
-
-
-def _changed_chains(chain: Chain, lanes: int, changes: Mapping[str, FloatArray]) -> ChainParameters:
-    """Return the chains of all lanes with the `changes` of reset options."""
-    changed, made_for = chain.repeated(lanes, **changes), count_terms(chain.repeated(1))
-    if count_terms(changed) > made_for:
-        alone = {k: count_terms(chain.repeated(lanes, **{k: v})) for k, v in changes.items()}
-        name = next((k for k, count in alone.items() if count > made_for), next(iter(changes)))
-        raise ValueError(
-            f"options[{name!r}] must not make links of point masses, nor give links friction, "
-            "rotors or drag that the environment was made without: make it with a chain that has "
-            "some, chain=Chain(...)"
-        )
-    return check_weight(changed)
 
 
 def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:

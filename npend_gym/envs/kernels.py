@@ -96,9 +96,13 @@ class TaskFields(NamedTuple):
     MODE: int = 0  # number of a built-in mode; 0: Python judges
     MAX_STEPS: int = 1  # of an episode; infinite: any number
     HOLD_STEPS: int = 2  # over which the goal must have held
+    FORM: int = 3  # of the observation
 
 
 Task = TaskFields()
+
+
+ANGLES, SINCOS = 0.0, 1.0  # forms of the observation
 
 
 class ModeNumbers(NamedTuple):
@@ -239,6 +243,13 @@ def _judge(
 
 
 @inlined_kernel
+def _welcome(numbers: FloatArray, g: int) -> None:
+    """Let the lanes that start take part from the next step on."""
+    numbers[Episode.STARTING, g] = 0.0 * numbers[Episode.STARTING, g]
+    numbers[Member.ACTIVE, g] = 1.0 + numbers[Episode.STARTING, g]
+
+
+@inlined_kernel
 def _wrap(theta: FloatArray, wrapped: FloatArray) -> None:
     """Write the angles without whole turns, in [-pi, pi)."""
     for i in range(theta.size):
@@ -250,8 +261,9 @@ def _wrap(theta: FloatArray, wrapped: FloatArray) -> None:
 
 @inlined_kernel
 def _observe(
-    rows: FloatArray, first: int, width: int, scratch: FloatArray, observation: ObsArray
-) -> None:
+    rows: FloatArray, first: int, width: int, scratch: FloatArray, observation: ObsArray,
+    form: float,
+) -> None:  # fmt: skip
     """Write the observations of a group, lane by lane.
 
     `rows` are the group's rows of the ensemble's `rods`, `first` is its first lane.
@@ -259,12 +271,11 @@ def _observe(
     s, c, wrapped = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.WRAPPED]
     omega = rows[Rod.OMEGA]
     n = omega.size // width - 1
-    with_sines = observation.shape[1] == 3 * n
     for k in range(width):
         row = observation[first + k]
         for i in range(n):
             j = i * width + k
-            if with_sines:
+            if form == SINCOS:
                 row[i] = s[j]
                 row[n + i] = c[j]
                 row[2 * n + i] = omega[j]
@@ -296,9 +307,11 @@ def _step(
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
             quantities = _measure(numbers, g, group, work, view(told))
             _judge(numbers, g, quantities, view(told), task, observes)
-            if observation.shape[1] == 2 * group.velocity.size:
+            if task[Task.FORM] == ANGLES:
                 _wrap(group.theta[: group.velocity.size], work[Scratch.WRAPPED])
-            _observe(rods[g], g * width, width, scratch, observation)
+            _observe(rods[g], g * width, width, scratch, observation, task[Task.FORM])
+            if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
+                _welcome(numbers, g)
 
 
 @kernel

@@ -51,6 +51,8 @@ class EnvKeywords(TypedDict, total=False):
     observation: str
     amplitude: float
     spread: float
+    randomize: Mapping[str, Any] | None
+    observe_context: bool
 
 
 DEFAULTS: dict[str, Any] = {
@@ -67,6 +69,8 @@ DEFAULTS: dict[str, Any] = {
     "observation": "angles",
     "amplitude": math.pi / 4,
     "spread": 0.017,
+    "randomize": None,
+    "observe_context": False,
 } | {
     name: parameter.default
     for name, parameter in inspect.signature(Chain).parameters.items()

@@ -13,8 +13,9 @@ from npend_gym.compiled.philox import keys_of
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
-from npend_gym.envs.inputs import checked_action, checked_options
+from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
+from npend_gym.envs.options import checked_options
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress
 
@@ -189,7 +190,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         """
         broken = self._progress is _UNFINISHED
         episodes = self._episodes.renewed() if broken else self._episodes
-        checked = checked_options(options, self.config)
+        checked = None if options is None else checked_options(options, self.config)
         self._progress = _UNFINISHED
         self._episodes = episodes
         super().reset(seed=seed)

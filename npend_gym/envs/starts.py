@@ -14,9 +14,8 @@ from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel, kernel
 from npend_gym.compiled.philox import Keys, Purpose, philox, unit
-from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.kernels import Episode
-from npend_gym.envs.modes import NearPose, Release
+from npend_gym.envs.modes import Mode, NearPose, Release
 from npend_gym.physics.kernels.layout import Member, Model, Rod
 from npend_gym.physics.kernels.link_terms import Parameter
 from npend_gym.physics.kernels.members import Indices, begin_to_measure, write_chain
@@ -123,9 +122,9 @@ def _scale(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) ->
 @kernel
 def begin_episodes(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, nominal: FloatArray,
-    draws: FloatArray, start: FloatArray, context: FloatArray,
+    draws: FloatArray, start: FloatArray, context: FloatArray, actions: FloatArray,
 ) -> None:  # fmt: skip
-    """Begin the next episode of the lanes that are STARTING.
+    """Begin the next episode of the lanes that are STARTING; the next step does not move them.
 
     Parameters
     ----------
@@ -140,13 +139,19 @@ def begin_episodes(
     start : ndarray, shape (len(Start),)
     context : ndarray, shape (lanes, numbers)
         Written: the numbers drawn.
+    actions : ndarray, shape (lanes, joints)
+        Written: 0, of the lanes that start.
     """
     members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
+    actions = bare(actions)
     n, width, chain = nominal.shape[1], members.shape[1] // rods.shape[0], nominal.copy()
     for k in range(members.shape[1]):
         if members[Episode.STARTING, k] == 0.0:
             continue
         members[Episode.EPISODE, k] += 1.0
+        members[Member.ACTIVE, k] = 0.0
+        for column in range(actions.shape[1]):
+            actions[k, column] = 0.0
         if draws.shape[0] > 0:
             chain[:] = nominal
             _draw_chain(members, keys, k, draws, chain, context)
@@ -165,13 +170,13 @@ def scale_all(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) ->
         _scale(members, rods, k, members.shape[1] // rods.shape[0], n)
 
 
-def start_plan(config: EnvConfig) -> FloatArray:
-    """Return `start` of an environment's mode; of a mode of one's own, whose `start` Python calls.
+def start_plan(mode: Mode, spread: float) -> FloatArray:
+    """Return `start` of a mode; of one of the user's own, Python calls its `start`.
 
     A class derived from a built-in mode may have any `start` of its own.
     """
-    mode, plan = config.mode, np.zeros(len(Start))
-    plan[Start.SPREAD] = config.spread
+    plan = np.zeros(len(Start))
+    plan[Start.SPREAD] = spread
     if isinstance(mode, Release) and type(mode).start is Release.start:
         plan[Start.KIND] = RELEASE
     elif isinstance(mode, NearPose) and type(mode).start is NearPose.start:

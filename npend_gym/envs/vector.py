@@ -20,10 +20,10 @@ from npend_gym.envs.inputs import (
     checked_autoreset_mode,
     checked_episode_steps,
     checked_num_envs,
-    checked_options,
     reset_mask,
 )
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
+from npend_gym.envs.options import checked_options
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
@@ -129,7 +129,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
         broken = self._progress is _UNFINISHED
         episodes = self._episodes.renewed() if broken else self._episodes
-        checked = checked_options(given, self.config, self.num_envs)
+        checked = checked_options(given, self.config, self.num_envs) if given else None
         checked_seed = self._seeds.checked(seed)
         self._progress = _UNFINISHED
         self._episodes = episodes
@@ -166,11 +166,10 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         action = checked_action(actions, (self.num_envs, self.config.joints.size))
         self._progress = _UNFINISHED
         if np.count_nonzero(waiting) > 0:  # autoreset of NEXT_STEP
-            episodes.start(waiting, {})
+            episodes.start(waiting)
             self.camera.forget(waiting)
-            episodes.step(action, waiting)
-        else:
-            episodes.step(action)
+            action = action if action is None else np.where(waiting[:, None], 0.0, action)
+        episodes.step(action)
         reward, terminated, truncated = episodes.outcome
         done = self._done = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(done) > 0:
@@ -187,7 +186,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         """Begin the next episode of lanes that are done; return the info with their last one."""
         episodes = self._episodes
         final = final_info(episodes.observation, episodes.info(), done)
-        episodes.start(done, {})
+        episodes.start(done)
         episodes.observe(reuse_buffers=True)
         self.camera.forget(done)
         self._done = np.zeros(self.num_envs, np.bool_)

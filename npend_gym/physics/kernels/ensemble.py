@@ -79,8 +79,10 @@ def _parts(omega: FloatArray, n: int, h: float, per_rotation: float) -> Any:
 
 
 @inlined_kernel
-def _mark(group: Group, threshold: Any, h: Any, scratch: FloatArray) -> bool:
+def _mark(group: Group, threshold: Any, h: Any, waiting: Any, scratch: FloatArray) -> bool:
     """Update the signs of the velocities; mark the bobs that must be followed instead.
+
+    Those of members that are `waiting` for a bob to complete its period; others are left alone.
 
     Marked are bobs that may complete their period in the substep, and those that may have turned
     twice in it: their velocity kept its sign, but from the acceleration at the end (that of the
@@ -99,7 +101,7 @@ def _mark(group: Group, threshold: Any, h: Any, scratch: FloatArray) -> bool:
         falls = (sign > 0.0) & (risen > 0.0) & ((new < 0.0) | ((before > 0.0) & (now <= 0.0)))
         leaves = (side * acceleration) * now  # positive where the velocity moves away from zero
         twice = (before * now > 0.0) & (_MARGIN * (leaves * h) >= now * now) & (sign != 0.0)
-        unknown = record.period[i] != record.period[i]  # the period is NaN
+        unknown = waiting & (record.period[i] != record.period[i])  # the period is NaN
         mark = unknown & (falls | twice)
         plain = unknown & (mark ^ unknown)
         record.risen[i] = where(plain & (sign < 0.0) & (new > 0.0), 1.0, risen)
@@ -275,7 +277,7 @@ def advance_group(
                 _wait(group, h, rest)
             if tracked or (substep + 1 == timing[Timing.SUBSTEPS] and not more):
                 bob_velocities(group, rest[Scratch.SIN], rest[Scratch.COS])
-            if tracked and _mark(group, numbers[Member.THRESHOLD, g], h, rest):
+            if tracked and _mark(group, numbers[Member.THRESHOLD, g], h, waiting, rest):
                 _find_accelerations(group, rest)
                 tracked = _follow_marked(members, rods, g, width, scratch)
     rest[Scratch.DISSIPATED, 0] = dissipated

@@ -1,0 +1,156 @@
+"""What is drawn at every start of an episode: the `randomize` keyword, checked and laid out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.envs.kernels import Episode
+from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
+from npend_gym.envs.starts import Draw
+from npend_gym.physics.kernels.link_terms import Parameter, count_terms
+
+# Numbers that belong to a lane, beside those of its chain: their rows in `members`
+SETTINGS = {"max_torque": Episode.MAX_TORQUE}
+_ONE_NUMBER = ("gravity", *SETTINGS)
+
+
+class Randomization(NamedTuple):
+    """Which numbers are drawn at every start, between which bounds.
+
+    Attributes
+    ----------
+    names : tuple of str
+        One for each number, such as "masses[0]" or "gravity".
+    draws : ndarray, shape (numbers, len(Draw))
+        What compiled code needs of them.
+    corners : list of ChainParameters
+        The chain as made, and chains with all numbers at the ends of their ranges: those that turn
+        and brake fastest are among them.
+    """
+
+    names: tuple[str, ...]
+    draws: FloatArray
+    corners: list[ChainParameters]
+
+    def normalised(self, context: FloatArray) -> FloatArray:
+        """Return numbers that were drawn, (..., numbers), within their ranges: -1 to 1."""
+        low, high = self.draws[:, Draw.LOW], self.draws[:, Draw.HIGH]
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        return np.clip((context - middle) / np.where(half > 0.0, half, 1.0), -1.0, 1.0)
+
+    @property
+    def richest(self) -> ChainParameters:
+        """The chain that needs the most of the model."""
+        return max(self.corners, key=count_terms)
+
+    @property
+    def has_bobs(self) -> bool:
+        """Whether every chain is point masses on massless rods."""
+        return all(bool(corner.has_bobs[0]) for corner in self.corners)
+
+
+def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> Randomization:
+    """Return what the keyword `randomize` asks for.
+
+    Parameters
+    ----------
+    given : mapping or None
+        By the name of a parameter of `Chain`, or of one of `SETTINGS`: a pair (low, high) of
+        factors of the value that the environment is made with, or a dict with "low" and "high" for
+        values in the parameter's unit. Each end is one number or has an entry for each rod.
+    chain : Chain
+    settings : mapping
+        The values that the environment is made with, by the names of `SETTINGS`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a key is unknown, or a range is reversed, not finite, or breaks the parameter's rule.
+    """
+    nominal = chain.repeated(1)
+    if given is None:
+        return Randomization((), np.zeros((0, len(Draw))), [nominal])
+    if not isinstance(given, Mapping):
+        raise TypeError(
+            f'randomize must be a dict such as {{"masses": (0.9, 1.1)}}, got {_checks.show(given)}'
+        )
+    names: list[str] = []
+    rows: list[tuple[float, ...]] = []
+    lows: dict[str, FloatArray] = {}
+    highs: dict[str, FloatArray] = {}
+    for name, ends in cast("Mapping[str, Any]", given).items():
+        if name not in CHAIN_KEYWORDS and name not in SETTINGS:
+            raise ValueError(
+                f"randomize must have keys among {', '.join((*CHAIN_KEYWORDS, *SETTINGS))}; "
+                f"got {_checks.show(name)}"
+            )
+        of_chain = name in CHAIN_KEYWORDS
+        value = np.atleast_1d(getattr(chain, name) if of_chain else settings[name])
+        low, high = _range(f"randomize[{name!r}]", name, ends, value)
+        field = CHAIN_KEYWORDS.index(name) if of_chain else len(Parameter) + SETTINGS[name]
+        for rod in range(low.size):
+            names.append(name if name in _ONE_NUMBER else f"{name}[{rod}]")
+            rows.append((field, rod, low[rod], high[rod]))
+        if of_chain:
+            shape = (1,) if name == "gravity" else (1, chain.n)
+            lows[name], highs[name] = low.reshape(shape), high.reshape(shape)
+    draws = np.array(rows).reshape(-1, len(Draw))
+    return Randomization(tuple(names), draws, _corners(nominal, lows, highs))
+
+
+def _range(label: str, name: str, given: Any, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the ends of a range, in the unit of the parameter `name`, each as long as `value`."""
+    if isinstance(given, Mapping):
+        ends = cast("Mapping[str, Any]", given)
+        if set(ends) != {"low", "high"}:
+            raise ValueError(
+                f'{label} must have the keys "low" and "high", got {_checks.show(list(ends))}'
+            )
+        low, high = (_checks.broadcast(label, ends[end], value.shape) for end in ("low", "high"))
+    else:
+        if not isinstance(given, (tuple, list, np.ndarray)) or len(cast("Any", given)) != 2:
+            raise ValueError(
+                f"{label} must be a pair (low, high) of factors, or a dict with the values "
+                f'"low" and "high", got {_checks.show(given)}'
+            )
+        pair = cast("Any", given)
+        factors = [_checks.broadcast(label, end, value.shape) for end in pair]
+        for factor in factors:
+            _checks.at_least_zero(label, factor)
+        if not np.all(np.isfinite(value)) or not np.any(value):
+            raise ValueError(
+                f"{label} are factors of {_checks.show(value.tolist())}, which changes nothing: "
+                f'give values, {{"low": ..., "high": ...}}'
+            )
+        ends_of = [value * factor for factor in factors]
+        low, high = np.minimum(*ends_of), np.maximum(*ends_of)
+        if np.any(factors[0] > factors[1]):
+            low, high = high, low
+    if np.any(low > high):
+        raise ValueError(f"{label} must have its low end below its high end, got {given}")
+    for end in (low, high):
+        if name in CHAIN_KEYWORDS:
+            check_parameter(label, end)
+        else:
+            _checks.at_least_zero(label, end)
+    return low, high
+
+
+def _corners(
+    nominal: ChainParameters, lows: Mapping[str, FloatArray], highs: Mapping[str, FloatArray]
+) -> list[ChainParameters]:
+    """Return the chain as made, and chains at the ends of the ranges."""
+    short = {name: lows[name] for name in ("lengths", "centres", "inertias") if name in lows}
+    corners = [nominal, nominal.changed(lows), nominal.changed(dict(highs) | short)]
+    if "masses" in lows:
+        for first in (0, 1):  # light and heavy bobs in turn swing fastest
+            masses = highs["masses"].copy()
+            masses[:, first::2] = lows["masses"][:, first::2]
+            corners.append(nominal.changed(dict(highs) | short | {"masses": masses}))
+    return [check_weight(corner) for corner in (*corners, nominal.changed(highs))]
