@@ -50,27 +50,27 @@ GOLDEN: dict[str, str] = {
     "random numbers":
         "d5b23020686d4b80c904fa907482e42fffdc6c8aca01fe76f8d4527e70a32263",
     "environment, passive":
-        "603f7847c378f72a9fb528df5fdd20a3083f62a81031975cb4fcbd7f7464ea61",
+        "8d436faf6017b24b420b8c6d07bc64ede2fc6427786a15cc945df4b6dc43c46f",
     "environment, swingup":
-        "a180836850c9f6a5a31eae2ffbf4cf8441a32bd4e5ec833a3d87b82177150e41",
+        "1fe35c89cdfa13b629170970c76b88a7a9dfc066ecb5d63c25226f972a8758ed",
     "environment, balance":
-        "c96690f76702a397bf835f9394637b02e7497b0d6747831c28ba6c278389de18",
+        "a25f017847a15d596e5ae27fa7c18e0cd16044b863dec2b0f21ca5b33ef24941",
     "environment, calm":
-        "0912e6d85ad36dc6164a4e5e205fc522a3f8b52f396af63a3a4b14f0725566dc",
+        "e52a1022e443df559aa7426f7598253ae9cc46176b04bc8ab03409f06e4d17e4",
     "vector environment, passive":
-        "abef9d90dd079307838376da6fb5bdb89cc2d6ede7d8dad9548ffb9918189952",
+        "47e45f8f7d1aed6917c92c30a833cfa71dfbb6d94403328d2344f198a551b234",
     "vector environment, swingup":
-        "0038ab5cea8dc53fa81f8b023e6b9b30bbca55819857afdace998afb2620f38b",
+        "5becaf00bc3c03f55c9b5067688c1e952f10a3e25d54aa0feb066f5c01fd6424",
     "vector environment, balance":
-        "def3db74709a5d5d7c69c905838d99f48665e3469b0817873d99c823e15c0aa8",
+        "96f482f4a346c6b5c2c5dfce08df6835f76b9e8adc33b34d4260e43a7297de41",
     "vector environment, calm":
-        "0487043008f9327918b0e3dc6c02cf3b85cba7ff11c26c2941effa57eb97884e",
+        "4600019c204e57df25af02e3b177fbfb945845c258cf722ebe82dad5becca12e",
     "simulate, links":
         "0b76b87e9437f8ccb2a3b3e4df8881ef8fe0647364f5d7c2587c7aefe1a313c7",
     "simulate, machine":
         "dea857db59ea60b76c22d8e10f5d26731422c07825f5020742e44d906e231219",
     "vector environment, machine":
-        "7f16542a389dffd730529d8694ac75cbaf679a4e1398dd35ff7639897ee223ae",
+        "f1bf7257665a9da4817a078c7b1a266284d2e9171c9ebe083e22e37ff16ac4af",
 }
 # fmt: on
 

@@ -86,7 +86,7 @@ class EnvConfig:
         mode = find_mode(given["mode"])
         joints = joints_of(given["actuated"], chain.n) if mode.torque_share > 0.0 else ()
         dt = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
-max_torque = torque_limit(given, mode, chain)
+        max_torque = torque_limit(given, mode, chain)
         random = check_randomize(given["randomize"], chain, {"max_torque": max_torque})
         substeps, max_rotation = _substeps(given["substeps"], dt, random)
         amplitude = _checks.number("amplitude", given["amplitude"])
@@ -144,11 +144,18 @@ max_torque = torque_limit(given, mode, chain)
         return self.randomization.names
 
     @property
+    def observed(self) -> int:
+        """Number of entries of an observation."""
+        angles = 2 * self.n if self.with_sines else self.n
+        return angles + self.n + (len(self.context_names) if self.observe_context else 0)
+
+    @property
     def observation_space(self) -> spaces.Space[Any]:
         """Angles (or sines and cosines), angular velocities, the observed context; float32."""
-        n, shown = self.chain.n, len(self.context_names) if self.observe_context else 0
-        angles = np.full(2 * n, 1.0) if self.with_sines else np.full(n, np.pi)
-        bound = np.concatenate([angles, np.full(n, MAX_SPEED), np.ones(shown)]).astype(np.float32)
+        bound = np.ones(self.observed, np.float32)
+        angles = 2 * self.n if self.with_sines else self.n
+        bound[:angles] = 1.0 if self.with_sines else np.pi
+        bound[angles : angles + self.n] = MAX_SPEED
         return spaces.Box(-bound, bound, dtype=np.float32)
 
 

@@ -27,6 +27,7 @@ from npend_gym.envs.kernels import (
 )
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.options import KeptOptions
+from npend_gym.envs.snapshots import Snapshots, States, seeds_of
 from npend_gym.envs.starts import BY_PYTHON, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
@@ -85,7 +86,10 @@ class Episodes:
         self._beginning = (
             self._keys, nominal, random.draws, self._start, self._context, self._actions
         )  # fmt: skip
-        self._shapes = (lanes, config.observation_space.shape[0]), (_ROWS + 3 * n, lanes)
+        self.snapshots = Snapshots(
+            config, self._memory, self._keys, {"actions": self._actions, "context": self._context}
+        )
+        self._shapes = (lanes, config.observed), (_ROWS + 3 * n, lanes)
         self._timing = config.dt, config.min_substeps, config.max_rotation
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
         self._kept, self._had_options = KeptOptions(count), False
@@ -96,7 +100,7 @@ class Episodes:
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
         fresh = Episodes(self.config, self.count, self._memory.threads, self._max_steps)
-        fresh.seeds, fresh._keys = self.seeds, self._keys
+        fresh.seeds, fresh._keys[:] = self.seeds, self._keys
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
         return fresh
 
@@ -152,23 +156,45 @@ class Episodes:
             memory.arrays[0][Episode.HAS_BOBS, lanes] = chains.has_bobs
             scale_all(*memory.arrays[:2], self.config.n, lanes)
             stacked = chains.stacked()
-            for j, (field, rod) in enumerate(draws[:, : Draw.LOW].astype(int).tolist()):
+            for j, (field, rod) in enumerate(draws[:, : Draw.LOW].astype(np.int64)):
                 if field < stacked.shape[1]:
                     self._context[lanes, j] = stacked[:, field, rod]
-        states = [memory.read(field)[lanes] for field in (Rod.THETA, Rod.OMEGA)]
-        for k, name in enumerate(("theta", "omega")):
-            states[k] = options[name][lanes] if name in options else states[k]
-        memory.write_state(lanes, *states)
+        theta = options.get("theta", memory.read(Rod.THETA))[lanes]
+        omega = options.get("omega", memory.read(Rod.OMEGA))[lanes]
+        memory.write_state(lanes, theta, omega)
 
     def _states_by_python(self, chosen: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         """Return the starting states of a mode of the user's own."""
         theta, omega = np.empty((2, chosen.size, self.config.n))
         members, config = self._memory.members, self.config
-        for row, k in enumerate(chosen.tolist()):
+        for row, k in enumerate(chosen):
             episode, amplitude = members[[Episode.EPISODE, Episode.AMPLITUDE], k].tolist()
-            rng = generator(self.seeds[k], 0, Purpose.START, int(episode))
+            rng = generator(self.seeds[int(k)], 0, Purpose.START, int(episode))
             theta[row], omega[row] = config.mode.start(rng, config.n, amplitude, config.spread)
         return theta, omega
+
+    def get_states(self, lanes: NDArray[np.int64], done: BoolArray) -> States:
+        """Return the records of some lanes, of which some are `done`."""
+        return self.snapshots.take(lanes, done)
+
+    def set_states(self, lanes: NDArray[np.int64], states: States) -> None:
+        """Put lanes into the states of records that `snapshots.check` returned, and show them."""
+        self.snapshots.put(lanes, states)
+        seeds = list(self.seeds)
+        for lane, seed in zip(lanes.tolist(), seeds_of(states), strict=True):
+            seeds[lane] = seed
+        self.seeds, self._had_options = seeds, True
+        self.observe()
+
+    @property
+    def angles(self) -> FloatArray:
+        """Angles and angular velocities, (B, 2 n), new."""
+        return np.hstack([self._memory.read(Rod.THETA), self._memory.read(Rod.OMEGA)])
+
+    @angles.setter
+    def angles(self, values: FloatArray) -> None:
+        self._memory.write_state(np.arange(self.count), *np.hsplit(values, 2))
+        self.observe()
 
     def observe(self, *, reuse_buffers: bool = False) -> None:
         """Show the lanes that have started, and take no step.
@@ -219,7 +245,7 @@ class Episodes:
     @property
     def observation(self) -> NDArray[np.float32]:
         """The observations of all lanes, (B, numbers)."""
-        observation = self._arrays[1][: self.count]
+        observation: NDArray[np.float32] = self._arrays[1][: self.count]
         if self.config.observe_context:
             shown = self.config.randomization.normalised(self._context[: self.count])
             observation[:, -shown.shape[1] :] = shown

@@ -10,7 +10,9 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym._checks import BoolArray
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.kernels.layout import MAX_SPEED
 
 MAX_LANES = 10_000_000
 MAX_RODS_IN_ALL = 50_000_000  # some 15 GB
@@ -42,6 +44,34 @@ def checked_num_envs(value: Any, n: int) -> int:
 def checked_episode_steps(value: Any) -> int | None:
     """Return the number of steps after which an episode is truncated; None for never."""
     return None if value is None else _checks.count("max_episode_steps", value, high=2**63 - 1)
+
+
+def checked_lanes(lanes: Any, count: int) -> NDArray[np.int64]:
+    """Return numbers of lanes, given as numbers or as a mask; all where there are none."""
+    if lanes is None:
+        return np.arange(count)
+    given = np.asarray(lanes)
+    if given.dtype == np.bool_ and given.shape == (count,):
+        return np.flatnonzero(given)
+    whole = given.dtype.kind in "iu" and given.ndim == 1
+    if not whole or np.any((given < 0) | (given >= count)) or np.unique(given).size < given.size:
+        raise ValueError(
+            f"lanes must be different numbers from 0 to {count - 1}, or a mask of shape "
+            f"({count},); got {_checks.show(lanes)}"
+        )
+    return given.astype(np.int64)
+
+
+def checked_state(value: Any, shape: tuple[int, int]) -> FloatArray:
+    """Return angles and angular velocities (B, 2n), or say what is wrong with them."""
+    given = _checks.array("state", value)
+    if given.size != math.prod(shape) or given.shape[-1:] != shape[-1:]:
+        wanted = shape[1:] if shape[0] == 1 else shape
+        raise ValueError(f"state must have the shape {wanted}, got {given.shape}")
+    theta, omega = np.hsplit(given.reshape(shape), 2)
+    _checks.within("the angles of state", theta, MAX_ANGLE)
+    _checks.within("the velocities of state", omega, MAX_SPEED)
+    return given.reshape(shape)
 
 
 def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:

@@ -106,6 +106,7 @@ def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> 
 
 def _range(label: str, name: str, given: Any, value: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the ends of a range, in the unit of the parameter `name`, each as long as `value`."""
+    shown = _checks.show(given)
     if isinstance(given, Mapping):
         ends = cast("Mapping[str, Any]", given)
         if set(ends) != {"low", "high"}:
@@ -114,12 +115,12 @@ def _range(label: str, name: str, given: Any, value: FloatArray) -> tuple[FloatA
             )
         low, high = (_checks.broadcast(label, ends[end], value.shape) for end in ("low", "high"))
     else:
-        if not isinstance(given, (tuple, list, np.ndarray)) or len(cast("Any", given)) != 2:
+        pair: list[Any] = [*cast("Any", given)] if isinstance(given, (tuple, list)) else []
+        if len(pair) != 2:
             raise ValueError(
                 f"{label} must be a pair (low, high) of factors, or a dict with the values "
-                f'"low" and "high", got {_checks.show(given)}'
+                f'"low" and "high", got {shown}'
             )
-        pair = cast("Any", given)
         factors = [_checks.broadcast(label, end, value.shape) for end in pair]
         for factor in factors:
             _checks.at_least_zero(label, factor)
@@ -133,7 +134,7 @@ def _range(label: str, name: str, given: Any, value: FloatArray) -> tuple[FloatA
         if np.any(factors[0] > factors[1]):
             low, high = high, low
     if np.any(low > high):
-        raise ValueError(f"{label} must have its low end below its high end, got {given}")
+        raise ValueError(f"{label} must have its low end below its high end, got {shown}")
     for end in (low, high):
         if name in CHAIN_KEYWORDS:
             check_parameter(label, end)

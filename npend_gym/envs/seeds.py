@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,10 @@ class Seeds:
             return chosen, keys_of(seed, self._count)[:, chosen]
         keys = [key_of(self.values[lane]) for lane in chosen.tolist()]
         return chosen, np.array(keys, np.uint64).reshape(-1, 2).T
+
+    def replace(self, seeds: Sequence[int]) -> None:
+        """Take over the seeds of all lanes."""
+        self.values, self._generators = list(seeds), None
 
     @property
     def generators(self) -> tuple[np.random.Generator, ...]:

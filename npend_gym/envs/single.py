@@ -6,22 +6,25 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
+from gymnasium.utils import seeding
+from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
+from npend_gym._checks import FloatArray
 from npend_gym.compiled.philox import keys_of
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
-from npend_gym.envs.inputs import checked_action
+from npend_gym.envs.inputs import checked_action, checked_state
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
 from npend_gym.envs.options import checked_options
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress
+from npend_gym.envs.snapshots import States
 
 ObsArray = NDArray[np.float32]
 
-_THE_LANE = np.ones(1, np.bool_)
+_THE_LANE, _LANE_0 = np.ones(1, np.bool_), np.zeros(1, np.int64)
 _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 
@@ -210,7 +213,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         if seed < 0:  # a generator that the user has set tells no seed
             seed, given = int(self.np_random.integers(2**63)), True
         if given or not self._is_seeded:
-            episodes.seed(np.zeros(1, np.int64), [seed], keys_of(seed, 1))
+            episodes.seed(_LANE_0, [seed], keys_of(seed, 1))
         self._is_seeded = True
 
     def step(  # type: ignore[override]
@@ -237,6 +240,70 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             self.camera.follow(episodes)
         self._progress = _READY
         return episodes.observation[0], reward, terminated, truncated, info
+
+    def get_state(self) -> States:
+        """Return the whole state: chain, motion, clock, measurements, seed, number of the episode.
+
+        Returns
+        -------
+        ndarray of records, shape ()
+            ``state["rods"]["theta"]`` and ``state["members"]["time"]`` are read like this; the
+            other fields are those of `npend_gym.envs.snapshots`. It can be copied and pickled.
+        """
+        if self._progress is not _READY:
+            raise self._progress.refuse("get_state")
+        return self._episodes.get_states(_LANE_0, np.zeros(1, np.bool_)).reshape(())
+
+    def set_state(self, state: States) -> tuple[ObsArray, Info[float, int, bool]]:
+        """Continue from a state, to the last bit as the environment that it was taken from.
+
+        Wrappers know nothing of it: that of the time limit counts on.
+
+        Parameters
+        ----------
+        state : ndarray
+            From `get_state`, of an environment made with the same keywords, or of one lane of such
+            a vector environment.
+
+        Returns
+        -------
+        observation, info
+            As `reset` returns them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the state is none, or of another version or environment; nothing has changed then.
+        """
+        broken = self._progress is _UNFINISHED
+        episodes = self._episodes.renewed() if broken else self._episodes
+        checked = episodes.snapshots.check(state, 1)
+        self._progress = _UNFINISHED
+        self._episodes = episodes
+        episodes.set_states(_LANE_0, checked)
+        if episodes.seeds[0] != self._np_random_seed:
+            self._np_random, self._np_random_seed = seeding.np_random(episodes.seeds[0])
+        self._is_seeded = True
+        self.camera.forget(_THE_LANE)
+        self._progress = _READY
+        return episodes.observation[0], episodes.only_lane()[3]
+
+    @property
+    def state(self) -> FloatArray:
+        """Angles [rad], then angular velocities [rad/s], shape (2n,).
+
+        Setting it moves the chain there; pseudo-periods are measured from then on, and time, energy
+        and work count from there.
+        """
+        if self._progress is not _READY:
+            raise self._progress.refuse("state")
+        return self._episodes.angles[0]
+
+    @state.setter
+    def state(self, value: ArrayLike) -> None:
+        if self._progress is not _READY:
+            raise self._progress.refuse("state")
+        self._episodes.angles = checked_state(value, (1, 2 * self.config.n))
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it.

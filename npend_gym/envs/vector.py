@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
 from npend_gym._checks import BoolArray, FloatArray
@@ -19,7 +19,9 @@ from npend_gym.envs.inputs import (
     checked_action,
     checked_autoreset_mode,
     checked_episode_steps,
+    checked_lanes,
     checked_num_envs,
+    checked_state,
     reset_mask,
 )
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
@@ -27,6 +29,7 @@ from npend_gym.envs.options import checked_options
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
+from npend_gym.envs.snapshots import States
 
 _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
@@ -191,6 +194,72 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self.camera.forget(done)
         self._done = np.zeros(self.num_envs, np.bool_)
         return with_masks(episodes.info(), np.ones(self.num_envs, np.bool_)) | final
+
+    def get_state(self, lanes: ArrayLike | None = None) -> States:
+        """Return the whole state of all lanes, or of some, by number or as a mask: records (k,).
+
+        See `NPendulumEnv.get_state`. A record fits any lane, and the single environment.
+        """
+        if self._progress is not _READY:
+            raise self._progress.refuse("get_state")
+        chosen = checked_lanes(lanes, self.num_envs)
+        return self._episodes.get_states(chosen, self._done[chosen])
+
+    def set_state(
+        self, state: States, lanes: ArrayLike | None = None
+    ) -> tuple[ObsArray, dict[str, Any]]:
+        """Let all lanes, or some, continue from states, to the last bit as where they were taken.
+
+        Parameters
+        ----------
+        state : ndarray, shape (k,)
+            From `get_state` of an environment made with the same keywords, with any number of
+            lanes; of a single environment too.
+        lanes : array_like of int or bool, optional
+            The k lanes; all by default, as they must be before the first reset.
+
+        Returns
+        -------
+        observation, info
+            Of all lanes, as `reset` returns them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a state is none, or of another version or environment; no lane has changed then.
+        """
+        chosen = checked_lanes(lanes, self.num_envs)
+        if self._progress is not _READY and np.unique(chosen).size < self.num_envs:
+            raise self._progress.refuse("set_state of some lanes")
+        broken = self._progress is _UNFINISHED
+        episodes = self._episodes.renewed() if broken else self._episodes
+        checked = episodes.snapshots.check(state, chosen.size)
+        self._progress = _UNFINISHED
+        self._episodes = episodes
+        episodes.set_states(chosen, checked)
+        self._seeds.replace(episodes.seeds)
+        self._done = self._done.copy()
+        self._done[chosen] = checked["done"] > 0
+        moved = np.isin(np.arange(self.num_envs), chosen)
+        self.camera.forget(moved)
+        self._progress = _READY
+        return episodes.observation, with_masks(episodes.info(), moved)
+
+    @property
+    def state(self) -> FloatArray:
+        """Angles [rad], then angular velocities [rad/s], shape (B, 2n).
+
+        Setting it is as in `NPendulumEnv`.
+        """
+        if self._progress is not _READY:
+            raise self._progress.refuse("state")
+        return self._episodes.angles
+
+    @state.setter
+    def state(self, value: ArrayLike) -> None:
+        if self._progress is not _READY:
+            raise self._progress.refuse("state")
+        self._episodes.angles = checked_state(value, (self.num_envs, 2 * self.config.n))
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
         """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -156,6 +156,24 @@ class Memory:
     def write_chain(self, members: Indices, chains: ChainParameters) -> None:
         """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""
         write_chains(*self.arrays, members, self.check_kind(chains).stacked())
+
+    def read_lanes(self, members: Indices) -> list[FloatArray]:
+        """Return all that is kept of some members, k of them: arrays of shapes (k, ...), new."""
+        place = self.place(members)
+        return [self.arrays[0][:, members].T, *(view[place].copy() for view in self._lane_views())]
+
+    def write_lanes(self, members: Indices, parts: Sequence[FloatArray]) -> None:
+        """Put some members back to what `read_lanes` returned, of whatever members."""
+        place = self.place(members)
+        self.arrays[0][:, members] = parts[0].T
+        for view, part in zip(self._lane_views(), parts[1:], strict=True):
+            view[place] = part
+
+    def _lane_views(self) -> list[FloatArray]:
+        """Return views of rods and model, (groups, width, rows, columns)."""
+        rows = (self.arrays[1], *(self.arrays[2] or ()))
+        shaped = (part.reshape(*part.shape[:2], -1, self.width) for part in rows)
+        return [part.transpose(0, 3, 1, 2) for part in shaped]
 
     def restart(self, members: Indices) -> None:
         """Begin to measure from the present state of some members."""

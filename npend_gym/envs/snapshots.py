@@ -1,0 +1,123 @@
+"""The whole state of lanes as one array of records: what `get_state` returns, `set_state` takes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.kernels import Episode
+from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.memory import Memory
+
+VERSION = 1  # of the record; another version of the package may have another
+States = NDArray[np.void]
+Lanes = NDArray[np.int64]
+
+
+class Snapshots:
+    """Records of the lanes of a memory. Every number in one has 8 bytes.
+
+    Parameters
+    ----------
+    config : EnvConfig
+    memory : Memory
+    keys : ndarray, uint64, shape (2, lanes)
+    more : mapping
+        Other arrays by name, (lanes, ...), that belong to the state.
+    """
+
+    def __init__(
+        self, config: EnvConfig, memory: Memory, keys: NDArray[np.uint64],
+        more: Mapping[str, FloatArray],
+    ) -> None:  # fmt: skip
+        self._memory, self._keys, self._more = memory, keys, dict(more)
+        self._environment = _fingerprint(config)
+        rods = [(name.lower(), "<f8", (config.n + 1,)) for name in Rod._fields]
+        rows = [*Member._fields, *Episode._fields]
+        parts: list[Any] = [("members", [(name.lower(), "<f8") for name in rows]), ("rods", rods)]
+        for name, terms in zip(("links", "joints", "base"), memory.arrays[2] or (), strict=False):
+            parts.append((name, "<f8", (terms.shape[1], terms.shape[2] // memory.width)))
+        parts += [(name, "<f8", values.shape[1:]) for name, values in self._more.items()]
+        head = [("version", "<u8"), ("environment", "<u8"), ("key", "<u8", (2,)), ("done", "<u8")]
+        self.dtype = np.dtype([*head, *parts])
+        self._first = len(head) + 1  # column of the first of `parts`
+
+    def take(self, lanes: Lanes, done: NDArray[np.bool_]) -> States:
+        """Return the records of some lanes, (k,), new."""
+        values = [*self._memory.read_lanes(lanes), *(v[lanes] for v in self._more.values())]
+        columns = [part.reshape(lanes.size, -1) for part in values]
+        numbers = np.empty((lanes.size, self.dtype.itemsize // 8))
+        np.concatenate(columns, axis=1, out=numbers[:, self._first :])
+        states: Any = numbers.view(self.dtype)[:, 0]
+        states["version"], states["environment"] = VERSION, self._environment
+        states["key"], states["done"] = self._keys[:, lanes].T, done
+        return states
+
+    def check(self, given: Any, count: int) -> States:
+        """Return records for `count` lanes, or say what is wrong with them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If they are no records, not `count`, or of another version or environment.
+        """
+        states = np.asarray(given)
+        if states.dtype.names is None:
+            raise TypeError(f"state must come from get_state(), got {_checks.show(given)}")
+        if "version" in states.dtype.names and np.any(states["version"] != VERSION):
+            raise ValueError(
+                f"state must have version {VERSION}, that of this package, "
+                f"got {_checks.show(np.unique(states['version']).tolist())}"
+            )
+        if states.dtype != self.dtype:
+            raise ValueError(
+                "state must come from an environment with the same number of rods, the same kind "
+                "of chain, and the same motors, sensors and randomize keywords"
+            )
+        if states.size != count:
+            raise ValueError(f"state must hold {count} lanes, got {states.size}")
+        if np.any(states["environment"] != self._environment):
+            raise ValueError(
+                "state must come from an environment with the same chain, mode, dt, substeps, "
+                "max_torque and randomize: make this one with the keywords of that one"
+            )
+        return states.reshape(-1)
+
+    def put(self, lanes: Lanes, states: States) -> None:
+        """Put lanes into the states of checked records."""
+        numbers = np.ascontiguousarray(states).view("<f8").reshape(lanes.size, -1)
+        column = self._first
+        shapes = [part.shape[1:] for part in self._memory.read_lanes(lanes[:1])]
+        parts: list[FloatArray] = []
+        for shape in (*shapes, *(values.shape[1:] for values in self._more.values())):
+            size = int(np.prod(shape))
+            parts.append(numbers[:, column : column + size].reshape(-1, *shape))
+            column += size
+        self._memory.write_lanes(lanes, parts[: len(shapes)])
+        for values, part in zip(self._more.values(), parts[len(shapes) :], strict=True):
+            values[lanes] = part
+        self._keys[:, lanes] = states["key"].T
+
+
+def seeds_of(states: States) -> list[int]:
+    """Return the seeds that records were made with."""
+    return [low + (high << 64) for low, high in states["key"].tolist()]
+
+
+def _fingerprint(config: EnvConfig) -> int:
+    """Return a number that two environments share if one can go on from the other's state."""
+    mode, random = type(config.mode), config.randomization
+    told = (
+        *config.chain.repeated(1), random.draws, config.joints,
+        np.array([config.dt, config.min_substeps, config.max_rotation, config.max_torque]),
+        np.frombuffer(f"{mode.__module__}:{mode.__qualname__}".encode(), np.uint8),
+    )  # fmt: skip
+    digest = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in told))
+    return int.from_bytes(digest.digest()[:8], "little")
