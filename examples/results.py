@@ -4,6 +4,9 @@ Run it with `python examples/results.py --out results/learning`; what has been t
 already is not trained again, so it can be interrupted. `--tasks` and `--seeds` choose parts of it.
 It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
 them into `docs/` and the best policies into the package.
+
+`--again` trains nothing: it renews those rows of the table in `docs/` that need no training, which
+are chance, the controllers and the policies of the package.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ from evaluate import PLANS, controller_of
 from training import env_of_task, keep
 
 from npend_gym.report import write_csv
-from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate
+from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate, pretrained_names
 
 DOCS = Path(__file__).parents[1] / "docs"
 TRAINERS = {"PPO": train_cleanrl, "ES": train_es, "imitation": train_imitation}
@@ -72,15 +75,49 @@ def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     print(f"{path.stem}: {score}", flush=True)
 
 
+def evaluated(task: str, agent: str, controller: Controller) -> dict[str, Any]:
+    """Return the row of a controller that is not trained here."""
+    row = {"task": task, "agent": agent, "seed": "", "steps": "", "seconds": ""}
+    return row | evaluate(controller, env_of_task(task)).as_row()
+
+
+def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]]:
+    """Return recorded rows; those of `tasks` evaluated again, unless they need a training run."""
+    known: dict[tuple[Any, ...], Controller] = {}
+    for task in tasks:
+        known |= {(task, name, None): agent for name, agent in references(task).items()}
+        if task in pretrained_names():
+            policy = Policy.pretrained(task)
+            script = Path(policy.provenance["trained_by"]).stem
+            (name,) = (name for name, trainer in TRAINERS.items() if trainer.__name__ == script)
+            known[task, name, policy.provenance["settings"]["seed"]] = policy
+    keys = [(row["task"], row["agent"], row["seed"]) for row in rows]
+    return [
+        row | evaluate(known[key], env_of_task(key[0])).as_row() if key in known else row
+        for key, row in zip(keys, rows, strict=True)
+    ]
+
+
+def recorded() -> list[dict[str, Any]]:
+    """Return the rows of the table in `docs/`."""
+    with (DOCS / "results" / "learning.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return [{name: value_of(text) for name, text in row.items()} for row in rows]
+
+
+def value_of(text: str) -> int | float | str | None:
+    """Return the value of a cell in a CSV file."""
+    if text.isdigit():
+        return int(text)
+    return float(text) if re.fullmatch(r"-?[\d.]+", text) else text or None
+
+
 def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return a row for every agent and task, and the rows of all learning curves."""
     rows: list[dict[str, Any]] = []
     curves: list[dict[str, Any]] = []
-    blank = {"seed": "", "steps": "", "seconds": ""}
     for task in tasks:
-        for name, controller in references(task).items():
-            score = evaluate(controller, env_of_task(task)).as_row()
-            rows.append({"task": task, "agent": name} | blank | score)
+        rows += [evaluated(task, name, agent) for name, agent in references(task).items()]
         for path in sorted(out.glob(f"{task}-*-seed*.npz")):
             agent, seed = path.stem.removeprefix(f"{task}-").split("-seed")
             run = {"task": task, "agent": agent, "seed": int(seed)}
@@ -150,18 +187,19 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def publish(rows: list[dict[str, Any]], out: Path) -> None:
-    """Put tables and figure into the docs, the best policy of every task into the package."""
-    for name, target in {
-        "results.csv": "results/learning.csv",
-        "curves.csv": "results/learning_curves.csv",
-        "curves.png": "images/learning_curves.png",
-    }.items():
-        (DOCS / target).parent.mkdir(exist_ok=True)
-        shutil.copyfile(out / name, DOCS / target)
+def publish_table(rows: list[dict[str, Any]]) -> None:
+    """Put the rows into `docs/`, as CSV and as a table."""
+    write_csv(DOCS / "results" / "learning.csv", rows)
     page = DOCS / "results.md"
     text = TABLE.sub(lambda _: table(rows) + "\n", page.read_text(encoding="utf-8"), count=1)
     page.write_text(text, encoding="utf-8")
+
+
+def publish(rows: list[dict[str, Any]], out: Path) -> None:
+    """Put the results into `docs/`, and the best policy of every task into the package."""
+    publish_table(rows)
+    shutil.copyfile(out / "curves.csv", DOCS / "results" / "learning_curves.csv")
+    shutil.copyfile(out / "curves.png", DOCS / "images" / "learning_curves.png")
     PRETRAINED.mkdir(exist_ok=True)
     for task in dict.fromkeys(row["task"] for row in rows):
         trained = [row for row in rows if row["task"] == task and row["agent"] in TRAINERS]
@@ -179,8 +217,12 @@ def main() -> None:
     parser.add_argument("--tasks", nargs="+", default=tasks())
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--publish", action="store_true", help="in docs/ and in the package")
+    parser.add_argument("--again", action="store_true", help="evaluate, train nothing")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
+    if arguments.again:
+        publish_table(renewed(recorded(), arguments.tasks))
+        return
     for seed in arguments.seeds:
         for task, agent in product(arguments.tasks, TRAINERS):
             train_and_keep(task, agent, seed, arguments.out)

@@ -1,5 +1,6 @@
-"""One draw of a trial: `npend release` and `npend campaign` start alike."""
+"""One draw of a trial: `npend release`, `npend campaign` and mode "passive" start alike."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -39,11 +40,27 @@ def test_draws_are_uniform_and_unrelated():
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_release_and_campaign_start_every_trial_alike(n):
+def test_release_campaign_and_environments_start_every_trial_alike(n):
     seed, trials = 40, 4
     expected = [0.6 + 0.02 * numpys(seed + t) for t in range(trials)]
+    env = gym.make("NPendulum-v0", n=n, mode="passive", amplitude=0.6, spread=0.02)
+    single = [env.reset(seed=seed + t)[1]["theta"][0] for t in range(trials)]
+    lanes = gym.make_vec(
+        "NPendulum-v0", num_envs=trials, n=n, mode="passive", amplitude=0.6, spread=0.02
+    )
+    vector = lanes.reset(seed=seed)[1]["theta"][:, 0].tolist()
     release = ReleaseExperiment(n_values=[n], trials=trials, amplitude=0.6, spread=0.02, seed=seed)
     plan = CampaignPlan(n=n, trials=trials, amplitude=0.6, spread=0.02, seed=seed)
     (task,) = plan.tasks()
-    assert [start for _, _, start in release.runs()] == expected
+    assert single == vector == [start for _, _, start in release.runs()] == expected
     assert measure_task(plan, task)[0].tolist() == expected
+
+
+def test_later_episodes_start_from_streams_of_their_own():
+    env = gym.make("NPendulum-v0", n=1, mode="passive", amplitude=0.0, spread=1.0)
+    starts_drawn = [env.reset(seed=seed)[1]["theta"][0] for seed in (7, None, None)]
+    expected = [
+        np.random.Generator(np.random.Philox(key=7, counter=[0, 0, 0, episode])).random()
+        for episode in range(3)
+    ]
+    assert starts_drawn == expected

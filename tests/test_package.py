@@ -190,7 +190,7 @@ def fingerprint():
     return digest.hexdigest()
 
 
-GOLDEN = "2deeb4d53b8de99f2ebdd3e2c8a7cb9f2cbbacd71549e96ab0d6c9f02af87f06"
+GOLDEN = "3d0638ca4449d197481c0bd004a1881672ddc1d6aab37c62663aa2a7ff463597"
 
 
 def test_results_are_the_same_bits_on_every_machine():

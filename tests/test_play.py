@@ -4,11 +4,11 @@ import os
 import subprocess
 import sys
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.experiments import starts
 from npend_gym.play import Game, play
 
 
@@ -44,10 +44,9 @@ def test_left_alone_the_chain_completes_the_pseudo_periods_of_a_release():
     np.testing.assert_allclose(game.periods, expected, atol=1e-4)
 
 
-def test_the_chain_starts_as_the_first_trial_of_the_same_seed():
-    np.testing.assert_array_equal(
-        Game(4, 0.5, seed=3).theta, np.full(4, starts(3, 0, 1, 0.5, 0.017))
-    )
+def test_the_chain_starts_as_in_an_environment_of_the_same_seed():
+    env = gym.make("NPendulum-v0", n=4, mode="passive", amplitude=0.5)
+    np.testing.assert_array_equal(Game(4, 0.5, seed=3).theta, env.reset(seed=3)[1]["theta"])
 
 
 def test_space_pauses_and_continues(pg):

@@ -17,7 +17,7 @@ class Progress(Enum):
     `step` and `reset` note UNFINISHED before their first change and READY after their last. At
     whatever instant an exception ends them (KeyboardInterrupt, or one in a user's mode), the
     environment has changed nothing, or it has done everything, or it refuses to continue until it
-    is reset. That reset replaces everything but the random generators.
+    is reset. That reset replaces everything but the seeds.
     """
 
     NEW = "call reset() before {}()"

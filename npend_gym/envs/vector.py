@@ -112,7 +112,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         Parameters
         ----------
         seed : int or sequence of int, optional
-            Lane k is seeded with seed + k, or with seed[k]; without one, its generator continues.
+            Lane k is seeded with seed + k, or with seed[k]; without one, the next episode of its
+            last seed begins.
         options : dict, optional
             "reset_mask", bool (B,); "theta", "omega" and the parameters of the chain (B, n);
             "amplitude", "gravity" (B,); one number stands for all.
@@ -166,8 +167,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
             raise lanes_are_done(waiting)
         episodes = self._episodes
-        config = self.config
-        action = checked_action(actions, (self.num_envs, config.joints.size), config.action_table)
+        action = checked_action(actions, (self.num_envs, self.config.joints.size))
         self._progress = _UNFINISHED
         if np.count_nonzero(waiting) > 0:  # autoreset of NEXT_STEP
             episodes.start(waiting)
