@@ -64,9 +64,11 @@ KEYWORDS = {
     "actuated": joints,
     "max_torque": one_of(None, 0.0, 3.0),
     "difficulty": one_of(None, "easy", "hard", 0.3),
+    "torque_levels": one_of(None, 2, 3),
     "dt": one_of(None, 0.01, 0.07),
     "substeps": one_of(None, 1, 7),
-    "observation": one_of("angles", "sincos"),
+    "observation": one_of("angles", "sincos", "scaled"),
+    "reward_type": one_of("dense", "sparse"),
     "amplitude": one_of(0.0, -0.4, 2.5),
     "spread": one_of(0.0, 0.3),
 }
@@ -97,6 +99,8 @@ def combinations(draw, every_kernel=False):
         keywords = {k: v for k, v in keywords.items() if k not in CHAIN_KEYWORDS}
     if keywords.get("mode") == "passive" or keywords.get("max_torque") is not None:
         keywords.pop("difficulty", None)
+    if keywords.get("mode") == "passive":
+        keywords.pop("torque_levels", None)
     return {"n": n} | keywords
 
 

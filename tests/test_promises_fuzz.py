@@ -43,13 +43,16 @@ class LifeCycle(RuleBasedStateMachine):
         n=st.integers(1, 4),
         lanes=st.sampled_from([None, 1, 3, 17]),
         mode=st.sampled_from(["passive", "swingup", "balance", "calm"]),
-        observation=st.sampled_from(["angles", "sincos"]),
+        observation=st.sampled_from(["angles", "sincos", "scaled"]),
         autoreset=st.sampled_from(list(gym.vector.AutoresetMode)),
         steps=st.integers(1, 30),
         picture=st.sampled_from([None, None, None, "rgb_array"]),
+        reward_type=st.sampled_from(["dense", "sparse"]),
+        levels=st.sampled_from([None, None, 2, 3]),
     )
-    def make(self, n, lanes, mode, observation, autoreset, steps, picture):
-        keywords = {"n": n, "mode": mode, "observation": observation, "render_mode": picture}
+    def make(self, lanes, mode, autoreset, steps, picture, levels, **keywords):
+        keywords |= {"mode": mode, "render_mode": picture}
+        keywords |= {} if mode == "passive" else {"torque_levels": levels}
         if lanes is None:
             self.env = gym.make(
                 "NPendulum-v0", max_episode_steps=steps, disable_env_checker=True, **keywords

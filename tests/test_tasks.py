@@ -1,12 +1,16 @@
 """The tasks by name: what Gymnasium's registry says of them, and that policies solve them."""
 
+import re
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv
-from npend_gym.envs.registration import ENV_ID, TASKS
+from npend_gym.envs.keywords import DEFAULTS
+from npend_gym.envs.registration import ENV_ID, MAX_EPISODE_STEPS, TASKS
 from npend_gym.rl import Policy, evaluate
 
 SOLVED = [env_id for env_id, task in TASKS.items() if task.reward_threshold is not None]
@@ -106,3 +110,68 @@ def test_the_defaults_are_rungs_of_the_ladder():
 def test_a_wrong_difficulty_is_refused(keywords, error, message):
     with pytest.raises(error, match=message):
         EnvConfig(**keywords)
+
+
+# -- the pages ------------------------------------------------------------------------------
+
+
+PAGES = Path(__file__).parents[1] / "docs" / "tasks"
+
+
+def tables_of(page):
+    """The tables of a page, each the list of its rows, a row the list of its cells."""
+    blocks = re.findall(r"(?:^\|.*\n)+", (PAGES / page).read_text(encoding="utf-8"), re.MULTILINE)
+    return [
+        [[cell.strip(" `") for cell in row.strip("|\n").split("|")] for row in block.splitlines()]
+        for block in blocks
+    ]
+
+
+def page_of(env_id):
+    name = env_id.split("/")[1].removesuffix("-v1")
+    return re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower() + ".md"
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_the_page_of_a_task_repeats_what_the_environment_is(env_id):
+    env, spec = gym.make(env_id).unwrapped, gym.spec(env_id)
+    (heading, _, *facts), *others = tables_of(page_of(env_id))
+    assert heading == [env_id, ""]
+    threshold = "-" if spec.reward_threshold is None else f"{spec.reward_threshold:g}"
+    assert dict(facts) == {
+        "Action space": str(env.action_space),
+        "Observation space": str(env.observation_space),
+        "Step [s]": str(env.config.dt),
+        "Steps of an episode": str(spec.max_episode_steps),
+        "Solved from a mean return of": threshold,
+    }
+    (*actions, observations, arguments) = others
+    if actions:
+        limit = f"{env.config.max_torque:.3f}"
+        assert actions[0][2][-1] == f"-{limit} to {limit} N m"
+    low, high = env.observation_space.low, env.observation_space.high
+    for row, (entry, _, least, most) in enumerate(observations[2:]):
+        assert (int(entry), float(least), float(most)) == (row, low[row], high[row])
+    assert len(observations) - 2 == low.size
+    used = {name: getattr(env.config, name, None) for name in DEFAULTS}
+    for name, default, _ in arguments[2:]:
+        value = used[name]
+        shown = "pi/4" if value == np.pi / 4 else f"{value:.5g}" if name != "difficulty" else "None"
+        assert default == shown
+
+
+def test_the_overview_lists_every_task_and_repeats_the_defaults():
+    tasks, arguments, observations = tables_of("overview.md")
+    pages = {re.search(r"\[`(.*)`\]\((.*)\)", row[0]).groups() for row in tasks[2:]}
+    assert pages == {(env_id, page_of(env_id)) for env_id in TASKS}
+    defaults = DEFAULTS | {
+        "max_episode_steps": MAX_EPISODE_STEPS,
+        "render_mode": None,
+        "observation": TASKS["npend/SwingUp-v1"].keywords["observation"],
+    }
+    for name, default, _ in arguments[2:]:
+        assert str(defaults[name]) == default.strip('"')
+    for name, _, bounds in observations[2:]:
+        high = EnvConfig(n=1, observation=name.strip('"')).observation_space.high
+        listed = [np.pi if bound == "pi" else float(bound) for bound in bounds.split(", ")]
+        np.testing.assert_allclose(high, listed, rtol=1e-6)

@@ -100,6 +100,11 @@ class ChainParameters(NamedTuple):
         rows = [row if row.ndim == 2 else row[:, None] for row in self]
         return np.stack(np.broadcast_arrays(*rows), axis=1)
 
+    @property
+    def joint_inertia(self) -> FloatArray:
+        """Inertia of each link alone, its rotor included, about its joint [kg m^2], (B, n)."""
+        return self.inertias + self.masses * self.centres**2 + self.armature
+
     def beyond_ideal(self) -> list[str]:
         """Return the names of the parameters that differ from those of ideal chains."""
         ideal = ChainParameters.ideal(*self[: len(SIMPLE_FIELDS)])
@@ -116,9 +121,8 @@ class ChainParameters(NamedTuple):
         ValueError
             If inertia about the centre, armature and distance of the centre are all zero.
         """
-        about_joint = self.inertias + self.masses * self.centres**2 + self.armature
-        if not np.all(about_joint > 0.0):
-            link = int(np.argwhere(about_joint <= 0.0)[0, 1])
+        if not np.all(self.joint_inertia > 0.0):
+            link = int(np.argwhere(self.joint_inertia <= 0.0)[0, 1])
             raise ValueError(
                 f"inertias and centres must give each link inertia about its joint, but those of "
                 f"link {link} are 0; give it an inertia, an armature or a centre off the joint"

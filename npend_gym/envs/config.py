@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from typing_extensions import Unpack
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.keywords import (
     DEFAULTS,
     EnvKeywords,
+    action_table,
     chain_of,
     check_names,
     check_weight,
@@ -30,7 +32,9 @@ from npend_gym.envs.randomization import Randomization, check_randomize
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
 
-OBSERVATIONS = ("angles", "sincos")
+OBSERVATIONS = ("angles", "sincos", "scaled")
+REWARD_TYPES = ("dense", "sparse")
+MAX_SCALED_SPEED = 2.0  # of the observation "scaled", whose faster rods are clipped
 
 
 @with_config_keywords
@@ -55,6 +59,11 @@ class EnvConfig:
         Substeps of a step in which no rod turns fast.
     max_rotation : float
         A substep in which a rod turns by more than this is divided [rad].
+    speed_scale : ndarray, shape (n,)
+        Angular velocities [rad/s] by which those observed are divided: 1, or for "scaled" that at
+        which rod i alone, turning about its joint, has `Chain.lifting_energy`.
+    action_table : ndarray, shape (actions, joints)
+        Torques over their limit of each discrete action; empty where actions are continuous.
 
     Raises
     ------
@@ -69,6 +78,8 @@ class EnvConfig:
     dt: float
     substeps: int | None
     observation: str
+    reward_type: str
+    torque_levels: int | None
     amplitude: float
     spread: float
     randomize: Mapping[str, Any] | None
@@ -78,6 +89,8 @@ class EnvConfig:
     joints: NDArray[np.int64] = field(init=False, repr=False)
     min_substeps: int = field(init=False, repr=False)
     max_rotation: float = field(init=False, repr=False)
+    speed_scale: FloatArray = field(init=False, repr=False)
+    action_table: FloatArray = field(init=False, repr=False)
 
     def __init__(self, **keywords: Unpack[EnvKeywords]) -> None:
         check_names(EnvConfig, keywords)
@@ -91,6 +104,7 @@ class EnvConfig:
         substeps, max_rotation = _substeps(given["substeps"], dt, random)
         amplitude = _checks.number("amplitude", given["amplitude"])
         spread = _checks.nonnegative_number("spread", given["spread"])
+        observation = _checks.choice("observation", given["observation"], OBSERVATIONS)
         checked = {
             "mode": mode,
             "chain": chain,
@@ -98,7 +112,9 @@ class EnvConfig:
             "max_torque": max_torque,
             "dt": dt,
             "substeps": given["substeps"],
-            "observation": _checks.choice("observation", given["observation"], OBSERVATIONS),
+            "observation": observation,
+            "reward_type": _checks.choice("reward_type", given["reward_type"], REWARD_TYPES),
+            "torque_levels": given["torque_levels"],
             "amplitude": _angle("amplitude", amplitude),
             "spread": _angle("spread", spread),
             "randomize": given["randomize"],
@@ -107,6 +123,8 @@ class EnvConfig:
             "joints": np.array(joints, np.int64),
             "min_substeps": substeps,
             "max_rotation": max_rotation,
+            "speed_scale": _speed_scale(observation, chain),
+            "action_table": action_table(given["torque_levels"], mode, len(joints)),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -119,7 +137,12 @@ class EnvConfig:
     @property
     def with_sines(self) -> bool:
         """Whether observations hold the sines and cosines of the angles."""
-        return self.observation == "sincos"
+        return self.observation != "angles"
+
+    @property
+    def speed_limit(self) -> float:
+        """Bound of the angular velocities observed, to which they are clipped."""
+        return MAX_SCALED_SPEED if self.observation == "scaled" else MAX_SPEED
 
     @property
     def hold_steps(self) -> int:
@@ -133,9 +156,9 @@ class EnvConfig:
 
     @property
     def action_space(self) -> spaces.Space[Any]:
-        """Box(-1, 1) with an entry for each actuated joint; Discrete(1) where there is none."""
-        if self.joints.size == 0:
-            return spaces.Discrete(1)
+        """Box(-1, 1) with an entry for each actuated joint, or Discrete; see `action_table`."""
+        if self.joints.size == 0 or len(self.action_table) > 0:
+            return spaces.Discrete(max(1, len(self.action_table)))
         return spaces.Box(-1.0, 1.0, (self.joints.size,), np.float32)
 
     @property
@@ -155,7 +178,7 @@ class EnvConfig:
         bound = np.ones(self.observed, np.float32)
         angles = 2 * self.n if self.with_sines else self.n
         bound[:angles] = 1.0 if self.with_sines else np.pi
-        bound[angles : angles + self.n] = MAX_SPEED
+        bound[angles : angles + self.n] = self.speed_limit
         return spaces.Box(-bound, bound, dtype=np.float32)
 
 
@@ -174,6 +197,14 @@ def _substeps(given: int | None, dt: float, random: Randomization) -> tuple[int,
         for corner in random.corners
     )
     return max(default_substeps(chain, dt) for chain in chains), MAX_ROTATION
+
+
+def _speed_scale(observation: str, chain: Chain) -> FloatArray:
+    """Return what angular velocities are divided by in observations [rad/s], shape (n,)."""
+    scale = np.ones(chain.n)
+    if observation == "scaled":
+        scale = np.sqrt(2.0 * chain.lifting_energy / chain.repeated(1).joint_inertia[0])
+    return scale
 
 
 def _angle(name: str, value: float) -> float:

@@ -80,7 +80,8 @@ class Episodes:
         self._judge = NUMBER_OF.get(type(config.mode), 0)
         self._task = np.array([
             self._judge, math.inf if max_steps is None else max_steps, config.hold_steps,
-            SINCOS if config.with_sines else ANGLES, *joints,
+            SINCOS if config.with_sines else ANGLES, config.speed_limit,
+            config.reward_type == "sparse", *joints, *(1.0 / config.speed_scale),
         ])  # fmt: skip
         self._actions = np.zeros((lanes, joints.size))  # of the next step
         self._beginning = (
@@ -235,7 +236,8 @@ class Episodes:
         held[judged] *= np.broadcast_to(mode.achieved(quantities), (self.count,))[judged]
         outputs[Output.SUCCESS] = held > self._task[Task.HOLD_STEPS]
         if not observes:
-            outputs[Output.REWARD] = mode.reward(quantities)
+            is_sparse = self.config.reward_type == "sparse"
+            outputs[Output.REWARD] = (mode.achieved if is_sparse else mode.reward)(quantities)
             outputs[Output.TERMINATED] = mode.failed(quantities)
             outputs[[[Output.REWARD], [Output.TERMINATED]], starts] = 0.0
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0

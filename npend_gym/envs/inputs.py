@@ -93,25 +93,28 @@ def reset_mask(mask: Any, count: int, *, every: bool) -> BoolArray:
     return np.array(mask, np.bool_)  # pyright: ignore[reportUnknownArgumentType]
 
 
-def checked_action(action: Any, shape: tuple[int, ...]) -> float | NDArray[Any] | None:
-    """Return the action, or say what is wrong with it.
+def checked_action(
+    action: Any, shape: tuple[int, ...], table: FloatArray
+) -> float | NDArray[Any] | None:
+    """Return the action, torques over their limit, or say what is wrong with it.
 
-    Its shape is (joints,) or (B, joints). In a mode without a motor there are no joints, every
-    action must be 0 and None is returned.
+    Its shape is (joints,) or (B, joints). Where `table`, (actions, joints), has rows, an action is
+    the number of a row. In a mode without a motor there are no joints, every action must be 0 and
+    None is returned.
     """
-    if shape == (1,) and type(action) is np.ndarray and action.shape == (1,):
+    joints, is_discrete = shape[-1], len(table) > 0 or shape[-1] == 0
+    if not is_discrete and shape == (1,) and type(action) is np.ndarray and action.shape == (1,):
         value = action.item()
         if type(value) is float and math.isfinite(value):
             return value  # the common case, quickly; the rules below are for all others
-    joints = shape[-1]
     try:
         raw = np.asarray(action)
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(f"action must be rectangular, got {_checks.show(action)}") from error
-    if raw.dtype.kind not in ("iu" if joints == 0 else "iuf"):
-        kind = "integers" if joints == 0 else "real numbers"
+    if raw.dtype.kind not in ("iu" if is_discrete else "iuf"):
+        kind = "integers" if is_discrete else "real numbers"
         raise TypeError(f"action must hold {kind}, got {_checks.show(action)}")
-    wanted = shape if joints > 0 else shape[:-1]
+    wanted = shape[:-1] if is_discrete else shape
     if raw.shape != wanted:
         raise ValueError(f"action must have the shape {wanted}, got {raw.shape}")
     if joints == 0:
@@ -121,6 +124,12 @@ def checked_action(action: Any, shape: tuple[int, ...]) -> float | NDArray[Any] 
                 f"got {_checks.show(action)}"
             )
         return None
+    if is_discrete:
+        if np.any((raw < 0) | (raw >= len(table))):
+            raise ValueError(
+                f"action must be between 0 and {len(table) - 1}, got {_checks.show(action)}"
+            )
+        return table[raw]
     if np.count_nonzero(np.isfinite(raw)) < raw.size:
         raise ValueError(f"action must be finite, got {_checks.show(action)}")
     return raw

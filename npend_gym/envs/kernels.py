@@ -91,12 +91,17 @@ Output = OutputFields()
 
 
 class TaskFields(NamedTuple):
-    """Entries of `task`: what is the same for all lanes. The actuated joints follow."""
+    """Entries of `task`: what is the same for all lanes.
+
+    The actuated joints follow, and then a factor of each observed angular velocity.
+    """
 
     MODE: int = 0  # number of a built-in mode; 0: Python judges
     MAX_STEPS: int = 1  # of an episode; infinite: any number
     HOLD_STEPS: int = 2  # over which the goal must have held
     FORM: int = 3  # of the observation
+    SPEED_LIMIT: int = 4  # to which observed angular velocities are clipped
+    SPARSE: int = 5  # 1: the reward is 1 where the goal is met, else 0
 
 
 Task = TaskFields()
@@ -223,6 +228,8 @@ def _judge(
         achieved = _balance_achieved(None, quantities)
     elif mode == MODE_NUMBERS.CALM:
         reward, achieved = _calm_reward(None, quantities), _calm_achieved(None, quantities)
+    if task[Task.SPARSE] > 0.0:
+        reward = where(achieved, 1.0, 0.0)
     starts = numbers[Episode.STARTING, g] > 0.0
     held, steps = numbers[Episode.STEPS_HELD, g], numbers[Episode.STEPS, g]
     if not observes:
@@ -262,7 +269,7 @@ def _wrap(theta: FloatArray, wrapped: FloatArray) -> None:
 @inlined_kernel
 def _observe(
     rows: FloatArray, first: int, width: int, scratch: FloatArray, observation: ObsArray,
-    form: float,
+    task: FloatArray,
 ) -> None:  # fmt: skip
     """Write the observations of a group, lane by lane.
 
@@ -271,6 +278,7 @@ def _observe(
     s, c, wrapped = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.WRAPPED]
     omega = rows[Rod.OMEGA]
     n = omega.size // width - 1
+    form, limit, factors = task[Task.FORM], task[Task.SPEED_LIMIT], task.size - n
     for k in range(width):
         row = observation[first + k]
         for i in range(n):
@@ -278,7 +286,8 @@ def _observe(
             if form == SINCOS:
                 row[i] = s[j]
                 row[n + i] = c[j]
-                row[2 * n + i] = omega[j]
+                speed = omega[j] * task[factors + i]
+                row[2 * n + i] = limit if speed > limit else max(speed, -limit)
             else:
                 angle = np.float32(wrapped[j])
                 row[i] = -_PI_32 if angle >= _PI_32 else angle  # float32 may round up to pi
@@ -309,7 +318,7 @@ def _step(
             _judge(numbers, g, quantities, view(told), task, observes)
             if task[Task.FORM] == ANGLES:
                 _wrap(group.theta[: group.velocity.size], work[Scratch.WRAPPED])
-            _observe(rods[g], g * width, width, scratch, observation, task[Task.FORM])
+            _observe(rods[g], g * width, width, scratch, observation, task)
             if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
                 _welcome(numbers, g)
 
@@ -348,7 +357,7 @@ def step_many(
         Written.
     outputs : ndarray, shape (len(Output) + 3 n, lanes)
         Written.
-    task : ndarray, shape (len(Task) + joints,)
+    task : ndarray, shape (len(Task) + joints + n,)
     """
     written = bare(observation), bare(outputs)
     _step(

@@ -15,11 +15,13 @@ from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain, plain_keywords
 from npend_gym.envs.modes import Mode
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
 DIFFICULTIES = {"easy": 0.5, "medium": 0.2, "hard": 0.1}  # torque limit over the static torque
+MAX_ACTIONS = 65_536  # of a discrete action space
 
 _Class = TypeVar("_Class", bound=type)
 _Weighed = TypeVar("_Weighed", Chain, ChainParameters)
@@ -46,9 +48,11 @@ class EnvKeywords(TypedDict, total=False):
     actuated: Sequence[int]
     max_torque: float | None
     difficulty: str | float | None
+    torque_levels: int | None
     dt: float | None
     substeps: int | None
     observation: str
+    reward_type: str
     amplitude: float
     spread: float
     randomize: Mapping[str, Any] | None
@@ -63,10 +67,12 @@ DEFAULTS: dict[str, Any] = {
     "lengths": 1.0,
     "max_torque": None,
     "difficulty": None,
+    "torque_levels": None,
     "actuated": (0,),
     "dt": None,
     "substeps": None,
     "observation": "angles",
+    "reward_type": "dense",
     "amplitude": math.pi / 4,
     "spread": 0.017,
     "randomize": None,
@@ -204,3 +210,26 @@ def torque_limit(keywords: Mapping[str, Any], mode: Mode, chain: Chain) -> float
             f"fraction of the static torque; got {shown}"
         )
     return DIFFICULTIES[difficulty] * static_torque
+
+
+def action_table(torque_levels: Any, mode: Mode, joints: int) -> FloatArray:
+    """Return the torques, over their limit, of each discrete action, shape (actions, joints).
+
+    There are `torque_levels` evenly spaced torques for each joint; the last joint's changes
+    fastest. The table is empty where actions are continuous.
+    """
+    if torque_levels is None:
+        return np.empty((0, joints))
+    levels = _checks.count("torque_levels", torque_levels, low=2, high=MAX_ACTIONS)
+    if joints == 0:
+        raise ValueError(
+            f"torque_levels must be left out in mode {mode.name!r}, which has no motor; "
+            f"got {levels}"
+        )
+    if levels**joints > MAX_ACTIONS:
+        raise ValueError(
+            f"torque_levels to the power of the actuated joints is the number of actions, and must "
+            f"be at most {MAX_ACTIONS}; got {levels} ** {joints}"
+        )
+    each = np.indices((levels,) * joints).reshape(joints, -1).T
+    return (2.0 * each - (levels - 1.0)) / (levels - 1.0)

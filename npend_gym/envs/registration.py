@@ -20,10 +20,10 @@ class Task(NamedTuple):
 
 # Each page docs/tasks/*.md describes one of them
 TASKS = {
-    "npend/SwingUp-v1": Task({"mode": "swingup", "observation": "sincos"}, 900.0),
-    "npend/Balance-v1": Task({"mode": "balance", "observation": "sincos"}, 990.0),
-    "npend/Calm-v1": Task({"mode": "calm", "observation": "sincos"}, 900.0),
-    "npend/Release-v1": Task({"mode": "passive", "observation": "sincos"}),  # has no reward
+    "npend/SwingUp-v1": Task({"mode": "swingup", "observation": "scaled"}, 900.0),
+    "npend/Balance-v1": Task({"mode": "balance", "observation": "scaled"}, 990.0),
+    "npend/Calm-v1": Task({"mode": "calm", "observation": "scaled"}, 900.0),
+    "npend/Release-v1": Task({"mode": "passive", "observation": "scaled"}),  # has no reward
 }
 
 

@@ -34,7 +34,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
 
     This is what `gym.make("NPendulum-v0")` returns inside its wrappers, and `gym.make` of a task by
     name, "npend/SwingUp-v1", "npend/Balance-v1", "npend/Calm-v1" or "npend/Release-v1", which have
-    observation="sincos". `NPendulumVectorEnv` steps many of them at once.
+    observation="scaled". `NPendulumVectorEnv` steps many of them at once.
 
     Description
     -----------
@@ -47,7 +47,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     ------
     ``Box(-1, 1, (len(actuated),), float32)``: the torque at each actuated joint divided by
     `max_torque`. A positive torque turns the rod below the joint counter-clockwise. Values outside
-    the box are clipped. Mode "passive" has ``Discrete(1)``: the only action, 0, is to wait.
+    the box are clipped. With `torque_levels` it is ``Discrete(torque_levels ** len(actuated))``,
+    see there. Mode "passive" has ``Discrete(1)``: the only action, 0, is to wait.
 
     ==================== ============================================ ================== ======
     mode                 task                                         default max_torque dt [s]
@@ -71,7 +72,12 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     ============= ========= ========================================== ================
     "angles"      (2n,)     theta wrapped to [-pi, pi), then omega     pi, then 1e6
     "sincos"      (3n,)     sin theta, cos theta, omega                1, 1, then 1e6
+    "scaled"      (3n,)     sin theta, cos theta, omega over its scale 1, 1, then 2
     ============= ========= ========================================== ================
+
+    The scale of omega_i is sqrt(2 E / J_i), with E `Chain.lifting_energy` and J_i the moment of
+    inertia of rod i alone about its joint (m_i l_i^2 for a bob), of the chain as made. Beyond +-2
+    the entry is clipped.
 
     Reward
     ------
@@ -81,6 +87,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     - swingup: height^2 (1 + calmness) / 2 (1 - mean_squared_action / 10)
     - balance: max(tip, 0) (1 + calmness) / 2 (1 - mean_squared_action / 10)
     - calm: (1 / (1 + e) + 1 / (1 + 100 e)) / 2 (1 - mean_squared_action / 10), e = energy_fraction
+
+    With reward_type="sparse": 1 where the goal is met at this instant, else 0.
 
     Starting state
     --------------
@@ -126,13 +134,17 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Torque of the action 1 [N m]; by default as in the table, for the chain as made.
     difficulty : {"easy", "medium", "hard"} or float, optional
         Instead of `max_torque`, the limit over the static torque: 0.5, 0.2 or 0.1, or this number.
+    torque_levels : int, optional
+        Makes actions discrete, with this many evenly spaced torques from -1 to 1 for each actuated
+        joint: the digits of an action to this base, the last joint's being the lowest.
     dt : float, optional
         Time of a step [s]; by default as in the table.
     substeps : int, optional
         Runge-Kutta steps in a step, always this many. By default there are enough for the fastest
         normal mode to turn by at most 1/16 rad in each, and more while a rod would turn by more
         than 1/20 rad. ``info["energy_error"]`` shows how well the energy is kept.
-    observation : {"angles", "sincos"}
+    observation : {"angles", "sincos", "scaled"}
+    reward_type : {"dense", "sparse"}
     amplitude, spread : float
         Of the release [rad].
     render_mode : {None, "rgb_array", "human"}
@@ -232,7 +244,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         if self._progress is not _READY:
             raise self._progress.refuse("step")
         episodes = self._episodes
-        checked = checked_action(action, self._action_shape)
+        checked = checked_action(action, self._action_shape, self.config.action_table)
         self._progress = _UNFINISHED
         episodes.step(checked)
         reward, terminated, truncated, info = episodes.only_lane()

@@ -167,7 +167,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
             raise lanes_are_done(waiting)
         episodes = self._episodes
-        action = checked_action(actions, (self.num_envs, self.config.joints.size))
+        config = self.config
+        action = checked_action(actions, (self.num_envs, config.joints.size), config.action_table)
         self._progress = _UNFINISHED
         if np.count_nonzero(waiting) > 0:  # autoreset of NEXT_STEP
             episodes.start(waiting)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID, register_envs
 
 HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
@@ -32,7 +33,8 @@ class Controller(Protocol):
         Returns
         -------
         ndarray, shape (B, joints)
-            Torques divided by their limit; values outside [-1, 1] are clipped.
+            Torques divided by their limit; values outside [-1, 1] are clipped. With discrete
+            actions (`torque_levels`) their numbers, shape (B,).
         """
         ...
 
@@ -126,15 +128,18 @@ def evaluate(
     register_envs()
     envs: Any = gym.make_vec(env_id, num_envs=_checks.count("episodes", episodes), **keywords)
     config = envs.unwrapped.config
+    shape = (episodes, config.joints.size)
     observation, info = envs.reset(seed=seed)
     angles = _joint_angles(info["theta"], config.joints)
     returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     success, running = np.zeros(episodes, np.bool_), np.ones(episodes, np.bool_)
     while running.any():
-        action = np.clip(np.asarray(controller(observation, info), np.float64), -1.0, 1.0)
+        action = controller(observation, info)
+        taken = checked_action(action, shape, config.action_table)
         observation, reward, terminated, truncated, info = envs.step(action)
         before, angles = angles, _joint_angles(info["theta"], config.joints)
-        step_work = np.abs(config.max_torque * action * (angles - before)).sum(axis=1)
+        torque = config.max_torque * np.clip(0.0 if taken is None else taken, -1.0, 1.0)
+        step_work = np.abs(torque * (angles - before)).sum(axis=1)
         returns += np.where(running, reward, 0.0)
         work += np.where(running, step_work, 0.0)
         success = np.where(running, info["success"], success)

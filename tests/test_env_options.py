@@ -1,0 +1,236 @@
+"""Other observations, rewards and actions: scaled speeds, sparse rewards, discrete torques."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from npend_gym.envs import EnvConfig, Mode
+from npend_gym.envs.registration import ENV_ID, TASKS
+from npend_gym.rl import evaluate
+
+# -- bounded observations -------------------------------------------------------------------
+
+
+CHAIN = {"n": 3, "masses": [2.0, 0.5, 1.0], "lengths": [0.3, 1.0, 2.0], "gravity": 3.7}
+
+
+@pytest.mark.parametrize("max_torque", [None, 300.0])
+def test_the_scaled_observation_is_sincos_with_speeds_over_their_scale_clipped(max_torque):
+    masses, lengths = np.array(CHAIN["masses"]), np.array(CHAIN["lengths"])
+    lifted = 2.0 * CHAIN["gravity"] * (masses * np.cumsum(lengths)).sum()  # J, bob by bob
+    scale = np.sqrt(2.0 * lifted / (masses * lengths**2))
+    keywords = CHAIN | {"num_envs": 5, "max_torque": max_torque}
+    plain = gym.make_vec(ENV_ID, observation="sincos", **keywords)
+    scaled = gym.make_vec(ENV_ID, observation="scaled", **keywords)
+    assert np.array_equal(plain.reset(seed=3)[0][:, :6], scaled.reset(seed=3)[0][:, :6])
+    rng, clipped = np.random.default_rng(0), 0
+    for _ in range(200):
+        actions = rng.choice([-1.0, 1.0], (5, 1))
+        (expected, *_), (observation, *_) = plain.step(actions), scaled.step(actions)
+        expected[:, 6:] = np.clip(expected[:, 6:] / scale, -2.0, 2.0)
+        np.testing.assert_allclose(observation, expected, rtol=3e-7, atol=0.0)
+        clipped += (abs(observation[:, 6:]) == 2.0).sum()
+    assert (clipped > 100) == (max_torque is not None)
+
+
+@pytest.mark.parametrize("chain", [{"n": 4}, {"chain": "acrobot"}, {"n": 1, "gravity": 0.0}])
+def test_the_scaled_observation_stays_in_its_finite_space_under_any_torque(chain):
+    envs = gym.make_vec("npend/SwingUp-v1", num_envs=8, max_torque=500.0, **chain)
+    assert np.isfinite(envs.observation_space.high).all()
+    assert abs(envs.observation_space.high).max() == 2.0
+    envs.reset(seed=0)
+    rng = np.random.default_rng(1)
+    for _ in range(1000):
+        observation, *_ = envs.step(rng.uniform(-1.0, 1.0, (8, 1)))
+        assert envs.observation_space.contains(observation)
+
+
+# -- sparse rewards -------------------------------------------------------------------------
+
+
+def height_and_kinetic_energy(info):
+    """Both as in `Quantities`, of bobs of 1 kg on rods of 1 m, by sums over the bobs."""
+    theta, omega = info["theta"], info["omega"]
+    weights = np.arange(theta.shape[1], 0, -1)  # bobs that each rod carries
+    height = ((1.0 - np.cos(theta)) * weights).sum(axis=1) / (2.0 * weights.sum())
+    vx, vy = (np.cumsum(f(theta) * omega, axis=1) for f in (np.cos, np.sin))
+    kinetic = 0.5 * (vx**2 + vy**2).sum(axis=1)
+    return height, kinetic / (2.0 * 9.81 * weights.sum())
+
+
+def goal_is_met(mode, info, start_energy):
+    """What `achieved` of the mode says, from the info alone."""
+    if mode == "balance":
+        return info["tip_height"] >= 0.5 * info["theta"].shape[1]
+    if mode == "calm":
+        return info["energy"] < 0.01 * start_energy
+    height, kinetic = height_and_kinetic_energy(info)
+    return (height > 0.95) & (kinetic < 0.01) if mode == "swingup" else np.zeros(len(height), bool)
+
+
+@pytest.mark.parametrize(("env_id", "theta", "omega"), [
+    ("npend/SwingUp-v1", np.pi - 0.3, 0.8), ("npend/Balance-v1", np.pi - 0.4, 0.5),
+    ("npend/Calm-v1", 0.2, 0.5), ("npend/Release-v1", np.pi, 0.1),
+])  # fmt: skip
+def test_a_sparse_reward_is_1_where_the_goal_is_met_and_0_elsewhere(env_id, theta, omega):
+    mode = TASKS[env_id].keywords["mode"]
+    keywords = {"reward_type": "sparse", "damping": 2.0, "max_episode_steps": None}
+    envs = gym.make_vec(env_id, num_envs=9, autoreset_mode="DISABLED", **keywords)
+    env = gym.make(env_id, **keywords)
+    angles, speeds = np.full((9, 2), theta), np.full((9, 2), omega)
+    angles += np.linspace(-0.3, 0.3, 9)[:, None]
+    _, info = envs.reset(seed=0, options={"theta": angles, "omega": speeds})
+    env.reset(seed=0, options={"theta": angles[2], "omega": speeds[2]})
+    start_energy, met, over = info["energy"], [], False
+    for _ in range(300):
+        _, reward, terminated, _, info = envs.step(envs.action_space.sample() * 0)
+        assert np.array_equal(reward, goal_is_met(mode, info, start_energy).astype(float))
+        met.append(reward)
+        if not over:
+            _, single, over, *_ = env.step(env.action_space.sample() * 0)
+            assert type(single) is float
+            assert single == reward[2]
+        if terminated.any():
+            envs.reset(options={"reset_mask": terminated, "theta": angles, "omega": speeds})
+            start_energy = info["energy"]
+    assert (0.0 < np.mean(met) < 1.0) == (mode != "passive")
+
+
+def test_the_reward_of_a_mode_of_ones_own_can_be_sparse():
+    class Low(Mode):
+        dt = 0.05
+
+        def start(self, rng, n, *_):
+            return rng.uniform(-2.0, 2.0, n), np.zeros(n)
+
+        def reward(self, quantities):
+            return quantities.tip
+
+        def achieved(self, quantities):
+            return quantities.tip < -0.5
+
+    env = gym.make(ENV_ID, mode=Low(), reward_type="sparse", max_torque=0.0)
+    envs = gym.make_vec(ENV_ID, num_envs=3, mode=Low(), reward_type="sparse", max_torque=0.0)
+    env.reset(seed=1)
+    envs.reset(seed=0)
+    rewards = []
+    for _ in range(50):
+        _, reward, _, _, info = env.step([0.0])
+        assert reward == float(info["tip_height"] / 2.0 < -0.5)
+        assert envs.step(np.zeros((3, 1)))[1][1] == reward
+        rewards.append(reward)
+    assert set(rewards) == {0.0, 1.0}
+
+
+# -- discrete torques -----------------------------------------------------------------------
+
+
+def test_discrete_actions_are_the_torques_of_their_digits():
+    assert EnvConfig(torque_levels=2).action_table.tolist() == [[-1.0], [1.0]]
+    assert EnvConfig(torque_levels=5).action_table[:, 0].tolist() == [-1.0, -0.5, 0.0, 0.5, 1.0]
+    config = EnvConfig(n=3, actuated=(0, 2), torque_levels=3)
+    assert config.action_space == gym.spaces.Discrete(9)
+    for action, row in enumerate(config.action_table.tolist()):
+        first, second = divmod(action, 3)  # two digits to the base 3
+        assert row == [first - 1.0, second - 1.0]
+
+
+@pytest.mark.parametrize("actuated", [(0,), (0, 1)])
+def test_a_discrete_action_has_the_effect_of_its_torques_to_the_last_bit(actuated):
+    keywords = {"n": 2, "actuated": actuated}
+    envs, continuous = (
+        gym.make_vec("npend/Calm-v1", num_envs=3, **keywords, **more)
+        for more in ({"torque_levels": 3}, {})
+    )
+    env = gym.make("npend/Calm-v1", torque_levels=3, **keywords)
+    table = envs.config.action_table
+    assert envs.action_space == gym.spaces.MultiDiscrete([len(table)] * 3)
+    for each, seed in ((envs, 0), (continuous, 0), (env, 1)):
+        each.reset(seed=seed)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        actions = rng.integers(len(table), size=3)
+        observation, reward, *_ = envs.step(actions)
+        same, equal, *_ = continuous.step(table[actions])
+        assert np.array_equal(observation, same)
+        assert np.array_equal(reward, equal)
+        alone, lone, *_ = env.step(actions[1])
+        assert np.array_equal(alone, observation[1])
+        assert lone == reward[1]
+
+
+@pytest.mark.parametrize(
+    ("action", "error", "message"),
+    [
+        (3, ValueError, "action must be between 0 and 2, got 3"),
+        (-1, ValueError, "action must be between 0 and 2, got -1"),
+        (0.5, TypeError, "action must hold integers, got 0.5"),
+        (True, TypeError, "action must hold integers, got True"),
+        ([1], ValueError, r"action must have the shape \(\), got \(1,\)"),
+        (np.array([0.5]), TypeError, "action must hold integers"),
+    ],
+)
+def test_a_wrong_discrete_action_changes_nothing(action, error, message):
+    env = gym.make("npend/SwingUp-v1", torque_levels=3).unwrapped
+    env.reset(seed=0)
+    with pytest.raises(error, match=message):
+        env.step(action)
+    assert env.step(1)[4]["time"] == env.config.dt
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "message"),
+    [
+        ({"torque_levels": 1}, ValueError, "torque_levels must be between 2 and 65536, got 1"),
+        ({"torque_levels": 2.0}, TypeError, "torque_levels must be an integer, got 2.0"),
+        (
+            {"torque_levels": 300, "actuated": (0, 1)},
+            ValueError,
+            r"torque_levels to the power of the actuated joints.*at most 65536; got 300 \*\* 2",
+        ),
+        (
+            {"torque_levels": 3, "mode": "passive"},
+            ValueError,
+            "torque_levels must be left out in mode 'passive', which has no motor; got 3",
+        ),
+        ({"reward_type": "rare"}, ValueError, "reward_type must be one of dense, sparse; got"),
+        ({"observation": "pixels"}, ValueError, "must be one of angles, sincos, scaled; got"),
+    ],
+)
+def test_wrong_levels_rewards_and_observations_are_refused(keywords, error, message):
+    with pytest.raises(error, match=message):
+        EnvConfig(**keywords)
+
+
+def test_a_controller_of_discrete_torques_is_evaluated_like_one_of_continuous_ones():
+    def brake(_observation, info):
+        return -np.sign(info["omega"][:, :1])
+
+    def discrete(observation, info):
+        return brake(observation, info)[:, 0].astype(int) + 1
+
+    keywords = {"n": 1, "max_episode_steps": 100, "env_id": "npend/Calm-v1"}
+    env_id = keywords.pop("env_id")
+    one = evaluate(brake, keywords, episodes=5, env_id=env_id)
+    other = evaluate(discrete, keywords | {"torque_levels": 3}, episodes=5, env_id=env_id)
+    assert one.returns.min() > 10.0
+    assert np.array_equal(one.returns, other.returns)
+    assert np.array_equal(one.motor_work, other.motor_work)
+
+
+def test_dqn_of_stable_baselines3_trains_on_discrete_torques():
+    sb3 = pytest.importorskip("stable_baselines3")
+    from npend_gym.rl import SB3VecEnv
+
+    keywords = {"n": 1, "torque_levels": 3, "max_episode_steps": 50}
+    envs = gym.make_vec("npend/SwingUp-v1", num_envs=4, autoreset_mode="SAME_STEP", **keywords)
+    model = sb3.DQN("MlpPolicy", SB3VecEnv(envs), learning_starts=40, seed=0, device="cpu")
+    model.learn(200)
+    assert model.q_net.q_net[-1].out_features == 3
+    mean = evaluate(
+        lambda observation, _: model.predict(observation, deterministic=True)[0],
+        keywords,
+        episodes=3,
+        env_id="npend/SwingUp-v1",
+    ).returns
+    assert np.isfinite(mean).all()
