@@ -250,7 +250,7 @@ class Episodes:
         observation: NDArray[np.float32] = self._arrays[1][: self.count]
         if self.config.observe_context:
             shown = self.config.randomization.normalised(self._context[: self.count])
-            observation[:, -shown.shape[1] :] = shown
+            observation[:, observation.shape[1] - shown.shape[1] :] = shown
         return observation
 
     @property

@@ -98,7 +98,7 @@ class Snapshots:
         parts: list[FloatArray] = []
         for shape in (*shapes, *(values.shape[1:] for values in self._more.values())):
             size = int(np.prod(shape))
-            parts.append(numbers[:, column : column + size].reshape(-1, *shape))
+            parts.append(numbers[:, column : column + size].reshape(lanes.size, *shape))
             column += size
         self._memory.write_lanes(lanes, parts[: len(shapes)])
         for values, part in zip(self._more.values(), parts[len(shapes) :], strict=True):

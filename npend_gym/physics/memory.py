@@ -171,8 +171,8 @@ class Memory:
 
     def _lane_views(self) -> list[FloatArray]:
         """Return views of rods and model, (groups, width, rows, columns)."""
-        rows = (self.arrays[1], *(self.arrays[2] or ()))
-        shaped = (part.reshape(*part.shape[:2], -1, self.width) for part in rows)
+        rows, width = (self.arrays[1], *(self.arrays[2] or ())), self.width
+        shaped = (part.reshape(*part.shape[:2], part.shape[2] // width, width) for part in rows)
         return [part.transpose(0, 3, 1, 2) for part in shaped]
 
     def restart(self, members: Indices) -> None:
