@@ -1,5 +1,6 @@
 """The tasks by name: what Gymnasium's registry says of them, and that policies solve them."""
 
+import csv
 import re
 from pathlib import Path
 
@@ -13,7 +14,13 @@ from npend_gym.envs.keywords import DEFAULTS
 from npend_gym.envs.registration import ENV_ID, MAX_EPISODE_STEPS, TASKS
 from npend_gym.rl import Policy, evaluate
 
+PAGES = Path(__file__).parents[1] / "docs" / "tasks"
 SOLVED = [env_id for env_id, task in TASKS.items() if task.reward_threshold is not None]
+
+
+def page_of(env_id):
+    name = env_id.split("/")[1].removesuffix("-v1")
+    return re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower() + ".md"
 
 
 def test_the_registry_lists_the_tasks_under_one_heading():
@@ -52,14 +59,17 @@ def test_a_policy_of_the_package_reaches_the_threshold_and_chance_does_not(env_i
     assert EnvConfig(**policy.env).n == gym.make(env_id).unwrapped.config.n
     mean = evaluate(policy, policy.env, episodes=100, env_id=env_id).returns.mean()
     assert threshold < mean < 1.1 * threshold
-    rng = np.random.default_rng(0)
-    chance = evaluate(
-        lambda observation, _: rng.uniform(-1.0, 1.0, (len(observation), 1)),
-        {},
-        episodes=10,
-        env_id=env_id,
-    )
-    assert chance.returns.mean() < 0.25 * threshold
+    text = " ".join((PAGES / page_of(env_id)).read_text(encoding="utf-8").split())
+    assert f"has a mean return of {mean:.1f} over 100 episodes" in text
+    with (PAGES.parent / "results" / "learning.csv").open(encoding="utf-8") as file:
+        task = f"{TASKS[env_id].keywords['mode']}-2"
+        (chance,) = (
+            float(row["return"])
+            for row in csv.DictReader(file)
+            if (row["task"], row["agent"]) == (task, "random")
+        )
+    assert chance < 0.25 * threshold
+    assert f"random actions have {chance:.0f}." in text
 
 
 # -- the ladder of torque limits ------------------------------------------------------------
@@ -115,9 +125,6 @@ def test_a_wrong_difficulty_is_refused(keywords, error, message):
 # -- the pages ------------------------------------------------------------------------------
 
 
-PAGES = Path(__file__).parents[1] / "docs" / "tasks"
-
-
 def tables_of(page):
     """The tables of a page, each the list of its rows, a row the list of its cells."""
     blocks = re.findall(r"(?:^\|.*\n)+", (PAGES / page).read_text(encoding="utf-8"), re.MULTILINE)
@@ -125,11 +132,6 @@ def tables_of(page):
         [[cell.strip(" `") for cell in row.strip("|\n").split("|")] for row in block.splitlines()]
         for block in blocks
     ]
-
-
-def page_of(env_id):
-    name = env_id.split("/")[1].removesuffix("-v1")
-    return re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower() + ".md"
 
 
 @pytest.mark.parametrize("env_id", TASKS)
