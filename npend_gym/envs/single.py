@@ -260,7 +260,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         -------
         ndarray of records, shape ()
             ``state["rods"]["theta"]`` and ``state["members"]["time"]`` are read like this; the
-            other fields are those of `npend_gym.envs.snapshots`. It can be copied and pickled.
+            other fields are named in its dtype. It can be copied and pickled.
         """
         if self._progress is not _READY:
             raise self._progress.refuse("get_state")
