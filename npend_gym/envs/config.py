@@ -16,6 +16,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.envs.goals import check_goal_env, goal_space
 from npend_gym.envs.keywords import (
     DEFAULTS,
     EnvKeywords,
@@ -79,6 +80,7 @@ class EnvConfig:
     substeps: int | None
     observation: str
     reward_type: str
+    goal_env: bool
     torque_levels: int | None
     amplitude: float
     spread: float
@@ -105,6 +107,9 @@ class EnvConfig:
         amplitude = _checks.number("amplitude", given["amplitude"])
         spread = _checks.nonnegative_number("spread", given["spread"])
         observation = _checks.choice("observation", given["observation"], OBSERVATIONS)
+        reward_type = _checks.choice("reward_type", given["reward_type"], REWARD_TYPES)
+        goal_env = _checks.truth("goal_env", given["goal_env"])
+        check_goal_env(mode, reward_type, goal_env=goal_env)
         checked = {
             "mode": mode,
             "chain": chain,
@@ -113,7 +118,8 @@ class EnvConfig:
             "dt": dt,
             "substeps": given["substeps"],
             "observation": observation,
-            "reward_type": _checks.choice("reward_type", given["reward_type"], REWARD_TYPES),
+            "reward_type": reward_type,
+            "goal_env": goal_env,
             "torque_levels": given["torque_levels"],
             "amplitude": _angle("amplitude", amplitude),
             "spread": _angle("spread", spread),
@@ -170,16 +176,26 @@ class EnvConfig:
     def observed(self) -> int:
         """Number of entries of an observation."""
         angles = 2 * self.n if self.with_sines else self.n
-        return angles + self.n + (len(self.context_names) if self.observe_context else 0)
+        goals = self.n if self.observes_goals else 0
+        return angles + self.n + goals + (len(self.context_names) if self.observe_context else 0)
+
+    @property
+    def observes_goals(self) -> bool:
+        """Whether the array observed has the goal; that of a Dict has none."""
+        return self.mode.has_goals and not self.goal_env
 
     @property
     def observation_space(self) -> spaces.Space[Any]:
-        """Angles (or sines and cosines), angular velocities, the observed context; float32."""
+        """Angles (or sines and cosines), angular velocities, goal, observed context; float32.
+
+        With `goal_env` it is a Dict: see `NPendulumEnv`.
+        """
         bound = np.ones(self.observed, np.float32)
         angles = 2 * self.n if self.with_sines else self.n
         bound[:angles] = 1.0 if self.with_sines else np.pi
         bound[angles : angles + self.n] = self.speed_limit
-        return spaces.Box(-bound, bound, dtype=np.float32)
+        box = spaces.Box(-bound, bound, dtype=np.float32)
+        return goal_space(box, self.n) if self.goal_env else box
 
 
 def make_config(env: type, keywords: EnvKeywords) -> EnvConfig:

@@ -13,6 +13,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.philox import Keys, Purpose, generator
 from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.goals import with_goals
 from npend_gym.envs.info import Info
 from npend_gym.envs.kernels import (
     ANGLES,
@@ -26,9 +27,9 @@ from npend_gym.envs.kernels import (
     step_one,
 )
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.options import KeptOptions
+from npend_gym.envs.options import EQUILIBRIA, KeptOptions
 from npend_gym.envs.snapshots import Snapshots, States, seeds_of
-from npend_gym.envs.starts import BY_PYTHON, Draw, begin_episodes, scale_all, start_plan
+from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
@@ -66,7 +67,8 @@ class Episodes:
     ) -> None:
         self.config, self.count, self._max_steps = config, count, max_steps
         n, joints, random = config.chain.n, config.joints, config.randomization
-        self._memory = Memory(random.richest, count, threads, EPISODE_ROWS)
+        of_goals = 2 * n if config.mode.has_goals else 0  # the last rows of `members`
+        self._memory = Memory(random.richest, count, threads, EPISODE_ROWS + of_goals)
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
         members[Episode.MAX_TORQUE] = config.max_torque
@@ -81,7 +83,8 @@ class Episodes:
         self._task = np.array([
             self._judge, math.inf if max_steps is None else max_steps, config.hold_steps,
             SINCOS if config.with_sines else ANGLES, config.speed_limit,
-            config.reward_type == "sparse", *joints, *(1.0 / config.speed_scale),
+            config.reward_type == "sparse", config.mode.has_goals, config.observes_goals, *joints,
+            *(1.0 / config.speed_scale),
         ])  # fmt: skip
         self._actions = np.zeros((lanes, joints.size))  # of the next step
         self._beginning = (
@@ -90,7 +93,8 @@ class Episodes:
         self.snapshots = Snapshots(
             config, self._memory, self._keys, {"actions": self._actions, "context": self._context}
         )
-        self._shapes = (lanes, config.observed), (_ROWS + 3 * n, lanes)
+        rows = _ROWS + (4 if of_goals else 3) * n
+        self._shapes = (lanes, config.observed), (rows, lanes)
         self._timing = config.dt, config.min_substeps, config.max_rotation
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
         self._kept, self._had_options = KeptOptions(count), False
@@ -143,6 +147,10 @@ class Episodes:
         for lanes, values in given:
             if "amplitude" in values:
                 members[Episode.AMPLITUDE, lanes] = values["amplitude"][lanes]
+            for name, end in zip(EQUILIBRIA, (-2, -1), strict=True):
+                if name in values:
+                    rows = len(members) + end * self.config.n + np.arange(self.config.n)
+                    members[rows[:, None], lanes] = CHOSEN * values[name][lanes].T
         self._had_options = True
         return given
 
@@ -245,13 +253,17 @@ class Episodes:
     # -- what is told -----------------------------------------------------------------------
 
     @property
-    def observation(self) -> NDArray[np.float32]:
-        """The observations of all lanes, (B, numbers)."""
+    def observation(self) -> Any:
+        """The observations of all lanes, (B, numbers), or the Dict that has them with goals."""
         observation: NDArray[np.float32] = self._arrays[1][: self.count]
         if self.config.observe_context:
             shown = self.config.randomization.normalised(self._context[: self.count])
             observation[:, observation.shape[1] - shown.shape[1] :] = shown
-        return observation
+        if not self.config.goal_env:
+            return observation
+        outputs, n = self._arrays[2][:, : self.count], self.config.n
+        kinetic_energy, goals = outputs[Output.KINETIC_ENERGY], self._memory.members[-n:]
+        return with_goals(observation, outputs[-n:].T, kinetic_energy, goals.T)
 
     @property
     def outcome(self) -> tuple[FloatArray, BoolArray, BoolArray]:
@@ -296,6 +308,8 @@ class Episodes:
         }
         if self._context.shape[1] > 0:
             info["context"] = self._context[: self.count].copy()
+        if self.config.mode.has_goals:
+            info["goal"] = self._goals()
         return info
 
     def only_lane(self) -> tuple[float, bool, bool, Info[float, int, bool]]:
@@ -319,7 +333,14 @@ class Episodes:
         }
         if self._context.shape[1] > 0:
             info["context"] = self._context[0].copy()
+        if self.config.mode.has_goals:
+            info["goal"] = self._goals()[0]
         return row[_REWARD], row[_TERMINATED] != 0.0, row[_TRUNCATED] != 0.0, info
+
+    def _goals(self) -> FloatArray:
+        """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""
+        cosines = self._memory.members[-self.config.n :].T
+        return np.array([0.0, math.pi])[(cosines < 0.0).astype(np.int64)]
 
     def positions(self) -> FloatArray:
         """Return the positions of the bobs [m], shape (B, n, 2)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from typing_extensions import NotRequired, TypedDict  # that of Python 3.10 cannot be generic
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs.goals import of_lane
 
 _Real = TypeVar("_Real")
 _Count = TypeVar("_Count")
@@ -53,6 +55,8 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
 
     context: NotRequired[FloatArray]
     """With `randomize`: the numbers drawn for this episode, (k,), by `EnvConfig.context_names`."""
+    goal: NotRequired[FloatArray]
+    """In a mode with goals: the angles, 0 or pi, that the rods are to reach [rad], shape (n,)."""
 
 
 BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
@@ -70,11 +74,11 @@ def with_masks(info: BatchInfo, present: BoolArray) -> dict[str, Any]:
     return {**info, **masks}
 
 
-def final_info(observation: NDArray[Any], info: BatchInfo, done: BoolArray) -> dict[str, Any]:
+def final_info(observation: Any, info: BatchInfo, done: BoolArray) -> dict[str, Any]:
     """Return the keys that tell the last observation and info of episodes that are over."""
     last = np.full(done.size, None, dtype=object)
     for lane in np.flatnonzero(done).tolist():
-        last[lane] = observation[lane].copy()
+        last[lane] = copy.deepcopy(of_lane(observation, lane))
     return {
         "final_obs": last,
         "_final_obs": done.copy(),

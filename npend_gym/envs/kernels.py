@@ -17,7 +17,7 @@ from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import ROUND
-from npend_gym.envs.modes import Balance, Calm, Mode, Passive, Quantities, SwingUp
+from npend_gym.envs.modes import Balance, Calm, Mode, Passive, Quantities, SwingUp, Transition
 from npend_gym.physics.kernels.dynamics import energies
 from npend_gym.physics.kernels.ensemble import advance_group, bob_velocities
 from npend_gym.physics.kernels.layout import (
@@ -37,7 +37,11 @@ _PI_32 = np.float32(np.pi)
 
 
 class EpisodeFields(NamedTuple):
-    """Rows of the ensemble's `members` that belong to the environments."""
+    """Rows of the ensemble's `members` that belong to the environments.
+
+    In a mode with goals the last 2 n rows are the cosines, +-1, of each rod in the equilibrium near
+    which the episode started, and in that which is its goal.
+    """
 
     START_ENERGY: int = len(Member)  # J, at the start of the episode
     MEAN_SQUARED_ACTION: int = len(Member) + 1  # of the last step, 0 to 1
@@ -63,8 +67,8 @@ EPISODE_ROWS = len(Episode)
 class OutputFields(NamedTuple):
     """Rows of `outputs`, an entry for each lane: first what a mode judges by.
 
-    After these follow n rows each of pseudo-periods (0.0 where not complete), angles and angular
-    velocities.
+    After these follow n rows each of pseudo-periods (0.0 where not complete), angles, angular
+    velocities and, in a mode with goals, cosines of the angles.
     """
 
     HEIGHT: int = 0
@@ -73,18 +77,20 @@ class OutputFields(NamedTuple):
     KINETIC_ENERGY: int = 3
     ENERGY_FRACTION: int = 4
     MEAN_SQUARED_ACTION: int = 5
-    TIME: int = 6  # s
-    ENERGY_JOULES: int = 7
-    ENERGY_ERROR: int = 8
-    PSEUDO_PERIOD: int = 9  # s
-    IDEAL_PERIOD: int = 10  # s
-    TIP_HEIGHT: int = 11  # m
-    COMPLETED: int = 12
-    DIVERGED: int = 13
-    SUCCESS: int = 14
-    REWARD: int = 15  # this and what follows belongs to a step, and is no part of the info
-    TERMINATED: int = 16
-    TRUNCATED: int = 17
+    CLOSENESS: int = 6
+    GOAL_DISTANCE: int = 7
+    TIME: int = 8  # s
+    ENERGY_JOULES: int = 9
+    ENERGY_ERROR: int = 10
+    PSEUDO_PERIOD: int = 11  # s
+    IDEAL_PERIOD: int = 12  # s
+    TIP_HEIGHT: int = 13  # m
+    COMPLETED: int = 14
+    DIVERGED: int = 15
+    SUCCESS: int = 16
+    REWARD: int = 17  # this and what follows belongs to a step, and is no part of the info
+    TERMINATED: int = 18
+    TRUNCATED: int = 19
 
 
 Output = OutputFields()
@@ -102,6 +108,8 @@ class TaskFields(NamedTuple):
     FORM: int = 3  # of the observation
     SPEED_LIMIT: int = 4  # to which observed angular velocities are clipped
     SPARSE: int = 5  # 1: the reward is 1 where the goal is met, else 0
+    GOALS: int = 6  # 1: each episode has a goal of its own
+    OBSERVED_GOALS: int = 7  # 1: which is observed after the angular velocities
 
 
 Task = TaskFields()
@@ -117,11 +125,12 @@ class ModeNumbers(NamedTuple):
     SWING_UP: int = 2
     BALANCE: int = 3
     CALM: int = 4
+    TRANSITION: int = 5
 
 
 MODE_NUMBERS = ModeNumbers()
 NUMBER_OF: dict[type[Mode], int] = dict(
-    zip((Passive, SwingUp, Balance, Calm), MODE_NUMBERS, strict=True)
+    zip((Passive, SwingUp, Balance, Calm, Transition), MODE_NUMBERS, strict=True)
 )
 
 
@@ -135,6 +144,8 @@ _swing_up_reward, _swing_up_achieved = _compiled(SwingUp.reward), _compiled(Swin
 _balance_reward, _balance_failed = _compiled(Balance.reward), _compiled(Balance.failed)
 _balance_achieved = _compiled(Balance.achieved)
 _calm_reward, _calm_achieved = _compiled(Calm.reward), _compiled(Calm.achieved)
+_transition_reward = _compiled(Transition.reward)
+_transition_achieved = _compiled(Transition.achieved)
 
 
 @inlined_kernel
@@ -154,9 +165,26 @@ def _apply_actions(
 
 
 @inlined_kernel
+def _approach(
+    numbers: FloatArray, g: int, group: Group, c: FloatArray, outputs: FloatArray
+) -> tuple[Any, Any]:
+    """Return closeness to the goal and distance from it; write the cosines of the angles."""
+    n = group.velocity.size
+    goals, cosines = numbers.shape[0] - n, outputs.shape[0] - n
+    distance = missed = size = 0.0 * c[0]
+    for i in range(n):
+        away, weight = abs(c[i] - numbers[goals + i, g]), abs(group.carried[i])
+        distance = where(away > distance, away, distance)
+        missed, size = missed + weight * away, size + weight
+        outputs[cosines + i, g] = c[i]
+    return 1.0 - 0.5 * (missed / size), distance
+
+
+@inlined_kernel
 def _measure(
-    numbers: FloatArray, g: int, group: Group, scratch: FloatArray, outputs: FloatArray
-) -> Quantities[Any]:
+    numbers: FloatArray, g: int, group: Group, scratch: FloatArray, outputs: FloatArray,
+    task: FloatArray,
+) -> Quantities[Any]:  # fmt: skip
     """Write and return the quantities of a group whose sines, cosines and velocities are known.
 
     The energy of lanes that start becomes that of the start.
@@ -184,10 +212,14 @@ def _measure(
     drift = (energy - start) - numbers[Member.WORK, g]
     per_energy, completed = numbers[Episode.PER_ENERGY, g], numbers[Member.COMPLETED, g]
     share = energy / where(start > 0.0, start, 1.0)
+    closeness = distance = 0.0 * lift
+    if task[Task.GOALS] > 0.0:
+        closeness, distance = _approach(numbers, g, group, c, outputs)
     quantities = Quantities(
         lift * numbers[Episode.PER_LIFT, g], tip * numbers[Episode.PER_LENGTH, g],
         energy * per_energy, kinetic * per_energy,
-        where(start > 0.0, share, energy * per_energy), squares, group.theta, group.omega,
+        where(start > 0.0, share, energy * per_energy), squares, closeness, distance,
+        group.theta, group.omega,
     )  # fmt: skip
     outputs[Output.HEIGHT, g] = quantities.height
     outputs[Output.TIP, g] = quantities.tip
@@ -195,6 +227,8 @@ def _measure(
     outputs[Output.KINETIC_ENERGY, g] = quantities.kinetic_energy
     outputs[Output.ENERGY_FRACTION, g] = quantities.energy_fraction
     outputs[Output.MEAN_SQUARED_ACTION, g] = squares
+    outputs[Output.CLOSENESS, g] = closeness
+    outputs[Output.GOAL_DISTANCE, g] = distance
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
     outputs[Output.ENERGY_JOULES, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
@@ -228,6 +262,9 @@ def _judge(
         achieved = _balance_achieved(None, quantities)
     elif mode == MODE_NUMBERS.CALM:
         reward, achieved = _calm_reward(None, quantities), _calm_achieved(None, quantities)
+    elif mode == MODE_NUMBERS.TRANSITION:
+        reward = _transition_reward(None, quantities)
+        achieved = _transition_achieved(None, quantities)
     if task[Task.SPARSE] > 0.0:
         reward = where(achieved, 1.0, 0.0)
     starts = numbers[Episode.STARTING, g] > 0.0
@@ -294,6 +331,17 @@ def _observe(
                 row[n + i] = omega[j]
 
 
+@inlined_kernel
+def _observe_goals(
+    members: FloatArray, n: int, first: int, width: int, observation: ObsArray, form: float
+) -> None:
+    """Write the goals of a group after the angular velocities."""
+    goals, column = members.shape[0] - n, 3 * n if form == SINCOS else 2 * n
+    for k in range(width):
+        for i in range(n):
+            observation[first + k, column + i] = members[goals + i, first + k]
+
+
 @spliced_kernel
 def _step(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
@@ -314,11 +362,14 @@ def _step(
                 _apply_actions(members, rods[g], g * width, width, actions, task)
             advance_group(view, width, members, rods, timing, scratch, g, group)
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
-            quantities = _measure(numbers, g, group, work, view(told))
+            quantities = _measure(numbers, g, group, work, view(told), task)
             _judge(numbers, g, quantities, view(told), task, observes)
             if task[Task.FORM] == ANGLES:
                 _wrap(group.theta[: group.velocity.size], work[Scratch.WRAPPED])
             _observe(rods[g], g * width, width, scratch, observation, task)
+            if task[Task.OBSERVED_GOALS] > 0.0:
+                n = group.velocity.size
+                _observe_goals(members, n, g * width, width, observation, task[Task.FORM])
             if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
                 _welcome(numbers, g)
 
@@ -355,7 +406,7 @@ def step_many(
         Torque over its limit at each actuated joint; beyond +-1 it is clipped.
     observation : ndarray, float32, shape (lanes, 2n) or (lanes, 3n)
         Written.
-    outputs : ndarray, shape (len(Output) + 3 n, lanes)
+    outputs : ndarray, shape (len(Output) + 3 n, lanes), or + 4 n in a mode with goals
         Written.
     task : ndarray, shape (len(Task) + joints + n,)
     """

@@ -53,6 +53,7 @@ class EnvKeywords(TypedDict, total=False):
     substeps: int | None
     observation: str
     reward_type: str
+    goal_env: bool
     amplitude: float
     spread: float
     randomize: Mapping[str, Any] | None
@@ -73,6 +74,7 @@ DEFAULTS: dict[str, Any] = {
     "substeps": None,
     "observation": "angles",
     "reward_type": "dense",
+    "goal_env": False,
     "amplitude": math.pi / 4,
     "spread": 0.017,
     "randomize": None,

@@ -37,6 +37,12 @@ class Quantities(NamedTuple, Generic[_T]):
     """Energy over that at the start of the episode (where that is 0: the energy itself)."""
     mean_squared_action: _T
     """Mean over the joints of the square of the clipped action, 0 to 1."""
+    closeness: _T
+    """1 - sum_i |h_i| |cos theta_i - c_i| / (2 sum_i |h_i|), with h of `Chain.lift` and c_i the
+    cosine that the episode's goal has for rod i: 1 at the goal; the height where the goal is
+    upright. 0 in a mode without goals."""
+    goal_distance: _T
+    """Largest |cos theta_i - c_i|, 0 to 2; 0 in a mode without goals."""
     theta: FloatArray
     """Angles from the downward vertical, not wrapped [rad], shape (n,) or (B, n)."""
     omega: FloatArray
@@ -59,12 +65,16 @@ class Mode:
         g sum_i h_i with h of `Chain.lift`. Zero: the mode has no motor.
     hold : float
         For how long [s] the goal must have held without interruption to count as success.
+    has_goals : bool
+        Whether each episode has a goal of its own: an equilibrium, with each rod hanging or
+        standing.
     """
 
     name: ClassVar[str] = "custom"
     dt: ClassVar[float] = 0.05
     torque_share: ClassVar[float] = 0.5
     hold: ClassVar[float] = 0.0
+    has_goals: ClassVar[bool] = False
 
     def start(
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
@@ -211,7 +221,34 @@ class Calm(Release):
         return quantities.energy_fraction < 0.01
 
 
-MODES: dict[str, type[Mode]] = {mode.name: mode for mode in (Passive, SwingUp, Balance, Calm)}
+class Transition(NearPose):
+    """From any equilibrium to any other; the rods of each hang or stand.
+
+    reward = closeness^2 (1 + calmness) / 2 (1 - mean_squared_action / 10), with
+    calmness = 1 / (1 + 4 kinetic_energy)
+    success: for 5 s, goal_distance < 0.1 and kinetic_energy < 0.01
+
+    Every rod is looked at, because one short rod that is upside down hardly changes the closeness.
+    """
+
+    name = "transition"
+    hold = 5.0
+    has_goals = True
+    pose, nearness = 0.0, 0.05  # deviations from the equilibrium that is drawn
+
+    def reward(self, quantities: Quantities[Any]) -> Any:
+        """Return the squared closeness to the goal, halved where fast."""
+        calmness = 1.0 / (1.0 + 4.0 * quantities.kinetic_energy)
+        near = quantities.closeness * quantities.closeness * (0.5 + 0.5 * calmness)
+        return near * (1.0 - 0.1 * quantities.mean_squared_action)
+
+    def achieved(self, quantities: Quantities[Any]) -> Any:
+        """Return whether every rod is near its goal, and the chain is slow."""
+        return (quantities.goal_distance < 0.1) & (quantities.kinetic_energy < 0.01)
+
+
+_BUILT_IN = (Passive, SwingUp, Balance, Calm, Transition)
+MODES: dict[str, type[Mode]] = {mode.name: mode for mode in _BUILT_IN}
 
 
 def find_mode(mode: object) -> Mode:

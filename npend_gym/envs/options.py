@@ -14,11 +14,13 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import check_parameter, gear_ratios
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.goals import check_different, checked_equilibrium
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.link_terms import count_terms
 
 _START_OPTIONS = ("theta", "omega", "amplitude")
+EQUILIBRIA = ("start", "goal")  # near which an episode starts, and which it is to reach
 _LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}
 
 
@@ -36,10 +38,12 @@ def checked_options(
     -------
     dict
         With a leading lane axis and where they are given: "theta", "omega", "amplitude",
-        "changes", the new parameters of chains by name, and "persist".
+        "changes", the new parameters of chains by name, the cosines of "start" and "goal", and
+        "persist".
     """
     given = dict(options or {})
-    allowed = (*_START_OPTIONS, "persist", *CHAIN_KEYWORDS)
+    of_goals = EQUILIBRIA if config.mode.has_goals else ()
+    allowed = (*_START_OPTIONS, *of_goals, "persist", *CHAIN_KEYWORDS)
     unknown = set(given) - set(allowed)
     if unknown:
         raise ValueError(
@@ -60,7 +64,11 @@ def checked_options(
             _checks.within(label, array, _LIMITS.get(name, math.inf))
         if name in CHAIN_KEYWORDS:
             check_parameter(label, array)
+        if name in EQUILIBRIA:
+            array = checked_equilibrium(label, array)
         checked[name] = array[None] if lanes is None else array
+    if all(name in checked for name in EQUILIBRIA):
+        check_different(*(checked[name] for name in EQUILIBRIA))
     changes = {name: checked.pop(name) for name in CHAIN_KEYWORDS if name in checked}
     if changes:
         _check_changes(config, changes)

@@ -24,6 +24,7 @@ TASKS = {
     "npend/Balance-v1": Task({"mode": "balance", "observation": "scaled"}, 990.0),
     "npend/Calm-v1": Task({"mode": "calm", "observation": "scaled"}, 900.0),
     "npend/Release-v1": Task({"mode": "passive", "observation": "scaled"}),  # has no reward
+    "npend/Transition-v1": Task({"mode": "transition", "observation": "scaled"}),
 }
 
 

@@ -14,6 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.philox import keys_of
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
+from npend_gym.envs.goals import GoalReward, of_lane
 from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import checked_action, checked_state
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
@@ -33,8 +34,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     r"""The N-pendulum: n point masses on massless rods, or n links, hung from a pivot.
 
     This is what `gym.make("NPendulum-v0")` returns inside its wrappers, and `gym.make` of a task by
-    name, "npend/SwingUp-v1", "npend/Balance-v1", "npend/Calm-v1" or "npend/Release-v1", which have
-    observation="scaled". `NPendulumVectorEnv` steps many of them at once.
+    name, "npend/SwingUp-v1", "npend/Balance-v1", "npend/Calm-v1", "npend/Release-v1" or
+    "npend/Transition-v1", which have observation="scaled". `NPendulumVectorEnv` steps many of them
+    at once.
 
     Description
     -----------
@@ -57,6 +59,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     "swingup" (default)  from hanging to upright and slow             0.5 of the static  0.05
     "balance"            stay upright; fails when the tip falls       0.5 of the static  0.02
     "calm"               bring the released chain to rest             0.2 of the static  0.05
+    "transition"         from any equilibrium to any other            0.5 of the static  0.05
     ==================== ============================================ ================== ======
 
     The static torque, g times the sum of `Chain.lift`, holds the whole chain horizontal. Half of it
@@ -79,6 +82,13 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     inertia of rod i alone about its joint (m_i l_i^2 for a bob), of the chain as made. Beyond +-2
     the entry is clipped.
 
+    In mode "transition" n entries follow: the cosines of the goal, 1 (hanging) or -1 (standing) for
+    each rod. With `goal_env` an observation is a Dict instead, as Gymnasium-Robotics has it:
+    "observation" as in the table, and "achieved_goal" and "desired_goal", float64 of shape
+    (n + 1,), the cosines of the angles and the kinetic energy in units of `Chain.lifting_energy`,
+    clipped to 4. ``env.unwrapped.compute_reward(achieved_goal, desired_goal, info)`` is then the
+    sparse reward, of one goal or of a batch of them.
+
     Reward
     ------
     Between 0 and 1 in each step; 0 in mode "passive". The names are those of `Quantities`, and
@@ -87,6 +97,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     - swingup: height^2 (1 + calmness) / 2 (1 - mean_squared_action / 10)
     - balance: max(tip, 0) (1 + calmness) / 2 (1 - mean_squared_action / 10)
     - calm: (1 / (1 + e) + 1 / (1 + 100 e)) / 2 (1 - mean_squared_action / 10), e = energy_fraction
+    - transition: closeness^2 (1 + calmness) / 2 (1 - mean_squared_action / 10)
 
     With reward_type="sparse": 1 where the goal is met at this instant, else 0.
 
@@ -94,7 +105,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     --------------
     passive, calm: at rest, all rods at `amplitude` plus one draw from [0, spread) that all share.
     swingup, balance: each angle and angular velocity is drawn within 0.05 (0.02) of hanging
-    (standing) at rest. ``reset(options={...})`` chooses a start or another chain for one episode.
+    (standing) at rest. transition: start and goal are two different equilibria, in which each rod
+    hangs or stands; all pairs are equally likely. Angles and angular velocities are drawn within
+    0.05 of the start. ``reset(options={...})`` chooses a start or another chain for one episode.
 
     Episode end
     -----------
@@ -112,13 +125,14 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     - swingup: height > 0.95 and kinetic_energy < 0.01 have held for 5 s
     - balance: the tip has not fallen below half the chain's length
     - calm: energy_fraction < 0.01
+    - transition: goal_distance < 0.1 and kinetic_energy < 0.01 have held for 5 s
     - passive: never, because there is no task
 
     Parameters
     ----------
     n : int
         Number of rods, or of the links of `chain`.
-    mode : {"swingup", "passive", "balance", "calm"}, str or Mode
+    mode : {"swingup", "passive", "balance", "calm", "transition"}, str or Mode
         The task. A task of your own is an instance of a class derived from `Mode`, or the name of
         that class, "package.module:Class"; only a name can be written to JSON with the spec.
     chain : Chain, dict or str, optional
@@ -145,6 +159,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         than 1/20 rad. ``info["energy_error"]`` shows how well the energy is kept.
     observation : {"angles", "sincos", "scaled"}
     reward_type : {"dense", "sparse"}
+    goal_env : bool
+        In mode "transition", with reward_type="sparse": observations are a Dict with goals.
     amplitude, spread : float
         Of the release [rad].
     render_mode : {None, "rgb_array", "human"}
@@ -178,6 +194,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._action_shape = (config.joints.size,)
         self._is_seeded = False
         self._progress = Progress.NEW
+        if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them
+            self.compute_reward = GoalReward(config.mode)
 
     def reset(  # type: ignore[override]
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -190,7 +208,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             Seed of all that is drawn from now on; without one, the next episode of the last seed.
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), and the parameters of the chain,
-            "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers.
+            "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers;
+            in mode "transition" the equilibria "start" and "goal" (n,), 0 or pi for each rod.
             They make no links of point masses, nor give links friction, rotors or drag anew.
 
         Returns
@@ -215,7 +234,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
             self.camera.follow(episodes)
-        observation, (_, _, _, info) = episodes.observation[0], episodes.only_lane()
+        observation, (_, _, _, info) = of_lane(episodes.observation, 0), episodes.only_lane()
         self._progress = _READY
         return observation, info
 
@@ -251,7 +270,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         if self.render_mode is not None:
             self.camera.follow(episodes)
         self._progress = _READY
-        return episodes.observation[0], reward, terminated, truncated, info
+        return of_lane(episodes.observation, 0), reward, terminated, truncated, info
 
     def get_state(self) -> States:
         """Return the whole state: chain, motion, clock, measurements, seed, number of the episode.
@@ -298,7 +317,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._is_seeded = True
         self.camera.forget(_THE_LANE)
         self._progress = _READY
-        return episodes.observation[0], episodes.only_lane()[3]
+        return of_lane(episodes.observation, 0), episodes.only_lane()[3]
 
     @property
     def state(self) -> FloatArray:

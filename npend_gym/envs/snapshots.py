@@ -41,7 +41,10 @@ class Snapshots:
         self._environment = _fingerprint(config)
         rods = [(name.lower(), "<f8", (config.n + 1,)) for name in Rod._fields]
         rows = [*Member._fields, *Episode._fields]
-        parts: list[Any] = [("members", [(name.lower(), "<f8") for name in rows]), ("rods", rods)]
+        members: list[Any] = [(name.lower(), "<f8") for name in rows]
+        if config.mode.has_goals:
+            members += [("start", "<f8", (config.n,)), ("goal", "<f8", (config.n,))]
+        parts: list[Any] = [("members", members), ("rods", rods)]
         for name, terms in zip(("links", "joints", "base"), memory.arrays[2] or (), strict=False):
             parts.append((name, "<f8", (terms.shape[1], terms.shape[2] // memory.width)))
         parts += [(name, "<f8", values.shape[1:]) for name, values in self._more.items()]

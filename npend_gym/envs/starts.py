@@ -5,6 +5,7 @@ All draws are functions of seed and number of the episode: see `npend_gym.compil
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -31,10 +32,12 @@ class StartFields(NamedTuple):
     POSE: int = 1  # rad
     NEARNESS: int = 2  # rad and rad/s
     SPREAD: int = 3  # rad
+    GOALS: int = 4  # 1: it is near an equilibrium that is drawn, and so is a goal
 
 
 Start = StartFields()
 BY_PYTHON, RELEASE, NEAR_POSE = range(3)  # kinds of start
+CHOSEN = 2.0  # times the cosines of an equilibrium that reset options choose
 
 
 class DrawFields(NamedTuple):
@@ -77,12 +80,38 @@ def _draw_chain(
 
 
 @inlined_kernel
+def _draw_equilibria(members: FloatArray, keys: Keys, k: int, n: int) -> None:
+    """Draw start and goal of lane `k`: two different equilibria.
+
+    Those that `CHOSEN` marks are kept. Each n numbers of the stream are an equilibrium, in which
+    rod i hangs where its number is below 1/2; one that is the other one is passed over.
+    """
+    first, episode, drawn = members.shape[0] - 2 * n, members[Episode.EPISODE, k], 0
+    for which in range(2):
+        own, other = first + which * n, first + (1 - which) * n
+        free = which == 0 and abs(members[other, k]) < CHOSEN  # the goal is drawn after it
+        if abs(members[own, k]) == CHOSEN:
+            for i in range(n):
+                members[own + i, k] /= CHOSEN
+            continue
+        differs = False
+        while not differs:
+            differs = free
+            for i in range(n):
+                hangs = _stream(keys, k, Purpose.GOAL, episode, drawn + i) < 0.5
+                members[own + i, k] = 1.0 if hangs else -1.0
+                differs = differs or members[own + i, k] * members[other + i, k] < 0.0
+            drawn += n
+
+
+@inlined_kernel
 def _draw_state(
     members: FloatArray, rods: FloatArray, keys: Keys, k: int, width: int, n: int,
     start: FloatArray,
 ) -> None:  # fmt: skip
-    """Draw the state of lane `k` as the mode's `start` does."""
+    """Draw the state of lane `k` as the mode's `start` does, from the equilibrium drawn."""
     rows, lane, episode = rods[k // width], k % width, members[Episode.EPISODE, k]
+    stands = members.shape[0] - 2 * n if start[Start.GOALS] > 0.0 else 0
     near, release = start[Start.NEARNESS], start[Start.KIND] == RELEASE
     for i in range(n):
         theta = omega = 0.0
@@ -92,7 +121,10 @@ def _draw_state(
         else:
             u = _stream(keys, k, Purpose.START, episode, i)
             v = _stream(keys, k, Purpose.START, episode, n + i)
-            theta = start[Start.POSE] + (-near + (near + near) * u)
+            pose = start[Start.POSE]
+            if stands > 0 and members[stands + i, k] < 0.0:
+                pose += math.pi
+            theta = pose + (-near + (near + near) * u)
             omega = -near + (near + near) * v
         rows[Rod.THETA, i * width + lane] = theta
         rows[Rod.OMEGA, i * width + lane] = omega
@@ -157,6 +189,8 @@ def begin_episodes(
             _draw_chain(members, keys, k, draws, chain, context)
             write_chain(members, rods, model, k, width, bare(chain))
             _scale(members, rods, k, width, n)
+        if start[Start.GOALS] > 0.0:
+            _draw_equilibria(members, keys, k, n)
         if start[Start.KIND] != BY_PYTHON:
             _draw_state(members, rods, keys, k, width, n, start)
         begin_to_measure(members, rods, k, width, n)
@@ -176,7 +210,7 @@ def start_plan(mode: Mode, spread: float) -> FloatArray:
     A class derived from a built-in mode may have any `start` of its own.
     """
     plan = np.zeros(len(Start))
-    plan[Start.SPREAD] = spread
+    plan[Start.SPREAD], plan[Start.GOALS] = spread, mode.has_goals
     if isinstance(mode, Release) and type(mode).start is Release.start:
         plan[Start.KIND] = RELEASE
     elif isinstance(mode, NearPose) and type(mode).start is NearPose.start:

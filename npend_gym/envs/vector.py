@@ -14,6 +14,7 @@ from typing_extensions import Unpack
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
+from npend_gym.envs.goals import GoalReward
 from npend_gym.envs.info import final_info, with_masks
 from npend_gym.envs.inputs import (
     checked_action,
@@ -99,6 +100,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._seeds = Seeds(self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over
         self._progress = Progress.NEW
+        if config.goal_env:
+            self.compute_reward = GoalReward(config.mode)
         self.closed = False
 
     def reset(
