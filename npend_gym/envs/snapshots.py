@@ -71,10 +71,11 @@ class Snapshots:
         TypeError, ValueError
             If they are no records, not `count`, or of another version or environment.
         """
-        states = np.asarray(given)
-        if states.dtype.names is None:
+        names = getattr(getattr(given, "dtype", None), "names", None)
+        if names is None:
             raise TypeError(f"state must come from get_state(), got {_checks.show(given)}")
-        if "version" in states.dtype.names and np.any(states["version"] != VERSION):
+        states: States = np.asarray(given)
+        if "version" in names and np.any(states["version"] != VERSION):
             raise ValueError(
                 f"state must have version {VERSION}, that of this package, "
                 f"got {_checks.show(np.unique(states['version']).tolist())}"

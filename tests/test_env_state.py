@@ -1,0 +1,205 @@
+"""`get_state` and `set_state`: an episode continues from any of its instants, to the last bit."""
+
+import io
+import pickle
+import re
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from lanes import actions_for, assert_same, lane, run
+from scripts import run_script
+
+from npend_gym import Chain
+
+ROOT = Path(__file__).parent.parent
+COUNT = 5
+KEYWORDS = {
+    "n": 2,
+    "mode": "balance",
+    "randomize": {"masses": (0.8, 1.2), "max_torque": (0.5, 1.0)},
+}
+
+
+def make(**keywords):
+    return gym.make("NPendulum-v0", **(KEYWORDS | keywords)).unwrapped
+
+
+def make_vec(num_envs=COUNT, **keywords):
+    return gym.make_vec("NPendulum-v0", num_envs=num_envs, **(KEYWORDS | keywords))
+
+
+def through_a_file(state):
+    file = io.BytesIO()
+    np.save(file, state)
+    file.seek(0)
+    return np.load(file)
+
+
+@settings(max_examples=25, phases=[Phase.generate])
+@given(
+    before=st.integers(0, 60),
+    lanes=st.permutations(range(COUNT)),
+    seed=st.integers(0, 2**100),
+    copied=st.sampled_from([np.copy, through_a_file, lambda s: pickle.loads(pickle.dumps(s))]),
+)
+def test_lanes_continue_wherever_their_states_are_put(before, lanes, seed, copied):
+    envs = make_vec(max_episode_steps=40)
+    actions = actions_for(envs, before + 45)
+    run(envs, actions[:before], seed)
+    state = copied(envs.get_state(lanes))
+    other = make_vec(max_episode_steps=40, threads=2)
+    shown = other.set_state(state)
+    assert other.get_state().tobytes() == state.tobytes()
+    for action in actions[before:]:  # long enough for autoreset, with random chains
+        expected, got = envs.step(action), other.step(action[lanes])
+        for mine, reference in zip(got[:4], expected[:4], strict=True):
+            assert_same(mine, reference[lanes])
+        assert_same(got[4], {key: value[lanes] for key, value in expected[4].items()})
+    assert other.np_random_seed == tuple(envs.np_random_seed[k] for k in lanes)
+    assert_same(other.set_state(state), shown)
+
+
+def test_some_lanes_are_put_back_and_the_others_are_left_alone():
+    envs, twin = make_vec(), make_vec()
+    actions = actions_for(envs, 12)
+    for each in (envs, twin):
+        run(each, actions[:8])
+    state = envs.get_state()
+    envs.step(actions[8])
+    twin.step(actions[8])
+    mask = np.array([False, True, False, True, False])
+    _, info = envs.set_state(state[[3, 1]], mask)
+    assert info["_time"].tolist() == mask.tolist()
+    assert envs.get_state([1, 3]).tobytes() == state[[3, 1]].tobytes()
+    got, expected = envs.step(actions[9]), twin.step(actions[9])
+    for k in (0, 2, 4):
+        assert_same([lane(part, k) for part in got], [lane(part, k) for part in expected])
+
+
+def test_a_single_environment_continues_and_so_do_its_next_episodes():
+    env = make()
+    env.reset(seed=3)
+    env.reset()
+    actions = actions_for(env, 30)
+    for action in actions[:10]:
+        env.step(action)
+    state = env.get_state()
+    assert state.shape == ()
+    assert state["rods"]["theta"].shape == (3,)  # of 2 rods, and a base
+    assert state["members"]["time"] == pytest.approx(0.2)
+    ahead = [env.step(action) for action in actions[10:]], env.reset(), env.reset()
+    other = make()
+    other.set_state(state)
+    assert_same(([other.step(a) for a in actions[10:]], other.reset(), other.reset()), ahead)
+    assert other.np_random_seed == env.np_random_seed == 3
+
+
+def test_state_is_angles_and_velocities_which_may_be_set():
+    env, twin = make(randomize=None), make(randomize=None)
+    env.reset(seed=0)
+    twin.reset(seed=0, options={"theta": [3.0, 3.3], "omega": [0.1, -0.2]})
+    env.step(np.ones(1))
+    env.state = [3.0, 3.3, 0.1, -0.2]
+    assert env.state.tolist() == [3.0, 3.3, 0.1, -0.2]
+    action = np.array([0.3], np.float32)
+    got, expected = env.step(action), twin.step(action)
+    assert_same(got[0], expected[0])
+    assert got[1] == expected[1]
+    envs = make_vec(2, randomize=None)
+    envs.reset(seed=0)
+    envs.state = [[3.0, 3.3, 0.1, -0.2], [3.1, 3.0, 0.0, 0.0]]
+    assert_same(envs.step(np.full((2, 1), 0.3, np.float32))[0][0], got[0])
+    for bad in ([3.0, 3.3], [np.nan, 3.0, 0.0, 0.0], "up", [1e9, 0.0, 0.0, 0.0]):
+        before = env.state
+        with pytest.raises((TypeError, ValueError), match="state"):
+            env.state = bad
+        assert_same(env.state, before)
+
+
+def of_version(version):
+    def change(state):
+        state = state.copy()
+        state["version"] = version
+        return state
+
+    return change
+
+
+def from_other(**keywords):
+    def make_other(state):
+        other = make_vec(len(state), **keywords)
+        other.reset(seed=0)
+        return other.get_state()
+
+    return make_other
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        (of_version(0), ValueError, "state must have version 1, that of this package, got"),
+        (of_version(2), ValueError, "state must have version 1, that of this package, got"),
+        (from_other(n=3), ValueError, "state must come from .* the same number of rods"),
+        (from_other(masses=2.0), ValueError, "state must come from .* the same chain"),
+        (from_other(mode="calm"), ValueError, "state must come from .* mode"),
+        (from_other(dt=0.01), ValueError, "state must come from .* dt"),
+        (from_other(substeps=3), ValueError, "state must come from .* substeps"),
+        (from_other(max_torque=1.0), ValueError, "state must come from .* max_torque"),
+        (from_other(randomize=None), ValueError, "state must come from .* randomize"),
+        (
+            from_other(chain=Chain.realaigym("C.1"), randomize=None),
+            ValueError,
+            "the same kind of chain",
+        ),
+        (lambda state: state[:3], ValueError, "state must hold 5 lanes, got 3"),
+        (lambda state: state["rods"], ValueError, "state must come from"),
+        (lambda state: state.tolist(), TypeError, r"state must come from get_state\(\)"),
+        (lambda _: None, TypeError, r"state must come from get_state\(\), got None"),
+        (lambda _: np.zeros((5, 4)), TypeError, r"state must come from get_state\(\)"),
+    ],
+)
+def test_what_is_no_state_of_this_environment_is_refused_and_nothing_has_changed(
+    change, error, message
+):
+    envs = make_vec()
+    envs.reset(seed=1)
+    before = envs.get_state()
+    with pytest.raises(error, match=message):
+        envs.set_state(change(before.copy()))
+    assert envs.get_state().tobytes() == before.tobytes()
+
+
+@pytest.mark.parametrize("lanes", [[5], [-1], [0.5], [0, 0], [True, False], "all"])
+def test_lanes_that_are_none_are_refused(lanes):
+    envs = make_vec()
+    envs.reset(seed=1)
+    before = envs.get_state()
+    with pytest.raises((TypeError, ValueError), match="lanes must"):
+        envs.get_state(lanes)
+    with pytest.raises((TypeError, ValueError), match="lanes must"):
+        envs.set_state(before[: len(lanes)], lanes)
+    assert envs.get_state().tobytes() == before.tobytes()
+
+
+def test_before_the_first_reset_there_is_no_state_to_get():
+    state = make_vec()
+    for env in (make(), state):
+        with pytest.raises(gym.error.ResetNeeded, match="get_state"):
+            env.get_state()
+        with pytest.raises(gym.error.ResetNeeded, match="state"):
+            _ = env.state
+    full = make_vec()
+    full.reset(seed=0)
+    with pytest.raises(gym.error.ResetNeeded, match="set_state of some lanes"):
+        state.set_state(full.get_state([0]), [0])
+
+
+def test_a_planner_that_knows_only_the_states_swings_the_pendulum_up(tmp_path):
+    out = run_script(ROOT / "examples" / "plan_by_search.py", cwd=tmp_path)
+    after, held = map(float, re.search(r"upright after (\S+) s, and for the (\S+) s", out).groups())
+    assert 1.0 < after < 8.0
+    assert held > 5.0
