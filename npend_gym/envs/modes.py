@@ -38,11 +38,11 @@ class Quantities(NamedTuple, Generic[_T]):
     mean_squared_action: _T
     """Mean over the joints of the square of the clipped action, 0 to 1."""
     closeness: _T
-    """1 - sum_i |h_i| |cos theta_i - c_i| / (2 sum_i |h_i|), with h of `Chain.lift` and c_i the
-    cosine that the episode's goal has for rod i: 1 at the goal; the height where the goal is
+    """1 - sum_i abs(h_i (cos theta_i - c_i)) / (2 sum_i abs(h_i)), with h of `Chain.lift` and c_i
+    the cosine that the episode's goal has for rod i: 1 at the goal; the height where the goal is
     upright. 0 in a mode without goals."""
     goal_distance: _T
-    """Largest |cos theta_i - c_i|, 0 to 2; 0 in a mode without goals."""
+    """Largest abs(cos theta_i - c_i), 0 to 2; 0 in a mode without goals."""
     theta: FloatArray
     """Angles from the downward vertical, not wrapped [rad], shape (n,) or (B, n)."""
     omega: FloatArray
