@@ -12,12 +12,14 @@ from itertools import count
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
 from suites.environments import OURS, compared, ours
 from suites.timing import Job, Peers, Row, rates
 
 LANES = 1024
 MANY = 65_536
+RANGES = {"masses": (0.8, 1.2), "lengths": (0.8, 1.2), "damping": {"low": 0.0, "high": 0.1}}
 
 
 def rows(peers: Peers) -> Iterator[Row]:
@@ -25,6 +27,8 @@ def rows(peers: Peers) -> Iterator[Row]:
     del peers
     yield seeds()
     yield from early_ends()
+    yield from random_chains()
+    yield from states()
 
 
 def repeated(function: Callable[[], object], items_per_call: float) -> Job:
@@ -52,3 +56,34 @@ def early_ends() -> Iterator[Row]:
         name = f"balance, {LANES} lanes, dt 0.02 s, substeps {substeps or 'by default'}"
         jobs = {name: ours(LANES, mode="balance", **options)}
         yield from compared(jobs, {"swingup": ours(LANES, mode="swingup", **options)})
+
+
+def random_chains() -> Iterator[Row]:
+    """Yield the rows of starts whose chains are drawn, beside those of the same chain."""
+    name, peer = f"reset() of {LANES} lanes, random chains", "the same chain"
+    drawn, same = vector_env(randomize=RANGES), vector_env()
+    jobs = {name: repeated(drawn.reset, LANES)}
+    for row in compared(jobs, {peer: repeated(same.reset, LANES)}):
+        cost = 1e6 / row.ours_per_s - 1e6 / row.peer_per_s
+        yield row._replace(note=f"{cost:.2g} us for a chain of {2 * len(RANGES)} numbers")
+    jobs = {f"balance, {LANES} lanes, random chains": ours(LANES, mode="balance", randomize=RANGES)}
+    yield from compared(jobs, {peer: ours(LANES, mode="balance")})
+
+
+def states() -> Iterator[Row]:
+    """Yield the rows of putting environments back to their state, beside a step of them."""
+    one: Any = gym.make(OURS).unwrapped
+    for env, lanes in ((one, 1), (vector_env(), LANES)):
+        env.reset(seed=0)
+        action = np.zeros(env.action_space.shape)
+        name = f"set_state(get_state()), {lanes} lane{'s' * (lanes > 1)}"
+        jobs = {name: repeated(lambda env=env: env.set_state(env.get_state()), lanes)}
+        step = repeated(lambda env=env, action=action: env.step(action), lanes)
+        yield from compared(jobs, {"step": step})
+
+
+def vector_env(**options: Any) -> Any:
+    """Return an environment of some lanes that has been reset."""
+    envs = gym.make_vec(OURS, num_envs=LANES, **options)
+    envs.reset(seed=0)
+    return envs
