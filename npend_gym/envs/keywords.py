@@ -233,5 +233,5 @@ def action_table(torque_levels: Any, mode: Mode, joints: int) -> FloatArray:
             f"torque_levels to the power of the actuated joints is the number of actions, and must "
             f"be at most {MAX_ACTIONS}; got {levels} ** {joints}"
         )
-    each = np.indices((levels,) * joints).reshape(joints, -1).T
+    each = np.indices((levels,) * joints, np.float64).reshape(joints, -1).T
     return (2.0 * each - (levels - 1.0)) / (levels - 1.0)

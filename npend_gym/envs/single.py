@@ -109,6 +109,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     hangs or stands; all pairs are equally likely. Angles and angular velocities are drawn within
     0.05 of the start. ``reset(options={...})`` chooses a start or another chain for one episode.
 
+    These numbers are those of ``np.random.Philox(key=seed, counter=[0, 0, 0, episode])``, episodes
+    being counted from 0 since the seed was given. Nothing else decides a start.
+
     Episode end
     -----------
     Mode "balance" terminates when the tip falls below half the chain's length. Episodes are
