@@ -15,10 +15,23 @@ from npend_gym.rl import Policy
 Curve = list[dict[str, Any]]  # the learning curve, a row for every few updates
 
 
+# Of a "robust" task: a new chain in every episode, 20 % about the default, with damped joints
+ROBUST: dict[str, Any] = {
+    "masses": [0.8, 1.2],
+    "lengths": [0.8, 1.2],
+    "gravity": [0.8, 1.2],
+    "max_torque": [0.8, 1.2],
+    "damping": {"low": 0.0, "high": 0.05},  # N m s/rad
+}
+
+
 def env_of_task(task: str) -> dict[str, Any]:
-    """Return the keywords of the environment of a task such as "swingup-2"."""
-    mode, n = task.rsplit("-", 1)
-    return {"n": int(n), "mode": mode, "observation": "sincos"}
+    """Return the keywords of the environment of a task such as "swingup-2" or "calm-2-robust"."""
+    mode, n, *variant = task.split("-")
+    if variant not in ([], ["robust"]):
+        raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
+    env = {"n": int(n), "mode": mode, "observation": "sincos"}
+    return env | {"randomize": ROBUST} if variant else env
 
 
 def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> Any:

@@ -107,6 +107,7 @@ class Episodes:
         fresh = Episodes(self.config, self.count, self._memory.threads, self._max_steps)
         fresh.seeds, fresh._keys[:] = self.seeds, self._keys
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
+        fresh._kept, fresh._had_options = self._kept, self._had_options
         return fresh
 
     # -- starting ---------------------------------------------------------------------------

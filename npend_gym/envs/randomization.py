@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
 from npend_gym.envs.kernels import Episode
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
@@ -18,6 +19,8 @@ from npend_gym.physics.kernels.link_terms import Parameter, count_terms
 # Numbers that belong to a lane, beside those of its chain: their rows in `members`
 SETTINGS = {"max_torque": Episode.MAX_TORQUE}
 _ONE_NUMBER = ("gravity", *SETTINGS)
+# Of which less lets a chain turn or brake faster
+_LIVELY_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
 
 
 class Randomization(NamedTuple):
@@ -147,11 +150,36 @@ def _corners(
     nominal: ChainParameters, lows: Mapping[str, FloatArray], highs: Mapping[str, FloatArray]
 ) -> list[ChainParameters]:
     """Return the chain as made, and chains at the ends of the ranges."""
-    short = {name: lows[name] for name in ("lengths", "centres", "inertias") if name in lows}
-    corners = [nominal, nominal.changed(lows), nominal.changed(dict(highs) | short)]
-    if "masses" in lows:
-        for first in (0, 1):  # light and heavy bobs in turn swing fastest
-            masses = highs["masses"].copy()
-            masses[:, first::2] = lows["masses"][:, first::2]
-            corners.append(nominal.changed(dict(highs) | short | {"masses": masses}))
-    return [check_weight(corner) for corner in (*corners, nominal.changed(highs))]
+    _check_joints(nominal, lows, highs)
+    corners = [nominal, nominal.changed(lows), nominal.changed(highs)]
+    lively = dict(highs) | {name: lows[name] for name in _LIVELY_WHERE_LOW if name in lows}
+    n = nominal.masses.shape[1]
+    link: NDArray[np.int64] = np.arange(n, dtype=np.int64)
+    # Damping turns light links fastest; gravity swings those fastest that carry heavy ones
+    patterns: list[BoolArray] = [link < 0, link < n, link % 2 > 0, link % 2 < 1, link > 0, link > 1]
+    borne = [name for name in ("masses", "centres") if name in lows]
+    for heavy in patterns if borne else patterns[:1]:
+        weights = {name: np.where(heavy, highs[name], lows[name]) for name in borne}
+        corners.append(nominal.changed(lively | weights))
+    if "centres" in lows:  # heavy links that hang from their middle swing fast, or upside down
+        corners.append(nominal.changed(lively | {"centres": lows["centres"]}))
+    return [check_weight(corner) for corner in corners]
+
+
+def _check_joints(
+    nominal: ChainParameters, lows: Mapping[str, FloatArray], highs: Mapping[str, FloatArray]
+) -> None:
+    """Raise a ValueError where a draw between good ends could be a bad one."""
+    if "gear" in lows and np.any(lows["gear"] * highs["gear"] < 0.0):
+        raise ValueError(
+            "randomize['gear'] must have ends of one sign, because a gear ratio cannot be zero; "
+            f"got {_checks.show([lows['gear'][0].tolist(), highs['gear'][0].tolist()])}"
+        )
+    if "centres" in lows:
+        about_centre = nominal.changed(lows).inertias + nominal.changed(lows).armature
+        if np.any((lows["centres"] * highs["centres"] <= 0.0) & (about_centre == 0.0)):
+            raise ValueError(
+                "randomize['centres'] must keep the centres of links without inertia and armature "
+                "off their joints, because nothing else resists a torque; "
+                f"got {_checks.show([lows['centres'][0].tolist(), highs['centres'][0].tolist()])}"
+            )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID, register_envs
 
@@ -130,7 +131,7 @@ def evaluate(
     config = envs.unwrapped.config
     shape = (episodes, config.joints.size)
     observation, info = envs.reset(seed=seed)
-    angles = _joint_angles(info["theta"], config.joints)
+    angles, limit = _joint_angles(info["theta"], config.joints), _torque_limits(config, info)
     returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     success, running = np.zeros(episodes, np.bool_), np.ones(episodes, np.bool_)
     while running.any():
@@ -138,7 +139,7 @@ def evaluate(
         taken = checked_action(action, shape, config.action_table)
         observation, reward, terminated, truncated, info = envs.step(action)
         before, angles = angles, _joint_angles(info["theta"], config.joints)
-        torque = config.max_torque * np.clip(0.0 if taken is None else taken, -1.0, 1.0)
+        torque = limit * np.clip(0.0 if taken is None else taken, -1.0, 1.0)
         step_work = np.abs(torque * (angles - before)).sum(axis=1)
         returns += np.where(running, reward, 0.0)
         work += np.where(running, step_work, 0.0)
@@ -153,3 +154,11 @@ def _joint_angles(theta: FloatArray, joints: NDArray[np.int64]) -> FloatArray:
     """Return the angle [rad] of each actuated joint, (B, joints)."""
     relative = np.diff(theta, axis=1, prepend=0.0)
     return relative[:, joints]
+
+
+def _torque_limits(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
+    """Return the torque of the action 1 [N m] in the first episode of each lane, (B, 1)."""
+    limits = np.full((len(info["time"]), 1), config.max_torque)
+    if "max_torque" in config.context_names:
+        limits[:, 0] = info["context"][:, config.context_names.index("max_torque")]
+    return limits
