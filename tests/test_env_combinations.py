@@ -67,6 +67,8 @@ DRAWN = {
     "gravity": one_of({"low": 3.0, "high": 10.0}),
     "damping": one_of({"low": 0.0, "high": 0.2}),
     "max_torque": one_of({"low": 0.5, "high": 4.0}),
+    "velocity_noise": one_of({"low": 0.0, "high": 0.2}),
+    "observation_delay": one_of({"low": 0.0, "high": 2.0}),
 }
 # Of every keyword but n: the strategy of its values for n rods
 KEYWORDS = {
@@ -90,6 +92,24 @@ KEYWORDS = {
     "randomize": lambda n: st.fixed_dictionaries({}, optional={k: s(n) for k, s in DRAWN.items()}),
     "observe_context": one_of(False, True),
 }
+# Those of sensors and motors that are not ideal
+HARDWARE = {
+    "angle_noise": one_of(0.0, 0.01, 6.0),
+    "velocity_noise": one_of(0.0, 0.1, 1e6),
+    "angle_resolution": one_of(0.0, 2.0 * np.pi / 1024, 1.0),
+    "velocity_resolution": one_of(0.0, 0.05),
+    "observation_delay": one_of(0, 1, 0.4, 2.75),
+    "action_delay": one_of(0, 1, 0.4, 2.75),
+    "motor_lag": one_of(0.0, 1e-4, 0.05),
+    "torque_noise": one_of(0.0, 0.5),
+    "torque_ripple": one_of(0.0, 0.5),
+    "ripple_cycles": one_of(1, 12),
+    "push_rate": one_of(0.0, 5.0),
+    "push_force": one_of(0.0, 10.0),
+}
+NEEDS_MOTOR = {
+    "difficulty", "torque_levels", "action_delay", "motor_lag", "torque_noise", "torque_ripple"
+}  # fmt: skip
 # Those that make links of bobs, or give them drag
 OF_LINKS = {
     "chain": lambda n: st.just(chain_of_uneven_links(n)),
@@ -110,19 +130,24 @@ def combinations(draw, every_kernel=False):
     n = draw(st.integers(1, 3))
     links = draw(st.booleans())
     optional = KEYWORDS | (OF_LINKS if links else {})
+    if every_kernel or not links:
+        optional |= HARDWARE
     keywords = draw(st.fixed_dictionaries({}, optional={k: s(n) for k, s in optional.items()}))
     if links and not every_kernel:
         keywords.setdefault("friction", 0.01)
     if keywords.get("chain") is not None:
         keywords = {k: v for k, v in keywords.items() if k not in CHAIN_KEYWORDS}
-    if keywords.get("mode") == "passive" or keywords.get("max_torque") is not None:
+    if keywords.get("max_torque") is not None:
         keywords.pop("difficulty", None)
     if keywords.get("mode") == "passive":
-        keywords.pop("torque_levels", None)
+        keywords = {k: v for k, v in keywords.items() if k not in NEEDS_MOTOR}
     if keywords.get("mode") != "transition":
         keywords.pop("goal_env", None)
     if keywords.get("goal_env"):
         keywords["reward_type"] = "sparse"
+    pushes = [keywords.get(name, 0.0) for name in ("push_rate", "push_force")]
+    if np.count_nonzero(pushes) == 1:
+        keywords |= {"push_rate": 0.0, "push_force": 0.0}
     return {"n": n} | keywords
 
 
@@ -187,7 +212,7 @@ AUTORESET = st.sampled_from([AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 
 
 def test_every_keyword_has_a_strategy():
-    assert {"n", *KEYWORDS, *OF_LINKS} == set(EnvKeywords.__annotations__)
+    assert {"n", *KEYWORDS, *HARDWARE, *OF_LINKS} == set(EnvKeywords.__annotations__)
 
 
 @settings(max_examples=40, phases=QUICKLY)

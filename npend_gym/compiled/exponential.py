@@ -23,7 +23,7 @@ def one_minus_exp(x: Any) -> Any:
     r = _SCALE * where(x < _COMPLETE, x, _COMPLETE)
     rest = 1.0 + 0.0 * r
     for k in range(_TERMS, 1, -1):
-        rest = 1.0 - (r * rest) / k
+        rest = 1.0 - (r * rest) * (1.0 / k)
     d = r * rest
     for _ in range(_DOUBLINGS):
         d = d * (2.0 - d)

@@ -17,6 +17,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.goals import check_goal_env, goal_space
+from npend_gym.envs.hardware import check_limits, checked_hardware
 from npend_gym.envs.keywords import (
     DEFAULTS,
     EnvKeywords,
@@ -65,6 +66,8 @@ class EnvConfig:
         which rod i alone, turning about its joint, has `Chain.lifting_energy`.
     action_table : ndarray, shape (actions, joints)
         Torques over their limit of each discrete action; empty where actions are continuous.
+    largest : dict
+        Of the settings of motors and sensors, the largest value that an episode may have.
 
     Raises
     ------
@@ -86,6 +89,18 @@ class EnvConfig:
     spread: float
     randomize: Mapping[str, Any] | None
     observe_context: bool
+    angle_noise: float
+    velocity_noise: float
+    angle_resolution: float
+    velocity_resolution: float
+    observation_delay: float
+    action_delay: float
+    motor_lag: float
+    torque_noise: float
+    torque_ripple: float
+    ripple_cycles: int
+    push_rate: float
+    push_force: float
 
     randomization: Randomization = field(init=False, repr=False)
     joints: NDArray[np.int64] = field(init=False, repr=False)
@@ -93,6 +108,7 @@ class EnvConfig:
     max_rotation: float = field(init=False, repr=False)
     speed_scale: FloatArray = field(init=False, repr=False)
     action_table: FloatArray = field(init=False, repr=False)
+    largest: Mapping[str, float] = field(init=False, repr=False)
 
     def __init__(self, **keywords: Unpack[EnvKeywords]) -> None:
         check_names(EnvConfig, keywords)
@@ -102,7 +118,11 @@ class EnvConfig:
         joints = joints_of(given["actuated"], chain.n) if mode.torque_share > 0.0 else ()
         dt = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
         max_torque = torque_limit(given, mode, chain)
-        random = check_randomize(given["randomize"], chain, {"max_torque": max_torque})
+        hardware = checked_hardware(given)
+        settings = {"max_torque": max_torque} | hardware
+        random = check_randomize(given["randomize"], chain, settings)
+        largest = {name: max(value, random.largest(name)) for name, value in hardware.items()}
+        check_limits(largest, mode, dt)
         substeps, max_rotation = _substeps(given["substeps"], dt, random)
         amplitude = _checks.number("amplitude", given["amplitude"])
         spread = _checks.nonnegative_number("spread", given["spread"])
@@ -131,6 +151,8 @@ class EnvConfig:
             "max_rotation": max_rotation,
             "speed_scale": _speed_scale(observation, chain),
             "action_table": action_table(given["torque_levels"], mode, len(joints)),
+            "largest": largest,
+            **hardware,
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)

@@ -14,10 +14,10 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.philox import Keys, Purpose, generator
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import with_goals
+from npend_gym.envs.hardware import ROWS, fit_hardware
 from npend_gym.envs.info import Info
 from npend_gym.envs.kernels import (
     ANGLES,
-    EPISODE_ROWS,
     NUMBER_OF,
     SINCOS,
     Episode,
@@ -68,7 +68,7 @@ class Episodes:
         self.config, self.count, self._max_steps = config, count, max_steps
         n, joints, random = config.chain.n, config.joints, config.randomization
         of_goals = 2 * n if config.mode.has_goals else 0  # the last rows of `members`
-        self._memory = Memory(random.richest, count, threads, EPISODE_ROWS + of_goals)
+        self._memory = Memory(random.richest, count, threads, ROWS + of_goals)
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
         members[Episode.MAX_TORQUE] = config.max_torque
@@ -90,12 +90,16 @@ class Episodes:
         self._beginning = (
             self._keys, nominal, random.draws, self._start, self._context, self._actions
         )  # fmt: skip
-        self.snapshots = Snapshots(
-            config, self._memory, self._keys, {"actions": self._actions, "context": self._context}
-        )
+        self._timing = config.dt, config.min_substeps, config.max_rotation
+        kept = {"actions": self._actions, "context": self._context}
+        self._motors, self._sensors = fit_hardware(config, self._memory)
+        if self._motors is not None:
+            self._timing, kept = self._motors.timing, kept | self._motors.kept
+        if self._sensors is not None:
+            kept |= self._sensors.kept
+        self.snapshots = Snapshots(config, self._memory, self._keys, kept)
         rows = _ROWS + (4 if of_goals else 3) * n
         self._shapes = (lanes, config.observed), (rows, lanes)
-        self._timing = config.dt, config.min_substeps, config.max_rotation
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
         self._kept, self._had_options = KeptOptions(count), False
         self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
@@ -217,7 +221,7 @@ class Episodes:
         else:
             members[Episode.OBSERVED] = 1.0
             self._new_outputs()
-        self._memory.run(self._kernel, self._arrays, 0.0, 0, math.inf)
+        self._run(0.0, 0, math.inf)
         self._judge_by_python(observes=True)
 
     # -- stepping ---------------------------------------------------------------------------
@@ -230,8 +234,16 @@ class Episodes:
         if action is not None:
             self._actions[: self.count] = action
         self._new_outputs()
-        self._memory.run(self._kernel, self._arrays, *self._timing)
+        if self._motors is not None:
+            self._motors.drive(self._keys, self._actions)
+        self._run(*self._timing)
         self._judge_by_python(observes=False)
+
+    def _run(self, *timing: Any) -> None:
+        """Call the step kernel, and then the sensors."""
+        self._memory.run(self._kernel, self._arrays, *timing)
+        if self._sensors is not None:
+            self._sensors.observe(self._keys, self._observation, self._task, timing)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
@@ -256,7 +268,7 @@ class Episodes:
     @property
     def observation(self) -> Any:
         """The observations of all lanes, (B, numbers), or the Dict that has them with goals."""
-        observation: NDArray[np.float32] = self._arrays[1][: self.count]
+        observation = self._observation[: self.count]
         if self.config.observe_context:
             shown = self.config.randomization.normalised(self._context[: self.count])
             observation[:, observation.shape[1] - shown.shape[1] :] = shown
@@ -362,9 +374,13 @@ class Episodes:
     def _new_outputs(self) -> None:
         """Make new arrays for what is told: those handed out before are not written again."""
         observation, outputs = self._shapes
-        self._arrays = (
-            self._actions, np.empty(observation, np.float32), np.empty(outputs), self._task,
-        )  # fmt: skip
+        self._observation = shown = np.empty(observation, np.float32)
+        actions = self._actions
+        if self._motors is not None:
+            actions = self._motors.no_actions
+        if self._sensors is not None:
+            shown = self._sensors.no_observation
+        self._arrays = actions, shown, np.empty(outputs), self._task
 
     def close(self) -> None:
         """End the threads."""

@@ -294,26 +294,36 @@ def _welcome(numbers: FloatArray, g: int) -> None:
 
 
 @inlined_kernel
-def _wrap(theta: FloatArray, wrapped: FloatArray) -> None:
-    """Write the angles without whole turns, in [-pi, pi)."""
-    for i in range(theta.size):
-        turns = (theta[i] + _PI) * _INVERSE_TWO_PI
-        whole = (turns + ROUND) - ROUND
-        whole = where(whole > turns, whole - 1.0, whole)
-        wrapped[i] = theta[i] - _TWO_PI * whole
+def wrapped(theta: Any) -> Any:
+    """Return an angle without whole turns, in [-pi, pi)."""
+    turns = (theta + _PI) * _INVERSE_TWO_PI
+    whole = (turns + ROUND) - ROUND
+    whole = where(whole > turns, whole - 1.0, whole)
+    return theta - _TWO_PI * whole
 
 
 @inlined_kernel
-def _observe(
-    rows: FloatArray, first: int, width: int, scratch: FloatArray, observation: ObsArray,
-    task: FloatArray,
-) -> None:  # fmt: skip
-    """Write the observations of a group, lane by lane.
+def _observe_goals(
+    members: FloatArray, n: int, first: int, width: int, observation: ObsArray, form: float
+) -> None:
+    """Write the goals of a group after the angular velocities."""
+    goals, column = members.shape[0] - n, 3 * n if form == SINCOS else 2 * n
+    for k in range(width):
+        for i in range(n):
+            observation[first + k, column + i] = members[goals + i, first + k]
 
-    `rows` are the group's rows of the ensemble's `rods`, `first` is its first lane.
+
+@inlined_kernel
+def observe(
+    members: FloatArray, omega: FloatArray, first: int, width: int, scratch: FloatArray,
+    observation: ObsArray, task: FloatArray,
+) -> None:  # fmt: skip
+    """Write the observations of a group, whose first lane is `first`, lane by lane.
+
+    Sines and cosines, or wrapped angles, are in the work space; angular velocities in `omega`, n
+    + 1 for each lane.
     """
-    s, c, wrapped = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.WRAPPED]
-    omega = rows[Rod.OMEGA]
+    s, c, angles = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.WRAPPED]
     n = omega.size // width - 1
     form, limit, factors = task[Task.FORM], task[Task.SPEED_LIMIT], task.size - n
     for k in range(width):
@@ -326,20 +336,11 @@ def _observe(
                 speed = omega[j] * task[factors + i]
                 row[2 * n + i] = limit if speed > limit else max(speed, -limit)
             else:
-                angle = np.float32(wrapped[j])
+                angle = np.float32(angles[j])
                 row[i] = -_PI_32 if angle >= _PI_32 else angle  # float32 may round up to pi
                 row[n + i] = omega[j]
-
-
-@inlined_kernel
-def _observe_goals(
-    members: FloatArray, n: int, first: int, width: int, observation: ObsArray, form: float
-) -> None:
-    """Write the goals of a group after the angular velocities."""
-    goals, column = members.shape[0] - n, 3 * n if form == SINCOS else 2 * n
-    for k in range(width):
-        for i in range(n):
-            observation[first + k, column + i] = members[goals + i, first + k]
+    if task[Task.OBSERVED_GOALS] > 0.0:
+        _observe_goals(members, n, first, width, observation, form)
 
 
 @spliced_kernel
@@ -358,18 +359,17 @@ def _step(
                 continue
             bob_velocities(group, work[Scratch.SIN], work[Scratch.COS])
         else:
-            if timing[Timing.FIRST_SUBSTEP] == 0.0:
+            if timing[Timing.FIRST_SUBSTEP] == 0.0 and actions.shape[1] > 0:
                 _apply_actions(members, rods[g], g * width, width, actions, task)
             advance_group(view, width, members, rods, timing, scratch, g, group)
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
             quantities = _measure(numbers, g, group, work, view(told), task)
             _judge(numbers, g, quantities, view(told), task, observes)
-            if task[Task.FORM] == ANGLES:
-                _wrap(group.theta[: group.velocity.size], work[Scratch.WRAPPED])
-            _observe(rods[g], g * width, width, scratch, observation, task)
-            if task[Task.OBSERVED_GOALS] > 0.0:
-                n = group.velocity.size
-                _observe_goals(members, n, g * width, width, observation, task[Task.FORM])
+            if observation.shape[1] > 0:
+                if task[Task.FORM] == ANGLES:
+                    for i in range(group.velocity.size):
+                        work[Scratch.WRAPPED, i] = wrapped(group.theta[i])
+                observe(members, rods[g, Rod.OMEGA], g * width, width, scratch, observation, task)
             if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
                 _welcome(numbers, g)
 
@@ -403,9 +403,10 @@ def step_many(
         `Episode`. With 0 substeps nothing moves: the call only observes, in the groups with a lane
         to be OBSERVED.
     actions : ndarray, shape (lanes, joints)
-        Torque over its limit at each actuated joint; beyond +-1 it is clipped.
+        Torque over its limit at each actuated joint; beyond +-1 it is clipped. Without columns
+        the torques stay as they are: `npend_gym.envs.motors` has set them.
     observation : ndarray, float32, shape (lanes, 2n) or (lanes, 3n)
-        Written.
+        Written. Without columns `npend_gym.envs.sensors` writes it afterwards.
     outputs : ndarray, shape (len(Output) + 3 n, lanes), or + 4 n in a mode with goals
         Written.
     task : ndarray, shape (len(Task) + joints + n,)

@@ -58,6 +58,18 @@ class EnvKeywords(TypedDict, total=False):
     spread: float
     randomize: Mapping[str, Any] | None
     observe_context: bool
+    angle_noise: float
+    velocity_noise: float
+    angle_resolution: float
+    velocity_resolution: float
+    observation_delay: float
+    action_delay: float
+    motor_lag: float
+    torque_noise: float
+    torque_ripple: float
+    ripple_cycles: int
+    push_rate: float
+    push_force: float
 
 
 DEFAULTS: dict[str, Any] = {
@@ -79,6 +91,18 @@ DEFAULTS: dict[str, Any] = {
     "spread": 0.017,
     "randomize": None,
     "observe_context": False,
+    "angle_noise": 0.0,
+    "velocity_noise": 0.0,
+    "angle_resolution": 0.0,
+    "velocity_resolution": 0.0,
+    "observation_delay": 0.0,
+    "action_delay": 0.0,
+    "motor_lag": 0.0,
+    "torque_noise": 0.0,
+    "torque_ripple": 0.0,
+    "ripple_cycles": 6,
+    "push_rate": 0.0,
+    "push_force": 0.0,
 } | {
     name: parameter.default
     for name, parameter in inspect.signature(Chain).parameters.items()

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.envs.hardware import HARDWARE
 from npend_gym.envs.kernels import Episode
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
 from npend_gym.envs.starts import Draw
 from npend_gym.physics.kernels.link_terms import Parameter, count_terms
 
 # Numbers that belong to a lane, beside those of its chain: their rows in `members`
-SETTINGS = {"max_torque": Episode.MAX_TORQUE}
+SETTINGS = {"max_torque": Episode.MAX_TORQUE} | {
+    name: row for name, row in HARDWARE.items() if name != "ripple_cycles"
+}
 _ONE_NUMBER = ("gravity", *SETTINGS)
 # Of which less lets a chain turn or brake faster
 _LIVELY_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
@@ -46,6 +49,17 @@ class Randomization(NamedTuple):
         low, high = self.draws[:, Draw.LOW], self.draws[:, Draw.HIGH]
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         return np.clip((context - middle) / np.where(half > 0.0, half, 1.0), -1.0, 1.0)
+
+    def largest(self, name: str) -> float:
+        """Return the upper end of the range of one of `SETTINGS`; 0 where it is not drawn."""
+        return max(
+            (
+                row[Draw.HIGH]
+                for own, row in zip(self.names, self.draws, strict=True)
+                if own == name
+            ),
+            default=0.0,
+        )
 
     @property
     def richest(self) -> ChainParameters:

@@ -166,6 +166,24 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         In mode "transition", with reward_type="sparse": observations are a Dict with goals.
     amplitude, spread : float
         Of the release [rad].
+    angle_noise, velocity_noise : float
+        Standard deviations of what the sensors add to angles [rad] and angular velocities [rad/s].
+    angle_resolution, velocity_resolution : float
+        Observed are multiples of these [rad, rad/s]: 2 pi over the counts a turn of an encoder.
+    observation_delay, action_delay : float
+        By how many steps observations are old and actions act late, at most 100; fractions too.
+    motor_lag : float
+        Time constant of the motors, which follow the action as a first-order system [s].
+    torque_noise : float
+        Standard deviation of what each motor adds to its torque, for a step [N m].
+    torque_ripple : float
+        Cogging of the motors: torque_ripple sin(ripple_cycles phi), phi the angle of the joint
+        relative to the rod above [N m].
+    ripple_cycles : int
+        Cycles of the ripple a turn.
+    push_rate, push_force : float
+        How often [1/s] a random horizontal force pushes the tip, for a step, and the largest size
+        of the force, which is uniform between its negative and itself [N].
     render_mode : {None, "rgb_array", "human"}
 
     Raises

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.hardware import HARDWARE
 from npend_gym.envs.kernels import Episode
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
@@ -40,7 +41,7 @@ class Snapshots:
         self._memory, self._keys, self._more = memory, keys, dict(more)
         self._environment = _fingerprint(config)
         rods = [(name.lower(), "<f8", (config.n + 1,)) for name in Rod._fields]
-        rows = [*Member._fields, *Episode._fields]
+        rows = [*Member._fields, *Episode._fields, *HARDWARE]
         members: list[Any] = [(name.lower(), "<f8") for name in rows]
         if config.mode.has_goals:
             members += [("start", "<f8", (config.n,)), ("goal", "<f8", (config.n,))]
@@ -121,6 +122,7 @@ def _fingerprint(config: EnvConfig) -> int:
     told = (
         *config.chain.repeated(1), random.draws, config.joints,
         np.array([config.dt, config.min_substeps, config.max_rotation, config.max_torque]),
+        np.array([getattr(config, name) for name in HARDWARE]),
         np.frombuffer(f"{mode.__module__}:{mode.__qualname__}".encode(), np.uint8),
     )  # fmt: skip
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in told))

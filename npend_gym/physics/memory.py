@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -182,7 +181,7 @@ class Memory:
     def run(
         self,
         kernel: Callable[..., None],
-        arrays: tuple[NDArray[Any], ...],
+        arrays: tuple[Any, ...],
         dt: float,
         substeps: int,
         max_rotation: float,

@@ -1,0 +1,156 @@
+"""Motors and sensors that are not ideal: their keywords, and the compiled calls that act for them.
+
+`motors` and `sensors` have the kernels. An environment that is given none of the keywords has
+neither object.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import aligned_zeros
+from npend_gym.compiled.philox import Keys
+from npend_gym.envs.kernels import Episode
+from npend_gym.envs.modes import Mode
+from npend_gym.envs.motors import Command, Motor, apply_many, apply_one
+from npend_gym.envs.sensors import Sensor, sense_many, sense_one
+from npend_gym.physics.kernels.ensemble import advance_many, advance_one
+from npend_gym.physics.kernels.layout import MAX_SPEED
+from npend_gym.physics.memory import Memory
+
+if TYPE_CHECKING:
+    from npend_gym.envs.config import EnvConfig  # which imports this module
+
+MAX_DELAY = 100.0  # steps; the states and actions of this many are kept
+MAX_RIPPLE_CYCLES = 1000
+
+HARDWARE = Motor._asdict() | Sensor._asdict()  # names, and their rows of `members`
+ROWS = len(Episode) + len(HARDWARE)  # of an environment, after those of `Member`
+
+_OF_MOTORS = ("action_delay", "motor_lag", "torque_noise", "torque_ripple")
+_LATER = "steps; make dt larger for a longer delay"
+_LIMITS = {
+    "angle_noise": (2.0 * math.pi, "rad, beyond which all angles are equally likely"),
+    "angle_resolution": (math.pi, "rad, two steps a turn"),
+    "velocity_noise": (MAX_SPEED, "rad/s"),
+    "velocity_resolution": (MAX_SPEED, "rad/s"),
+    "observation_delay": (MAX_DELAY, _LATER),
+    "action_delay": (MAX_DELAY, _LATER),
+}
+
+_Timing = tuple[float, int, float]
+
+
+def checked_hardware(given: Mapping[str, Any]) -> dict[str, float]:
+    """Return the keywords of motors and sensors, or say which is no number that it may be."""
+    checked = {name: _checks.nonnegative_number(name, given[name]) for name in HARDWARE}
+    cycles = _checks.count("ripple_cycles", given["ripple_cycles"], high=MAX_RIPPLE_CYCLES)
+    return checked | {"ripple_cycles": cycles}
+
+
+def check_limits(largest: Mapping[str, float], mode: Mode, dt: float) -> None:
+    """Raise a ValueError that names the first setting beyond its limit.
+
+    `largest` has the settings, or the upper ends of their ranges where they are random.
+    """
+    limits = _LIMITS | {"push_rate": (1.0 / dt, "1/s, one a step; make dt smaller for more")}
+    for name, (limit, why) in limits.items():
+        if largest[name] > limit:
+            raise ValueError(f"{name} must be at most {limit:g} {why}; got {largest[name]:g}")
+    if (largest["push_rate"] > 0.0) != (largest["push_force"] > 0.0):
+        raise ValueError(
+            "push_rate and push_force must be given together, because a push needs both; got "
+            f"push_rate={largest['push_rate']:g} and push_force={largest['push_force']:g}"
+        )
+    for name in _OF_MOTORS:
+        if mode.torque_share == 0.0 and largest[name] > 0.0:
+            raise ValueError(
+                f"{name} must be left out in mode {mode.name!r}, which has no motor; "
+                f"got {largest[name]:g}"
+            )
+
+
+def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
+    """Write the settings of motors and sensors to `members`; return what is not ideal."""
+    for name, row in HARDWARE.items():
+        memory.members[row] = getattr(config, name)
+    driven = any(config.largest[name] > 0.0 for name in (*_OF_MOTORS, "push_rate"))
+    sensed = any(config.largest[name] > 0.0 for name in Sensor._fields)
+    return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
+
+
+def _slots(delay: float) -> int:
+    """Return how many steps are kept for a delay: a power of two, so that a mask finds a step."""
+    return 1 << (int(delay) + 1).bit_length()
+
+
+class Motors:
+    """The motors of many lanes, and what pushes them.
+
+    Attributes
+    ----------
+    timing : tuple
+        As `Memory.run` takes it, of the equal pieces into which a step is divided where torques
+        change within it: one substep each, else the whole step.
+    no_actions : ndarray, shape (lanes, 0)
+        For the step kernel, which then leaves the torques as they are.
+    kept : dict
+        Arrays (lanes, ...) that belong to the state of an environment.
+    """
+
+    def __init__(self, config: EnvConfig, memory: Memory) -> None:
+        self._memory, self._joints, substeps = memory, config.joints, config.min_substeps
+        largest, count = config.largest, config.joints.size
+        varies = largest["motor_lag"] > 0.0 or largest["torque_ripple"] > 0.0
+        varies |= config.action_delay % 1.0 > 0.0 or "action_delay" in config.context_names
+        self._pieces = substeps if varies else 1
+        self.timing = config.dt / self._pieces, substeps // self._pieces, config.max_rotation
+        kernels = (apply_one, advance_one) if memory.size == 1 else (apply_many, advance_many)
+        self._apply, self._advance = kernels
+        self.no_actions = np.zeros((memory.lanes, 0))
+        self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
+        self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
+        lagged: FloatArray = self._commands[Command.LAGGED].T
+        self.kept = {"past_actions": self._past, "lagged_actions": lagged}
+
+    def drive(self, keys: Keys, actions: FloatArray) -> None:
+        """Set the torques of a step, and take all of its pieces but the last."""
+        run, arrays = self._memory.run, (keys, actions, self._joints, self._past, self._commands)
+        for piece in range(self._pieces):
+            if piece > 0:
+                run(self._advance, (), *self.timing)
+            run(self._apply, (*arrays, piece, self._pieces), *self.timing)
+
+
+class Sensors:
+    """The sensors of many lanes.
+
+    Attributes
+    ----------
+    no_observation : ndarray, float32, shape (lanes, 0)
+        For the step kernel, which then leaves it to the sensors to observe.
+    kept : dict
+        Arrays (lanes, ...) that belong to the state of an environment.
+    """
+
+    def __init__(self, config: EnvConfig, memory: Memory) -> None:
+        self._memory, self._dt = memory, config.dt
+        self._sense = sense_one if memory.size == 1 else sense_many
+        self.no_observation = np.zeros((memory.lanes, 0), np.float32)
+        delay = config.largest["observation_delay"]
+        self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2 * memory.n))
+        self.kept: dict[str, FloatArray] = {"past_states": self._history} if delay > 0.0 else {}
+
+    def observe(
+        self, keys: Keys, observation: NDArray[np.float32], task: FloatArray, timing: _Timing
+    ) -> None:
+        """Write the observations, after a call of the step kernel with the same `timing`."""
+        arrays = keys, self._history, observation, task, self._dt
+        self._memory.run(self._sense, arrays, *timing)

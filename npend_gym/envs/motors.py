@@ -1,0 +1,249 @@
+"""Motors that are not ideal: from the actions of a step to torques at the joints.
+
+Called before the step kernel where a keyword asks for it. What acts, in this order: the action is
+clipped; it waits for `action_delay` steps; the motor follows it with `motor_lag`; the limit makes a
+torque of it; noise and ripple are added. A push at the tip adds the torques that it exerts.
+"""
+
+# ruff: noqa: ARG001  all kernels have the parameters that `Memory.run` hands them
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import NumbersOf, bare, packs
+from npend_gym.compiled.exponential import one_minus_exp
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.normal import normal_pair
+from npend_gym.compiled.packs import WIDTH, any_of, where
+from npend_gym.compiled.philox import Keys, Purpose, philox, unit
+from npend_gym.compiled.sincos import ROUND, sincos
+from npend_gym.envs.kernels import EPISODE_ROWS, Episode, wrapped
+from npend_gym.physics.kernels.layout import Group, Member, Model, Timing, group_of
+
+_FIRST = len(Member) + EPISODE_ROWS
+
+Joints = NDArray[np.int64]
+
+
+class MotorFields(NamedTuple):
+    """Rows of the ensemble's `members`, named as the keywords that set them."""
+
+    action_delay: int = _FIRST  # steps
+    motor_lag: int = _FIRST + 1  # s
+    torque_noise: int = _FIRST + 2  # N m
+    torque_ripple: int = _FIRST + 3  # N m
+    ripple_cycles: int = _FIRST + 4  # a turn
+    push_rate: int = _FIRST + 5  # 1/s
+    push_force: int = _FIRST + 6  # N
+
+
+Motor = MotorFields()
+
+
+class CommandFields(NamedTuple):
+    """Blocks of `commands`, with a row for each motor: what acts during a step."""
+
+    OLDER: int = 0  # the action that acts until the fraction of the delay has passed
+    NEWER: int = 1  # the one that acts then
+    LAGGED: int = 2  # the action as far as the motor has followed it
+    NOISE: int = 3  # N m
+    ACTION: int = 4  # mean over the present piece of the step, of what the motor follows
+    PUSH: int = 5  # first row: N, at the tip
+
+
+Command = CommandFields()
+
+
+@inlined_kernel
+def _decide(
+    members: FloatArray, g: int, width: int, actions: FloatArray, past: FloatArray,
+    commands: FloatArray,
+) -> None:  # fmt: skip
+    """Write which actions act on the lanes of group `g` in a step, and keep theirs for later."""
+    older, newer = commands[Command.OLDER], commands[Command.NEWER]
+    lagged = commands[Command.LAGGED]
+    motors, mask = past.shape[2], past.shape[1] - 1
+    for k in range(width):
+        lane = g * width + k
+        step, whole = int(members[Episode.STEPS, lane]), int(members[Motor.action_delay, lane])
+        squares = 0.0
+        for j in range(motors):
+            action = min(max(actions[lane, j], -1.0), 1.0)
+            squares += action * action
+            past[lane, step & mask, j] = action
+            newer[j, lane] = past[lane, (step - whole) & mask, j] if step >= whole else 0.0
+            older[j, lane] = past[lane, (step - whole - 1) & mask, j] if step > whole else 0.0
+            lagged[j, lane] = lagged[j, lane] if step > 0 else 0.0
+        members[Episode.MEAN_SQUARED_ACTION, lane] = squares / max(1, motors)
+
+
+@inlined_kernel
+def _disturb(
+    members: FloatArray, g: int, width: int, dt: float, keys: Keys, motors: int,
+    commands: FloatArray,
+) -> None:  # fmt: skip
+    """Draw the noise of the torques and the force at the tip, mostly none, of a step."""
+    noise, push = commands[Command.NOISE], commands[Command.PUSH, 0]
+    for k in range(width):
+        lane = g * width + k
+        low, high = keys[0, lane], keys[1, lane]
+        step, episode = members[Episode.STEPS, lane], members[Episode.EPISODE, lane]
+        scale, rate = members[Motor.torque_noise, lane], members[Motor.push_rate, lane]
+        for j in range(motors if scale > 0.0 else 0):
+            words = philox(low, high, j, step, Purpose.MOTOR, episode)
+            noise[j, lane] = scale * normal_pair(unit(words[0]), unit(words[1]))[0]
+        push[lane] = 0.0
+        if rate > 0.0:
+            words = philox(low, high, 0, step, Purpose.PUSH, episode)
+            if unit(words[0]) < rate * dt:
+                push[lane] = members[Motor.push_force, lane] * (2.0 * unit(words[1]) - 1.0)
+
+
+# These three are no part of their caller, where the compiler would compute most of them in advance,
+# needed or not
+
+
+@inner_kernel
+def _follow(
+    numbers: FloatArray, g: int, commands: FloatArray, motors: int, piece: int, pieces: int,
+    h: float,
+) -> None:  # fmt: skip
+    """Replace the actions of a group by the means, over `h` seconds, of what its motors follow.
+
+    Exact for lag y' = u - y with the command u older at first, then newer.
+    """
+    lag, older, newer = (
+        numbers[Motor.motor_lag, g],
+        commands[Command.OLDER],
+        commands[Command.NEWER],
+    )
+    per_lag = h / where(lag > 0.0, lag, 1.0)
+    share = _older_share(numbers, g, piece, pieces)
+    first, second = one_minus_exp(share * per_lag), one_minus_exp((1.0 - share) * per_lag)
+    for j in range(motors):
+        lagged, action = commands[Command.LAGGED, j, g], commands[Command.ACTION, j, g]
+        middle = lagged + (older[j, g] - lagged) * first
+        end = middle + (newer[j, g] - middle) * second
+        come = (older[j, g] - lagged) * first + (newer[j, g] - middle) * second
+        commands[Command.ACTION, j, g] = where(lag > 0.0, action - come / per_lag, action)
+        commands[Command.LAGGED, j, g] = where(lag > 0.0, end, newer[j, g])
+
+
+@inner_kernel
+def _add_ripple(numbers: FloatArray, g: int, group: Group, joints: Joints, half: float) -> None:
+    """Add the ripple of the motors, at the angles of the joints after `half` [s]."""
+    for j in range(joints.size):
+        joint = joints[j]
+        phi = group.theta[joint] + half * group.omega[joint]
+        if joint > 0:
+            phi = phi - (group.theta[joint - 1] + half * group.omega[joint - 1])
+        sine = sincos(numbers[Motor.ripple_cycles, g] * wrapped(phi))[0]
+        group.torque[joint] = group.torque[joint] + numbers[Motor.torque_ripple, g] * sine
+
+
+@inner_kernel
+def _push_tip(force: Any, group: Group, half: float) -> None:
+    """Add the torques that a horizontal force at the tip exerts, in the pose after `half` [s]."""
+    total = 0.0
+    for i in range(group.velocity.size - 1, -1, -1):
+        c = sincos(group.theta[i] + half * group.omega[i])[1]
+        total = total + force * (group.chain.length[i] * c)
+        group.torque[i] = group.torque[i] + total
+    for i in range(group.velocity.size, group.torque.size):
+        group.torque[i] = group.torque[i] + force  # on a base that moves
+
+
+@inlined_kernel
+def _older_share(numbers: FloatArray, g: int, piece: int, pieces: int) -> Any:
+    """Return for which part of a piece the older action acts, from its beginning."""
+    delay = numbers[Motor.action_delay, g]
+    whole = (delay + ROUND) - ROUND
+    share = (delay - where(whole > delay, whole - 1.0, whole)) * pieces - piece
+    return where(share > 1.0, 1.0, where(share > 0.0, share, 0.0))
+
+
+@inlined_kernel
+def _drive(
+    numbers: FloatArray, g: int, group: Group, joints: Joints, commands: FloatArray, piece: int,
+    pieces: int, h: float,
+) -> None:  # fmt: skip
+    """Set the torques of a group in one of the equal pieces of the step, of `h` seconds."""
+    share, action = _older_share(numbers, g, piece, pieces), commands[Command.ACTION]
+    older, newer = commands[Command.OLDER], commands[Command.NEWER]
+    for j in range(joints.size):
+        action[j, g] = share * older[j, g] + (1.0 - share) * newer[j, g]
+    if any_of(numbers[Motor.motor_lag, g] > 0.0):
+        _follow(numbers, g, commands, joints.size, piece, pieces, h)
+    for i in range(group.torque.size):
+        group.torque[i] = 0.0
+    for j in range(joints.size):
+        torque = numbers[Episode.MAX_TORQUE, g] * action[j, g] + commands[Command.NOISE, j, g]
+        group.torque[joints[j]] = torque
+    if any_of(numbers[Motor.torque_ripple, g] > 0.0):
+        _add_ripple(numbers, g, group, joints, 0.5 * h)
+    if any_of(commands[Command.PUSH, 0, g] != 0.0):
+        _push_tip(commands[Command.PUSH, 0, g], group, 0.5 * h)
+
+
+@spliced_kernel
+def _apply(
+    view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
+    keys: Keys, actions: FloatArray, joints: Joints, past: FloatArray,
+    commands: FloatArray, piece: int, pieces: int, timing: FloatArray,
+) -> None:  # fmt: skip
+    h = timing[Timing.DT]
+    if timing[Timing.FIRST_SUBSTEP] > 0.0:
+        return
+    for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
+        if piece == 0:
+            _decide(members, g, width, actions, past, commands)
+            _disturb(members, g, width, h * pieces, keys, joints.size, commands)
+        group = group_of(view(members), view(rods), view(model), g)
+        _drive(view(members), g, group, joints, view(commands), piece, pieces, h)
+
+
+@kernel
+def apply_one(
+    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, actions: FloatArray,
+    joints: Joints, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
+    timing: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Set the torques of one environment; see `apply_many`."""
+    _apply(
+        bare, 1, bare(members), bare(rods), bare(model), bare(keys), bare(actions), bare(joints),
+        bare(past), bare(commands), piece, pieces, timing,
+    )  # fmt: skip
+
+
+@kernel
+def apply_many(
+    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, actions: FloatArray,
+    joints: Joints, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
+    timing: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Set the torques of every lane for one of the equal pieces of a step.
+
+    Parameters
+    ----------
+    members, rods, model, timing, scratch
+        As for `npend_gym.envs.kernels.step_many`, `members` also with the rows of `Motor`; DT is
+        the time of the piece.
+    keys : ndarray, uint64, shape (2, lanes)
+    actions : ndarray, shape (lanes, m)
+        Raw actions of the m motors.
+    joints : ndarray, int64, shape (m,)
+        Where the motors are.
+    past : ndarray, shape (lanes, slots, m)
+        Clipped actions of the last steps, kept here; slots is a power of two.
+    commands : ndarray, shape (len(Command), max(m, 1), lanes)
+        Written; LAGGED is kept from step to step.
+    piece, pieces : int
+    """
+    _apply(
+        packs, WIDTH, bare(members), bare(rods), bare(model), bare(keys), bare(actions),
+        bare(joints), bare(past), bare(commands), piece, pieces, timing,
+    )  # fmt: skip

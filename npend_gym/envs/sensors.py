@@ -1,0 +1,198 @@
+"""Sensors that are not ideal: from the true state to what is observed of it.
+
+Called after the step kernel where a keyword asks for it. What acts, in this order: the state is
+that of `observation_delay` steps ago; noise is added; angles and angular velocities are rounded to
+multiples of their resolution. The true state, the info and the reward know nothing of it.
+"""
+
+# ruff: noqa: ARG001  all kernels have the parameters that `Memory.run` hands them
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import NumbersOf, bare, packs
+from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.compiled.normal import make_normal
+from npend_gym.compiled.packs import WIDTH, any_of, where
+from npend_gym.compiled.philox import Keys, Purpose, philox, unit
+from npend_gym.compiled.sincos import ROUND, sincos
+from npend_gym.envs.kernels import ANGLES, Episode, ObsArray, Task, observe, wrapped
+from npend_gym.envs.motors import Motor
+from npend_gym.physics.kernels.dynamics import copy
+from npend_gym.physics.kernels.layout import MAX_SPEED, Model, Rod, Scratch, Timing
+
+_FIRST = max(Motor) + 1
+_MOST = 2.0**51  # multiples: up to here adding ROUND rounds
+
+
+class SensorFields(NamedTuple):
+    """Rows of the ensemble's `members`, named as the keywords that set them."""
+
+    angle_noise: int = _FIRST  # rad
+    velocity_noise: int = _FIRST + 1  # rad/s
+    angle_resolution: int = _FIRST + 2  # rad
+    velocity_resolution: int = _FIRST + 3  # rad/s
+    observation_delay: int = _FIRST + 4  # steps
+
+
+Sensor = SensorFields()
+
+# Rows of the scratch space: what is measured, and the noise before it is scaled
+_THETA, _OMEGA = Scratch.THETA, Scratch.OMEGA
+_FIRST_NOISE, _SECOND_NOISE = Scratch.STEP_THETA, Scratch.STEP_OMEGA
+
+
+@inlined_kernel
+def _interpolate(
+    older: FloatArray, newer: FloatArray, fraction: float, dt: float, i: int
+) -> tuple[float, float]:
+    """Return angle and angular velocity of rod i, a `fraction` of a step before `newer`.
+
+    The cubic that has the angles and angular velocities of both states, and its derivative.
+    """
+    size, s = older.size // 2, 1.0 - fraction
+    turned = newer[i] - older[i]
+    first, last = dt * older[size + i], dt * newer[size + i]
+    # theta = older + s (first + s (bend + s twist)), s from 0 at `older` to 1 at `newer`
+    bend, twist = 3.0 * turned - 2.0 * first - last, first + last - 2.0 * turned
+    theta = older[i] + s * (first + s * (bend + s * twist))
+    return theta, (first + s * (2.0 * bend + s * (3.0 * twist))) / dt
+
+
+@inlined_kernel
+def _look_back(
+    members: FloatArray, rows: FloatArray, g: int, width: int, dt: float, history: FloatArray,
+    scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Write the states that the sensors of group `g` show, and keep the present ones for later.
+
+    Before the start of an episode the state was that of the start.
+    """
+    size, mask = history.shape[2] // 2, history.shape[1] - 1
+    theta, omega = scratch[_THETA], scratch[_OMEGA]
+    for k in range(width):
+        past, step = history[g * width + k], int(members[Episode.STEPS, g * width + k])
+        for i in range(size):
+            past[step & mask, i] = rows[Rod.THETA, i * width + k]
+            past[step & mask, size + i] = rows[Rod.OMEGA, i * width + k]
+        delay = min(members[Sensor.observation_delay, g * width + k], step)
+        whole = int(delay)
+        newer, older = past[(step - whole) & mask], past[(step - whole - 1) & mask]
+        for i in range(size):
+            angle, speed = newer[i], newer[size + i]
+            if delay > whole:
+                angle, speed = _interpolate(older, newer, delay - whole, dt, i)
+            theta[i * width + k], omega[i * width + k] = angle, speed
+
+
+@inlined_kernel
+def _draw_noise(
+    members: FloatArray, g: int, width: int, n: int, keys: Keys, first: FloatArray,
+    second: FloatArray,
+) -> None:  # fmt: skip
+    """Write the two random numbers in [0, 1) of every rod of group `g`."""
+    for k in range(width):
+        lane = g * width + k
+        step, episode = members[Episode.STEPS, lane], members[Episode.EPISODE, lane]
+        for i in range(0, n, 2):
+            words = philox(keys[0, lane], keys[1, lane], i // 2, step, Purpose.SENSOR, episode)
+            first[i * width + k], second[i * width + k] = unit(words[0]), unit(words[1])
+            if i + 1 < n:
+                j = (i + 1) * width + k
+                first[j], second[j] = unit(words[2]), unit(words[3])
+
+
+@inlined_kernel
+def _rounded(x: Any, resolution: Any) -> Any:
+    """Return the nearest multiple of the resolution, of two the even one; x where it is 0."""
+    steps = x / where(resolution > 0.0, resolution, 1.0)
+    whole = (steps + ROUND) - ROUND
+    return where((resolution > 0.0) & (abs(steps) < _MOST), whole * resolution, x)
+
+
+@inlined_kernel
+def _measure(numbers: FloatArray, g: int, n: int, scratch: FloatArray) -> None:
+    """Add the noise to the angles and angular velocities of a group, and round them."""
+    noise, step = numbers[Sensor.angle_noise, g], numbers[Sensor.angle_resolution, g]
+    ideal = (noise == 0.0) & (step == 0.0)
+    spread, speed_step = numbers[Sensor.velocity_noise, g], numbers[Sensor.velocity_resolution, g]
+    for i in range(n):
+        theta = scratch[_THETA, i]
+        angle = wrapped(theta) + noise * scratch[_FIRST_NOISE, i]
+        angle = wrapped(_rounded(wrapped(angle), step))
+        scratch[_THETA, i] = where(ideal, theta, angle)
+        omega = _rounded(scratch[_OMEGA, i] + spread * scratch[_SECOND_NOISE, i], speed_step)
+        omega = where(omega > MAX_SPEED, MAX_SPEED, omega)
+        scratch[_OMEGA, i] = where(omega < -MAX_SPEED, -MAX_SPEED, omega)
+
+
+@spliced_kernel
+def _sense(
+    view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, keys: Keys,
+    history: FloatArray, observation: ObsArray, task: FloatArray, dt: float,
+    timing: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    numbers, work = view(members), view(scratch)
+    n, observes = rods.shape[2] // width - 1, timing[Timing.SUBSTEPS] == 0.0
+    first, second = scratch[_FIRST_NOISE, : n * width], scratch[_SECOND_NOISE, : n * width]
+    if timing[Timing.LAST_SUBSTEP] < timing[Timing.SUBSTEPS]:
+        return
+    for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
+        if observes and not any_of(numbers[Episode.OBSERVED, g] > 0.0):
+            continue
+        if history.shape[1] > 0:
+            _look_back(members, rods[g], g, width, dt, history, scratch)
+        else:
+            copy(rods[g, Rod.THETA, : n * width], scratch[_THETA])
+            copy(rods[g, Rod.OMEGA, : n * width], scratch[_OMEGA])
+        noisy = (numbers[Sensor.angle_noise, g] > 0.0) | (numbers[Sensor.velocity_noise, g] > 0.0)
+        if any_of(noisy):
+            _draw_noise(members, g, width, n, keys, first, second)
+            make_normal(first, second)
+        _measure(numbers, g, n, work)
+        s, c = work[Scratch.SIN], work[Scratch.COS]
+        for i in range(n):
+            if task[Task.FORM] == ANGLES:
+                work[Scratch.WRAPPED, i] = wrapped(work[_THETA, i])
+            else:
+                s[i], c[i] = sincos(work[_THETA, i])
+        omega = scratch[_OMEGA, : (n + 1) * width]
+        observe(members, omega, g * width, width, scratch, observation, task)
+
+
+@kernel
+def sense_one(
+    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, history: FloatArray,
+    observation: ObsArray, task: FloatArray, dt: float, timing: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Observe one environment through its sensors; see `sense_many`."""
+    _sense(
+        bare, 1, bare(members), bare(rods), bare(keys), bare(history), bare(observation),
+        bare(task), dt, bare(timing), bare(scratch),
+    )  # fmt: skip
+
+
+@kernel
+def sense_many(
+    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, history: FloatArray,
+    observation: ObsArray, task: FloatArray, dt: float, timing: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Write the observations of every lane as its sensors show it.
+
+    A second call in the same step writes the same again.
+
+    Parameters
+    ----------
+    members, rods, model, observation, task, timing, scratch
+        As for `npend_gym.envs.kernels.step_many`, `members` also with the rows of `Sensor`.
+    keys : ndarray, uint64, shape (2, lanes)
+    history : ndarray, shape (lanes, slots, 2 size)
+        The states of the last steps, kept here; slots is a power of two, or 0 without delay.
+    dt : float
+        Time of a step [s].
+    """
+    _sense(
+        packs, WIDTH, bare(members), bare(rods), bare(keys), bare(history), bare(observation),
+        bare(task), dt, bare(timing), bare(scratch),
+    )  # fmt: skip

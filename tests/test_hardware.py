@@ -1,0 +1,393 @@
+"""Sensors and motors that are not ideal, against SciPy, NumPy's own Philox, and finer steps."""
+
+from itertools import pairwise
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
+from oracle import accelerations
+from scipy import signal, stats
+from scipy.integrate import solve_ivp
+
+from npend_gym.compiled.philox import Purpose
+from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv, SwingUp
+
+EVERYTHING = {
+    "angle_noise": 0.01, "velocity_noise": 0.05, "angle_resolution": 2.0 * np.pi / 4096,
+    "velocity_resolution": 0.01, "observation_delay": 1.5, "action_delay": 1.25,
+    "motor_lag": 0.03, "torque_noise": 0.3, "torque_ripple": 0.2, "push_rate": 2.0,
+    "push_force": 3.0,
+}  # fmt: skip
+# A wheel, whose angular velocity is the integral of the torque
+WHEEL = {"n": 1, "gravity": 0.0, "max_torque": 2.0, "dt": 0.05}
+HANGING = {"theta": 0.0, "omega": 0.0}
+
+
+class Effort(SwingUp):
+    """Rewards the mean squared action, to show it."""
+
+    def reward(self, quantities):
+        return quantities.mean_squared_action
+
+
+def commands(steps, seed=0):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (steps, 1))
+
+
+def drive(actions, *, options=HANGING, **keywords):
+    """Return angles and angular velocities after each step, (T, n), and the last energy error."""
+    env = NPendulumEnv(**keywords)
+    env.reset(seed=0, options=options)
+    infos = [env.step(action)[-1] for action in actions]
+    theta, omega = (np.array([info[key] for info in infos]) for key in ("theta", "omega"))
+    return theta, omega, infos[-1]["energy_error"]
+
+
+def forced(chain, torque_of, times, theta=0.0, breaks=()):
+    """Return the angles at the `times` under torques (n,) of time and angles, by SciPy."""
+    n = chain.n
+
+    def rhs(t, y):
+        theta, omega = y[:n], y[n:]
+        torque = torque_of(t, theta)
+        parameters = chain.masses, chain.lengths, chain.gravity, chain.damping
+        return np.concatenate([omega, accelerations(*parameters, theta, omega, torque)])
+
+    edges = np.unique(np.concatenate([times, breaks, [0.0]]))
+    y, shown = np.concatenate([np.full(n, theta), np.zeros(n)]), []
+    for a, b in pairwise(edges):
+        # the torque may jump at both ends
+        inside = lambda t, y, a=a, b=b: rhs(np.clip(t, a + 1e-12, b - 1e-12), y)  # noqa: E731
+        y = solve_ivp(inside, (a, b), y, "DOP853", rtol=1e-11, atol=1e-11).y[:, -1]
+        if b in times:
+            shown.append(y[:n])
+    return np.array(shown)
+
+
+def stream(seed, step, purpose, count, episode=0):
+    """Return the first numbers in [0, 1) of a stream of NumPy's generator."""
+    philox = np.random.Philox(key=[seed, 0], counter=[0, step, purpose, episode])
+    return np.random.Generator(philox).random(count)
+
+
+def normals(seed, step, purpose, count):
+    """Return the cosines and the sines of `count` pairs of Box and Muller, (2, count)."""
+    u, v = stream(seed, step, purpose, 2 * count).reshape(count, 2).T
+    radius, turn = np.sqrt(-2.0 * np.log1p(-u)), 2.0 * np.pi * v
+    return radius * np.array([np.cos(turn), np.sin(turn)])
+
+
+# -- motors ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lag", [0.004, 0.05, 3.0])
+@pytest.mark.parametrize("substeps", [1, 5])
+def test_a_motor_with_lag_answers_as_scipys_first_order_system(lag, substeps):
+    actions, dt = commands(30), WHEEL["dt"]
+    _, omega, error = drive(actions, motor_lag=lag, substeps=substeps, **WHEEL)
+    # the integral of the torque: 2 / (s (lag s + 1)), its input held over each step
+    system = signal.cont2discrete(signal.tf2ss([2.0], [lag, 1.0, 0.0]), dt, "zoh")
+    held = np.concatenate([actions, [[0.0]]])
+    _, expected, _ = signal.dlsim((*system[:4], dt), held)
+    np.testing.assert_allclose(omega[:, 0], expected[1:, 0], rtol=1e-11, atol=1e-12)
+    assert abs(error) < 1e-12
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 2.75])
+def test_an_action_acts_as_much_later_as_its_delay_says(delay):
+    actions, dt = commands(20), WHEEL["dt"]
+    _, omega, _ = drive(actions, action_delay=delay, **WHEEL)
+    ends = dt * np.arange(1, 21)
+    acted = np.clip(ends[:, None] - dt * (np.arange(20) + delay), 0.0, dt)  # for how long, each
+    np.testing.assert_allclose(omega[:, 0], 2.0 * acted @ actions[:, 0], atol=1e-13)
+
+
+def test_delays_in_fractions_of_a_step_converge_to_the_exact_motion():
+    actions, dt, delay = commands(12), 0.05, 1.3
+    chain = EnvConfig(n=2).chain
+    limit, times = EnvConfig(n=2).max_torque, dt * np.arange(1, 13)
+    starts = dt * (np.arange(12) + delay)
+
+    def torque(t, _theta):
+        k = np.searchsorted(starts, t, side="right") - 1
+        return np.array([limit * actions[k, 0] if k >= 0 else 0.0, 0.0])
+
+    exact = forced(chain, torque, times, breaks=starts[starts < times[-1]])
+    # with 10 substeps the change at 0.3 of a step falls between two: nothing is left but RK4
+    error = {}
+    for substeps in (4, 8, 16, 30):
+        theta = drive(actions, n=2, action_delay=delay, substeps=substeps)[0]
+        error[substeps] = np.abs(theta - exact).max()
+    assert error[4] < 3e-3
+    assert error[16] < 0.15 * error[4]  # of second order: a sixteenth, if 0.3 fell alike
+    assert error[30] < 1e-6
+
+
+def test_motors_with_lag_delay_and_ripple_converge_to_the_exact_motion():
+    lag, delay, ripple, cycles = 0.04, 0.6, 1.5, 7
+    actions, dt = commands(10, seed=3), 0.05
+    config = EnvConfig(n=2, actuated=(1,))
+    limit, times = config.max_torque, dt * np.arange(1, 11)
+    starts = dt * (np.arange(10) + delay)
+    # the lagged action, exactly, in steps of the command
+    level, come = 0.0, [0.0]
+    for k in range(9):
+        level = actions[k, 0] + (level - actions[k, 0]) * np.exp(-dt / lag)
+        come.append(level)
+
+    def torque(t, theta):
+        k = np.searchsorted(starts, t, side="right") - 1
+        y = actions[k, 0] + (come[k] - actions[k, 0]) * np.exp(-(t - starts[k]) / lag)
+        cogging = ripple * np.sin(cycles * (theta[1] - theta[0]))
+        return np.array([0.0, (limit * y if k >= 0 else 0.0) + cogging])
+
+    exact = forced(config.chain, torque, times, theta=0.4, breaks=starts[starts < times[-1]])
+    keywords = {
+        "n": 2, "actuated": (1,), "motor_lag": lag, "action_delay": delay,
+        "torque_ripple": ripple, "ripple_cycles": cycles,
+    }  # fmt: skip
+    error = {}
+    for substeps in (10, 20, 40):
+        found = drive(actions, options={"theta": 0.4, "omega": 0.0}, substeps=substeps, **keywords)
+        error[substeps] = np.abs(found[0] - exact).max()
+        assert abs(found[2]) < 1e-6
+    assert error[10] < 1e-2
+    assert 3.0 < error[10] / error[20] < 5.0
+    assert 3.0 < error[20] / error[40] < 5.0
+
+
+def test_a_push_is_the_horizontal_force_at_the_tip_that_was_drawn():
+    dt, force, steps = 0.01, 8.0, 20
+    keywords = {"n": 2, "mode": "passive", "push_rate": 50.0, "push_force": force, "dt": dt}
+    env = NPendulumEnv(**keywords)
+    env.reset(seed=5, options={"theta": 0.3, "omega": 0.0})
+    theta = np.array([env.step(0)[-1]["theta"] for _ in range(steps)])
+    u = np.array([stream(5, k, Purpose.PUSH, 2) for k in range(steps)])
+    pushes = np.where(u[:, 0] < 50.0 * dt, force * (2.0 * u[:, 1] - 1.0), 0.0)
+    assert 5 < np.count_nonzero(pushes) < 15
+
+    def torque(t, theta):
+        lever = env.config.chain.lengths * np.cos(theta)
+        return pushes[min(int(t / dt), steps - 1)] * np.cumsum(lever[::-1])[::-1]
+
+    times = dt * np.arange(1, steps + 1)
+    np.testing.assert_allclose(theta, forced(env.config.chain, torque, times, 0.3), atol=2e-5)
+
+
+def test_torque_noise_is_that_of_the_stream_and_acts_for_a_step():
+    _, omega, _ = drive(np.zeros((8, 1)), torque_noise=0.7, **WHEEL)
+    torque = [0.7 * normals(0, k, Purpose.MOTOR, 1)[0, 0] for k in range(8)]
+    np.testing.assert_allclose(omega[:, 0], WHEEL["dt"] * np.cumsum(torque), rtol=1e-12)
+
+
+def test_the_work_of_lag_noise_ripple_and_pushes_is_counted():
+    env = NPendulumVectorEnv(64, n=3, actuated=(0, 2), **EVERYTHING)
+    env.reset(seed=0)
+    for action in actions_for(env, 200):
+        info = env.step(action)[-1]
+    assert np.abs(info["energy_error"]).max() < 2e-4
+    assert np.abs(info["energy"]).min() > 0.0
+
+
+def test_the_mean_squared_action_is_that_of_the_clipped_command():
+    env = NPendulumEnv(mode=Effort(), **EVERYTHING)
+    env.reset(seed=0)
+    for action in (0.5, -3.0, 0.0):
+        assert env.step(np.array([action]))[1] == min(1.0, action * action)
+
+
+# -- sensors --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("observation", ["angles", "sincos"])
+def test_a_delay_in_whole_steps_shows_what_was_shown_without(observation):
+    keywords = {"n": 2, "mode": "swingup", "observation": observation}
+    prompt, late = NPendulumEnv(**keywords), NPendulumEnv(observation_delay=3, **keywords)
+    shown = [[env.reset(seed=1)[0]] for env in (prompt, late)]
+    for action in commands(12):
+        for env, each in zip((prompt, late), shown, strict=True):
+            each.append(env.step(action)[0])
+    np.testing.assert_array_equal(shown[1][3:], shown[0][:-3])
+    np.testing.assert_array_equal(shown[1][:3], [shown[0][0]] * 3)
+
+
+def test_a_delay_in_fractions_of_a_step_shows_the_motion_between_two_steps():
+    error = []
+    for dt in (0.1, 0.05):
+        late = NPendulumEnv(n=2, mode="passive", dt=dt, observation_delay=0.5)
+        fine = NPendulumEnv(n=2, mode="passive", dt=0.5 * dt)
+        start = {"theta": 0.8, "omega": 0.0}
+        for env in (late, fine):
+            env.reset(seed=0, options=start)
+        wrong = []
+        for _ in range(int(1.0 / dt)):
+            true, shown = fine.step(0)[0], late.step(0)[0]
+            fine.step(0)
+            wrong.append(np.abs(true - shown).reshape(2, 2).max(axis=1))
+        error.append(np.max(wrong, axis=0))
+    assert np.all(error[0] < [2e-3, 2e-2])
+    # a cubic: the angle of fourth order, its rate of fourth in the middle, as symmetry has it
+    assert np.all(error[1] < error[0] / 8.0)
+
+
+def test_noise_is_normal_independent_and_that_of_the_stream():
+    count, steps = 2048, 4
+    env = NPendulumVectorEnv(count, n=3, angle_noise=0.02, velocity_noise=0.5)
+    observation, info = env.reset(seed=10)
+    found = []
+    for action in actions_for(env, steps):
+        observation, *_, info = env.step(action)
+        found.append((observation - np.hstack([info["theta"], info["omega"]])) / 0.02)
+    noise = np.array(found)  # (steps, lanes, 6)
+    noise[..., 3:] /= 25.0
+    for one in np.moveaxis(noise, -1, 0):
+        assert stats.kstest(one.ravel(), "norm").pvalue > 1e-3
+    rows = np.moveaxis(noise, 1, -1).reshape(-1, count)
+    assert np.abs(np.corrcoef(rows) - np.eye(len(rows))).max() < 5.0 / np.sqrt(count)
+    for step, k in ((1, 0), (4, 77)):
+        expected = normals(10 + k, step, Purpose.SENSOR, 3).ravel()
+        np.testing.assert_allclose(noise[step - 1, k], expected, atol=1e-4)  # float32 shows it
+
+
+def test_what_is_measured_is_the_nearest_multiple_of_the_resolution():
+    fine, coarse = 2.0 * np.pi / 60.0, 0.25
+    env = NPendulumVectorEnv(50, n=2, angle_resolution=fine, velocity_resolution=coarse)
+    env.reset(seed=0)
+    for action in actions_for(env, 60):
+        observation, *_, info = env.step(action)
+        assert env.observation_space.contains(observation)
+        steps = observation / np.repeat([fine, coarse], 2)
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-4)
+        off = observation - np.hstack([info["theta"], info["omega"]])
+        off[:, :2] = np.angle(np.exp(1j * off[:, :2]))
+        assert np.all(np.abs(off) <= 0.5001 * np.repeat([fine, coarse], 2))
+    between = np.tile([0.125, 0.375], (50, 1))  # of two that are as near, the even one is shown
+    observation, _ = env.reset(options={"theta": 0.0, "omega": between})
+    np.testing.assert_array_equal(observation[:, 2:], np.tile([0.0, 0.5], (50, 1)))
+
+
+@pytest.mark.parametrize("observation", ["angles", "sincos"])
+def test_wild_sensors_stay_in_the_observation_space(observation):
+    wild = {"angle_noise": 2.0 * np.pi, "velocity_noise": 1e6, "angle_resolution": 1.0}
+    env = NPendulumVectorEnv(200, n=2, observation=observation, **wild)
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    for action in actions_for(env, 10):
+        assert env.observation_space.contains(env.step(action)[0])
+
+
+def test_info_reward_and_end_know_nothing_of_the_sensors():
+    sensors = ("angle_noise", "velocity_noise", "observation_delay", "angle_resolution")
+    settings = {key: EVERYTHING[key] for key in sensors}
+    env, ideal = (NPendulumVectorEnv(5, mode="balance", **k) for k in (settings, {}))
+    actions = actions_for(env, 60)
+    for shown, expected in zip(run(env, actions), run(ideal, actions), strict=True):
+        assert not np.array_equal(shown[0], expected[0])
+        assert_same(shown[1:], expected[1:])
+
+
+# -- the promises of all lanes ----------------------------------------------------------------
+
+
+def test_every_lane_is_the_single_env_of_its_seed_in_every_autoreset_mode():
+    keywords = {"num_envs": 18, "n": 2, "mode": "balance", "max_episode_steps": 7} | EVERYTHING
+    for autoreset in ("NEXT_STEP", "SAME_STEP"):
+        mode = gym.vector.AutoresetMode[autoreset]
+        ours = gym.make_vec("NPendulum-v0", autoreset_mode=mode, **keywords)
+        theirs = gym.make_vec(
+            "NPendulum-v0", vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode},
+            **keywords,
+        )  # fmt: skip
+        actions = actions_for(ours, 20)
+        assert_lanes_are_singles(run(ours, actions), run(theirs, actions))
+
+
+def two_episodes(autoreset, actions):
+    """Return the observations of two episodes of four lanes, the first and the last included."""
+    env = NPendulumVectorEnv(4, max_episode_steps=5, autoreset_mode=autoreset, **EVERYTHING)
+    shown = [env.reset(seed=2)[0]]
+    for episode in range(2):
+        for action in actions:
+            observation, *_, info = env.step(action)
+            ended = "final_obs" in info
+            shown.append(np.stack(list(info["final_obs"])) if ended else observation)
+        if episode == 0 and autoreset == "NEXT_STEP":
+            observation = env.step(actions[0])[0]
+        elif episode == 0 and autoreset == "DISABLED":
+            observation = env.reset(options={"reset_mask": np.ones(4, bool)})[0]
+        if episode == 0:
+            shown.append(observation)
+    return np.array(shown)
+
+
+def test_autoreset_modes_show_the_same_episodes():
+    actions = np.repeat(commands(5)[:, None], 4, axis=1)
+    expected = two_episodes("DISABLED", actions)
+    assert expected.shape == (12, 4, 4)
+    assert not np.array_equal(expected[:6], expected[6:])
+    for autoreset in ("NEXT_STEP", "SAME_STEP"):
+        np.testing.assert_array_equal(two_episodes(autoreset, actions), expected)
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_change_no_bit(threads):
+    one, some = (NPendulumVectorEnv(100, threads=k, **EVERYTHING) for k in (1, threads))
+    actions = actions_for(one, 12)
+    assert_same(run(some, actions), run(one, actions))
+    some.close()
+
+
+def test_noise_leaves_the_starts_of_a_seed_as_they_are():
+    for mode in ("swingup", "calm"):
+        noisy, plain = (NPendulumEnv(mode=mode, **k) for k in (EVERYTHING, {}))
+        assert_same(noisy.reset(seed=4)[1], plain.reset(seed=4)[1])
+
+
+@pytest.mark.long
+def test_links_with_motors_at_every_joint_can_have_them_all():
+    env = NPendulumVectorEnv(17, chain="realaigym C.1", actuated=(0, 1), **EVERYTHING)
+    alone = NPendulumEnv(chain="realaigym C.1", actuated=(0, 1), **EVERYTHING)
+    actions = actions_for(env, 15)
+    shown = run(env, actions, seed=3)
+    expected = [alone.reset(seed=19)] + [alone.step(action[16]) for action in actions]
+    for ours, theirs in zip(shown, expected, strict=True):
+        assert_same([lane(each, 16) for each in ours], list(theirs))
+    assert np.abs(shown[-1][-1]["energy_error"]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"angle_noise": -0.1}, "angle_noise must be zero or more, got -0.1"),
+        ({"velocity_noise": np.nan}, "velocity_noise must be finite, got nan"),
+        ({"angle_noise": 7.0}, "angle_noise must be at most 6.28319 rad, beyond which .* got 7"),
+        ({"angle_resolution": 4.0}, "angle_resolution must be at most 3.14159 rad"),
+        ({"observation_delay": 100.5}, "observation_delay must be at most 100 steps; make dt lar"),
+        ({"action_delay": 101}, "action_delay must be at most 100 steps; make dt larger"),
+        ({"motor_lag": np.inf}, "motor_lag must be finite, got inf"),
+        ({"push_rate": 30.0, "push_force": 1.0}, "push_rate must be at most 20 1/s, one a step"),
+        ({"push_rate": 1.0}, "push_rate and push_force must be given together"),
+        ({"push_force": 1.0}, "push_rate and push_force must be given together"),
+        ({"ripple_cycles": 0}, "ripple_cycles must be between 1 and 1000, got 0"),
+        ({"mode": "passive", "motor_lag": 0.1}, "motor_lag must be left out in mode 'passive'"),
+    ],
+)
+def test_settings_beyond_their_limits_are_refused_by_name(keywords, message):
+    for env in (NPendulumEnv, NPendulumVectorEnv):
+        with pytest.raises(ValueError, match=message):
+            env(**keywords)
+
+
+def test_the_longest_delays_work():
+    env = NPendulumEnv(n=1, observation_delay=100, action_delay=100)
+    first, _ = env.reset(seed=0)
+    for k in range(100):
+        np.testing.assert_array_equal(env.step([1.0])[0], first, str(k))
+    assert not np.array_equal(env.step([1.0])[0], first)
+
+
+def test_settings_of_zero_are_none():
+    zero = dict.fromkeys(EVERYTHING, 0.0)
+    ideal, plain = NPendulumEnv(**zero), NPendulumEnv()
+    assert_same(ideal.reset(seed=0), plain.reset(seed=0))
+    assert_same(ideal.step([0.5]), plain.step([0.5]))
