@@ -25,6 +25,7 @@ import torch
 import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 from training import evaluation_env
 
@@ -56,24 +57,48 @@ def make_model(config: dict[str, Any], seed: int, log: str | None = None) -> Bas
     if isinstance(rate, str):  # RL Zoo's "lin_1e-3": falls linearly to zero
         initial = float(rate.removeprefix("lin_"))
         settings["learning_rate"] = lambda progress_remaining: initial * progress_remaining
-    keywords = settings.pop("env_kwargs", {})
+    keywords, normalize = settings.pop("env_kwargs", {}), settings.pop("normalize", None)
     envs = gym.make_vec(env_id, num_envs=num_envs, autoreset_mode="SAME_STEP", **keywords)
+    venv = SB3VecEnv(envs)
+    if normalize:  # as in RL Zoo, by the running mean and deviation
+        more = normalize if isinstance(normalize, dict) else {}
+        venv = VecNormalize(venv, gamma=settings.get("gamma", 0.99), **more)
     model_class = algorithm(config["algo"])
-    return model_class(
-        env=SB3VecEnv(envs), seed=seed, tensorboard_log=log, device="cpu", **settings
-    )
+    return model_class(env=venv, seed=seed, tensorboard_log=log, device="cpu", **settings)
 
 
 def controller_of(model: BaseAlgorithm) -> Controller:
     """Return a function of observations that gives the model's deterministic actions."""
-    return lambda observation, _: model.predict(observation, deterministic=True)[0]
+    venv = model.get_vec_normalize_env()
+    seen = venv.normalize_obs if venv else lambda observation: observation
+    return lambda observation, _: model.predict(seen(observation), deterministic=True)[0]
+
+
+def state_of(model: BaseAlgorithm) -> dict[str, Any]:
+    """Return weights, steps and the statistics of observations: what a checkpoint holds."""
+    venv = model.get_vec_normalize_env()
+    statistics = vars(venv.obs_rms) if venv else {}
+    return {
+        "parameters": model.get_parameters(),
+        "steps": model.num_timesteps,
+        "observations": {name: torch.as_tensor(value) for name, value in statistics.items()},
+    }
+
+
+def restore(model: BaseAlgorithm, path: Path) -> None:
+    """Give a model the state of a checkpoint."""
+    state = torch.load(path, weights_only=True)
+    model.set_parameters(state["parameters"])
+    model.num_timesteps = state["steps"]
+    for name, value in state["observations"].items():
+        vars(model.get_vec_normalize_env().obs_rms)[name] = value.numpy()
 
 
 def load_run(folder: Path) -> tuple[BaseAlgorithm, dict[str, Any]]:
     """Return the best model of a run and its config; weights only, no code is run."""
     config = yaml.safe_load((folder / "config.yml").read_text(encoding="utf-8"))
     model = make_model(config, seed=0)
-    model.set_parameters(torch.load(folder / "best.pth", weights_only=True)["parameters"])
+    restore(model, folder / "best.pth")
     return model, config
 
 
@@ -103,8 +128,7 @@ class Checkpoints(BaseCallback):
         score = evaluate(controller, keywords, episodes=50, env_id=env_id).as_row()
         for name in ("success", "return", "motor_work"):
             self.logger.record(f"held_out/{name}", score[name])
-        state = {"parameters": self.model.get_parameters(), "steps": self.model.num_timesteps}
-        torch.save(state, self.folder / "last.pth")
+        torch.save(state_of(self.model), self.folder / "last.pth")
         if (score["success"], score["return"]) > self.best:
             self.best, self.score = (score["success"], score["return"]), score
             shutil.copyfile(self.folder / "last.pth", self.folder / "best.pth")
@@ -155,9 +179,7 @@ def main() -> None:
     torch.set_num_threads(1)  # two are slower for networks this small
     model = make_model(config, arguments.seed, str(folder / "tensorboard"))
     if arguments.resume:
-        state = torch.load(folder / "last.pth", weights_only=True)
-        model.set_parameters(state["parameters"])
-        model.num_timesteps = state["steps"]  # a replay buffer starts empty again
+        restore(model, folder / "last.pth")  # a replay buffer starts empty again
     checkpoints = Checkpoints(config, folder, total, arguments.every)
     start_time = time.perf_counter()
     try:

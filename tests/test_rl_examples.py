@@ -7,6 +7,7 @@ import re
 import shutil
 
 import gymnasium as gym
+import numpy as np
 import pytest
 from scripts import run_python, run_script
 from test_examples import ROOT
@@ -83,6 +84,28 @@ def test_train_sb3_trains_resumes_and_writes_a_model_card(script, tmp_path):
     assert successes_in(printed)[1] == "5"
 
 
+def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    yaml = pytest.importorskip("yaml")
+    import torch
+    from train_sb3 import controller_of, load_run, make_model, state_of
+
+    text = (EXAMPLES / "configs" / "balance-2.yml").read_text()
+    model = make_model(yaml.safe_load(text), seed=0)
+    model.learn(4096)
+    (tmp_path / "config.yml").write_text(text)
+    torch.save(state_of(model), tmp_path / "best.pth")
+    again, _ = load_run(tmp_path)
+    observation = model.get_vec_normalize_env().venv.reset()
+    actions = controller_of(model)(observation, {})
+    assert again.num_timesteps == 4096
+    np.testing.assert_array_equal(controller_of(again)(observation, {}), actions)
+    statistics = model.get_vec_normalize_env().obs_rms
+    scaled = (observation - statistics.mean) / np.sqrt(statistics.var + 1e-8)
+    bare = model.predict(scaled.clip(-10.0, 10.0).astype(np.float32), deterministic=True)[0]
+    np.testing.assert_allclose(actions, bare, atol=1e-5)
+
+
 CONFIGS = sorted(path.stem for path in (EXAMPLES / "configs").glob("*.yml"))
 
 
@@ -99,6 +122,7 @@ def test_rl_zoo_trains_what_the_config_is_named_after(config):
     mode, n = config.split("-")[:2]
     assert (env.unwrapped.config.mode.name, env.unwrapped.config.n) == (mode, int(n))
     assert env.spec.max_episode_steps <= 500
+    assert set(hyperparams.pop("normalize", {})) <= {"norm_obs", "norm_reward"}
     assert hyperparams.pop("n_envs", 1) > 1
     assert int(hyperparams.pop("n_timesteps")) >= 10_000
     if isinstance(hyperparams["learning_rate"], str):
