@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from npend_gym import Chain, __version__, physics, pseudo_periods, simulate
 from npend_gym._checks import FloatArray
 from npend_gym._palette import BLACK, BLUE, FAINT, GREEN, ORANGE
+from npend_gym.envs import NPendulumEnv
 from npend_gym.report import panels, styled
 
 HERE = Path(__file__).parent / "images"
@@ -139,6 +140,38 @@ def tolerance() -> Figure:
     return figure
 
 
+@styled
+def noise_and_delay() -> Figure:
+    """Draw what late and slow motors do to a rod, and what sensors show of its angle."""
+    figure = Figure(figsize=(7.6, 3.0))
+    left, right = panels(figure, 1, 2)
+    wheel = {"n": 1, "gravity": 0.0, "max_torque": 1.0, "dt": 0.05}
+    actions = np.repeat([1.0, 0.0, -1.0, 0.0], 8)[:, None]
+    times = wheel["dt"] * np.arange(1 + len(actions))
+    for label, color, keywords in (
+        ("ideal", BLACK, {}),
+        ("action_delay=2.5", BLUE, {"action_delay": 2.5}),
+        ("and motor_lag=0.1", ORANGE, {"action_delay": 2.5, "motor_lag": 0.1}),
+    ):
+        env = NPendulumEnv(**wheel, **keywords)
+        infos = [env.reset(seed=0, options={"theta": 0.0, "omega": 0.0})[1]]
+        infos += [env.step(action)[-1] for action in actions]
+        left.plot(times, [info["omega"][0] for info in infos], color=color, label=label)
+    left.set(xlabel="time [s]", ylabel="angular velocity [rad/s]", title="motors")
+    left.legend(fontsize=7)
+    sensors = {"observation_delay": 2, "angle_noise": 0.02, "angle_resolution": 0.1}
+    env = NPendulumEnv(n=1, mode="passive", dt=0.05, **sensors)
+    shown = [env.reset(seed=0, options={"theta": 0.8, "omega": 0.0})]
+    shown += [(observation, info) for observation, *_, info in (env.step(0) for _ in range(60))]
+    times = 0.05 * np.arange(len(shown))
+    right.plot(times, [info["theta"][0] for _, info in shown], color=BLACK, label="true")
+    observed = [observation[0] for observation, _ in shown]
+    right.plot(times, observed, ".", color=ORANGE, markersize=4, label="observed")
+    right.set(xlabel="time [s]", ylabel="angle [rad]", title="sensors")
+    right.legend(fontsize=7)
+    return figure
+
+
 def tutorial() -> Figure:
     """Return the figure that the reader of the tutorial draws, by the code that is shown there."""
     page = (HERE.parent / "tutorial.md").read_text(encoding="utf-8")
@@ -148,7 +181,13 @@ def tutorial() -> Figure:
     return names["figure"]
 
 
-FIGURES = {"tensions": tensions, "readings": readings, "tolerance": tolerance, "tutorial": tutorial}
+FIGURES = {
+    "tensions": tensions,
+    "readings": readings,
+    "tolerance": tolerance,
+    "noise_and_delay": noise_and_delay,
+    "tutorial": tutorial,
+}
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE
