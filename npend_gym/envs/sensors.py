@@ -115,14 +115,16 @@ def _rounded(x: Any, resolution: Any) -> Any:
 def _measure(numbers: FloatArray, g: int, n: int, scratch: FloatArray) -> None:
     """Add the noise to the angles and angular velocities of a group, and round them."""
     noise, step = numbers[Sensor.angle_noise, g], numbers[Sensor.angle_resolution, g]
-    ideal = (noise == 0.0) & (step == 0.0)
     spread, speed_step = numbers[Sensor.velocity_noise, g], numbers[Sensor.velocity_resolution, g]
+    ideal, rounds = (noise == 0.0) & (step == 0.0), any_of((step > 0.0) | (speed_step > 0.0))
     for i in range(n):
         theta = scratch[_THETA, i]
-        angle = wrapped(theta) + noise * scratch[_FIRST_NOISE, i]
-        angle = wrapped(_rounded(wrapped(angle), step))
+        angle = wrapped(theta + noise * scratch[_FIRST_NOISE, i])
+        omega = scratch[_OMEGA, i] + spread * scratch[_SECOND_NOISE, i]
+        if rounds:
+            angle = where(step > 0.0, wrapped(_rounded(angle, step)), angle)
+            omega = _rounded(omega, speed_step)
         scratch[_THETA, i] = where(ideal, theta, angle)
-        omega = _rounded(scratch[_OMEGA, i] + spread * scratch[_SECOND_NOISE, i], speed_step)
         omega = where(omega > MAX_SPEED, MAX_SPEED, omega)
         scratch[_OMEGA, i] = where(omega < -MAX_SPEED, -MAX_SPEED, omega)
 
