@@ -20,6 +20,12 @@ from suites.timing import Job, Peers, Row, rates
 LANES = 1024
 MANY = 65_536
 RANGES = {"masses": (0.8, 1.2), "lengths": (0.8, 1.2), "damping": {"low": 0.0, "high": 0.1}}
+NOISE = {"angle_noise": 0.01, "velocity_noise": 0.1, "torque_noise": 0.1}
+DELAYS = {"observation_delay": 1.5, "action_delay": 1.5}
+HARDWARE = NOISE | DELAYS | {
+    "angle_resolution": 0.001, "velocity_resolution": 0.01, "motor_lag": 0.05,
+    "torque_ripple": 0.1, "ripple_cycles": 7, "push_rate": 0.5, "push_force": 1.0,
+}  # fmt: skip
 
 
 def rows(peers: Peers) -> Iterator[Row]:
@@ -29,6 +35,7 @@ def rows(peers: Peers) -> Iterator[Row]:
     yield from early_ends()
     yield from random_chains()
     yield from states()
+    yield from sensors_and_motors()
 
 
 def repeated(function: Callable[[], object], items_per_call: float) -> Job:
@@ -80,6 +87,16 @@ def states() -> Iterator[Row]:
         jobs = {name: repeated(lambda env=env: env.set_state(env.get_state()), lanes)}
         step = repeated(lambda env=env, action=action: env.step(action), lanes)
         yield from compared(jobs, {"step": step})
+
+
+def sensors_and_motors() -> Iterator[Row]:
+    """Yield the rows of steps with noise and delays, beside steps with ideal sensors and motors."""
+    for substeps in (None, 1):
+        plain = {"substeps": substeps}
+        kinds = {"noise": NOISE, "noise and delays": NOISE | DELAYS, "all hardware": HARDWARE}
+        name = f"{LANES} lanes, substeps {substeps or 'by default'}"
+        jobs = {f"{kind}, {name}": ours(LANES, **plain, **more) for kind, more in kinds.items()}
+        yield from compared(jobs, {"ideal sensors and motors": ours(LANES, **plain)})
 
 
 def vector_env(**options: Any) -> Any:

@@ -111,23 +111,26 @@ def _draw_state(
 ) -> None:  # fmt: skip
     """Draw the state of lane `k` as the mode's `start` does, from the equilibrium drawn."""
     rows, lane, episode = rods[k // width], k % width, members[Episode.EPISODE, k]
+    words = philox(keys[0, k], keys[1, k], 0, 0, Purpose.START, episode)
+    if start[Start.KIND] == RELEASE:
+        angle = members[Episode.AMPLITUDE, k] + start[Start.SPREAD] * unit(words[0])
+        for i in range(n):
+            rows[Rod.THETA, i * width + lane] = angle
+            rows[Rod.OMEGA, i * width + lane] = 0.0
+        return
     stands = members.shape[0] - 2 * n if start[Start.GOALS] > 0.0 else 0
-    near, release = start[Start.NEARNESS], start[Start.KIND] == RELEASE
-    for i in range(n):
-        theta = omega = 0.0
-        if release:
-            u = _stream(keys, k, Purpose.START, episode, 0)
-            theta = members[Episode.AMPLITUDE, k] + start[Start.SPREAD] * u
-        else:
-            u = _stream(keys, k, Purpose.START, episode, i)
-            v = _stream(keys, k, Purpose.START, episode, n + i)
-            pose = start[Start.POSE]
-            if stands > 0 and members[stands + i, k] < 0.0:
-                pose += math.pi
-            theta = pose + (-near + (near + near) * u)
-            omega = -near + (near + near) * v
-        rows[Rod.THETA, i * width + lane] = theta
-        rows[Rod.OMEGA, i * width + lane] = omega
+    near = start[Start.NEARNESS]
+    for j in range(2 * n):  # the angles, then the angular velocities: four numbers a block
+        if j > 0 and j % 4 == 0:
+            words = philox(keys[0, k], keys[1, k], j // 4, 0, Purpose.START, episode)
+        drawn = -near + (near + near) * unit(words[j % 4])
+        if j >= n:
+            rows[Rod.OMEGA, (j - n) * width + lane] = drawn
+            continue
+        pose = start[Start.POSE]
+        if stands > 0 and members[stands + j, k] < 0.0:
+            pose += math.pi
+        rows[Rod.THETA, j * width + lane] = pose + drawn
 
 
 @inlined_kernel
