@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import csv
 import re
-import shutil
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ import train_cleanrl
 import train_es
 import train_imitation
 from evaluate import PLANS, controller_of
-from training import env_of_task, keep
+from training import env_of_task, keep, read_rows
 
 from npend_gym.report import write_csv
 from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate, pretrained_names
@@ -59,9 +58,13 @@ def tasks() -> list[str]:
     """Return all tasks for which there are settings or plans, in order."""
     named = {task for trainer in TRAINERS.values() for task in trainer.TASKS}
     named |= {f"swingup-{n}" for n in PLANS}
-    return sorted(
-        named, key=lambda task: (ORDER.index(task.split("-")[0]), int(task.split("-")[1]))
-    )
+    return sorted(named, key=place)
+
+
+def place(task: str) -> tuple[int, int, str]:
+    """Return where a task stands in the tables."""
+    mode, n, *_ = task.split("-")
+    return ORDER.index(mode), int(n), task
 
 
 def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
@@ -100,18 +103,16 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
     ]
 
 
-def recorded() -> list[dict[str, Any]]:
-    """Return the rows of the table in `docs/`."""
-    with (DOCS / "results" / "learning.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return [{name: value_of(text) for name, text in row.items()} for row in rows]
+def recorded(name: str = "learning") -> list[dict[str, Any]]:
+    """Return the rows of the table in `docs/`, or of its learning curves."""
+    return read_rows(DOCS / "results" / f"{name}.csv")
 
 
-def value_of(text: str) -> int | float | str | None:
-    """Return the value of a cell in a CSV file."""
-    if text.isdigit():
-        return int(text)
-    return float(text) if re.fullmatch(r"-?[\d.]+", text) else text or None
+def merged(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
+    """Return new rows together with those that `docs/` has of other tasks, in order."""
+    new = {row["task"] for row in rows}
+    kept = [row for row in recorded(name) if row["task"] not in new]
+    return sorted([*kept, *rows], key=lambda row: place(row["task"]))
 
 
 def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -197,11 +198,12 @@ def publish_table(rows: list[dict[str, Any]]) -> None:
     page.write_text(text, encoding="utf-8")
 
 
-def publish(rows: list[dict[str, Any]], out: Path) -> None:
+def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path) -> None:
     """Put the results into `docs/`, and the best policy of every task into the package."""
-    publish_table(rows)
-    shutil.copyfile(out / "curves.csv", DOCS / "results" / "learning_curves.csv")
-    shutil.copyfile(out / "curves.png", DOCS / "images" / "learning_curves.png")
+    publish_table(merged(rows, "learning"))
+    curves = merged(curves, "learning_curves")
+    write_csv(DOCS / "results" / "learning_curves.csv", curves)
+    draw(curves, DOCS / "images" / "learning_curves.png")
     PRETRAINED.mkdir(exist_ok=True)
     for task in dict.fromkeys(row["task"] for row in rows):
         trained = [row for row in rows if row["task"] == task and row["agent"] in TRAINERS]
@@ -213,7 +215,7 @@ def publish(rows: list[dict[str, Any]], out: Path) -> None:
 
 def score(policy: Policy, task: str) -> tuple[float, float]:
     """Return success and return of a policy in episodes that judge nothing."""
-    evaluation = evaluate(policy, env_of_task(task), seed=CHOICE)
+    evaluation = evaluate(policy, env_of_task(task), episodes=400, seed=CHOICE)
     return evaluation.success_rate, float(evaluation.returns.mean())
 
 
@@ -240,7 +242,7 @@ def main() -> None:
     draw(curves, arguments.out / "curves.png")
     print(table(rows))
     if arguments.publish:
-        publish(rows, arguments.out)
+        publish(rows, curves, arguments.out)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import re
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -95,6 +97,20 @@ def keep(policy: Policy, curve: Curve, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_csv(path.with_suffix(".csv"), curve)
     policy.save(path)
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a CSV file; an empty cell is None."""
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return [{name: value_of(text) for name, text in row.items()} for row in rows]
+
+
+def value_of(text: str) -> int | float | str | None:
+    """Return the value of a cell in a CSV file."""
+    if text.isdigit():
+        return int(text)
+    return float(text) if re.fullmatch(r"-?[\d.]+", text) else text or None
 
 
 def main(

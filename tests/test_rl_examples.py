@@ -133,6 +133,28 @@ def test_rl_zoo_trains_what_the_config_is_named_after(config):
     assert set(hyperparams) < set(inspect.signature(model_class).parameters)
 
 
+@pytest.mark.parametrize("task", ["swingup-1-robust", "calm-2-robust"])
+def test_the_configs_of_robust_policies_draw_what_the_policies_of_the_package_were_shown(task):
+    yaml = pytest.importorskip("yaml")
+    pytest.importorskip("torch")
+    from train_cleanrl import settings_of
+
+    by_id = yaml.safe_load((EXAMPLES / "configs" / f"{task}.yml").read_text())
+    env = settings_of(task).env
+    shown = next(value for key, value in by_id.items() if key != "algo")["env_kwargs"]
+    assert shown == {name: env[name] for name in ("n", "max_episode_steps", "randomize")}
+    trained = Policy.pretrained(task)
+    assert trained.env["randomize"] == trained.provenance["arguments"]["env"]["randomize"]
+    assert trained.env["randomize"] == env["randomize"]
+
+
+def test_a_task_with_an_unknown_ending_is_refused():
+    from training import env_of_task
+
+    with pytest.raises(ValueError, match='task must be like "swingup-2" or "swingup-2-robust"'):
+        env_of_task("swingup-2-fast")
+
+
 @pytest.mark.parametrize("config", CONFIGS)
 def test_every_config_makes_a_model(config):
     pytest.importorskip("stable_baselines3")
@@ -225,3 +247,15 @@ def test_the_table_in_the_docs_is_that_of_the_recorded_results():
     from results import recorded, table
 
     assert table(recorded()) in (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+
+
+def test_the_table_of_robustness_in_the_docs_is_that_of_the_recorded_results():
+    pytest.importorskip("torch")
+    from robustness import PAGE, TASKS, cases, recorded, success_of, table
+
+    rows = recorded()
+    assert table(rows) in PAGE.read_text(encoding="utf-8")
+    success = success_of(rows)
+    assert len(success) == 2 * sum(len(cases(int(task[-1]))) for task in TASKS)
+    whole = [success[f"{task}-robust", "drawn from the whole range"] for task in TASKS]
+    assert min(whole) >= 0.95

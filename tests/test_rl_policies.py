@@ -139,3 +139,19 @@ def test_a_pretrained_policy_is_small_and_succeeds_as_often_as_recorded(name):
     evaluation = evaluate(policy, policy.env, episodes=30)
     assert evaluation.success_rate == pytest.approx(recorded, abs=0.05)  # tanh is the system's own
     assert evaluation.success_rate > 0.9
+
+
+@pytest.mark.parametrize("task", ["swingup-1", "calm-2"])
+def test_a_robust_policy_holds_over_the_whole_range_of_training(task):
+    policy, nominal = Policy.pretrained(f"{task}-robust"), Policy.pretrained(task)
+    drawn = policy.env["randomize"]
+    for name in ("masses", "lengths", "gravity", "max_torque"):
+        assert drawn[name] == [0.8, 1.2]
+    assert not EnvConfig(**policy.env).observe_context  # it is not told which chain it has
+    slow = {"masses": (1.2, 1.2), "lengths": (1.2, 1.2), "max_torque": (0.8, 0.8)}
+    heavy = {"masses": (1.2, 1.2)}
+    for randomize in (drawn, slow, heavy):
+        keywords = policy.env | {"randomize": randomize}
+        assert evaluate(policy, keywords, episodes=40).success_rate >= 0.95
+    falls = evaluate(nominal, nominal.env | {"randomize": heavy}, episodes=40).success_rate
+    assert falls == (0.0 if task == "swingup-1" else 1.0)  # calming forgives much

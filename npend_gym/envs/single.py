@@ -166,6 +166,12 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         In mode "transition", with reward_type="sparse": observations are a Dict with goals.
     amplitude, spread : float
         Of the release [rad].
+    randomize : dict, optional
+        What is drawn at every start of an episode, by the name of a parameter of the chain or
+        "max_torque": a pair (low, high) of factors, or {"low": ..., "high": ...} of values. Each
+        end is a number or has an entry for each rod. ``info["context"]`` has what was drawn.
+    observe_context : bool
+        Whether these numbers are observed, at the end, from -1 to 1 within their ranges.
     angle_noise, velocity_noise : float
         Standard deviations of what the sensors add to angles [rad] and angular velocities [rad/s].
     angle_resolution, velocity_resolution : float
@@ -232,6 +238,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers;
             in mode "transition" the equilibria "start" and "goal" (n,), 0 or pi for each rod.
             They make no links of point masses, nor give links friction, rotors or drag anew.
+            With "persist": True they hold in later episodes too, until a reset with options.
 
         Returns
         -------
@@ -245,7 +252,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         """
         broken = self._progress is _UNFINISHED
         episodes = self._episodes.renewed() if broken else self._episodes
-        checked = None if options is None else checked_options(options, self.config)
+        checked = checked_options(options, self.config) if options else None
         self._progress = _UNFINISHED
         self._episodes = episodes
         super().reset(seed=seed)

@@ -119,7 +119,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             last seed begins.
         options : dict, optional
             "reset_mask", bool (B,); "theta", "omega" and the parameters of the chain (B, n);
-            "amplitude", "gravity" (B,); one number stands for all.
+            "amplitude", "gravity" (B,); one number stands for all. With "persist", bool or (B,),
+            they hold in later episodes too, until the lane is reset with options.
 
         Returns
         -------

@@ -1,0 +1,157 @@
+"""How often policies succeed with other chains than they were made for, trained on many or on one.
+
+Run it with `python examples/robustness.py`: it plays `swingup-1`, `calm-2` and their robust
+versions with chains drawn from the whole range of training, at all its corners, and with one
+parameter changed alone. It writes `robustness.csv`, a table, `robustness.md`, and a figure,
+`robustness.png`; `--publish` puts them into `docs/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from results import DOCS
+from tqdm import tqdm
+from training import ROBUST, env_of_task, read_rows
+
+from npend_gym._palette import BLUE, FAINT, ORANGE
+from npend_gym.report import styled, write_csv
+from npend_gym.rl import Policy, evaluate
+
+TASKS = ("swingup-1", "calm-2")
+FACTORED = ("masses", "lengths", "gravity", "max_torque")  # of ROBUST; damping has values
+FACTORS = [round(0.1 * tenth, 1) for tenth in range(5, 16)]
+PAGE = DOCS / "howto" / "randomize.md"
+TABLE = re.compile(r"\| chain \|.*?\n\n", re.DOTALL)
+NOMINAL, WHOLE, LOW, HIGH = "as made", "drawn from the whole range", "all low", "all high"
+
+
+def ends(name: str) -> tuple[float, float]:
+    """Return the ends of the range of a parameter in training."""
+    given = ROBUST[name]
+    return (given["low"], given["high"]) if isinstance(given, dict) else tuple(given)
+
+
+def fixed(name: str, value: Any) -> dict[str, Any]:
+    """Return the keyword `randomize` that always gives a parameter this factor, or value."""
+    always = (value, value) if name in FACTORED else {"low": value, "high": value}
+    return {name: always}
+
+
+def cases(n: int) -> dict[str, dict[str, Any]]:
+    """Return the keyword `randomize` of every case, by its name."""
+    found: dict[str, dict[str, Any]] = {NOMINAL: {}, WHOLE: ROBUST}
+    for name, factor in product(FACTORED, FACTORS):
+        found[f"{name} x {factor}"] = fixed(name, factor)
+    found["damping 0.05"] = fixed("damping", ends("damping")[1])
+    for name in FACTORED[:2] if n == 2 else ():
+        for pair in (list(ends(name)), list(ends(name))[::-1]):
+            found[f"{name} x {pair[0]} and {pair[1]}"] = fixed(name, pair)
+    return found | corners()
+
+
+def corners() -> dict[str, dict[str, Any]]:
+    """Return the keyword `randomize` of each corner of the whole range, by its name."""
+    found: dict[str, dict[str, Any]] = {}
+    for values in product(*map(ends, ROBUST)):
+        at = dict(zip(ROBUST, values, strict=True))
+        label = ", ".join(f"{name} {value}" for name, value in at.items())
+        found[label] = {k: v for name, value in at.items() for k, v in fixed(name, value).items()}
+    first, *_, last = found
+    return {{first: LOW, last: HIGH}.get(label, label): found[label] for label in found}
+
+
+def measure(episodes: int) -> list[dict[str, Any]]:
+    """Return a row for every policy and case, of episodes that neither trained nor chose."""
+    plays = [(task, name, given) for task in TASKS
+             for name, given in cases(env_of_task(task)["n"]).items()]  # fmt: skip
+    rows: list[dict[str, Any]] = []
+    for task, case, randomize in tqdm(plays, disable=None, unit="case"):
+        for name in (task, f"{task}-robust"):
+            keywords = env_of_task(task) | {"randomize": randomize}
+            row = evaluate(Policy.pretrained(name), keywords, episodes=episodes).as_row()
+            kept = {key: row[key] for key in ("episodes", "success", "return")}
+            rows.append({"policy": name, "case": case} | kept)
+    return rows
+
+
+def success_of(rows: list[dict[str, Any]]) -> dict[tuple[str, str], float]:
+    """Return the success rates by policy and case."""
+    return {(row["policy"], row["case"]): row["success"] for row in rows}
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the success of all policies at the ends of the ranges, as a table in Markdown."""
+    success = success_of(rows)
+    policies = list(dict.fromkeys(policy for policy, _ in success))
+    shown = [NOMINAL, WHOLE]
+    shown += [f"{name} x {end}" for name in FACTORED for end in ends(name)] + ["damping 0.05"]
+    shown += [case for case in cases(2) if " and " in case] + [LOW, HIGH]
+    lines = [f"| chain | {' | '.join(policies)} |", "|---" * (len(policies) + 1) + "|"]
+    for case in shown:
+        rates = [success.get((policy, case)) for policy in policies]
+        cells = ["" if rate is None else f"{100.0 * rate:.0f} %" for rate in rates]
+        lines.append(f"| {case} | {' | '.join(cells)} |")
+    at_corners = [[success[policy, case] for case in corners()] for policy in policies]
+    for label, summary in (("mean of the 32 corners", np.mean), ("worst corner", np.min)):
+        cells = [f"{100.0 * summary(rates):.0f} %" for rates in at_corners]
+        lines.append(f"| {label} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+@styled
+def figure(rows: list[dict[str, Any]]) -> Any:
+    """Draw success against the factor of a parameter, a row of panels for each task."""
+    from matplotlib.figure import Figure
+
+    success = success_of(rows)
+    drawn = Figure(figsize=(8.6, 4.2))
+    grid = drawn.subplots(len(TASKS), len(FACTORED), sharex=True, sharey=True)
+    for axes, (task, name) in zip(grid.flat, product(TASKS, FACTORED), strict=True):
+        axes.axvspan(*ends(name), color=FAINT, alpha=0.3, linewidth=0.0)
+        for policy, color, mark in ((task, ORANGE, "s--"), (f"{task}-robust", BLUE, "o-")):
+            rates = [100.0 * success[policy, f"{name} x {factor}"] for factor in FACTORS]
+            axes.plot(FACTORS, rates, mark, color=color, markersize=3.5, label=policy)
+        axes.set(ylim=(-5.0, 105.0), xticks=(0.5, 0.8, 1.0, 1.2, 1.5))
+    for axes, name in zip(grid[0], FACTORED, strict=True):
+        axes.set_title(name)
+    for axes in grid[-1]:
+        axes.set_xlabel("factor")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("success [%]")
+    for axes in grid[:, FACTORED.index("gravity")]:  # where the lines leave room
+        axes.legend(loc="center")
+    return drawn
+
+
+def main() -> None:
+    """Play, and write the tables and the figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/robustness"))
+    parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--publish", action="store_true", help="in docs/")
+    arguments = parser.parse_args()
+    rows = measure(arguments.episodes)
+    folder, picture = arguments.out, arguments.out / "robustness.png"
+    if arguments.publish:
+        folder, picture = DOCS / "results", DOCS / "images" / "robustness.png"
+        page = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(TABLE.sub(lambda _: table(rows) + "\n", page, count=1), encoding="utf-8")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_csv(folder / "robustness.csv", rows)
+    figure(rows).savefig(picture)
+    print(table(rows))
+
+
+def recorded() -> list[dict[str, Any]]:
+    """Return the rows that are published."""
+    return read_rows(DOCS / "results" / "robustness.csv")
+
+
+if __name__ == "__main__":
+    main()
