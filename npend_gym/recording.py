@@ -161,6 +161,8 @@ def record_episode(
     seconds = _checks.positive_number("seconds", seconds)
     env: Any = gym.make(ENV_ID, **keywords)
     config = env.unwrapped.config
+    if config.has_cart:
+        raise ValueError('base must be "pivot" in recordings, which show no cart; got "cart"')
     observation, info = env.reset(seed=seed)
     infos, done = [info], False
     actions: list[float] = []

@@ -56,7 +56,9 @@ def test_torchrl_spec_check_is_content_with_the_vector_environment(env_id, autor
 def test_minari_recovers_the_environment_of_a_dataset(env_id, tmp_path, monkeypatch):
     minari = pytest.importorskip("minari")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    env = minari.DataCollector(gym.make(env_id, n=3), record_infos=True, data_format="arrow")
+    keywords = {"dt": 0.03, "max_episode_steps": 50}
+    made = gym.make(env_id, **keywords)
+    env = minari.DataCollector(made, record_infos=True, data_format="arrow")
     env.action_space.seed(0)
     shown = []
     for seed in range(2):
@@ -66,7 +68,7 @@ def test_minari_recovers_the_environment_of_a_dataset(env_id, tmp_path, monkeypa
     env.close()
     dataset = minari.load_dataset("npend/random-v0")
     again = dataset.recover_environment()
-    assert again.spec == gym.make(env_id, n=3).spec
+    assert again.spec == gym.make(env_id, **keywords).spec
     for seed, (episode, observations) in enumerate(zip(dataset, shown, strict=True)):
         replayed = [again.reset(seed=seed)[0]]
         replayed += [again.step(action)[0] for action in episode.actions]

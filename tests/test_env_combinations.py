@@ -70,6 +70,12 @@ DRAWN = {
     "velocity_noise": one_of({"low": 0.0, "high": 0.2}),
     "observation_delay": one_of({"low": 0.0, "high": 2.0}),
 }
+DRAWN_OF_CARTS = {
+    "base": one_of("pivot", "cart"),
+    "cart_mass": one_of((0.5, 1.5), {"low": 0.4, "high": 3.0}),
+    "rail_damping": one_of({"low": 0.0, "high": 1.0}),
+    "max_force": one_of({"low": 0.5, "high": 4.0}),
+}
 # Of every keyword but n: the strategy of its values for n rods
 KEYWORDS = {
     "mode": one_of(*MODES, f"{__name__}:Own"),
@@ -110,6 +116,16 @@ HARDWARE = {
 NEEDS_MOTOR = {
     "difficulty", "torque_levels", "action_delay", "motor_lag", "torque_noise", "torque_ripple"
 }  # fmt: skip
+OF_CARTS = {
+    "base": one_of("pivot", "cart"),
+    "cart_mass": one_of(None, 0.5, 4.0),
+    "rail": one_of(None, 0.05, 5.0),
+    "rail_damping": one_of(0.0, 0.7),
+    "max_force": one_of(None, 0.0, 8.0),
+    "randomize": lambda n: st.fixed_dictionaries(
+        {}, optional={k: s(n) for k, s in (DRAWN | DRAWN_OF_CARTS).items()}
+    ),
+}
 # Those that make links of bobs, or give them drag
 OF_LINKS = {
     "chain": lambda n: st.just(chain_of_uneven_links(n)),
@@ -130,14 +146,24 @@ def combinations(draw, every_kernel=False):
     n = draw(st.integers(1, 3))
     links = draw(st.booleans())
     optional = KEYWORDS | (OF_LINKS if links else {})
-    if every_kernel or not links:
+    on_cart = draw(st.booleans())
+    if on_cart:
+        optional |= OF_CARTS
+    if every_kernel or not (links or on_cart):
         optional |= HARDWARE
     keywords = draw(st.fixed_dictionaries({}, optional={k: s(n) for k, s in optional.items()}))
     if links and not every_kernel:
         keywords.setdefault("friction", 0.01)
     if keywords.get("chain") is not None:
         keywords = {k: v for k, v in keywords.items() if k not in CHAIN_KEYWORDS}
-    if keywords.get("max_torque") is not None:
+    if keywords.get("base") != "cart":
+        keywords = {k: v for k, v in keywords.items() if k not in OF_CARTS or k == "randomize"}
+        if "randomize" in keywords:
+            drawn = keywords["randomize"].items()
+            keywords["randomize"] = {k: v for k, v in drawn if k not in DRAWN_OF_CARTS}
+    elif not keywords.get("actuated"):
+        keywords = {k: v for k, v in keywords.items() if k not in ("torque_noise", "torque_ripple")}
+    if {keywords.get(name) for name in ("max_torque", "max_force")} != {None}:
         keywords.pop("difficulty", None)
     if keywords.get("mode") == "passive":
         keywords = {k: v for k, v in keywords.items() if k not in NEEDS_MOTOR}
@@ -212,7 +238,7 @@ AUTORESET = st.sampled_from([AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 
 
 def test_every_keyword_has_a_strategy():
-    assert {"n", *KEYWORDS, *HARDWARE, *OF_LINKS} == set(EnvKeywords.__annotations__)
+    assert {"n", *KEYWORDS, *OF_CARTS, *OF_LINKS, *HARDWARE} == set(EnvKeywords.__annotations__)
 
 
 @settings(max_examples=40, phases=QUICKLY)

@@ -92,7 +92,11 @@ def test_a_task_of_ones_own_is_found_by_name_and_survives_json(make):
         (f"{__name__}:Impatient", ValueError, "cannot be imported: .*Impatient"),
         (f"{__name__}:NAMED", TypeError, "must name a class derived from npend_gym.envs.Mode"),
         (":Patient", ValueError, 'the name of a class, "package.module:Class"'),
-        (Patient, ValueError, "mode must be one of passive, swingup, balance, calm, an instance"),
+        (
+            Patient,
+            ValueError,
+            "mode must be one of passive, swingup, balance, calm, transition, an instance",
+        ),
     ],
 )
 def test_a_task_that_cannot_be_found_is_refused_with_the_reason(mode, error, message):

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
+from npend_gym import Chain
 from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv
 from npend_gym.envs.keywords import DEFAULTS
 from npend_gym.envs.registration import ENV_ID, MAX_EPISODE_STEPS, TASKS
 from npend_gym.rl import Policy, evaluate
 
 PAGES = Path(__file__).parents[1] / "docs" / "tasks"
+N_5 = {"chain": Chain.uniform(5).as_dict()}  # poles on a cart have a chain of their own
 SOLVED = [env_id for env_id, task in TASKS.items() if task.reward_threshold is not None]
 
 
@@ -37,19 +39,19 @@ def test_a_task_is_made_by_name_alone_singly_and_in_one_vector(env_id):
     assert type(env.unwrapped) is NPendulumEnv
     assert type(envs) is NPendulumVectorEnv
     for config in (env.unwrapped.config, envs.config):
-        assert config.n == 2
+        assert config.n == len(Chain.preset(TASKS[env_id].keywords.get("chain", "acrobot")).masses)
         assert config.mode.name == TASKS[env_id].keywords["mode"]
     observation, _ = env.reset(seed=5)
     assert np.array_equal(envs.reset(seed=4)[0][1], observation)
-    assert gym.make(env_id, n=5).unwrapped.config.n == 5
+    assert gym.make(env_id, **N_5).unwrapped.config.n == 5
 
 
 @pytest.mark.parametrize("env_id", TASKS)
 def test_the_spec_of_a_task_survives_json(env_id):
-    for spec in (gym.spec(env_id), gym.make(env_id, n=3, max_episode_steps=7).spec):
+    for spec in (gym.spec(env_id), gym.make(env_id, **N_5, max_episode_steps=7).spec):
         assert EnvSpec.from_json(spec.to_json()) == spec
     again = gym.make(EnvSpec.from_json(spec.to_json()))
-    assert (again.unwrapped.config.n, again.spec.max_episode_steps) == (3, 7)
+    assert (again.unwrapped.config.n, again.spec.max_episode_steps) == (5, 7)
 
 
 @pytest.mark.parametrize("env_id", SOLVED)
@@ -149,8 +151,8 @@ def test_the_page_of_a_task_repeats_what_the_environment_is(env_id):
     }
     (*actions, observations, arguments) = others
     if actions:
-        limit = f"{env.config.max_torque:.3f}"
-        assert actions[0][2][-1] == f"-{limit} to {limit} N m"
+        limit, unit = f"{env.config.action_limits[0]:.3f}", "N" if env.config.has_cart else "N m"
+        assert actions[0][2][-1] == f"-{limit} to {limit} {unit}"
     low, high = env.observation_space.low, env.observation_space.high
     for row, (entry, _, least, most) in enumerate(observations[2:]):
         assert (int(entry), float(least), float(most)) == (row, low[row], high[row])

@@ -123,6 +123,7 @@ class Chain:
     rods = classmethod(presets.rods)
     preset = classmethod(presets.preset)
     acrobot = classmethod(presets.acrobot)
+    cartpole = classmethod(presets.cartpole)
     realaigym = classmethod(presets.realaigym)
     multiarm = classmethod(presets.multiarm)
     dm_control = classmethod(presets.dm_control)

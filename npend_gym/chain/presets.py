@@ -14,10 +14,11 @@ from npend_gym.chain.parameters import MAX_RODS, STANDARD_GRAVITY
 if TYPE_CHECKING:
     from npend_gym.chain.model import Chain
 
-# A class method of Chain, and its argument
+# A class method of Chain, and its arguments
 PRESETS = (
     "acrobot", "realaigym A.0", "realaigym C.1", "multiarm 1", "multiarm 2", "multiarm 3",
-    "dm_control acrobot", "dm_control cartpole",
+    "dm_control acrobot", "dm_control cartpole", "dm_control cartpole 2", "dm_control cartpole 3",
+    "cartpole",
 )  # fmt: skip
 
 # RealAIGym: masses m [kg], lengths l and centres r [m], inertias about the joint I [kg m^2],
@@ -126,6 +127,18 @@ def acrobot(cls: type[Chain]) -> Chain:
     lengths of 1, centres in the middle, inertias of 1 about them, g = 9.8 m/s^2.
     """
     return cls([1.0, 1.0], [1.0, 1.0], 9.8, centres=0.5, inertias=1.0)
+
+
+def cartpole(cls: type[Chain]) -> Chain:
+    """Return the pole of Gymnasium's CartPole-v1, a rod of 0.1 kg and 1 m, g = 9.8 m/s^2.
+
+    It stands on a cart of 1 kg: ``base="cart", cart_mass=1.0``.
+
+    A. G. Barto, R. S. Sutton and C. W. Anderson, *Neuronlike adaptive elements that can solve
+    difficult learning control problems*, IEEE Transactions on Systems, Man, and Cybernetics 13
+    (1983), 834-846.
+    """
+    return cls.rods(0.1, 1.0, gravity=9.8)
 
 
 def realaigym(
@@ -237,13 +250,13 @@ def preset(cls: type[Chain], name: str) -> Chain:
     Parameters
     ----------
     name : str
-        One of PRESETS: the class method of `Chain`, and its argument.
+        One of PRESETS: the class method of `Chain`, and its arguments.
 
     Raises
     ------
     ValueError
         If `name` is another.
     """
-    method, _, argument = _checks.choice("the name of a chain", name, PRESETS).partition(" ")
-    given = [int(argument) if argument.isdigit() else argument] if argument else []
+    method, *arguments = _checks.choice("the name of a chain", name, PRESETS).split(" ")
+    given = [int(argument) if argument.isdigit() else argument for argument in arguments]
     return getattr(cls, method)(*given)

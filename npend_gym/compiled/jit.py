@@ -18,7 +18,8 @@ PACKAGE = Path(__file__).parent.parent
 # Everything that is compiled, relative to the package
 _SOURCES = (
     "compiled/*.py", "physics/kernels/*.py", "theory/pivots.py", "theory/closed_forms.py",
-    "envs/kernels.py", "envs/modes.py", "envs/motors.py", "envs/sensors.py", "envs/starts.py",
+    "envs/kernels.py", "envs/modes.py", "envs/motors.py", "envs/rows.py", "envs/sensors.py",
+    "envs/starts.py",
 )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.envs.cart import OF_CART, checked_cart, substeps_on_cart
 from npend_gym.envs.goals import check_goal_env, goal_space
 from npend_gym.envs.hardware import check_limits, checked_hardware
 from npend_gym.envs.keywords import (
@@ -26,11 +27,12 @@ from npend_gym.envs.keywords import (
     check_names,
     check_weight,
     joints_of,
-    torque_limit,
+    motor_limit,
     with_config_keywords,
 )
 from npend_gym.envs.modes import Mode, find_mode
 from npend_gym.envs.randomization import Randomization, check_randomize
+from npend_gym.envs.rows import MAX_CART_ENTRY
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
 
@@ -56,7 +58,7 @@ class EnvConfig:
     randomization : Randomization
         What is drawn at every start.
     joints : ndarray, int64
-        Actuated joints; none in a mode without a motor.
+        Actuated joints; none in a mode without a motor. With a cart the first is n: its force.
     min_substeps : int
         Substeps of a step in which no rod turns fast.
     max_rotation : float
@@ -85,6 +87,11 @@ class EnvConfig:
     reward_type: str
     goal_env: bool
     torque_levels: int | None
+    base: str
+    cart_mass: float | None
+    rail: float | None
+    rail_damping: float
+    max_force: float | None
     amplitude: float
     spread: float
     randomize: Mapping[str, Any] | None
@@ -115,15 +122,20 @@ class EnvConfig:
         given: dict[str, Any] = DEFAULTS | keywords
         chain = check_weight(chain_of(keywords))
         mode = find_mode(given["mode"])
-        joints = joints_of(given["actuated"], chain.n) if mode.torque_share > 0.0 else ()
+        cart = checked_cart(given, mode, chain)
+        on_cart = cart["base"] == "cart"
+        actuated = () if on_cart and "actuated" not in keywords else given["actuated"]
+        joints = joints_of(actuated, chain.n, least=0 if on_cart else 1)
+        joints = () if mode.torque_share == 0.0 else (chain.n, *joints) if on_cart else joints
         dt = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
-        max_torque = torque_limit(given, mode, chain)
+        max_torque = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
         hardware = checked_hardware(given)
-        settings = {"max_torque": max_torque} | hardware
+        of_cart = {name: cart[name] for name in OF_CART} if on_cart else {}
+        settings = {"max_torque": max_torque} | of_cart | hardware
         random = check_randomize(given["randomize"], chain, settings)
-        largest = {name: max(value, random.largest(name)) for name, value in hardware.items()}
-        check_limits(largest, mode, dt)
-        substeps, max_rotation = _substeps(given["substeps"], dt, random)
+        largest = {name: random.ends(name, value)[1] for name, value in hardware.items()}
+        check_limits(largest, mode, dt, sum(joint < chain.n for joint in joints))
+        substeps, max_rotation = _substeps(given["substeps"], dt, random, cart)
         amplitude = _checks.number("amplitude", given["amplitude"])
         spread = _checks.nonnegative_number("spread", given["spread"])
         observation = _checks.choice("observation", given["observation"], OBSERVATIONS)
@@ -133,7 +145,7 @@ class EnvConfig:
         checked = {
             "mode": mode,
             "chain": chain,
-            "actuated": given["actuated"],
+            "actuated": actuated,
             "max_torque": max_torque,
             "dt": dt,
             "substeps": given["substeps"],
@@ -153,6 +165,7 @@ class EnvConfig:
             "action_table": action_table(given["torque_levels"], mode, len(joints)),
             "largest": largest,
             **hardware,
+            **cart,
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -198,8 +211,25 @@ class EnvConfig:
     def observed(self) -> int:
         """Number of entries of an observation."""
         angles = 2 * self.n if self.with_sines else self.n
-        goals = self.n if self.observes_goals else 0
-        return angles + self.n + goals + (len(self.context_names) if self.observe_context else 0)
+        rest = (2 if self.has_cart else 0) + (self.n if self.observes_goals else 0)
+        return angles + self.n + rest + (len(self.context_names) if self.observe_context else 0)
+
+    @property
+    def has_cart(self) -> bool:
+        """Whether a cart carries the pivot."""
+        return self.base == "cart"
+
+    @property
+    def state_size(self) -> int:
+        """Number of entries of `NPendulumEnv.state`."""
+        return 2 * self.n + (2 if self.has_cart else 0)
+
+    @property
+    def action_limits(self) -> FloatArray:
+        """Force [N] or torque [N m] of the action 1, (joints,), in the order of `joints`."""
+        limits = np.full(self.joints.size, self.max_torque)
+        limits[self.joints == self.n] = self.max_force
+        return limits
 
     @property
     def observes_goals(self) -> bool:
@@ -208,7 +238,7 @@ class EnvConfig:
 
     @property
     def observation_space(self) -> spaces.Space[Any]:
-        """Angles (or sines and cosines), angular velocities, goal, observed context; float32.
+        """Angles (or sines and cosines), angular velocities, cart, goal, context; float32.
 
         With `goal_env` it is a Dict: see `NPendulumEnv`.
         """
@@ -216,6 +246,8 @@ class EnvConfig:
         angles = 2 * self.n if self.with_sines else self.n
         bound[:angles] = 1.0 if self.with_sines else np.pi
         bound[angles : angles + self.n] = self.speed_limit
+        if self.has_cart:
+            bound[angles + self.n : angles + self.n + 2] = MAX_CART_ENTRY
         box = spaces.Box(-bound, bound, dtype=np.float32)
         return goal_space(box, self.n) if self.goal_env else box
 
@@ -226,15 +258,22 @@ def make_config(env: type, keywords: EnvKeywords) -> EnvConfig:
     return EnvConfig(**keywords)
 
 
-def _substeps(given: int | None, dt: float, random: Randomization) -> tuple[int, float]:
+def _substeps(
+    given: int | None, dt: float, random: Randomization, cart: Mapping[str, Any]
+) -> tuple[int, float]:
     """Return the least number of substeps, and the rotation that divides one [rad]."""
     if given is not None:
         return _checks.count("substeps", given, high=MAX_SUBSTEPS), math.inf
-    chains = (
-        Chain(**{name: row[0] for name, row in corner._asdict().items()})
-        for corner in random.corners
-    )
-    return max(default_substeps(chain, dt) for chain in chains), MAX_ROTATION
+    most = 1
+    for corner in random.corners:
+        chain = Chain(**{name: row[0] for name, row in corner._asdict().items()})
+        substeps = default_substeps(chain, dt)
+        if cart["base"] == "cart":
+            mass = random.ends("cart_mass", cart["cart_mass"])[0]
+            damping = random.ends("rail_damping", cart["rail_damping"])[1]
+            substeps = substeps_on_cart(substeps, chain, dt, mass, damping)
+        most = max(most, substeps)
+    return most, MAX_ROTATION
 
 
 def _speed_scale(observation: str, chain: Chain) -> FloatArray:

@@ -12,22 +12,15 @@ from numpy.typing import NDArray
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.philox import Keys, Purpose, generator
+from npend_gym.envs.cart import OF_CART, base_of, cart_speed_factor
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import with_goals
 from npend_gym.envs.hardware import ROWS, fit_hardware
 from npend_gym.envs.info import Info
-from npend_gym.envs.kernels import (
-    ANGLES,
-    NUMBER_OF,
-    SINCOS,
-    Episode,
-    Output,
-    Task,
-    step_many,
-    step_one,
-)
-from npend_gym.envs.modes import Quantities
-from npend_gym.envs.options import EQUILIBRIA, KeptOptions
+from npend_gym.envs.kernels import step_many, step_one
+from npend_gym.envs.modes import Quantities, left_rail, rail_factor
+from npend_gym.envs.options import CART_STATE, EQUILIBRIA, KeptOptions
+from npend_gym.envs.rows import ANGLES, NUMBER_OF, SINCOS, Episode, Output, Task
 from npend_gym.envs.snapshots import Snapshots, States, seeds_of
 from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
@@ -37,9 +30,10 @@ from npend_gym.physics.memory import Memory
 # For `only_lane`, which has no time to look up fields: the rows from TIME on
 (
     _TIME, _ENERGY, _ENERGY_ERROR, _PSEUDO_PERIOD, _IDEAL_PERIOD, _TIP_HEIGHT, _COMPLETED,
-    _DIVERGED, _SUCCESS, _REWARD, _TERMINATED, _TRUNCATED,
+    _DIVERGED, _SUCCESS, _CART_POSITION, _CART_VELOCITY, _REWARD, _TERMINATED, _TRUNCATED,
 ) = Output[Output.TIME :]  # fmt: skip
 _ROWS = len(Output)
+STATE = Rod.THETA, Rod.OMEGA
 
 
 class Episodes:
@@ -68,12 +62,15 @@ class Episodes:
         self.config, self.count, self._max_steps = config, count, max_steps
         n, joints, random = config.chain.n, config.joints, config.randomization
         of_goals = 2 * n if config.mode.has_goals else 0  # the last rows of `members`
-        self._memory = Memory(random.richest, count, threads, ROWS + of_goals)
+        self._memory = Memory(random.richest, count, threads, ROWS + of_goals, base_of(config))
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
         members[Episode.MAX_TORQUE] = config.max_torque
         members[Episode.HAS_BOBS] = random.has_bobs
         members[Episode.AMPLITUDE] = config.amplitude
+        if config.has_cart:
+            for name, row in OF_CART.items():
+                members[row] = getattr(config, name)
         self.seeds: Sequence[int] = [0] * count
         self._keys: Keys = np.zeros((2, lanes), np.uint64)
         nominal = config.chain.repeated(1).stacked()[0]
@@ -83,8 +80,8 @@ class Episodes:
         self._task = np.array([
             self._judge, math.inf if max_steps is None else max_steps, config.hold_steps,
             SINCOS if config.with_sines else ANGLES, config.speed_limit,
-            config.reward_type == "sparse", config.mode.has_goals, config.observes_goals, *joints,
-            *(1.0 / config.speed_scale),
+            config.reward_type == "sparse", config.mode.has_goals, config.observes_goals,
+            config.rail or 0.0, cart_speed_factor(config), *joints, *(1.0 / config.speed_scale),
         ])  # fmt: skip
         self._actions = np.zeros((lanes, joints.size))  # of the next step
         self._beginning = (
@@ -175,6 +172,9 @@ class Episodes:
                     self._context[lanes, j] = stacked[:, field, rod]
         theta = options.get("theta", memory.read(Rod.THETA))[lanes]
         omega = options.get("omega", memory.read(Rod.OMEGA))[lanes]
+        for name, field in zip(CART_STATE, STATE, strict=True):
+            if name in options:
+                memory.of_base(field)[memory.place(lanes)] = options[name][lanes]
         memory.write_state(lanes, theta, omega)
 
     def _states_by_python(self, chosen: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
@@ -202,12 +202,17 @@ class Episodes:
 
     @property
     def angles(self) -> FloatArray:
-        """Angles and angular velocities, (B, 2 n), new."""
-        return np.hstack([self._memory.read(Rod.THETA), self._memory.read(Rod.OMEGA)])
+        """Angles and angular velocities, then place and velocity of a cart, (B, k), new."""
+        memory, cart = self._memory, STATE if self.config.has_cart else ()
+        of_cart = [memory.read_base(field)[:, None] for field in cart]
+        return np.hstack([*(memory.read(field) for field in STATE), *of_cart])
 
     @angles.setter
     def angles(self, values: FloatArray) -> None:
-        self._memory.write_state(np.arange(self.count), *np.hsplit(values, 2))
+        memory, lanes, n = self._memory, np.arange(self.count), self.config.n
+        for field, column in zip(STATE, values.T[2 * n :], strict=False):
+            memory.of_base(field)[memory.place(lanes)] = column
+        memory.write_state(lanes, values[:, :n], values[:, n : 2 * n])
         self.observe()
 
     def observe(self, *, reuse_buffers: bool = False) -> None:
@@ -254,12 +259,16 @@ class Episodes:
         quantities = self.quantities() if self.count > 1 else self.quantities_of_only_lane()
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
-        held[judged] *= np.broadcast_to(mode.achieved(quantities), (self.count,))[judged]
+        left = left_rail(quantities.rail_position)
+        achieved = np.logical_and(mode.achieved(quantities), np.logical_not(left))
+        held[judged] *= np.broadcast_to(achieved, (self.count,))[judged]
         outputs[Output.SUCCESS] = held > self._task[Task.HOLD_STEPS]
         if not observes:
             is_sparse = self.config.reward_type == "sparse"
-            outputs[Output.REWARD] = (mode.achieved if is_sparse else mode.reward)(quantities)
-            outputs[Output.TERMINATED] = mode.failed(quantities)
+            reward = (mode.achieved if is_sparse else mode.reward)(quantities)
+            factor = 1.0 if is_sparse else rail_factor(quantities.rail_position)
+            outputs[Output.REWARD] = np.where(left, 0.0, reward * factor)
+            outputs[Output.TERMINATED] = np.logical_or(mode.failed(quantities), left)
             outputs[[[Output.REWARD], [Output.TERMINATED]], starts] = 0.0
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
 
@@ -323,6 +332,9 @@ class Episodes:
             info["context"] = self._context[: self.count].copy()
         if self.config.mode.has_goals:
             info["goal"] = self._goals()
+        if self.config.has_cart:
+            info["cart_position"] = outputs[_CART_POSITION]
+            info["cart_velocity"] = outputs[_CART_VELOCITY]
         return info
 
     def only_lane(self) -> tuple[float, bool, bool, Info[float, int, bool]]:
@@ -348,6 +360,9 @@ class Episodes:
             info["context"] = self._context[0].copy()
         if self.config.mode.has_goals:
             info["goal"] = self._goals()[0]
+        if self.config.has_cart:
+            info["cart_position"] = row[_CART_POSITION]
+            info["cart_velocity"] = row[_CART_VELOCITY]
         return row[_REWARD], row[_TERMINATED] != 0.0, row[_TRUNCATED] != 0.0, info
 
     def _goals(self) -> FloatArray:
@@ -356,12 +371,21 @@ class Episodes:
         return np.array([0.0, math.pi])[(cosines < 0.0).astype(np.int64)]
 
     def positions(self) -> FloatArray:
-        """Return the positions of the bobs [m], shape (B, n, 2)."""
-        return energy.positions(self._memory.parameters, self._memory.read(Rod.THETA))
+        """Return the positions of the bobs [m], shape (B, n, 2), from the middle of a rail."""
+        from_pivot = energy.positions(self._memory.parameters, self._memory.read(Rod.THETA))
+        return from_pivot + self._pivots()
 
     def bodies(self) -> FloatArray:
         """Return the centres of mass of links that are bodies [m], (B, n, 2); else (B, 0, 2)."""
-        return energy.bodies(self._memory.parameters, self._memory.read(Rod.THETA))
+        from_pivot = energy.bodies(self._memory.parameters, self._memory.read(Rod.THETA))
+        return from_pivot + self._pivots()
+
+    def _pivots(self) -> FloatArray:
+        """Return the positions of the pivots [m], (B, 1, 2)."""
+        places = np.zeros((self.count, 1, 2))
+        if self.config.has_cart:
+            places[:, 0, 0] = self._memory.read_base(Rod.THETA)
+        return places
 
     def action(self, lane: int) -> FloatArray:
         """Return the last action of a lane, torque over its limit, (joints,)."""

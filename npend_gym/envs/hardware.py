@@ -17,9 +17,9 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys
-from npend_gym.envs.kernels import Episode
 from npend_gym.envs.modes import Mode
 from npend_gym.envs.motors import Command, Motor, apply_many, apply_one
+from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import Sensor, sense_many, sense_one
 from npend_gym.physics.kernels.ensemble import advance_many, advance_one
 from npend_gym.physics.kernels.layout import MAX_SPEED
@@ -35,6 +35,7 @@ HARDWARE = Motor._asdict() | Sensor._asdict()  # names, and their rows of `membe
 ROWS = len(Episode) + len(HARDWARE)  # of an environment, after those of `Member`
 
 _OF_MOTORS = ("action_delay", "motor_lag", "torque_noise", "torque_ripple")
+_OF_TORQUES = ("torque_noise", "torque_ripple")  # which the force on a cart has not
 _LATER = "steps; make dt larger for a longer delay"
 _LIMITS = {
     "angle_noise": (2.0 * math.pi, "rad, beyond which all angles are equally likely"),
@@ -55,8 +56,8 @@ def checked_hardware(given: Mapping[str, Any]) -> dict[str, float]:
     return checked | {"ripple_cycles": cycles}
 
 
-def check_limits(largest: Mapping[str, float], mode: Mode, dt: float) -> None:
-    """Raise a ValueError that names the first setting beyond its limit.
+def check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: int) -> None:
+    """Raise a ValueError that names the first setting beyond its limit, for `joints` with a motor.
 
     `largest` has the settings, or the upper ends of their ranges where they are random.
     """
@@ -74,6 +75,12 @@ def check_limits(largest: Mapping[str, float], mode: Mode, dt: float) -> None:
             raise ValueError(
                 f"{name} must be left out in mode {mode.name!r}, which has no motor; "
                 f"got {largest[name]:g}"
+            )
+    for name in _OF_TORQUES:
+        if joints == 0 and largest[name] > 0.0:
+            raise ValueError(
+                f"{name} must be left out where no joint has a motor; actuated=(0,) gives one to "
+                f"the joint on the cart; got {largest[name]:g}"
             )
 
 
@@ -145,7 +152,8 @@ class Sensors:
         self._sense = sense_one if memory.size == 1 else sense_many
         self.no_observation = np.zeros((memory.lanes, 0), np.float32)
         delay = config.largest["observation_delay"]
-        self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2 * memory.n))
+        size = memory.n + 1 if config.has_cart else memory.n
+        self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2 * size))
         self.kept: dict[str, FloatArray] = {"past_states": self._history} if delay > 0.0 else {}
 
     def observe(

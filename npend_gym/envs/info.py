@@ -57,6 +57,10 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     """With `randomize`: the numbers drawn for this episode, (k,), by `EnvConfig.context_names`."""
     goal: NotRequired[FloatArray]
     """In a mode with goals: the angles, 0 or pi, that the rods are to reach [rad], shape (n,)."""
+    cart_position: NotRequired[_Real]
+    """With a cart: its place, from the middle of the rail [m]."""
+    cart_velocity: NotRequired[_Real]
+    """With a cart: [m/s]."""
 
 
 BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]

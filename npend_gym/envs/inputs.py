@@ -62,15 +62,16 @@ def checked_lanes(lanes: Any, count: int) -> NDArray[np.int64]:
     return given.astype(np.int64)
 
 
-def checked_state(value: Any, shape: tuple[int, int]) -> FloatArray:
-    """Return angles and angular velocities (B, 2n), or say what is wrong with them."""
+def checked_state(value: Any, shape: tuple[int, int], n: int) -> FloatArray:
+    """Return angles and angular velocities, and those of a cart, or say what is wrong with them."""
     given = _checks.array("state", value)
     if given.size != math.prod(shape) or given.shape[-1:] != shape[-1:]:
         wanted = shape[1:] if shape[0] == 1 else shape
         raise ValueError(f"state must have the shape {wanted}, got {given.shape}")
-    theta, omega = np.hsplit(given.reshape(shape), 2)
+    theta, omega, of_cart = np.hsplit(given.reshape(shape), [n, 2 * n])
     _checks.within("the angles of state", theta, MAX_ANGLE)
     _checks.within("the velocities of state", omega, MAX_SPEED)
+    _checks.within("the cart of state", of_cart, MAX_ANGLE)
     return given.reshape(shape)
 
 

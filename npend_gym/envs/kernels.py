@@ -7,7 +7,7 @@ observations, the quantities that modes judge by, and the numbers of the info.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,25 @@ from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import ROUND
-from npend_gym.envs.modes import Balance, Calm, Mode, Passive, Quantities, SwingUp, Transition
+from npend_gym.envs.modes import (
+    Balance,
+    Calm,
+    Passive,
+    Quantities,
+    SwingUp,
+    Transition,
+    left_rail,
+    rail_factor,
+)
+from npend_gym.envs.rows import (
+    ANGLES,
+    MAX_CART_ENTRY,
+    MODE_NUMBERS,
+    SINCOS,
+    Episode,
+    Output,
+    Task,
+)
 from npend_gym.physics.kernels.dynamics import energies
 from npend_gym.physics.kernels.ensemble import advance_group, bob_velocities
 from npend_gym.physics.kernels.layout import (
@@ -36,104 +54,6 @@ _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
 _PI_32 = np.float32(np.pi)
 
 
-class EpisodeFields(NamedTuple):
-    """Rows of the ensemble's `members` that belong to the environments.
-
-    In a mode with goals the last 2 n rows are the cosines, +-1, of each rod in the equilibrium near
-    which the episode started, and in that which is its goal.
-    """
-
-    START_ENERGY: int = len(Member)  # J, at the start of the episode
-    MEAN_SQUARED_ACTION: int = len(Member) + 1  # of the last step, 0 to 1
-    STARTING: int = len(Member) + 2  # 1 where an episode starts: the call judges it as new
-    OBSERVED: int = len(Member) + 3  # 1 where a call that only observes is to write
-    MAX_TORQUE: int = len(Member) + 4  # N m of the action 1
-    PER_ENERGY: int = len(Member) + 5  # 1/J, of the energy that lifts the chain upright
-    PER_LENGTH: int = len(Member) + 6  # 1/m, of the chain's length
-    # 1/(kg m): height of the centre of mass, 0 to 1, over sum carried * (1 - cos)
-    PER_LIFT: int = len(Member) + 7
-    IDEAL_PERIOD: int = len(Member) + 8  # s; 0 where it does not apply
-    HAS_BOBS: int = len(Member) + 9  # 1 where it does: point masses on massless rods
-    EPISODE: int = len(Member) + 10  # number of the episode of this seed, from 0
-    STEPS: int = len(Member) + 11  # of the episode
-    STEPS_HELD: int = len(Member) + 12  # instants in a row at which the goal was met
-    AMPLITUDE: int = len(Member) + 13  # rad, of a release
-
-
-Episode = EpisodeFields()
-EPISODE_ROWS = len(Episode)
-
-
-class OutputFields(NamedTuple):
-    """Rows of `outputs`, an entry for each lane: first what a mode judges by.
-
-    After these follow n rows each of pseudo-periods (0.0 where not complete), angles, angular
-    velocities and, in a mode with goals, cosines of the angles.
-    """
-
-    HEIGHT: int = 0
-    TIP: int = 1
-    ENERGY: int = 2
-    KINETIC_ENERGY: int = 3
-    ENERGY_FRACTION: int = 4
-    MEAN_SQUARED_ACTION: int = 5
-    CLOSENESS: int = 6
-    GOAL_DISTANCE: int = 7
-    TIME: int = 8  # s
-    ENERGY_JOULES: int = 9
-    ENERGY_ERROR: int = 10
-    PSEUDO_PERIOD: int = 11  # s
-    IDEAL_PERIOD: int = 12  # s
-    TIP_HEIGHT: int = 13  # m
-    COMPLETED: int = 14
-    DIVERGED: int = 15
-    SUCCESS: int = 16
-    REWARD: int = 17  # this and what follows belongs to a step, and is no part of the info
-    TERMINATED: int = 18
-    TRUNCATED: int = 19
-
-
-Output = OutputFields()
-
-
-class TaskFields(NamedTuple):
-    """Entries of `task`: what is the same for all lanes.
-
-    The actuated joints follow, and then a factor of each observed angular velocity.
-    """
-
-    MODE: int = 0  # number of a built-in mode; 0: Python judges
-    MAX_STEPS: int = 1  # of an episode; infinite: any number
-    HOLD_STEPS: int = 2  # over which the goal must have held
-    FORM: int = 3  # of the observation
-    SPEED_LIMIT: int = 4  # to which observed angular velocities are clipped
-    SPARSE: int = 5  # 1: the reward is 1 where the goal is met, else 0
-    GOALS: int = 6  # 1: each episode has a goal of its own
-    OBSERVED_GOALS: int = 7  # 1: which is observed after the angular velocities
-
-
-Task = TaskFields()
-
-
-ANGLES, SINCOS = 0.0, 1.0  # forms of the observation
-
-
-class ModeNumbers(NamedTuple):
-    """The built-in modes, as `Task.MODE` knows them."""
-
-    PASSIVE: int = 1
-    SWING_UP: int = 2
-    BALANCE: int = 3
-    CALM: int = 4
-    TRANSITION: int = 5
-
-
-MODE_NUMBERS = ModeNumbers()
-NUMBER_OF: dict[type[Mode], int] = dict(
-    zip((Passive, SwingUp, Balance, Calm, Transition), MODE_NUMBERS, strict=True)
-)
-
-
 def _compiled(formula: Any) -> Any:
     """Return a formula of a mode, compiled: its `self` is None."""
     return inlined_kernel(formula)
@@ -146,6 +66,7 @@ _balance_achieved = _compiled(Balance.achieved)
 _calm_reward, _calm_achieved = _compiled(Calm.reward), _compiled(Calm.achieved)
 _transition_reward = _compiled(Transition.reward)
 _transition_achieved = _compiled(Transition.achieved)
+_left_rail, _rail_factor = _compiled(left_rail), _compiled(rail_factor)
 
 
 @inlined_kernel
@@ -155,10 +76,12 @@ def _apply_actions(
 ) -> None:  # fmt: skip
     """Turn the actions (lanes, joints) of a group into torques; beyond +-1 they are clipped."""
     for k in range(width):
-        limit, squares = members[Episode.MAX_TORQUE, first + k], 0.0
+        squares = 0.0
         for column in range(actions.shape[1]):
             given, joint = actions[first + k, column], int(task[len(Task) + column])
             action = 1.0 if given > 1.0 else max(given, -1.0)
+            of_cart = (joint + 1) * width == rows.shape[1]
+            limit = members[Episode.MAX_FORCE if of_cart else Episode.MAX_TORQUE, first + k]
             rows[Rod.TORQUE, joint * width + k] = limit * action
             squares += action * action
         members[Episode.MEAN_SQUARED_ACTION, first + k] = squares / max(1, actions.shape[1])
@@ -212,14 +135,18 @@ def _measure(
     drift = (energy - start) - numbers[Member.WORK, g]
     per_energy, completed = numbers[Episode.PER_ENERGY, g], numbers[Member.COMPLETED, g]
     share = energy / where(start > 0.0, start, 1.0)
-    closeness = distance = 0.0 * lift
+    closeness = distance = place = 0.0 * lift
+    if task[Task.RAIL] > 0.0:
+        outputs[Output.CART_POSITION, g] = group.theta[n]
+        outputs[Output.CART_VELOCITY, g] = group.omega[n]
+        place = group.theta[n] / task[Task.RAIL]
     if task[Task.GOALS] > 0.0:
         closeness, distance = _approach(numbers, g, group, c, outputs)
     quantities = Quantities(
         lift * numbers[Episode.PER_LIFT, g], tip * numbers[Episode.PER_LENGTH, g],
         energy * per_energy, kinetic * per_energy,
         where(start > 0.0, share, energy * per_energy), squares, closeness, distance,
-        group.theta, group.omega,
+        place, group.theta, group.omega,
     )  # fmt: skip
     outputs[Output.HEIGHT, g] = quantities.height
     outputs[Output.TIP, g] = quantities.tip
@@ -229,6 +156,7 @@ def _measure(
     outputs[Output.MEAN_SQUARED_ACTION, g] = squares
     outputs[Output.CLOSENESS, g] = closeness
     outputs[Output.GOAL_DISTANCE, g] = distance
+    outputs[Output.RAIL_POSITION, g] = place
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
     outputs[Output.ENERGY_JOULES, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
@@ -265,6 +193,11 @@ def _judge(
     elif mode == MODE_NUMBERS.TRANSITION:
         reward = _transition_reward(None, quantities)
         achieved = _transition_achieved(None, quantities)
+    if task[Task.RAIL] > 0.0:
+        place = quantities.rail_position
+        left = _left_rail(place)
+        reward = where(left, 0.0, reward * _rail_factor(place))
+        achieved, failed = achieved & (abs(place) <= 1.0), failed | left
     if task[Task.SPARSE] > 0.0:
         reward = where(achieved, 1.0, 0.0)
     starts = numbers[Episode.STARTING, g] > 0.0
@@ -303,25 +236,41 @@ def wrapped(theta: Any) -> Any:
 
 
 @inlined_kernel
-def _observe_goals(
-    members: FloatArray, n: int, first: int, width: int, observation: ObsArray, form: float
-) -> None:
-    """Write the goals of a group after the angular velocities."""
-    goals, column = members.shape[0] - n, 3 * n if form == SINCOS else 2 * n
-    for k in range(width):
-        for i in range(n):
-            observation[first + k, column + i] = members[goals + i, first + k]
+def _within(x: float, limit: float) -> float:
+    return limit if x > limit else max(x, -limit)
+
+
+@inlined_kernel
+def _observe_more(
+    members: FloatArray, theta: FloatArray, omega: FloatArray, first: int, width: int,
+    observation: ObsArray, task: FloatArray,
+) -> None:  # fmt: skip
+    """Write what is observed of a group after the angular velocities: carts, then goals."""
+    n = theta.size // width - 1
+    column = 3 * n if task[Task.FORM] == SINCOS else 2 * n
+    if task[Task.RAIL] > 0.0:
+        for k in range(width):
+            place = theta[n * width + k] / task[Task.RAIL]
+            speed = omega[n * width + k] * task[Task.PER_CART_SPEED]
+            observation[first + k, column] = _within(place, MAX_CART_ENTRY)
+            observation[first + k, column + 1] = _within(speed, MAX_CART_ENTRY)
+        column += 2
+    if task[Task.OBSERVED_GOALS] > 0.0:
+        goals = members.shape[0] - n
+        for k in range(width):
+            for i in range(n):
+                observation[first + k, column + i] = members[goals + i, first + k]
 
 
 @inlined_kernel
 def observe(
-    members: FloatArray, omega: FloatArray, first: int, width: int, scratch: FloatArray,
-    observation: ObsArray, task: FloatArray,
+    members: FloatArray, theta: FloatArray, omega: FloatArray, first: int, width: int,
+    scratch: FloatArray, observation: ObsArray, task: FloatArray,
 ) -> None:  # fmt: skip
     """Write the observations of a group, whose first lane is `first`, lane by lane.
 
-    Sines and cosines, or wrapped angles, are in the work space; angular velocities in `omega`, n
-    + 1 for each lane.
+    Sines and cosines, or wrapped angles, are in the work space; angular velocities in `omega`, and
+    the place of a cart in `theta`, n + 1 for each lane.
     """
     s, c, angles = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.WRAPPED]
     n = omega.size // width - 1
@@ -334,13 +283,13 @@ def observe(
                 row[i] = s[j]
                 row[n + i] = c[j]
                 speed = omega[j] * task[factors + i]
-                row[2 * n + i] = limit if speed > limit else max(speed, -limit)
+                row[2 * n + i] = _within(speed, limit)
             else:
                 angle = np.float32(angles[j])
                 row[i] = -_PI_32 if angle >= _PI_32 else angle  # float32 may round up to pi
                 row[n + i] = omega[j]
-    if task[Task.OBSERVED_GOALS] > 0.0:
-        _observe_goals(members, n, first, width, observation, form)
+    if task[Task.RAIL] + task[Task.OBSERVED_GOALS] > 0.0:
+        _observe_more(members, theta, omega, first, width, observation, task)
 
 
 @spliced_kernel
@@ -369,7 +318,10 @@ def _step(
                 if task[Task.FORM] == ANGLES:
                     for i in range(group.velocity.size):
                         work[Scratch.WRAPPED, i] = wrapped(group.theta[i])
-                observe(members, rods[g, Rod.OMEGA], g * width, width, scratch, observation, task)
+                observe(
+                    members, rods[g, Rod.THETA], rods[g, Rod.OMEGA], g * width, width, scratch,
+                    observation, task,
+                )  # fmt: skip
             if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
                 _welcome(numbers, g)
 

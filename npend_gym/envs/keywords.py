@@ -49,6 +49,11 @@ class EnvKeywords(TypedDict, total=False):
     max_torque: float | None
     difficulty: str | float | None
     torque_levels: int | None
+    base: str
+    cart_mass: float | None
+    rail: float | None
+    rail_damping: float
+    max_force: float | None
     dt: float | None
     substeps: int | None
     observation: str
@@ -82,6 +87,11 @@ DEFAULTS: dict[str, Any] = {
     "difficulty": None,
     "torque_levels": None,
     "actuated": (0,),
+    "base": "pivot",
+    "cart_mass": None,
+    "rail": None,
+    "rail_damping": 0.0,
+    "max_force": None,
     "dt": None,
     "substeps": None,
     "observation": "angles",
@@ -195,7 +205,7 @@ def check_weight(chain: _Weighed) -> _Weighed:
     return chain
 
 
-def joints_of(actuated: Any, n: int) -> tuple[int, ...]:
+def joints_of(actuated: Any, n: int, least: int = 1) -> tuple[int, ...]:
     """Return the joints with a motor, of a chain of n rods, or say what is wrong with them."""
     if isinstance(actuated, str) or not isinstance(actuated, (Sequence, np.ndarray)):
         raise TypeError(
@@ -203,39 +213,47 @@ def joints_of(actuated: Any, n: int) -> tuple[int, ...]:
         )
     listed: list[Any] = list(actuated)  # pyright: ignore[reportUnknownArgumentType]
     joints = tuple(_checks.count("actuated", joint, low=0, high=n - 1) for joint in listed)
-    if len(joints) == 0 or len(set(joints)) != len(joints):
+    if len(joints) < least or len(set(joints)) != len(joints):
         raise ValueError(
             f"actuated must name at least one joint, and each once, got {_checks.show(listed)}"
         )
     return joints
 
 
-def torque_limit(keywords: Mapping[str, Any], mode: Mode, chain: Chain) -> float:
-    """Return the torque of the action 1 [N m], as `max_torque`, `difficulty` or the mode says."""
-    static_torque = 0.5 * chain.lifting_energy
-    difficulty, given = keywords.get("difficulty"), keywords.get("max_torque")
+def motor_limit(keywords: Mapping[str, Any], name: str, mode: Mode, whole: float) -> float:
+    """Return the torque or force of the action 1, as its keyword, `difficulty` or the mode says.
+
+    Parameters
+    ----------
+    keywords : mapping
+    name : "max_torque" or "max_force"
+    mode : Mode
+    whole : float
+        What `difficulty` is a fraction of: the static torque [N m], or the weight [N].
+    """
+    difficulty, given = keywords.get("difficulty"), keywords.get(name)
     if difficulty is None and given is None:
-        return mode.torque_share * static_torque
+        return mode.torque_share * whole
     if difficulty is None:
-        return _checks.nonnegative_number("max_torque", given)
+        return _checks.nonnegative_number(name, given)
     shown = _checks.show(difficulty)
     if given is not None:
         raise ValueError(
-            f"difficulty cannot be given together with max_torque, because each sets the torque "
-            f"limit: leave one out; got difficulty={shown} and max_torque={_checks.show(given)}"
+            f"difficulty cannot be given together with {name}, because each sets the limit of a "
+            f"motor: leave one out; got difficulty={shown} and {name}={_checks.show(given)}"
         )
     if mode.torque_share == 0.0:
         raise ValueError(
             f"difficulty must be left out in mode {mode.name!r}, which has no motor; got {shown}"
         )
     if not isinstance(difficulty, str):
-        return _checks.positive_number("difficulty", difficulty) * static_torque
+        return _checks.positive_number("difficulty", difficulty) * whole
     if difficulty not in DIFFICULTIES:
         raise ValueError(
             f"difficulty must be one of {', '.join(DIFFICULTIES)}, or the torque limit as a "
             f"fraction of the static torque; got {shown}"
         )
-    return DIFFICULTIES[difficulty] * static_torque
+    return DIFFICULTIES[difficulty] * whole
 
 
 def action_table(torque_levels: Any, mode: Mode, joints: int) -> FloatArray:

@@ -43,10 +43,22 @@ class Quantities(NamedTuple, Generic[_T]):
     upright. 0 in a mode without goals."""
     goal_distance: _T
     """Largest abs(cos theta_i - c_i), 0 to 2; 0 in a mode without goals."""
+    rail_position: _T
+    """Place of the cart over `rail`: within -1 to 1 while it is on its rail; 0 without a cart."""
     theta: FloatArray
     """Angles from the downward vertical, not wrapped [rad], shape (n,) or (B, n)."""
     omega: FloatArray
     """Angular velocities [rad/s], shape (n,) or (B, n)."""
+
+
+def left_rail(rail_position: Any) -> Any:
+    """Return whether the cart is beyond the end of its rail: the episode terminates there."""
+    return abs(rail_position) > 1.0
+
+
+def rail_factor(rail_position: Any) -> Any:
+    """Return what a cart multiplies the reward by: 1 in the middle of the rail, 1/2 at its ends."""
+    return 1.0 - 0.5 * (rail_position * rail_position)
 
 
 class Mode:

@@ -21,7 +21,8 @@ from npend_gym.compiled.normal import normal_pair
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.philox import Keys, Purpose, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
-from npend_gym.envs.kernels import EPISODE_ROWS, Episode, wrapped
+from npend_gym.envs.kernels import wrapped
+from npend_gym.envs.rows import EPISODE_ROWS, Episode
 from npend_gym.physics.kernels.layout import Group, Member, Model, Timing, group_of
 
 _FIRST = len(Member) + EPISODE_ROWS
@@ -138,6 +139,8 @@ def _add_ripple(numbers: FloatArray, g: int, group: Group, joints: Joints, half:
     """Add the ripple of the motors, at the angles of the joints after `half` [s]."""
     for j in range(joints.size):
         joint = joints[j]
+        if joint == group.velocity.size:  # a cart has none
+            continue
         phi = group.theta[joint] + half * group.omega[joint]
         if joint > 0:
             phi = phi - (group.theta[joint - 1] + half * group.omega[joint - 1])
@@ -181,8 +184,11 @@ def _drive(
     for i in range(group.torque.size):
         group.torque[i] = 0.0
     for j in range(joints.size):
-        torque = numbers[Episode.MAX_TORQUE, g] * action[j, g] + commands[Command.NOISE, j, g]
-        group.torque[joints[j]] = torque
+        if joints[j] == group.velocity.size:  # the force on a cart
+            group.torque[joints[j]] = numbers[Episode.MAX_FORCE, g] * action[j, g]
+        else:
+            torque = numbers[Episode.MAX_TORQUE, g] * action[j, g] + commands[Command.NOISE, j, g]
+            group.torque[joints[j]] = torque
     if any_of(numbers[Motor.torque_ripple, g] > 0.0):
         _add_ripple(numbers, g, group, joints, 0.5 * h)
     if any_of(commands[Command.PUSH, 0, g] != 0.0):

@@ -20,8 +20,12 @@ from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.link_terms import count_terms
 
 _START_OPTIONS = ("theta", "omega", "amplitude")
+CART_STATE = ("cart_position", "cart_velocity")
 EQUILIBRIA = ("start", "goal")  # near which an episode starts, and which it is to reach
-_LIMITS = {"theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED}
+_LIMITS = {
+    "theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED, "cart_velocity": MAX_SPEED
+}  # fmt: skip
+_NUMBERS = ("amplitude", "gravity", *CART_STATE)  # of a lane; others are of a rod
 
 
 def checked_options(
@@ -38,30 +42,32 @@ def checked_options(
     -------
     dict
         With a leading lane axis and where they are given: "theta", "omega", "amplitude",
-        "changes", the new parameters of chains by name, the cosines of "start" and "goal", and
-        "persist".
+        "cart_position", "cart_velocity", "changes", the new parameters of chains by name, the
+        cosines of "start" and "goal", and "persist".
     """
     given = dict(options or {})
     of_goals = EQUILIBRIA if config.mode.has_goals else ()
-    allowed = (*_START_OPTIONS, *of_goals, "persist", *CHAIN_KEYWORDS)
+    of_cart = CART_STATE if config.has_cart else ()
+    allowed = (*_START_OPTIONS, *of_cart, *of_goals, "persist", *CHAIN_KEYWORDS)
     unknown = set(given) - set(allowed)
     if unknown:
         raise ValueError(
             f"options must be among {', '.join(allowed)}; "
             f"got {_checks.show(sorted(map(str, unknown)))}"
         )
+    limits = _LIMITS | {"cart_position": config.rail or 0.0}
     checked: dict[str, Any] = {}
     if "persist" in given:
         checked["persist"] = _persistence(given.pop("persist"), lanes or 1)
     for name, value in given.items():
         label = f"options[{name!r}]"
-        shape = () if name in ("amplitude", "gravity") else (config.n,)
+        shape = () if name in _NUMBERS else (config.n,)
         shape = shape if lanes is None else (lanes, *shape)
         if name == "gear":
             array = gear_ratios(label, value, shape)
         else:
             array = _checks.broadcast(label, value, shape)
-            _checks.within(label, array, _LIMITS.get(name, math.inf))
+            _checks.within(label, array, limits.get(name, math.inf))
         if name in CHAIN_KEYWORDS:
             check_parameter(label, array)
         if name in EQUILIBRIA:

@@ -92,19 +92,24 @@ class Camera:
         centres: FloatArray,
     ) -> render.Scene:
         trace = self._traces.get(lane)
-        action = episodes.action(lane).clip(-1.0, 1.0)
+        action, config = episodes.action(lane).clip(-1.0, 1.0), episodes.config
+        rail = config.rail or 0.0
+        forces, torques = np.split(action, [int(config.has_cart)])
         return render.Scene(
             positions=positions,
-            reach=episodes.chain_length(lane),
+            reach=max(rail, episodes.chain_length(lane)),
             time=float(info["time"][lane]),
             energy=float(info["energy"][lane]),
             pseudo_period=float(info["pseudo_period"][lane]),
             completed=int(info["bobs_completed"][lane]),
-            torque=float(action[0]) if action.size else 0.0,
-            caption=f"{episodes.config.mode.name}, n = {episodes.config.chain.n}",
+            torque=float(torques[0]) if torques.size else 0.0,
+            caption=f"{config.mode.name}, n = {config.chain.n}",
             trace=np.array(trace) if trace else np.empty((0, 2)),
             centres=centres,
-            joint=int(episodes.config.joints[0]) if action.size else 0,
+            joint=int(config.joints[forces.size]) if torques.size else 0,
+            rail=rail,
+            cart=float(info["cart_position"][lane]) if "cart_position" in info else 0.0,
+            force=float(forces[0]) if forces.size else 0.0,
         )
 
     def close(self) -> None:

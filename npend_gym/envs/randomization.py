@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.envs.cart import OF_CART
 from npend_gym.envs.hardware import HARDWARE
-from npend_gym.envs.kernels import Episode
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
+from npend_gym.envs.rows import Episode
 from npend_gym.envs.starts import Draw
 from npend_gym.physics.kernels.link_terms import Parameter, count_terms
 
 # Numbers that belong to a lane, beside those of its chain: their rows in `members`
-SETTINGS = {"max_torque": Episode.MAX_TORQUE} | {
-    name: row for name, row in HARDWARE.items() if name != "ripple_cycles"
-}
+SETTINGS = (
+    {"max_torque": Episode.MAX_TORQUE}
+    | OF_CART
+    | {name: row for name, row in HARDWARE.items() if name != "ripple_cycles"}
+)
 _ONE_NUMBER = ("gravity", *SETTINGS)
 # Of which less lets a chain turn or brake faster
 _LIVELY_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
@@ -50,16 +53,12 @@ class Randomization(NamedTuple):
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         return np.clip((context - middle) / np.where(half > 0.0, half, 1.0), -1.0, 1.0)
 
-    def largest(self, name: str) -> float:
-        """Return the upper end of the range of one of `SETTINGS`; 0 where it is not drawn."""
-        return max(
-            (
-                row[Draw.HIGH]
-                for own, row in zip(self.names, self.draws, strict=True)
-                if own == name
-            ),
-            default=0.0,
-        )
+    def ends(self, name: str, value: float) -> tuple[float, float]:
+        """Return the ends of the range of one of `SETTINGS`, `value` twice without one."""
+        if name not in self.names:
+            return value, value
+        row = self.draws[self.names.index(name)]
+        return row[Draw.LOW], row[Draw.HIGH]
 
     @property
     def richest(self) -> ChainParameters:
@@ -83,7 +82,7 @@ def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> 
         values in the parameter's unit. Each end is one number or has an entry for each rod.
     chain : Chain
     settings : mapping
-        The values that the environment is made with, by the names of `SETTINGS`.
+        The values that the environment is made with, by those names of `SETTINGS` that it has.
 
     Raises
     ------
@@ -102,9 +101,9 @@ def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> 
     lows: dict[str, FloatArray] = {}
     highs: dict[str, FloatArray] = {}
     for name, ends in cast("Mapping[str, Any]", given).items():
-        if name not in CHAIN_KEYWORDS and name not in SETTINGS:
+        if name not in CHAIN_KEYWORDS and name not in settings:
             raise ValueError(
-                f"randomize must have keys among {', '.join((*CHAIN_KEYWORDS, *SETTINGS))}; "
+                f"randomize must have keys among {', '.join((*CHAIN_KEYWORDS, *settings))}; "
                 f"got {_checks.show(name)}"
             )
         of_chain = name in CHAIN_KEYWORDS
@@ -155,6 +154,8 @@ def _range(label: str, name: str, given: Any, value: FloatArray) -> tuple[FloatA
     for end in (low, high):
         if name in CHAIN_KEYWORDS:
             check_parameter(label, end)
+        elif name == "cart_mass":
+            _checks.positive(label, end)
         else:
             _checks.at_least_zero(label, end)
     return low, high

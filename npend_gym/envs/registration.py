@@ -18,6 +18,11 @@ class Task(NamedTuple):
     """Mean return of an episode for which the task counts as solved, with the default keywords."""
 
 
+_ON_CART = {
+    "mode": "balance", "observation": "scaled", "base": "cart", "cart_mass": 1.0, "max_force": 10.0
+}  # fmt: skip
+_OF_DM_CONTROL = _ON_CART | {"rail": 1.8, "rail_damping": 5e-4}
+
 # Each page docs/tasks/*.md describes one of them
 TASKS = {
     "npend/SwingUp-v1": Task({"mode": "swingup", "observation": "scaled"}, 900.0),
@@ -25,6 +30,9 @@ TASKS = {
     "npend/Calm-v1": Task({"mode": "calm", "observation": "scaled"}, 900.0),
     "npend/Release-v1": Task({"mode": "passive", "observation": "scaled"}),  # has no reward
     "npend/Transition-v1": Task({"mode": "transition", "observation": "scaled"}),
+    "npend/CartPole-v1": Task(_ON_CART | {"chain": "cartpole", "rail": 2.4}),
+    "npend/CartDoublePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 2"}),
+    "npend/CartTriplePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 3"}),
 }
 
 

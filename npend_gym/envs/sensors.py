@@ -17,8 +17,9 @@ from npend_gym.compiled.normal import make_normal
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.philox import Keys, Purpose, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
-from npend_gym.envs.kernels import ANGLES, Episode, ObsArray, Task, observe, wrapped
+from npend_gym.envs.kernels import ObsArray, observe, wrapped
 from npend_gym.envs.motors import Motor
+from npend_gym.envs.rows import ANGLES, Episode, Task
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.layout import MAX_SPEED, Model, Rod, Scratch, Timing
 
@@ -146,8 +147,8 @@ def _sense(
         if history.shape[1] > 0:
             _look_back(members, rods[g], g, width, dt, history, scratch)
         else:
-            copy(rods[g, Rod.THETA, : n * width], scratch[_THETA])
-            copy(rods[g, Rod.OMEGA, : n * width], scratch[_OMEGA])
+            copy(rods[g, Rod.THETA], scratch[_THETA])
+            copy(rods[g, Rod.OMEGA], scratch[_OMEGA])
         noisy = (numbers[Sensor.angle_noise, g] > 0.0) | (numbers[Sensor.velocity_noise, g] > 0.0)
         if any_of(noisy):
             _draw_noise(members, g, width, n, keys, first, second)
@@ -159,8 +160,8 @@ def _sense(
                 work[Scratch.WRAPPED, i] = wrapped(work[_THETA, i])
             else:
                 s[i], c[i] = sincos(work[_THETA, i])
-        omega = scratch[_OMEGA, : (n + 1) * width]
-        observe(members, omega, g * width, width, scratch, observation, task)
+        theta, omega = scratch[_THETA, : (n + 1) * width], scratch[_OMEGA, : (n + 1) * width]
+        observe(members, theta, omega, g * width, width, scratch, observation, task)
 
 
 @kernel
@@ -190,7 +191,8 @@ def sense_many(
         As for `npend_gym.envs.kernels.step_many`, `members` also with the rows of `Sensor`.
     keys : ndarray, uint64, shape (2, lanes)
     history : ndarray, shape (lanes, slots, 2 size)
-        The states of the last steps, kept here; slots is a power of two, or 0 without delay.
+        The states of the last steps, kept here, of `size` coordinates: those of carts too. slots
+        is a power of two, or 0 without delay.
     dt : float
         Time of a step [s].
     """

@@ -31,12 +31,13 @@ _READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 @with_config_keywords
 class NPendulumEnv(gym.Env[ObsArray, Any]):
-    r"""The N-pendulum: n point masses on massless rods, or n links, hung from a pivot.
+    r"""The N-pendulum: n point masses on massless rods, or n links, hung from a pivot or a cart.
 
     This is what `gym.make("NPendulum-v0")` returns inside its wrappers, and `gym.make` of a task by
     name, "npend/SwingUp-v1", "npend/Balance-v1", "npend/Calm-v1", "npend/Release-v1" or
-    "npend/Transition-v1", which have observation="scaled". `NPendulumVectorEnv` steps many of them
-    at once.
+    "npend/Transition-v1", which have observation="scaled", or of the classic poles on a cart,
+    "npend/CartPole-v1", "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1".
+    `NPendulumVectorEnv` steps many of them at once.
 
     Description
     -----------
@@ -50,7 +51,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     ``Box(-1, 1, (len(actuated),), float32)``: the torque at each actuated joint divided by
     `max_torque`. A positive torque turns the rod below the joint counter-clockwise. Values outside
     the box are clipped. With `torque_levels` it is ``Discrete(torque_levels ** len(actuated))``,
-    see there. Mode "passive" has ``Discrete(1)``: the only action, 0, is to wait.
+    see there. With base="cart" the first entry is the force on the cart divided by `max_force`,
+    positive to the right, and only joints named in `actuated` have motors beside it. Mode
+    "passive" has ``Discrete(1)``: the only action, 0, is to wait.
 
     ==================== ============================================ ================== ======
     mode                 task                                         default max_torque dt [s]
@@ -82,6 +85,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     inertia of rod i alone about its joint (m_i l_i^2 for a bob), of the chain as made. Beyond +-2
     the entry is clipped.
 
+    With a cart two entries follow, its place over `rail` and its velocity over sqrt(g `rail`), that
+    of a fall through half of `rail` (with g = 9.81 where there is no gravity), both clipped to +-2.
+
     In mode "transition" n entries follow: the cosines of the goal, 1 (hanging) or -1 (standing) for
     each rod. With `goal_env` an observation is a Dict instead, as Gymnasium-Robotics has it:
     "observation" as in the table, and "achieved_goal" and "desired_goal", float64 of shape
@@ -99,6 +105,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     - calm: (1 / (1 + e) + 1 / (1 + 100 e)) / 2 (1 - mean_squared_action / 10), e = energy_fraction
     - transition: closeness^2 (1 + calmness) / 2 (1 - mean_squared_action / 10)
 
+    On a cart the reward is multiplied by 1 - (x / `rail`)^2 / 2, x being its place.
+
     With reward_type="sparse": 1 where the goal is met at this instant, else 0.
 
     Starting state
@@ -107,14 +115,17 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     swingup, balance: each angle and angular velocity is drawn within 0.05 (0.02) of hanging
     (standing) at rest. transition: start and goal are two different equilibria, in which each rod
     hangs or stands; all pairs are equally likely. Angles and angular velocities are drawn within
-    0.05 of the start. ``reset(options={...})`` chooses a start or another chain for one episode.
+    0.05 of the start. A cart is at rest in the middle of its rail in passive and calm; else its
+    place [m] and velocity [m/s] are drawn as angles are. ``reset(options={...})`` chooses a start
+    or another chain for one episode.
 
     These numbers are those of ``np.random.Philox(key=seed, counter=[0, 0, 0, episode])``, episodes
     being counted from 0 since the seed was given. Nothing else decides a start.
 
     Episode end
     -----------
-    Mode "balance" terminates when the tip falls below half the chain's length. Episodes are
+    Mode "balance" terminates when the tip falls below half the chain's length, and any mode when a
+    cart is beyond the end of its rail: it then has no reward and no success. Episodes are
     truncated after 1000 steps (by `gym.make`), and when the state leaves all bounds
     (\|theta\| > 1e5, \|omega\| > 1e6, or NaN): ``info["diverged"]`` is then True and the last
     finite state is kept.
@@ -123,7 +134,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     ----
     The keys of `Info`, the same from the reset on: ``time``, ``energy``, ``energy_error``,
     ``bobs_completed``, ``pseudo_period``, ``pseudo_periods``, ``ideal_period``, ``tip_height``,
-    ``theta``, ``omega``, ``diverged`` and ``success``, which is True while
+    ``theta``, ``omega``, ``diverged``, with a cart ``cart_position`` and ``cart_velocity``, and
+    ``success``, which is True while
 
     - swingup: height > 0.95 and kinetic_energy < 0.01 have held for 5 s
     - balance: the tip has not fallen below half the chain's length
@@ -146,14 +158,27 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     centres, inertias, friction, friction_speed, armature, gear
         As in `npend_gym.Chain` [m, kg m^2, N m, rad/s, kg m^2, 1]: they make links of bobs.
     actuated : sequence of int
-        Joints with a motor, in the order of the action; joint 0 is the pivot.
+        Joints with a motor, in the order of the action; joint 0 is the pivot. By default (0,), and
+        on a cart none.
     max_torque : float, optional
         Torque of the action 1 [N m]; by default as in the table, for the chain as made.
     difficulty : {"easy", "medium", "hard"} or float, optional
         Instead of `max_torque`, the limit over the static torque: 0.5, 0.2 or 0.1, or this number.
+        Instead of `max_force`, the limit over the weight.
     torque_levels : int, optional
         Makes actions discrete, with this many evenly spaced torques from -1 to 1 for each actuated
         joint: the digits of an action to this base, the last joint's being the lowest.
+    base : {"pivot", "cart"}
+        What the chain hangs from: a pivot at rest, or a cart on a horizontal rail.
+    cart_mass : float, optional
+        [kg]; by default that of the chain. This and the next three are for base="cart" alone.
+    rail : float, optional
+        How far the rail reaches to each side [m]; by default twice the length of the chain.
+    rail_damping : float
+        Viscous damping of the cart on its rail [N s/m].
+    max_force : float, optional
+        Force of the action 1 [N]; by default the weight of cart and chain times the factor that the
+        table above has for the static torque.
     dt : float, optional
         Time of a step [s]; by default as in the table.
     substeps : int, optional
@@ -236,6 +261,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), and the parameters of the chain,
             "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers;
+            with a cart "cart_position", "cart_velocity", numbers [m, m/s];
             in mode "transition" the equilibria "start" and "goal" (n,), 0 or pi for each rod.
             They make no links of point masses, nor give links friction, rotors or drag anew.
             With "persist": True they hold in later episodes too, until a reset with options.
@@ -351,6 +377,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     def state(self) -> FloatArray:
         """Angles [rad], then angular velocities [rad/s], shape (2n,).
 
+        With a cart, its place [m] and velocity [m/s] follow, shape (2n + 2,).
+
         Setting it moves the chain there; pseudo-periods are measured from then on, and time, energy
         and work count from there.
         """
@@ -362,7 +390,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     def state(self, value: ArrayLike) -> None:
         if self._progress is not _READY:
             raise self._progress.refuse("state")
-        self._episodes.angles = checked_state(value, (1, 2 * self.config.n))
+        self._episodes.angles = checked_state(value, (1, self.config.state_size), self.config.n)
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it.

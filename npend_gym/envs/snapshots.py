@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.envs.cart import OF_CART
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.hardware import HARDWARE
-from npend_gym.envs.kernels import Episode
+from npend_gym.envs.rows import Episode
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
 
@@ -123,6 +124,7 @@ def _fingerprint(config: EnvConfig) -> int:
         *config.chain.repeated(1), random.draws, config.joints,
         np.array([config.dt, config.min_substeps, config.max_rotation, config.max_torque]),
         np.array([getattr(config, name) for name in HARDWARE]),
+        np.array([getattr(config, name) or 0.0 for name in ("rail", *OF_CART)]),
         np.frombuffer(f"{mode.__module__}:{mode.__qualname__}".encode(), np.uint8),
     )  # fmt: skip
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in told))

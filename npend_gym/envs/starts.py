@@ -3,6 +3,7 @@
 All draws are functions of seed and number of the episode: see `npend_gym.compiled.philox`.
 """
 
+# ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
 import math
@@ -13,12 +14,12 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.compiled.arrays import bare
-from npend_gym.compiled.jit import inlined_kernel, kernel
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
 from npend_gym.compiled.philox import Keys, Purpose, philox, unit
-from npend_gym.envs.kernels import Episode
 from npend_gym.envs.modes import Mode, NearPose, Release
+from npend_gym.envs.rows import Episode
 from npend_gym.physics.kernels.layout import Member, Model, Rod
-from npend_gym.physics.kernels.link_terms import Parameter
+from npend_gym.physics.kernels.link_terms import Base, Parameter
 from npend_gym.physics.kernels.members import Indices, begin_to_measure, write_chain
 from npend_gym.theory.closed_forms import paper_period
 
@@ -134,6 +135,38 @@ def _draw_state(
 
 
 @inlined_kernel
+def _no_cart(
+    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, k: int, start: FloatArray
+) -> None:
+    return
+
+
+@inlined_kernel
+def _cart(
+    members: FloatArray, rods: FloatArray, model: tuple[FloatArray, ...], keys: Keys, k: int,
+    start: FloatArray,
+) -> None:  # fmt: skip
+    width = members.shape[1] // rods.shape[0]
+    g, lane, last = k // width, k % width, rods.shape[2] - width
+    if model[2].shape[1] == 0:
+        return
+    model[2][g, Base.INVERSE_MASS, lane] = 1.0 / members[Episode.CART_MASS, k]
+    model[2][g, Base.DAMPING, lane] = members[Episode.RAIL_DAMPING, k]
+    near = start[Start.NEARNESS]  # 0 where Python draws the state
+    for row, field in enumerate((Rod.THETA, Rod.OMEGA)):
+        u = _stream(keys, k, Purpose.START, members[Episode.EPISODE, k], 2 * (last // width) + row)
+        rods[g, field, last + lane] = -near + (near + near) * u
+
+
+@chosen_by_type("model", {0: _no_cart, 1: _no_cart, 3: _cart})
+def _begin_cart(
+    members: FloatArray, rods: FloatArray, model: Model, keys: Keys, k: int, start: FloatArray
+) -> None:
+    """Give the cart of lane `k` its mass, and draw place and velocity after those of the chain."""
+    raise NotImplementedError
+
+
+@inlined_kernel
 def _scale(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) -> None:
     """Set what makes quantities mean the same for every chain, from the chain of lane `k`."""
     rows, lane = rods[k // width], k % width
@@ -194,6 +227,7 @@ def begin_episodes(
             _scale(members, rods, k, width, n)
         if start[Start.GOALS] > 0.0:
             _draw_equilibria(members, keys, k, n)
+        _begin_cart(members, rods, model, keys, k, start)
         if start[Start.KIND] != BY_PYTHON:
             _draw_state(members, rods, keys, k, width, n, start)
         begin_to_measure(members, rods, k, width, n)

@@ -119,8 +119,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             last seed begins.
         options : dict, optional
             "reset_mask", bool (B,); "theta", "omega" and the parameters of the chain (B, n);
-            "amplitude", "gravity" (B,); one number stands for all. With "persist", bool or (B,),
-            they hold in later episodes too, until the lane is reset with options.
+            "amplitude", "gravity", "cart_position", "cart_velocity" (B,); a number stands for all.
+            With "persist", bool or (B,), they hold in later episodes too, until the lane is reset
+            with options.
 
         Returns
         -------
@@ -253,7 +254,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
 
     @property
     def state(self) -> FloatArray:
-        """Angles [rad], then angular velocities [rad/s], shape (B, 2n).
+        """Angles [rad], then angular velocities [rad/s], as in `NPendulumEnv`, shape (B, 2n).
 
         Setting it is as in `NPendulumEnv`.
         """
@@ -265,7 +266,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     def state(self, value: ArrayLike) -> None:
         if self._progress is not _READY:
             raise self._progress.refuse("state")
-        self._episodes.angles = checked_state(value, (self.num_envs, 2 * self.config.n))
+        self._episodes.angles = checked_state(
+            value, (self.num_envs, self.config.state_size), self.config.n
+        )
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
         """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window.

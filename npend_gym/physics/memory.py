@@ -104,6 +104,10 @@ class Memory:
         """A view of the rods, shape (groups, len(Rod), n + 1, width)."""
         return self.arrays[1].reshape(self.groups, len(Rod), self.n + 1, self.width)
 
+    def read_base(self, field: int) -> FloatArray:
+        """Return THETA, OMEGA or TORQUE of bases that move, a new array of shape (B,)."""
+        return self.of_base(field).ravel()[: self.size].copy()
+
     def place(self, members: Indices) -> tuple[Indices, Indices]:
         """Return the groups of members and their lanes there: the indices of `per_rod`."""
         return np.divmod(members, self.width)

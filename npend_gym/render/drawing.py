@@ -24,11 +24,13 @@ _RIM, _ROD, _INK = map(rgb, (RIM, ROD, INK))
 
 def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
     """Draw `scene` on a surface of pygame."""
-    pen = _Pen(draw, canvas, scene.reach)
+    pen = _Pen(draw, canvas, scene.reach, scene.cart)
     canvas.fill(_PAPER)
     pen.disc(_RIM, pen.middle, RADIUS + 1.0)
     pen.disc(_DISC, pen.middle, RADIUS - 1.0)
-    motor = pen.places(np.vstack([np.zeros(2), scene.positions])[scene.joint, None])[0]
+    if scene.rail > 0.0:
+        _draw_cart(pen, scene)
+    motor = pen.places(_joints(scene)[scene.joint, None])[0]
     for outline in _arc_arrow(scene.torque) if scene.torque else ():
         pen.polygon(_TORQUE, motor, outline)
 
@@ -43,20 +45,41 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
         pen.disc(_INK, place, min(0.45 * bob, 7.0 * pen.fine))
 
 
+def _joints(scene: Scene) -> FloatArray:
+    """Return the places of all joints and of the tip [m], (n + 1, 2)."""
+    return np.vstack([(scene.cart, 0.0), scene.positions])
+
+
+def _draw_cart(pen: _Pen, scene: Scene) -> None:
+    """Draw rail, cart, and the force on it: an arrow as long as half the picture at its limit."""
+    ends = pen.places(np.array([[-scene.rail, 0.0], [scene.rail, 0.0]]))
+    pen.line(_RIM, ends[0], ends[1], 6.0)
+    for end in ends:
+        pen.polygon(_ROD, end, np.array([[-3, -26], [3, -26], [3, 26], [-3, 26]]))
+    box = np.array([[-46, -20], [46, -20], [46, 20], [-46, 20]])
+    pen.polygon(_ROD, pen.pivot, box)
+    if scene.force:
+        side, length = np.sign(scene.force), 250.0 * abs(scene.force)
+        shaft = [[46, -5], [46 + length, -5], [46 + length, 5], [46, 5]]
+        head = [[46 + length, -15], [72 + length, 0], [46 + length, 15]]
+        for outline in (shaft, head):
+            pen.polygon(_TORQUE, pen.pivot, np.array(outline) * (side, 1.0))
+
+
 def _draw_bobs(pen: _Pen, scene: Scene, bob: float) -> None:
     """Draw discs of radius `bob` on thin rods."""
     n = len(scene.positions)
     tip, edge = max(1.15 * bob, 10.0 * pen.fine), 2.5
     shown = _thinned(n, _BOBS)
     bobs = pen.places(scene.positions[shown])
-    for start, end in pairwise([pen.middle, *bobs]):
+    for start, end in pairwise([pen.pivot, *bobs]):
         pen.line(_ROD, start, end, min(max(0.42 * bob, 3.2 * pen.fine), 7.0 * pen.fine))
     for k, place in zip(shown[:-1].tolist(), bobs[:-1], strict=True):
         if 2.0 * (bob + edge) < RADIUS / n:  # bobs that touch would cut each other
             pen.disc(_DISC, place, bob + edge)
         pen.disc(_mixed(_RAMP, k / n), place, bob)
-    pen.disc(_INK, pen.middle, 9.0)
-    pen.disc(_DISC, pen.middle, 4.0)
+    pen.disc(_INK, pen.pivot, 9.0)
+    pen.disc(_DISC, pen.pivot, 4.0)
     pen.disc(_DISC, bobs[-1], tip + edge)
     pen.disc(_TIP, bobs[-1], tip)
 
@@ -64,7 +87,7 @@ def _draw_bobs(pen: _Pen, scene: Scene, bob: float) -> None:
 def _draw_links(pen: _Pen, scene: Scene, bob: float) -> None:
     """Draw bars from joint to joint, a light pin in each joint and a dot at the centre of mass."""
     n = len(scene.positions)
-    joints = np.vstack([np.zeros(2), scene.positions])
+    joints = _joints(scene)
     width, pin = 0.8 * bob, 0.36 * bob
     shown = [int(k) for k in _thinned(n, _BOBS)]
     ends, centres = pen.places(joints), pen.places(scene.centres)
@@ -79,18 +102,19 @@ def _draw_links(pen: _Pen, scene: Scene, bob: float) -> None:
         pen.disc(_DISC, centres[k], 0.30 * width)
     for k in shown:
         pen.disc(_DISC, ends[k], pin)
-    pen.disc(_INK, pen.middle, 9.0)
-    pen.disc(_DISC, pen.middle, 4.0)
+    pen.disc(_INK, pen.pivot, 9.0)
+    pen.disc(_DISC, pen.pivot, 4.0)
 
 
 class _Pen:
     """Draws on a canvas; all lengths are in thousandths of the picture."""
 
-    def __init__(self, draw: Any, canvas: Any, reach: float) -> None:
+    def __init__(self, draw: Any, canvas: Any, reach: float, cart: float) -> None:
         self._draw, self._canvas, self._reach = draw, canvas, reach
         self.unit = canvas.get_width() / 1000.0
         self.fine = max(1.0, 240.0 * SAMPLES / canvas.get_width())  # keeps thin things visible
         self.middle = (500.0 * self.unit, 500.0 * self.unit)
+        self.pivot = self.places(np.array([[cart, 0.0]]))[0]
 
     def places(self, points: FloatArray) -> list[list[float]]:
         """Return where points [m] are on the canvas."""

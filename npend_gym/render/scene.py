@@ -12,10 +12,10 @@ from npend_gym._checks import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What one picture shows; the pivot is at (0, 0), y points upwards."""
+    """What one picture shows; (0, 0) is the pivot, or the middle of the rail; y points upwards."""
 
     positions: FloatArray  #: far ends of the rods, from the pivot to the tip, of shape (n, 2) [m]
-    reach: float  #: total length of the chain [m]; the disc of this radius is always in view
+    reach: float  #: length of the chain, or rail [m]; the disc of this radius is always in view
     time: float = 0.0  #: [s]
     energy: float = 0.0  #: above rest [J]
     pseudo_period: float = 0.0  #: [s]; zero: not measured yet
@@ -29,6 +29,9 @@ class Scene:
     centres: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     """Centres of mass of links that are bodies, of shape (n, 2) [m]; none of point masses."""
     joint: int = 0  #: the joint with the motor; 0 is the pivot
+    rail: float = 0.0  #: half the length of the rail of a cart [m]; zero: there is no cart
+    cart: float = 0.0  #: where the cart, and so the pivot, is on it [m]
+    force: float = 0.0  #: on the cart over its limit, in [-1, 1]; to the right is positive
 
     def __post_init__(self) -> None:
         for name, least in (("positions", 1), ("trace", 0), ("marks", 0), ("centres", 0)):
@@ -42,9 +45,12 @@ class Scene:
         _checks.number("time", self.time)
         _checks.number("energy", self.energy)
         _checks.nonnegative_number("pseudo_period", self.pseudo_period)
+        _checks.nonnegative_number("rail", self.rail)
+        _checks.number("cart", self.cart)
         _checks.count("completed", self.completed, low=0, high=len(self.positions))
-        if abs(_checks.number("torque", self.torque)) > 1.0:
-            raise ValueError(f"torque must be between -1 and 1, got {self.torque!r}")
+        for name in ("torque", "force"):
+            if abs(_checks.number(name, getattr(self, name))) > 1.0:
+                raise ValueError(f"{name} must be between -1 and 1, got {getattr(self, name)!r}")
         _checks.count("joint", self.joint, low=0, high=len(self.positions) - 1)
         if not str.isprintable(self.caption):
             raise ValueError(

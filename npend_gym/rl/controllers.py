@@ -34,6 +34,8 @@ def discretise(
         Derivative of the next state by the actions, which are held during the step (zero-order
         hold): the exponential of dt [[A, B], [0, 0]] contains both matrices.
     """
+    if config.has_cart:
+        raise ValueError('base must be "pivot" for controllers of joints, got "cart"')
     n, joints = config.chain.n, config.joints.tolist()
     rates = linearise(_with_dampers(config, motors_rub=motors_rub), angle, joints=joints)
     block = np.zeros((2 * n + len(joints),) * 2)

@@ -131,14 +131,14 @@ def evaluate(
     config = envs.unwrapped.config
     shape = (episodes, config.joints.size)
     observation, info = envs.reset(seed=seed)
-    angles, limit = _joint_angles(info["theta"], config.joints), _torque_limits(config, info)
+    angles, limit = _motor_places(info, config.joints), _motor_limits(config, info)
     returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     success, running = np.zeros(episodes, np.bool_), np.ones(episodes, np.bool_)
     while running.any():
         action = controller(observation, info)
         taken = checked_action(action, shape, config.action_table)
         observation, reward, terminated, truncated, info = envs.step(action)
-        before, angles = angles, _joint_angles(info["theta"], config.joints)
+        before, angles = angles, _motor_places(info, config.joints)
         torque = limit * np.clip(0.0 if taken is None else taken, -1.0, 1.0)
         step_work = np.abs(torque * (angles - before)).sum(axis=1)
         returns += np.where(running, reward, 0.0)
@@ -150,15 +150,19 @@ def evaluate(
     return Evaluation(returns, success, np.where(success, last_failure, np.nan), work)
 
 
-def _joint_angles(theta: FloatArray, joints: NDArray[np.int64]) -> FloatArray:
-    """Return the angle [rad] of each actuated joint, (B, joints)."""
-    relative = np.diff(theta, axis=1, prepend=0.0)
+def _motor_places(info: dict[str, Any], joints: NDArray[np.int64]) -> FloatArray:
+    """Return the angle [rad] of each actuated joint, or the place [m] of the cart, (B, joints)."""
+    relative = np.diff(info["theta"], axis=1, prepend=0.0)
+    if "cart_position" in info:
+        relative = np.column_stack([relative, info["cart_position"]])
     return relative[:, joints]
 
 
-def _torque_limits(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
-    """Return the torque of the action 1 [N m] in the first episode of each lane, (B, 1)."""
-    limits = np.full((len(info["time"]), 1), config.max_torque)
-    if "max_torque" in config.context_names:
-        limits[:, 0] = info["context"][:, config.context_names.index("max_torque")]
+def _motor_limits(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
+    """Return the action 1 [N m, or N] in the first episode of each lane, (B, joints)."""
+    limits = np.tile(config.action_limits, (len(info["time"]), 1))
+    of_cart = config.joints == config.n
+    for name, driven in (("max_torque", ~of_cart), ("max_force", of_cart)):
+        if name in config.context_names:
+            limits[:, driven] = info["context"][:, [config.context_names.index(name)]]
     return limits

@@ -1,0 +1,94 @@
+"""A cart that carries the pivot: its keywords, and what follows from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.envs.keywords import DEFAULTS, motor_limit
+from npend_gym.envs.modes import Mode
+from npend_gym.envs.rows import Episode
+from npend_gym.physics.pivot import Pivot
+from npend_gym.physics.substeps import MAX_SUBSTEPS
+
+if TYPE_CHECKING:
+    from npend_gym.envs.config import EnvConfig  # which imports this module
+
+BASES = ("pivot", "cart")
+# What belongs to a lane: its row in `members`
+OF_CART = {
+    "max_force": Episode.MAX_FORCE, "cart_mass": Episode.CART_MASS,
+    "rail_damping": Episode.RAIL_DAMPING,
+}  # fmt: skip
+KEYWORDS = ("cart_mass", "rail", "rail_damping", "max_force")
+_PER_SUBSTEP = 16.0  # substeps in the time in which the rail's damping brakes to 1/e
+
+
+def checked_cart(given: Mapping[str, Any], mode: Mode, chain: Chain) -> dict[str, Any]:
+    """Return the keywords of the cart, those that are left out filled in.
+
+    By default the cart has the mass of the chain, the rail is twice as long as the chain to each
+    side, and the force is the mode's share of the weight of both.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If one breaks its rule, or is given without a cart.
+    """
+    base = _checks.choice("base", given["base"], BASES)
+    if base == "pivot":
+        for name in KEYWORDS:
+            if given[name] is not None and given[name] != DEFAULTS[name]:
+                raise ValueError(
+                    f'{name} belongs to a cart: give base="cart" with it, or leave it out; '
+                    f"got {_checks.show(given[name])}"
+                )
+        return {"base": base} | {name: DEFAULTS[name] for name in KEYWORDS}
+    defaults = {"cart_mass": float(chain.masses.sum()), "rail": 2.0 * chain.total_length}
+    checked: dict[str, Any] = {"base": base}
+    for name, default in defaults.items():
+        value = default if given[name] is None else given[name]
+        checked[name] = _checks.positive_number(name, value)
+    weight = chain.gravity * (checked["cart_mass"] + float(chain.masses.sum()))
+    return checked | {
+        "rail_damping": _checks.nonnegative_number("rail_damping", given["rail_damping"]),
+        "max_force": motor_limit(given, "max_force", mode, weight),
+    }
+
+
+def base_of(config: EnvConfig) -> FloatArray | None:
+    """Return the entries of `link_terms.Base` of a cart; None of a pivot at rest."""
+    return Pivot(cart_mass=config.cart_mass, rail_damping=config.rail_damping).base
+
+
+def cart_speed_factor(config: EnvConfig) -> float:
+    """Return by what the velocity of a cart is multiplied in observations [s/m]; 0 without one.
+
+    A cart as fast as what has fallen through half of `rail` has 1 there.
+    """
+    return (
+        0.0
+        if config.rail is None
+        else 1.0 / math.sqrt((config.chain.gravity or STANDARD_GRAVITY) * config.rail)
+    )
+
+
+def substeps_on_cart(
+    substeps: int, chain: Chain, dt: float, cart_mass: float, rail_damping: float
+) -> int:
+    """Return how many substeps resolve `dt` on a cart, where a pivot at rest needs `substeps`.
+
+    A chain of mass m on a cart of mass M has at least M / (M + m) of the inertia that it has at a
+    pivot, so that it swings and brakes faster by no more than the root of the inverse, or by it.
+    """
+    lighter = 1.0 + float(chain.masses.sum()) / cart_mass
+    brakes = np.any(chain.damping) or np.any(chain.friction) or chain.has_drag
+    of_chain = substeps * (lighter if brakes else math.sqrt(lighter))
+    of_rail = _PER_SUBSTEP * dt * lighter * rail_damping / cart_mass
+    return min(MAX_SUBSTEPS, math.ceil(max(of_chain, of_rail)))

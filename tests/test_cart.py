@@ -1,0 +1,360 @@
+"""Environments on a cart: against the equations of others, by energy, symmetry and a controller."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engines import dm_control_model, mujoco_motion
+from gymnasium.vector import AutoresetMode
+from lanes import actions_for, assert_lanes_are_singles, assert_same, run
+from scipy.integrate import solve_ivp
+from scipy.linalg import solve_discrete_are
+
+from npend_gym import Chain
+from npend_gym.compiled.philox import Purpose, generator
+from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv, SwingUp
+
+CARTS = ["npend/CartPole-v1", "npend/CartDoublePole-v1", "npend/CartTriplePole-v1"]
+
+
+class Own(SwingUp):
+    """A task that is judged in Python."""
+
+    def reward(self, quantities):
+        """Return the height of the centre of mass."""
+        return 0.0 + quantities.height
+
+
+# -- the motion -----------------------------------------------------------------------------
+
+
+def cartpole_rates(_, state, force):
+    """Return the rates of (x, x', theta, theta'), theta clockwise from upright, as Gymnasium's."""
+    _, speed, theta, omega = state
+    gravity, cart, pole, half = 9.8, 1.0, 0.1, 0.5
+    total, moment = cart + pole, pole * half
+    s, c = np.sin(theta), np.cos(theta)
+    temp = (force + moment * omega**2 * s) / total
+    alpha = (gravity * s - c * temp) / (half * (4.0 / 3.0 - pole * c**2 / total))
+    return [speed, temp - moment * alpha * c / total, omega, alpha]
+
+
+def test_the_cart_pole_moves_by_gymnasiums_equations():
+    env = gym.make("npend/CartPole-v1", mode="swingup", dt=0.02, rail=50.0).unwrapped
+    options = {"theta": np.pi - 0.3, "omega": 0.4, "cart_position": -0.2, "cart_velocity": 0.5}
+    env.reset(options=options)
+    state = np.array([-0.2, 0.5, 0.3, -0.4])
+    rng, lowest = np.random.default_rng(0), 1.0
+    for action in rng.uniform(-1.0, 1.0, (150, 1)):
+        info = env.step(action)[-1]
+        force = 10.0 * action[0]
+        path = solve_ivp(
+            cartpole_rates, (0.0, 0.02), state, method="DOP853", rtol=1e-12, atol=1e-13,
+            args=(force,),
+        )  # fmt: skip
+        state = path.y[:, -1]
+        shown = [info["cart_position"], info["cart_velocity"], np.pi - info["theta"][0]]
+        np.testing.assert_allclose(shown, state[:3], rtol=0, atol=2e-6)
+        assert -info["omega"][0] == pytest.approx(state[3], abs=1e-5)
+        lowest = min(lowest, info["tip_height"])
+    assert lowest < -0.9  # it has swung through
+
+
+@pytest.mark.parametrize(("env_id", "num_poles"), [(CARTS[1], 2), (CARTS[2], 3)])
+def test_the_poles_of_dm_control_move_alike_in_mujoco(env_id, num_poles):
+    env = gym.make(env_id, mode="passive", dt=0.01, substeps=50, rail=30.0).unwrapped
+    driven = gym.make(env_id, mode="swingup", dt=0.01, substeps=50, rail=30.0).unwrapped
+    rng = np.random.default_rng(num_poles)
+    angles, speeds = 0.4 * rng.normal(size=(2, num_poles))
+    model = dm_control_model(num_poles)
+    for each, control in ((env, 0.0), (driven, 0.3)):
+        expected = mujoco_motion(model, [0.1, *angles], [-0.3, *speeds], control, 1.0, 20_000)
+        options = {"theta": np.pi - np.cumsum(angles), "omega": -np.cumsum(speeds)}
+        each.reset(options=options | {"cart_position": 0.1, "cart_velocity": -0.3})
+        action = np.array([control]) if each is driven else 0
+        for _ in range(100):
+            info = each.step(action)[-1]
+        found = np.diff(np.pi - info["theta"], prepend=0.0)
+        np.testing.assert_allclose(found, expected[1:], rtol=0, atol=1e-6)
+        assert info["cart_position"] == pytest.approx(expected[0], abs=1e-7)
+
+
+@pytest.mark.parametrize("keywords", [
+    {}, {"damping": 0.2, "rail_damping": 1.0}, {"cart_mass": 0.2, "actuated": (0, 1)},
+])  # fmt: skip
+def test_the_energy_is_that_at_the_start_and_the_work_that_was_done(keywords):
+    env = NPendulumEnv(base="cart", n=2, rail=200.0, **keywords)
+    env.reset(seed=1, options={"theta": [2.0, 1.0], "cart_velocity": 1.0})
+    errors = [abs(env.step(a)[-1]["energy_error"]) for a in actions_for(env, 200)]
+    assert max(errors) < 1e-5
+
+
+def test_the_energy_has_the_cart_and_all_that_moves_with_it():
+    chain, cart_mass = Chain([1.0, 0.5], [0.7, 0.4], inertias=0.1, centres=0.3), 2.0
+    env = NPendulumEnv(chain=chain, base="cart", cart_mass=cart_mass)
+    theta, omega, speed = np.array([0.4, 1.9]), np.array([1.0, -2.0]), 0.7
+    info = env.reset(options={"theta": theta, "omega": omega, "cart_velocity": speed})[1]
+    velocity = np.cumsum(chain.lengths * omega * np.exp(1j * theta))
+    at = speed + np.concatenate([[0.0], velocity[:-1]])
+    at = at + chain.centres * omega * np.exp(1j * theta)
+    kinetic = chain.masses @ np.abs(at) ** 2 + chain.inertias @ omega**2 + cart_mass * speed**2
+    potential = chain.gravity * chain.lift @ (1.0 - np.cos(theta))
+    assert info["energy"] == pytest.approx(0.5 * kinetic + potential, rel=1e-12)
+
+
+def test_what_is_mirrored_moves_mirrored():
+    envs = NPendulumVectorEnv(2, base="cart", n=3, observation="sincos", actuated=(1,))
+    theta, sides = np.array([0.3, -1.0, 2.0]), np.array([[1.0], [-1.0]])
+    envs.reset(options={
+        "theta": sides * theta, "omega": 0.0, "cart_position": 0.5 * sides[:, 0],
+        "cart_velocity": 0.0,
+    })  # fmt: skip
+    rng = np.random.default_rng(3)
+    for action in rng.uniform(-1.0, 1.0, (60, 2)):
+        observation, reward, *_, info = envs.step(sides * action)
+        np.testing.assert_allclose(info["cart_position"] @ [1.0, 1.0], 0.0, atol=1e-12)
+        np.testing.assert_allclose(info["theta"][0], -info["theta"][1], atol=1e-9)
+        assert reward[0] == pytest.approx(reward[1], abs=1e-9)
+        mirror = np.repeat([-1.0, 1.0, -1.0, -1.0], [3, 3, 3, 2])
+        np.testing.assert_allclose(observation[0], mirror * observation[1], atol=1e-5)
+
+
+def gain_of(env, weights):
+    """Return the gain of the regulator of a step about upright, from differences of steps."""
+    size = env.config.state_size
+    n = env.config.n
+    rest, h = np.concatenate([np.full(n, np.pi), np.zeros(size - n)]), 1e-5
+
+    def after(deviation, action):
+        env.state = rest + deviation
+        env.step(np.array([action]))
+        return env.state - rest
+
+    columns = [(after(h * e, 0.0) - after(-h * e, 0.0)) / (2 * h) for e in np.eye(size)]
+    a, zero = np.array(columns).T, np.zeros(size)
+    b = ((after(zero, h) - after(zero, -h)) / (2 * h))[:, None]
+    s = solve_discrete_are(a, b, np.diag(weights), np.eye(1))
+    return np.linalg.solve(np.eye(1) + b.T @ s @ b, b.T @ s @ a)[0], rest
+
+
+@pytest.mark.parametrize("env_id", [CARTS[0], CARTS[2]])
+def test_a_regulator_balances_the_poles_on_the_cart(env_id):
+    env = gym.make(env_id).unwrapped
+    env.reset(seed=0)
+    gain, rest = gain_of(env, np.ones(env.config.state_size))
+    returns = 0.0
+    env.reset(seed=5)
+    for _ in range(1000):
+        _, reward, terminated, _, info = env.step(np.array([-gain @ (env.state - rest)]))
+        assert not terminated
+        returns += reward
+    assert returns > 990.0
+    assert info["success"]
+    assert abs(info["cart_position"]) < 0.01  # back in the middle
+    env.reset(seed=5)
+    assert any(env.step(np.zeros(1))[2] for _ in range(200))  # it falls without
+
+
+# -- what is shown --------------------------------------------------------------------------
+
+
+def test_the_cart_is_observed_and_told_and_starts_near_the_middle():
+    env = NPendulumEnv(base="cart", n=2, observation="sincos", rail=3.0, gravity=5.0)
+    for episode in range(2):
+        observation, info = env.reset(seed=7) if episode == 0 else env.reset()
+        drawn = generator(7, 0, Purpose.START, episode).uniform(-0.05, 0.05, 6)
+        shown = [*info["theta"], *info["omega"], info["cart_position"], info["cart_velocity"]]
+        np.testing.assert_array_equal(shown, drawn)
+    for action in actions_for(env, 30):
+        observation, *_, info = env.step(action)
+        x, v = info["cart_position"] / 3.0, info["cart_velocity"] / np.sqrt(5.0 * 3.0)
+        np.testing.assert_allclose(observation[6:], [x, v], rtol=1e-6)
+        np.testing.assert_array_equal(
+            env.state,
+            [*info["theta"], *info["omega"], info["cart_position"], info["cart_velocity"]],
+        )
+    released = NPendulumEnv(base="cart", mode="calm").reset(seed=1)[1]
+    assert released["cart_position"] == released["cart_velocity"] == 0.0
+    goals = NPendulumEnv(base="cart", mode="transition", observation="scaled")
+    observation, info = goals.reset(seed=1)
+    np.testing.assert_array_equal(observation[8:], np.cos(info["goal"]))
+    assert observation[6] == np.float32(info["cart_position"] / 4.0)
+
+
+@pytest.mark.parametrize("mode", ["swingup", "balance", "calm", "passive", "transition", Own()])
+def test_beyond_its_rail_the_cart_fails_and_within_it_lowers_the_reward(mode):
+    keywords = {"mode": mode, "n": 2, "cart_mass": 30.0, "rail": 2.0, "dt": 0.05}
+    envs = NPendulumVectorEnv(2, base="cart", **keywords, autoreset_mode="DISABLED")
+    start = {"theta": np.pi - 0.01, "omega": 0.0, "cart_velocity": [1.5, 0.0]}
+    start |= {"goal": np.pi} if mode == "transition" else {}
+    envs.reset(seed=0, options=start)
+    still = 0 * envs.action_space.sample()
+    for _ in range(60):
+        _, reward, terminated, _, info = envs.step(still)
+        x = info["cart_position"][0]
+        assert bool(terminated[0]) == (x > 2.0)
+        if terminated[0]:
+            assert not info["success"][0]
+            assert reward[0] == 0.0
+            break
+        # Galileo: the chain moves alike on a cart in uniform motion
+        if mode not in ("calm", "balance", "passive"):
+            factor = 1.0 - 0.5 * (x / 2.0) ** 2
+            height = reward[1] / (1.0 - 0.5 * (info["cart_position"][1] / 2.0) ** 2)
+            assert reward[0] <= factor * height * (1.0 + 1e-9)
+            assert reward[0] > 0.4 * factor * height
+    assert terminated[0]
+
+
+def test_the_picture_shows_rail_and_cart():
+    env = NPendulumEnv(base="cart", rail=2.0, render_mode="rgb_array")
+    shots = []
+    for place in (-1.5, 0.0, 1.5):
+        env.reset(seed=0, options={"cart_position": place})
+        shots.append(env.render())
+    gray = np.array([0x5F, 0x69, 0x73])
+    middle = [np.argwhere(np.all(shot == gray, axis=-1))[:, 1] for shot in shots]
+    at = [np.median(columns) for columns in middle]
+    np.testing.assert_allclose(at, 240 + 0.44 * 480 * np.array([-0.75, 0.0, 0.75]), atol=6)
+
+
+# -- lanes, states, ranges ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("autoreset", list(AutoresetMode))
+def test_every_lane_is_the_single_env_of_its_seed(autoreset):
+    steps = 100 if autoreset is AutoresetMode.DISABLED else 7
+    keywords = {
+        "num_envs": 3, "max_episode_steps": steps, "observe_context": True, "actuated": (1,),
+        "randomize": {
+            "cart_mass": (0.5, 2.0), "max_force": (0.5, 1.0), "masses": (0.9, 1.1),
+            "rail_damping": {"low": 0.0, "high": 2.0},
+        },
+    }  # fmt: skip
+    vector = gym.make_vec("NPendulum-v0", base="cart", autoreset_mode=autoreset, **keywords)
+    singles = gym.make_vec(
+        "NPendulum-v0", base="cart", vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": autoreset}, **keywords,
+    )  # fmt: skip
+    assert vector.observation_space == singles.observation_space
+    actions = actions_for(vector, 16)
+    ours = run(vector, actions)
+    assert_lanes_are_singles(ours, run(singles, actions))
+    assert all(each[0] in vector.observation_space for each in ours)
+    names = EnvConfig(base="cart", randomize=keywords["randomize"]).context_names
+    drawn = dict(zip(names, ours[0][-1]["context"].T, strict=True))
+    assert np.all((drawn["cart_mass"] >= 1.0) & (drawn["cart_mass"] <= 4.0))
+    assert np.unique(drawn["cart_mass"]).size == 3
+
+
+def test_a_drawn_cart_is_the_cart_that_moves():
+    keywords = {"base": "cart", "mode": "swingup", "substeps": 8}
+    drawn = NPendulumEnv(randomize={"cart_mass": (0.3, 3.0), "max_force": (0.5, 1.5)}, **keywords)
+    start = drawn.reset(seed=11)[1]
+    mass, force = start["context"]
+    made = NPendulumEnv(cart_mass=mass, max_force=force, rail=4.0, **keywords)
+    made.reset(seed=11)
+    for action in actions_for(made, 30):
+        ours, theirs = drawn.step(action), made.step(action)
+        assert ours[1] == theirs[1]
+        assert ours[-1]["cart_position"] == theirs[-1]["cart_position"]
+
+
+def test_an_episode_continues_from_its_state_and_state_can_be_set():
+    envs, env = NPendulumVectorEnv(2, base="cart", max_episode_steps=9), NPendulumEnv(base="cart")
+    envs.reset(seed=3, options={"cart_position": [0.1, -0.2], "persist": True})
+    actions = actions_for(envs, 20)
+    for action in actions[:5]:
+        shown = envs.step(action)
+    state = envs.get_state()
+    env.reset(seed=0)
+    assert_same(env.set_state(state[1])[0], shown[0][1])
+    first = [envs.step(action) for action in actions[5:]]
+    assert any(each[-1]["cart_position"][0] == 0.1 for each in first)  # the option persists
+    envs.set_state(state)
+    assert_same([envs.step(action) for action in actions[5:]], first)
+    env.state = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    np.testing.assert_allclose(env.state, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6], rtol=0)
+    other = NPendulumEnv(base="cart", cart_mass=5.0)
+    other.reset(seed=0)
+    with pytest.raises(ValueError, match="state must come from an environment with the same"):
+        other.set_state(state[0])
+
+
+def test_delays_hold_for_the_cart_too():
+    keywords = {"base": "cart", "n": 1, "observation": "sincos"}
+    plain, late = (
+        NPendulumEnv(**keywords),
+        NPendulumEnv(observation_delay=2, action_delay=1, **keywords),
+    )
+    shown, seen = [plain.reset(seed=4)], [late.reset(seed=4)]
+    actions = [np.zeros(1, np.float32), *actions_for(plain, 12)]
+    for now, later in zip(actions[1:], actions, strict=False):
+        shown.append(plain.step(later))
+        seen.append(late.step(now))
+        assert shown[-1][-1]["cart_position"] == seen[-1][-1]["cart_position"]
+        past = shown[max(len(shown) - 3, 0)][0]
+        np.testing.assert_array_equal(seen[-1][0], past)
+    assert np.ptp([each[0][3] for each in shown]) > 0.01
+
+
+# -- keywords -------------------------------------------------------------------------------
+
+
+def test_the_defaults_are_those_of_the_documentation():
+    chain = Chain([1.0, 0.5], [0.4, 0.6])
+    config = EnvConfig(chain=chain, base="cart", mode="calm")
+    assert (config.cart_mass, config.rail, config.rail_damping) == (1.5, 2.0, 0.0)
+    assert config.max_force == pytest.approx(0.2 * 9.81 * 3.0, rel=1e-14)
+    assert config.actuated == ()
+    assert EnvConfig(base="cart", difficulty="hard", cart_mass=3.0).max_force == pytest.approx(
+        0.1 * 9.81 * 5.0
+    )
+    assert NPendulumEnv(base="cart").action_space.shape == (1,)
+    assert NPendulumEnv(base="cart", actuated=(1, 0)).action_space.shape == (3,)
+    assert NPendulumEnv(base="cart", mode="passive").action_space.n == 1
+    assert NPendulumEnv(base="cart", torque_levels=3).action_space.n == 3
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "message"),
+    [
+        ({"base": "rail"}, ValueError, "base must be one of pivot, cart"),
+        ({"cart_mass": 1.0}, ValueError, 'cart_mass belongs to a cart: give base="cart" with it'),
+        ({"rail": 2.0}, ValueError, "rail belongs to a cart.*got 2.0"),
+        ({"rail_damping": 0.1}, ValueError, "rail_damping belongs to a cart"),
+        ({"max_force": 3.0}, ValueError, "max_force belongs to a cart"),
+        ({"base": "cart", "cart_mass": 0.0}, ValueError, "cart_mass must be greater than zero"),
+        ({"base": "cart", "rail": -1.0}, ValueError, "rail must be greater than zero"),
+        ({"base": "cart", "rail_damping": -1.0}, ValueError, "rail_damping must be"),
+        ({"base": "cart", "max_force": np.nan}, ValueError, "max_force must be finite"),
+        (
+            {"base": "cart", "max_force": 1.0, "difficulty": "easy"},
+            ValueError,
+            "difficulty cannot be given together with max_force",
+        ),
+        ({"base": "cart", "torque_noise": 0.1}, ValueError, "torque_noise must be left out where"),
+        ({"base": "cart", "actuated": (2,)}, ValueError, "actuated must be between 0 and 1"),
+        ({"randomize": {"cart_mass": (0.5, 2.0)}}, ValueError, "randomize must have keys among"),
+        (
+            {"base": "cart", "randomize": {"cart_mass": {"low": 0.0, "high": 1.0}}},
+            ValueError,
+            "cart_mass",
+        ),
+    ],
+)
+def test_wrong_keywords_are_refused(keywords, error, message):
+    with pytest.raises(error, match=message):
+        NPendulumEnv(**keywords)
+
+
+def test_wrong_options_are_refused_and_change_nothing():
+    env = NPendulumEnv(base="cart", rail=2.0)
+    env.reset(seed=0)
+    before = env.get_state().tobytes()
+    with pytest.raises(ValueError, match=r"options\['cart_position'\] must lie within"):
+        env.reset(options={"cart_position": 2.1})
+    with pytest.raises(ValueError, match=r"options\['cart_velocity'\]"):
+        env.reset(options={"cart_velocity": np.inf})
+    assert env.get_state().tobytes() == before
+    with pytest.raises(ValueError, match=r"options must be among .*got \['cart_position'\]"):
+        NPendulumEnv().reset(options={"cart_position": 0.0})
