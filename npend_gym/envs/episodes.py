@@ -98,7 +98,9 @@ class Episodes:
         rows = _ROWS + (4 if of_goals else 3) * n
         self._shapes = (lanes, config.observed), (rows, lanes)
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
-        self._kept, self._had_options = KeptOptions(count), False
+        self._kept = KeptOptions(count)
+        # lanes that are not as made, by options or a state, and whether there are any
+        self._altered, self._some_altered = np.zeros(count, np.bool_), False
         self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
         scale_all(*self._memory.arrays[:2], n, np.arange(lanes))
         self._new_outputs()
@@ -108,7 +110,7 @@ class Episodes:
         fresh = Episodes(self.config, self.count, self._memory.threads, self._max_steps)
         fresh.seeds, fresh._keys[:] = self.seeds, self._keys
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
-        fresh._kept, fresh._had_options = self._kept, self._had_options
+        fresh._kept, fresh._some_altered = self._kept, True
         return fresh
 
     # -- starting ---------------------------------------------------------------------------
@@ -126,7 +128,7 @@ class Episodes:
         """
         memory, by_python = self._memory, self._start[0] == BY_PYTHON
         memory.arrays[0][Episode.STARTING, : self.count] = mask
-        given = self._take_options(mask, options) if options or self._had_options else ()
+        given = self._take_options(mask, options) if options or self._some_altered else ()
         begin_episodes(*memory.arrays, *self._beginning)
         if by_python:
             chosen = np.flatnonzero(mask)
@@ -153,7 +155,10 @@ class Episodes:
                 if name in values:
                     rows = len(members) + end * self.config.n + np.arange(self.config.n)
                     members[rows[:, None], lanes] = CHOSEN * values[name][lanes].T
-        self._had_options = True
+        self._altered[chosen] = False
+        for lanes, _ in given:
+            self._altered[lanes] = True
+        self._some_altered = bool(self._altered.any())
         return given
 
     def _apply_options(self, lanes: NDArray[np.int64], options: Mapping[str, Any]) -> None:
@@ -197,7 +202,8 @@ class Episodes:
         seeds = list(self.seeds)
         for lane, seed in zip(lanes.tolist(), seeds_of(states), strict=True):
             seeds[lane] = seed
-        self.seeds, self._had_options = seeds, True
+        self.seeds = seeds
+        self._altered[lanes] = self._some_altered = True
         self.observe()
 
     @property
