@@ -20,18 +20,14 @@ from npend_gym.envs.info import Info
 from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import Quantities, left_rail, rail_factor
 from npend_gym.envs.options import CART_STATE, EQUILIBRIA, KeptOptions
-from npend_gym.envs.rows import ANGLES, NUMBER_OF, SINCOS, Episode, Output, Task
+from npend_gym.envs.rows import ANGLES, NUMBER_OF, QUANTITIES, SINCOS, Episode, Output, Task
 from npend_gym.envs.snapshots import Snapshots, States, seeds_of
 from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
-from npend_gym.physics.memory import Memory
+from npend_gym.physics.memory import Memory, Plan
 
-# For `only_lane`, which has no time to look up fields: the rows from TIME on
-(
-    _TIME, _ENERGY, _ENERGY_ERROR, _PSEUDO_PERIOD, _IDEAL_PERIOD, _TIP_HEIGHT, _COMPLETED,
-    _DIVERGED, _SUCCESS, _CART_POSITION, _CART_VELOCITY, _REWARD, _TERMINATED, _TRUNCATED,
-) = Output[Output.TIME :]  # fmt: skip
+_REWARD = Output.REWARD
 _ROWS = len(Output)
 STATE = Rod.THETA, Rod.OMEGA
 
@@ -87,16 +83,23 @@ class Episodes:
         self._beginning = (
             self._keys, nominal, random.draws, self._start, self._context, self._actions
         )  # fmt: skip
-        self._timing = config.dt, config.min_substeps, config.max_rotation
+        timing = config.dt, config.min_substeps, config.max_rotation
+        self._stepping, self._looking = (
+            self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
+        )  # fmt: skip
         kept = {"actions": self._actions, "context": self._context}
         self._motors, self._sensors = fit_hardware(config, self._memory)
         if self._motors is not None:
-            self._timing, kept = self._motors.timing, kept | self._motors.kept
+            self._stepping, kept = self._motors.plan, kept | self._motors.kept
         if self._sensors is not None:
             kept |= self._sensors.kept
         self.snapshots = Snapshots(config, self._memory, self._keys, kept)
-        rows = _ROWS + (4 if of_goals else 3) * n
-        self._shapes = (lanes, config.observed), (rows, lanes)
+        self._has_goals, quantities = bool(of_goals), of_goals > 0 or self._judge == 0
+        rows = _ROWS + (4 if of_goals else 3) * n + (QUANTITIES if quantities else 0)
+        self._shapes = (lanes, config.observed), (rows, self._memory.columns)
+        self._judged_by = slice(_ROWS + 3 * n, _ROWS + 3 * n + QUANTITIES)
+        self._is_random, self._has_cart = len(random.names) > 0, config.has_cart
+        self._shows_context = config.observe_context and self._is_random
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
         self._kept = KeptOptions(count)
         # lanes that are not as made, by options or a state, and whether there are any
@@ -232,8 +235,9 @@ class Episodes:
         else:
             members[Episode.OBSERVED] = 1.0
             self._new_outputs()
-        self._run(0.0, 0, math.inf)
-        self._judge_by_python(observes=True)
+        self._run(self._looking)
+        if self._judge == 0:
+            self._judge_by_python(observes=True)
 
     # -- stepping ---------------------------------------------------------------------------
 
@@ -242,24 +246,25 @@ class Episodes:
 
         Lanes for which `start` was called do not move, and are shown as new.
         """
-        if action is not None:
+        if type(action) is float:
+            self._actions[0, 0] = action  # the common case of one lane, quickly
+        elif action is not None:
             self._actions[: self.count] = action
         self._new_outputs()
         if self._motors is not None:
             self._motors.drive(self._keys, self._actions)
-        self._run(*self._timing)
-        self._judge_by_python(observes=False)
+        self._run(self._stepping)
+        if self._judge == 0:
+            self._judge_by_python(observes=False)
 
-    def _run(self, *timing: Any) -> None:
+    def _run(self, plan: Plan) -> None:
         """Call the step kernel, and then the sensors."""
-        self._memory.run(self._kernel, self._arrays, *timing)
+        self._memory.run(self._kernel, self._arrays, plan)
         if self._sensors is not None:
-            self._sensors.observe(self._keys, self._observation, self._task, timing)
+            self._sensors.observe(self._keys, self._observation, self._task, plan)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
-        if self._judge > 0:
-            return
         mode, outputs = self.config.mode, self._arrays[2][:, : self.count]
         members = self._memory.members
         quantities = self.quantities() if self.count > 1 else self.quantities_of_only_lane()
@@ -284,13 +289,13 @@ class Episodes:
     def observation(self) -> Any:
         """The observations of all lanes, (B, numbers), or the Dict that has them with goals."""
         observation = self._observation[: self.count]
-        if self.config.observe_context:
+        if self._shows_context:
             shown = self.config.randomization.normalised(self._context[: self.count])
             observation[:, observation.shape[1] - shown.shape[1] :] = shown
         if not self.config.goal_env:
             return observation
         outputs, n = self._arrays[2][:, : self.count], self.config.n
-        kinetic_energy, goals = outputs[Output.KINETIC_ENERGY], self._memory.members[-n:]
+        kinetic_energy, goals = self.quantities().kinetic_energy, self._memory.members[-n:]
         return with_goals(observation, outputs[-n:].T, kinetic_energy, goals.T)
 
     @property
@@ -302,7 +307,7 @@ class Episodes:
     def quantities(self) -> Quantities[FloatArray]:
         """Return what a mode judges by, arrays (B, ...)."""
         outputs = self._arrays[2][:, : self.count]
-        rows: list[FloatArray] = list(outputs[:_TIME])
+        rows: list[FloatArray] = list(outputs[self._judged_by])
         _, theta, omega = (outputs[rods].T for rods in self._per_rod)
         return Quantities(*rows, theta, omega)  # pyright: ignore[reportCallIssue]
 
@@ -310,7 +315,7 @@ class Episodes:
         """Return what `quantities` does, of one lane alone, as plain numbers."""
         outputs = self._arrays[2][:, 0]
         _, theta, omega = (outputs[rods] for rods in self._per_rod)
-        plain: list[float] = outputs[:_TIME].tolist()
+        plain: list[float] = outputs[self._judged_by].tolist()
         return Quantities(*plain, theta, omega)  # pyright: ignore[reportCallIssue]
 
     def info(self) -> Info[FloatArray, NDArray[np.int64], BoolArray]:
@@ -320,56 +325,60 @@ class Episodes:
         """
         outputs = self._arrays[2][:, : self.count]
         periods, theta, omega = (outputs[rods].T for rods in self._per_rod)
+        (
+            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity
+        ) = outputs[:_REWARD]  # fmt: skip
         info: Info[FloatArray, NDArray[np.int64], BoolArray] = {
-            "time": outputs[_TIME],
-            "energy": outputs[_ENERGY],
-            "energy_error": outputs[_ENERGY_ERROR],
-            "bobs_completed": outputs[_COMPLETED].astype(np.int64),
-            "pseudo_period": outputs[_PSEUDO_PERIOD],
+            "time": time,
+            "energy": energy,
+            "energy_error": error,
+            "bobs_completed": completed.astype(np.int64),
+            "pseudo_period": period,
             "pseudo_periods": periods,
-            "ideal_period": outputs[_IDEAL_PERIOD],
-            "tip_height": outputs[_TIP_HEIGHT],
+            "ideal_period": ideal,
+            "tip_height": tip,
             "theta": theta,
             "omega": omega,
-            "diverged": outputs[_DIVERGED] != 0.0,
-            "success": outputs[_SUCCESS] != 0.0,
+            "diverged": diverged != 0.0,
+            "success": success != 0.0,
         }
-        if self._context.shape[1] > 0:
+        if self._is_random:
             info["context"] = self._context[: self.count].copy()
-        if self.config.mode.has_goals:
+        if self._has_goals:
             info["goal"] = self._goals()
-        if self.config.has_cart:
-            info["cart_position"] = outputs[_CART_POSITION]
-            info["cart_velocity"] = outputs[_CART_VELOCITY]
+        if self._has_cart:
+            info["cart_position"], info["cart_velocity"] = place, velocity
         return info
 
     def only_lane(self) -> tuple[float, bool, bool, Info[float, int, bool]]:
         """Return reward, terminated, truncated and info of the only lane, as plain numbers."""
         outputs = self._arrays[2][:, 0]
-        row: list[float] = outputs[:_ROWS].tolist()
         periods, theta, omega = self._per_rod
+        (
+            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity,
+            reward, terminated, truncated,
+        ) = outputs[:_ROWS].tolist()  # fmt: skip
         info: Info[float, int, bool] = {
-            "time": row[_TIME],
-            "energy": row[_ENERGY],
-            "energy_error": row[_ENERGY_ERROR],
-            "bobs_completed": int(row[_COMPLETED]),
-            "pseudo_period": row[_PSEUDO_PERIOD],
+            "time": time,
+            "energy": energy,
+            "energy_error": error,
+            "bobs_completed": int(completed),
+            "pseudo_period": period,
             "pseudo_periods": outputs[periods],
-            "ideal_period": row[_IDEAL_PERIOD],
-            "tip_height": row[_TIP_HEIGHT],
+            "ideal_period": ideal,
+            "tip_height": tip,
             "theta": outputs[theta],
             "omega": outputs[omega],
-            "diverged": row[_DIVERGED] != 0.0,
-            "success": row[_SUCCESS] != 0.0,
+            "diverged": diverged != 0.0,
+            "success": success != 0.0,
         }
-        if self._context.shape[1] > 0:
+        if self._is_random:
             info["context"] = self._context[0].copy()
-        if self.config.mode.has_goals:
+        if self._has_goals:
             info["goal"] = self._goals()[0]
-        if self.config.has_cart:
-            info["cart_position"] = row[_CART_POSITION]
-            info["cart_velocity"] = row[_CART_VELOCITY]
-        return row[_REWARD], row[_TERMINATED] != 0.0, row[_TRUNCATED] != 0.0, info
+        if self._has_cart:
+            info["cart_position"], info["cart_velocity"] = place, velocity
+        return reward, terminated != 0.0, truncated != 0.0, info
 
     def _goals(self) -> FloatArray:
         """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""

@@ -23,7 +23,7 @@ from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import Sensor, sense_many, sense_one
 from npend_gym.physics.kernels.ensemble import advance_many, advance_one
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.memory import Memory
+from npend_gym.physics.memory import Memory, Plan
 
 if TYPE_CHECKING:
     from npend_gym.envs.config import EnvConfig  # which imports this module
@@ -45,8 +45,6 @@ _LIMITS = {
     "observation_delay": (MAX_DELAY, _LATER),
     "action_delay": (MAX_DELAY, _LATER),
 }
-
-_Timing = tuple[float, int, float]
 
 
 def checked_hardware(given: Mapping[str, Any]) -> dict[str, float]:
@@ -103,9 +101,9 @@ class Motors:
 
     Attributes
     ----------
-    timing : tuple
-        As `Memory.run` takes it, of the equal pieces into which a step is divided where torques
-        change within it: one substep each, else the whole step.
+    plan : Plan
+        For `Memory.run`, of the equal pieces into which a step is divided where torques change
+        within it: one substep each, else the whole step.
     no_actions : ndarray, shape (lanes, 0)
         For the step kernel, which then leaves the torques as they are.
     kept : dict
@@ -118,7 +116,8 @@ class Motors:
         varies = largest["motor_lag"] > 0.0 or largest["torque_ripple"] > 0.0
         varies |= config.action_delay % 1.0 > 0.0 or "action_delay" in config.context_names
         self._pieces = substeps if varies else 1
-        self.timing = config.dt / self._pieces, substeps // self._pieces, config.max_rotation
+        piece = config.dt / self._pieces, substeps // self._pieces, config.max_rotation
+        self.plan = memory.plan(*piece)
         kernels = (apply_one, advance_one) if memory.size == 1 else (apply_many, advance_many)
         self._apply, self._advance = kernels
         self.no_actions = np.zeros((memory.lanes, 0))
@@ -132,8 +131,8 @@ class Motors:
         run, arrays = self._memory.run, (keys, actions, self._joints, self._past, self._commands)
         for piece in range(self._pieces):
             if piece > 0:
-                run(self._advance, (), *self.timing)
-            run(self._apply, (*arrays, piece, self._pieces), *self.timing)
+                run(self._advance, (), self.plan)
+            run(self._apply, (*arrays, piece, self._pieces), self.plan)
 
 
 class Sensors:
@@ -157,8 +156,8 @@ class Sensors:
         self.kept: dict[str, FloatArray] = {"past_states": self._history} if delay > 0.0 else {}
 
     def observe(
-        self, keys: Keys, observation: NDArray[np.float32], task: FloatArray, timing: _Timing
+        self, keys: Keys, observation: NDArray[np.float32], task: FloatArray, plan: Plan
     ) -> None:
-        """Write the observations, after a call of the step kernel with the same `timing`."""
+        """Write the observations, after a call of the step kernel with the same `plan`."""
         arrays = keys, self._history, observation, task, self._dt
-        self._memory.run(self._sense, arrays, *timing)
+        self._memory.run(self._sense, arrays, plan)

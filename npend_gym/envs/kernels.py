@@ -84,7 +84,9 @@ def _apply_actions(
             limit = members[Episode.MAX_FORCE if of_cart else Episode.MAX_TORQUE, first + k]
             rows[Rod.TORQUE, joint * width + k] = limit * action
             squares += action * action
-        members[Episode.MEAN_SQUARED_ACTION, first + k] = squares / max(1, actions.shape[1])
+        if actions.shape[1] > 1:
+            squares /= actions.shape[1]
+        members[Episode.MEAN_SQUARED_ACTION, first + k] = squares
 
 
 @inlined_kernel
@@ -148,17 +150,13 @@ def _measure(
         where(start > 0.0, share, energy * per_energy), squares, closeness, distance,
         place, group.theta, group.omega,
     )  # fmt: skip
-    outputs[Output.HEIGHT, g] = quantities.height
-    outputs[Output.TIP, g] = quantities.tip
-    outputs[Output.ENERGY, g] = quantities.energy
-    outputs[Output.KINETIC_ENERGY, g] = quantities.kinetic_energy
-    outputs[Output.ENERGY_FRACTION, g] = quantities.energy_fraction
-    outputs[Output.MEAN_SQUARED_ACTION, g] = squares
-    outputs[Output.CLOSENESS, g] = closeness
-    outputs[Output.GOAL_DISTANCE, g] = distance
-    outputs[Output.RAIL_POSITION, g] = place
+    if task[Task.MODE] == 0.0 or task[Task.GOALS] > 0.0:
+        rows = outputs[first + 3 * n :]
+        rows[0, g], rows[1, g], rows[2, g] = quantities[0], quantities[1], quantities[2]
+        rows[3, g], rows[4, g], rows[5, g] = quantities[3], quantities[4], quantities[5]
+        rows[6, g], rows[7, g], rows[8, g] = quantities[6], quantities[7], quantities[8]
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
-    outputs[Output.ENERGY_JOULES, g] = energy
+    outputs[Output.ENERGY, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
     outputs[Output.PSEUDO_PERIOD, g] = total / where(completed > 0.0, completed, 1.0)
     outputs[Output.IDEAL_PERIOD, g] = numbers[Episode.IDEAL_PERIOD, g]
@@ -359,8 +357,8 @@ def step_many(
         the torques stay as they are: `npend_gym.envs.motors` has set them.
     observation : ndarray, float32, shape (lanes, 2n) or (lanes, 3n)
         Written. Without columns `npend_gym.envs.sensors` writes it afterwards.
-    outputs : ndarray, shape (len(Output) + 3 n, lanes), or + 4 n in a mode with goals
-        Written.
+    outputs : ndarray, shape (rows, columns of `members`)
+        Written; the rows are those of `Output` and what follows them.
     task : ndarray, shape (len(Task) + joints + n,)
     """
     written = bare(observation), bare(outputs)

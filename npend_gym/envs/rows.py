@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from npend_gym.envs.modes import Balance, Calm, Mode, Passive, SwingUp, Transition
+from npend_gym.envs.modes import Balance, Calm, Mode, Passive, Quantities, SwingUp, Transition
 from npend_gym.physics.kernels.layout import Member
 
 
@@ -40,38 +40,31 @@ EPISODE_ROWS = len(Episode)
 
 
 class OutputFields(NamedTuple):
-    """Rows of `outputs`, an entry for each lane: first what a mode judges by.
+    """Rows of `outputs`, an entry for each lane.
 
-    After these follow n rows each of pseudo-periods (0.0 where not complete), angles, angular
-    velocities and, in a mode with goals, cosines of the angles.
+    After these follow n rows each of pseudo-periods (0.0 where not complete), angles and angular
+    velocities; QUANTITIES rows where Python judges and in modes with goals; the cosines of the
+    angles in these.
     """
 
-    HEIGHT: int = 0
-    TIP: int = 1
-    ENERGY: int = 2
-    KINETIC_ENERGY: int = 3
-    ENERGY_FRACTION: int = 4
-    MEAN_SQUARED_ACTION: int = 5
-    CLOSENESS: int = 6
-    GOAL_DISTANCE: int = 7
-    RAIL_POSITION: int = 8
-    TIME: int = 9  # s
-    ENERGY_JOULES: int = 10
-    ENERGY_ERROR: int = 11
-    PSEUDO_PERIOD: int = 12  # s
-    IDEAL_PERIOD: int = 13  # s
-    TIP_HEIGHT: int = 14  # m
-    COMPLETED: int = 15
-    DIVERGED: int = 16
-    SUCCESS: int = 17
-    CART_POSITION: int = 18  # m; this and the next are written where there is a cart
-    CART_VELOCITY: int = 19  # m/s
-    REWARD: int = 20  # this and what follows belongs to a step, and is no part of the info
-    TERMINATED: int = 21
-    TRUNCATED: int = 22
+    TIME: int = 0  # s
+    ENERGY: int = 1  # J
+    ENERGY_ERROR: int = 2
+    PSEUDO_PERIOD: int = 3  # s
+    IDEAL_PERIOD: int = 4  # s
+    TIP_HEIGHT: int = 5  # m
+    COMPLETED: int = 6
+    DIVERGED: int = 7
+    SUCCESS: int = 8
+    CART_POSITION: int = 9  # m; this and the next are written where there is a cart
+    CART_VELOCITY: int = 10  # m/s
+    REWARD: int = 11  # this and what follows belongs to a step, and is no part of the info
+    TERMINATED: int = 12
+    TRUNCATED: int = 13
 
 
 Output = OutputFields()
+QUANTITIES = len(Quantities._fields) - 2  # all but angles and angular velocities
 
 
 class TaskFields(NamedTuple):

@@ -212,7 +212,8 @@ def begin_episodes(
     """
     members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
     actions = bare(actions)
-    n, width, chain = nominal.shape[1], members.shape[1] // rods.shape[0], nominal.copy()
+    n, chain = nominal.shape[1], nominal.copy()
+    width = rods.shape[2] // (n + 1)
     for k in range(members.shape[1]):
         if members[Episode.STARTING, k] == 0.0:
             continue
@@ -238,7 +239,7 @@ def scale_all(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) ->
     """Set what makes quantities mean the same for every chain, of `chosen` lanes."""
     members, rods = bare(members), bare(rods)
     for k in chosen:
-        _scale(members, rods, k, members.shape[1] // rods.shape[0], n)
+        _scale(members, rods, k, rods.shape[2] // (n + 1), n)
 
 
 def start_plan(mode: Mode, spread: float) -> FloatArray:

@@ -16,7 +16,7 @@ from npend_gym.physics.arguments import check_limits, check_members, check_state
 from npend_gym.physics.kernels.ensemble import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.members import Members
-from npend_gym.physics.memory import Memory
+from npend_gym.physics.memory import Memory, Plan
 from npend_gym.physics.pivot import check_pivot
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS
 
@@ -83,6 +83,7 @@ class Ensemble(Members):
         pivot = check_pivot(cart_mass=cart_mass, rail_damping=rail_damping)
         super().__init__(Memory(together, self.size, threads, base=pivot.base))
         self._has_cart = pivot.moves
+        self._plans: dict[tuple[float, int, float], Plan] = {}  # of the last step
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
         """Give some members the parameters of a chain; their time and measurements start anew.
@@ -187,7 +188,7 @@ class Ensemble(Members):
         A member that leaves all bounds keeps its last finite state; `diverged` is True for it.
         """
         given = _checks.broadcast("torque", torque, (self.size, self.joints.size))
-        step = self._check_step(dt, substeps)
+        plan = self._check_step(dt, substeps)
         mask = np.ones(self.size) if active is None else np.asarray(active, np.bool_)
         if mask.shape != (self.size,):
             raise ValueError(f"active must have the shape ({self.size},), got {mask.shape}")
@@ -198,7 +199,7 @@ class Ensemble(Members):
         for joint, column in zip(self.joints, given.T, strict=True):
             memory.per_rod(Rod.TORQUE)[(*place, joint)] = column
         memory.members[Member.ACTIVE] = mask
-        self._run(step)
+        self._run(plan)
         memory.members[Member.ACTIVE] = 1.0
         self._ready = True
 
@@ -223,7 +224,7 @@ class Ensemble(Members):
         if given.ndim != 3 or given.shape[1:] != (members, joints.size):
             shape = f"(T, {members}, {joints.size})"
             raise ValueError(f"torques must have the shape {shape}, got {given.shape}")
-        step, memory = self._check_step(dt, substeps), self._intact
+        plan, memory = self._check_step(dt, substeps), self._intact
         fields = [memory.per_rod(field) for field in (Rod.TORQUE, Rod.THETA, Rod.OMEGA)]
         wanted = np.zeros((len(given), memory.lanes, self.n))
         wanted[:, :members, joints] = given
@@ -233,20 +234,24 @@ class Ensemble(Members):
         memory.of_base(Rod.TORQUE)[:] = 0.0
         for k, torque in enumerate(wanted.reshape(-1, *fields[0].shape), start=1):
             fields[0][:] = torque
-            self._run(step)
+            self._run(plan)
             states[:, k] = fields[1:]
         self._ready = True
         return tuple(states.reshape(2, len(given) + 1, -1, self.n)[:, :, :members])
 
-    def _run(self, step: tuple[float, int, float]) -> None:
-        self._memory.run(advance_one if self.size == 1 else advance_many, (), *step)
+    def _run(self, plan: Plan) -> None:
+        self._memory.run(advance_one if self.size == 1 else advance_many, (), plan)
 
-    def _check_step(self, dt: float, substeps: int | None) -> tuple[float, int, float]:
-        """Return the duration of a step, its number of substeps and the rotation they allow."""
+    def _check_step(self, dt: float, substeps: int | None) -> Plan:
+        """Return how a step of `dt` is taken: by so many substeps, or by the default number."""
         dt = _checks.positive_number("dt", dt)
+        rotation = MAX_ROTATION if substeps is None else math.inf
         if substeps is None:
-            return dt, self._default_substeps(dt), MAX_ROTATION
-        return dt, _checks.count("substeps", substeps, high=MAX_SUBSTEPS), math.inf
+            substeps = self._default_substeps(dt)
+        key = dt, _checks.count("substeps", substeps, high=MAX_SUBSTEPS), rotation
+        if key not in self._plans:
+            self._plans = {key: self._memory.plan(*key)}
+        return self._plans[key]
 
     def close(self) -> None:
         """End the threads; they start again where they are needed."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,18 @@ from npend_gym.physics.kernels.link_terms import Joint, Link, check_terms, model
 from npend_gym.physics.kernels.members import Indices, begin_all_to_measure, write_chains
 
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
+_ALIASED = 256  # numbers, of 2 kB
 _CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one
+
+
+class Plan(NamedTuple):
+    """How a step is divided into compiled calls."""
+
+    substeps: int
+    groups: int  # in one call
+    piece: int  # substeps of one call
+    whole: bool  # whether one call does it all
+    timing: list[FloatArray]  # of each thread
 
 
 class Memory:
@@ -41,11 +52,14 @@ class Memory:
     Attributes
     ----------
     arrays : tuple
-        `members`, shape (rows, lanes), `rods`, shape (groups, len(Rod), (n + 1) * width), and the
+        `members`, shape (rows, columns), `rods`, shape (groups, len(Rod), (n + 1) * width), and the
         model: what the kind of chain needs beside these. The last group is filled up with chains
         that hang at rest.
     groups, width : int
         Number of groups, and of members in each.
+    lanes, columns : int
+        Number of members with those that fill up the last group; columns of `members`, which are
+        not all of use.
     """
 
     def __init__(
@@ -60,10 +74,12 @@ class Memory:
         self.threads = _checks.count("threads", threads, high=MAX_THREADS)
         self.width = group_width(size)
         self.groups = -(-size // self.width)
-        lanes = self.groups * self.width
+        self.lanes = lanes = self.groups * self.width
+        # rows that all begin at the same places of the cache would push each other out of it
+        self.columns = lanes + (self.width if lanes % _ALIASED == 0 else 0)
         terms = model_terms(chains, base)
         self.arrays: tuple[FloatArray, FloatArray, Model] = (
-            aligned_zeros(len(Member) + spare_rows, lanes),
+            aligned_zeros(len(Member) + spare_rows, self.columns),
             aligned_zeros(self.groups, len(Rod), (self.n + 1) * self.width),
             tuple(aligned_zeros(self.groups, len(t), t.shape[2] * self.width) for t in terms)
             or None,
@@ -71,8 +87,6 @@ class Memory:
         if base is not None and self.arrays[2] is not None:
             self.arrays[2][-1][:] = base[:, None]
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
-        self._timing = np.zeros((threads, len(Timing)))
-        self._plan: tuple[float, int, float] | None = None  # of the last `run`
         self._helpers: Helpers | None = None
         self.arrays[0][Member.ACTIVE] = 1.0
         if len(chains.masses) > 1:  # lanes to spare repeat the last chain
@@ -85,11 +99,6 @@ class Memory:
     def members(self) -> FloatArray:
         """The rows of `Member` and the spare ones, a view of shape (rows, B)."""
         return self.arrays[0][:, : self.size]
-
-    @property
-    def lanes(self) -> int:
-        """Number of members with those that fill up the last group."""
-        return self.arrays[0].shape[1]
 
     def per_rod(self, field: int) -> FloatArray:
         """Return a view of a field of all rods, shape (groups, width, n): see `place`."""
@@ -182,32 +191,34 @@ class Memory:
         """Begin to measure from the present state of some members."""
         begin_all_to_measure(*self.arrays[:2], self.n, members)
 
-    def run(
-        self,
-        kernel: Callable[..., None],
-        arrays: tuple[Any, ...],
-        dt: float,
-        substeps: int,
-        max_rotation: float,
-    ) -> None:
+    def plan(self, dt: float, substeps: int, max_rotation: float) -> Plan:
+        """Return how steps of this kind are divided into compiled calls, for `run`."""
+        most = self.n * self.width * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
+        piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
+        share = self.groups
+        if self.threads > 1:
+            share = -(-self.groups // (_CHUNKS * self.threads))
+        groups = max(1, min(piece // max(1, substeps), share))
+        piece = max(1, min(piece, substeps))
+        timing = np.zeros((self.threads, len(Timing)))
+        timing[:] = dt, substeps, 1.0 / max_rotation, 0, self.groups, 0, substeps
+        whole = groups >= self.groups and piece >= substeps
+        return Plan(substeps, groups, piece, whole, list(timing))
+
+    def run(self, kernel: Callable[..., None], arrays: tuple[Any, ...], plan: Plan) -> None:
         """Call ``kernel(*self.arrays, *arrays, timing, scratch)`` for all groups.
 
         Large steps are divided over threads, and over calls so short that Ctrl-C is heard between
         them. The caller must check whether one was interrupted.
         """
-        if self._plan != (dt, substeps, max_rotation):
-            self._per_call = groups, piece = self._divide(substeps, max_rotation)
-            self._one_call = groups >= self.groups and piece >= substeps
-            self._timing[:] = dt, substeps, 1.0 / max_rotation, 0, self.groups, 0, substeps
-            self._plan = dt, substeps, max_rotation
-        if self._one_call:
-            kernel(*self.arrays, *arrays, self._timing[0], self._scratch[0])
+        if plan.whole:
+            kernel(*self.arrays, *arrays, plan.timing[0], self._scratch[0])
             return
-        chunks = iter(range(0, self.groups, self._per_call[0]))
+        chunks = iter(range(0, self.groups, plan.groups))
 
         def work(thread: int, call: Call | None) -> None:
-            timing, scratch = self._timing[thread], self._scratch[thread]
-            for span in self._spans(chunks, substeps):
+            timing, scratch = plan.timing[thread], self._scratch[thread]
+            for span in self._spans(chunks, plan):
                 timing[3:] = span
                 kernel(*self.arrays, *arrays, timing, scratch)
                 if call is not None and call.stopped:
@@ -220,21 +231,12 @@ class Memory:
             self._helpers = Helpers(min(self.threads, self.groups) - 1)
         self._helpers.run(work)
 
-    def _spans(self, chunks: Iterator[int], substeps: int) -> Iterator[tuple[int, int, int, int]]:
+    def _spans(self, chunks: Iterator[int], plan: Plan) -> Iterator[tuple[int, int, int, int]]:
         """Yield the first and last group and substep of each call; threads share the chunks."""
-        groups, piece = self._per_call
         for first in chunks:
-            for begin in range(0, max(1, substeps), piece):
-                yield first, min(first + groups, self.groups), begin, min(begin + piece, substeps)
-
-    def _divide(self, substeps: int, max_rotation: float) -> tuple[int, int]:
-        """Return the largest number of groups and of substeps in one compiled call."""
-        most = self.n * self.width * (1 if math.isinf(max_rotation) else int(MAX_PARTS))
-        piece = max(1, _RODS_PER_CALL // most)  # substeps of a group
-        share = self.groups
-        if self.threads > 1:
-            share = -(-self.groups // (_CHUNKS * self.threads))
-        return max(1, min(piece // max(1, substeps), share)), max(1, min(piece, substeps))
+            last = min(first + plan.groups, self.groups)
+            for begin in range(0, max(1, plan.substeps), plan.piece):
+                yield first, last, begin, min(begin + plan.piece, plan.substeps)
 
     def close(self) -> None:
         """End the threads."""

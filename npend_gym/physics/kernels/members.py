@@ -110,7 +110,8 @@ def write_chains(
     members: FloatArray, rods: FloatArray, model: Model, chosen: Indices, chains: FloatArray
 ) -> None:
     """Give `chosen` members, k of them, the chains (k, parameters, n); or (1, ...) to all."""
-    members, rods, model, width = bare(members), bare(rods), bare(model), _width(members, rods)
+    members, rods, model = bare(members), bare(rods), bare(model)
+    width = rods.shape[2] // (chains.shape[2] + 1)
     for row in range(chosen.size):
         chain = chains[row if chains.shape[0] > 1 else 0]
         write_chain(members, rods, model, chosen[row], width, chain)
@@ -119,11 +120,6 @@ def write_chains(
 @kernel
 def begin_all_to_measure(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) -> None:
     """Begin to measure `chosen` members from their present states."""
-    members, rods, width = bare(members), bare(rods), _width(members, rods)
+    members, rods, width = bare(members), bare(rods), rods.shape[2] // (n + 1)
     for k in chosen:
         begin_to_measure(members, rods, k, width, n)
-
-
-@inlined_kernel
-def _width(members: FloatArray, rods: FloatArray) -> int:
-    return members.shape[1] // rods.shape[0]
