@@ -57,6 +57,8 @@ GOLDEN: dict[str, str] = {
         "a25f017847a15d596e5ae27fa7c18e0cd16044b863dec2b0f21ca5b33ef24941",
     "environment, calm":
         "e52a1022e443df559aa7426f7598253ae9cc46176b04bc8ab03409f06e4d17e4",
+    "environment, transition":
+        "@1",
     "vector environment, passive":
         "47e45f8f7d1aed6917c92c30a833cfa71dfbb6d94403328d2344f198a551b234",
     "vector environment, swingup":
@@ -65,6 +67,8 @@ GOLDEN: dict[str, str] = {
         "96f482f4a346c6b5c2c5dfce08df6835f76b9e8adc33b34d4260e43a7297de41",
     "vector environment, calm":
         "4600019c204e57df25af02e3b177fbfb945845c258cf722ebe82dad5becca12e",
+    "vector environment, transition":
+        "@2",
     "simulate, links":
         "0b76b87e9437f8ccb2a3b3e4df8881ef8fe0647364f5d7c2587c7aefe1a313c7",
     "simulate, machine":

@@ -143,7 +143,7 @@ class JudgedHere(SwingUp):
 def test_quantities_are_those_of_the_links():
     env = gym.make("NPendulum-v0", chain=CHAIN, mode=JudgedHere()).unwrapped
     env.reset(options=START)
-    quantities = env._episodes.quantities()
+    quantities = env._episodes.outputs.quantities()
     whole = Ensemble(CHAIN, 1)
     places = {}
     energy = kinetic = tip = np.nan
@@ -163,7 +163,7 @@ def test_quantities_are_those_of_the_links():
 def test_standing_upright_is_height_one_and_energy_one():
     env = gym.make("NPendulum-v0", chain="realaigym C.1", mode=JudgedHere()).unwrapped
     env.reset(options={"theta": np.pi, "omega": 0.0})
-    quantities = env._episodes.quantities()
+    quantities = env._episodes.outputs.quantities()
     assert [float(value[0]) for value in quantities[:4]] == pytest.approx([1.0, 1.0, 1.0, 0.0])
 
 

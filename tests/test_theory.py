@@ -170,8 +170,5 @@ def test_the_papers_period_does_not_apply_to_links():
     models = theory.models(chain, 0.5)
     assert np.isnan([models.ideal, models.corrected]).all()
     assert models.fundamental == theory.fundamental_period(chain)
-    mixed = Chain(1.0, [1.0, 1.0]).repeated(2, inertias=np.array([[0.0, 0.0], [0.0, 0.1]]))
-    assert theory.ideal_periods(mixed)[0] == theory.ideal_period(Chain.uniform(2))
-    assert np.isnan(theory.ideal_periods(mixed)[1])
     rubbing = Chain(1.0, [1.0, 1.0], friction=0.1)  # friction is no matter of the period
     assert theory.ideal_period(rubbing) == theory.ideal_period(Chain.uniform(2))

@@ -1,4 +1,4 @@
-"""The episodes of B lanes: how they start, one step of them, and what is told of it."""
+"""The episodes of B lanes: how they start, and one step of them; `outputs` tells of it."""
 
 from __future__ import annotations
 
@@ -14,21 +14,18 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.philox import Keys, Purpose, generator
 from npend_gym.envs.cart import OF_CART, base_of, cart_speed_factor
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.goals import with_goals
 from npend_gym.envs.hardware import ROWS, fit_hardware
-from npend_gym.envs.info import Info
 from npend_gym.envs.kernels import step_many, step_one
-from npend_gym.envs.modes import Quantities, left_rail, rail_factor
+from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.options import CART_STATE, EQUILIBRIA, KeptOptions
-from npend_gym.envs.rows import ANGLES, NUMBER_OF, QUANTITIES, SINCOS, Episode, Output, Task
+from npend_gym.envs.outputs import Outputs
+from npend_gym.envs.rows import ANGLES, NUMBER_OF, SINCOS, Episode, Output, Task
 from npend_gym.envs.snapshots import Snapshots, States, seeds_of
 from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory, Plan
 
-_REWARD = Output.REWARD
-_ROWS = len(Output)
 STATE = Rod.THETA, Rod.OMEGA
 
 
@@ -50,6 +47,9 @@ class Episodes:
     ----------
     seeds : sequence of int
         The seed of every lane.
+    outputs : Outputs
+        What is told of the last step or start.
+    snapshots : Snapshots
     """
 
     def __init__(
@@ -87,26 +87,23 @@ class Episodes:
         self._stepping, self._looking = (
             self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
         )  # fmt: skip
+        self._commands = self._actions  # what the step kernel turns into torques
         kept = {"actions": self._actions, "context": self._context}
         self._motors, self._sensors = fit_hardware(config, self._memory)
         if self._motors is not None:
             self._stepping, kept = self._motors.plan, kept | self._motors.kept
+            self._commands = self._motors.no_actions
         if self._sensors is not None:
             kept |= self._sensors.kept
         self.snapshots = Snapshots(config, self._memory, self._keys, kept)
-        self._has_goals, quantities = bool(of_goals), of_goals > 0 or self._judge == 0
-        rows = _ROWS + (4 if of_goals else 3) * n + (QUANTITIES if quantities else 0)
-        self._shapes = (lanes, config.observed), (rows, self._memory.columns)
-        self._judged_by = slice(_ROWS + 3 * n, _ROWS + 3 * n + QUANTITIES)
-        self._is_random, self._has_cart = len(random.names) > 0, config.has_cart
-        self._shows_context = config.observe_context and self._is_random
-        self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
+        self.outputs = Outputs(
+            config, self._memory, self._context, with_quantities=self._judge == 0
+        )
         self._kept = KeptOptions(count)
         # lanes that are not as made, by options or a state, and whether there are any
         self._altered, self._some_altered = np.zeros(count, np.bool_), False
         self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
         scale_all(*self._memory.arrays[:2], n, np.arange(lanes))
-        self._new_outputs()
 
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
@@ -234,7 +231,7 @@ class Episodes:
             members[Episode.OBSERVED] = members[Episode.STARTING]
         else:
             members[Episode.OBSERVED] = 1.0
-            self._new_outputs()
+            self.outputs.renew()
         self._run(self._looking)
         if self._judge == 0:
             self._judge_by_python(observes=True)
@@ -250,7 +247,7 @@ class Episodes:
             self._actions[0, 0] = action  # the common case of one lane, quickly
         elif action is not None:
             self._actions[: self.count] = action
-        self._new_outputs()
+        self.outputs.renew()
         if self._motors is not None:
             self._motors.drive(self._keys, self._actions)
         self._run(self._stepping)
@@ -259,15 +256,18 @@ class Episodes:
 
     def _run(self, plan: Plan) -> None:
         """Call the step kernel, and then the sensors."""
-        self._memory.run(self._kernel, self._arrays, plan)
-        if self._sensors is not None:
-            self._sensors.observe(self._keys, self._observation, self._task, plan)
+        outputs, sensors = self.outputs, self._sensors
+        shown = outputs.observations if sensors is None else sensors.no_observation
+        arrays = self._commands, shown, outputs.rows, self._task
+        self._memory.run(self._kernel, arrays, plan)
+        if sensors is not None:
+            sensors.observe(self._keys, outputs.observations, self._task, plan)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
-        mode, outputs = self.config.mode, self._arrays[2][:, : self.count]
-        members = self._memory.members
-        quantities = self.quantities() if self.count > 1 else self.quantities_of_only_lane()
+        mode, outputs = self.config.mode, self.outputs.rows[:, : self.count]
+        members, told = self._memory.members, self.outputs
+        quantities = told.quantities() if self.count > 1 else told.quantities_of_only_lane()
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         left = left_rail(quantities.rail_position)
@@ -283,107 +283,7 @@ class Episodes:
             outputs[[[Output.REWARD], [Output.TERMINATED]], starts] = 0.0
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
 
-    # -- what is told -----------------------------------------------------------------------
-
-    @property
-    def observation(self) -> Any:
-        """The observations of all lanes, (B, numbers), or the Dict that has them with goals."""
-        observation = self._observation[: self.count]
-        if self._shows_context:
-            shown = self.config.randomization.normalised(self._context[: self.count])
-            observation[:, observation.shape[1] - shown.shape[1] :] = shown
-        if not self.config.goal_env:
-            return observation
-        outputs, n = self._arrays[2][:, : self.count], self.config.n
-        kinetic_energy, goals = self.quantities().kinetic_energy, self._memory.members[-n:]
-        return with_goals(observation, outputs[-n:].T, kinetic_energy, goals.T)
-
-    @property
-    def outcome(self) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """Reward, terminated and truncated of the last step, (B,) each."""
-        rows = self._arrays[2][_REWARD:_ROWS, : self.count]
-        return rows[0], rows[1] != 0.0, rows[2] != 0.0
-
-    def quantities(self) -> Quantities[FloatArray]:
-        """Return what a mode judges by, arrays (B, ...)."""
-        outputs = self._arrays[2][:, : self.count]
-        rows: list[FloatArray] = list(outputs[self._judged_by])
-        _, theta, omega = (outputs[rods].T for rods in self._per_rod)
-        return Quantities(*rows, theta, omega)  # pyright: ignore[reportCallIssue]
-
-    def quantities_of_only_lane(self) -> Quantities[float]:
-        """Return what `quantities` does, of one lane alone, as plain numbers."""
-        outputs = self._arrays[2][:, 0]
-        _, theta, omega = (outputs[rods] for rods in self._per_rod)
-        plain: list[float] = outputs[self._judged_by].tolist()
-        return Quantities(*plain, theta, omega)  # pyright: ignore[reportCallIssue]
-
-    def info(self) -> Info[FloatArray, NDArray[np.int64], BoolArray]:
-        """Return the info of all lanes, arrays (B, ...) of the last step or start.
-
-        They are handed out: the next step does not write to them.
-        """
-        outputs = self._arrays[2][:, : self.count]
-        periods, theta, omega = (outputs[rods].T for rods in self._per_rod)
-        (
-            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity
-        ) = outputs[:_REWARD]  # fmt: skip
-        info: Info[FloatArray, NDArray[np.int64], BoolArray] = {
-            "time": time,
-            "energy": energy,
-            "energy_error": error,
-            "bobs_completed": completed.astype(np.int64),
-            "pseudo_period": period,
-            "pseudo_periods": periods,
-            "ideal_period": ideal,
-            "tip_height": tip,
-            "theta": theta,
-            "omega": omega,
-            "diverged": diverged != 0.0,
-            "success": success != 0.0,
-        }
-        if self._is_random:
-            info["context"] = self._context[: self.count].copy()
-        if self._has_goals:
-            info["goal"] = self._goals()
-        if self._has_cart:
-            info["cart_position"], info["cart_velocity"] = place, velocity
-        return info
-
-    def only_lane(self) -> tuple[float, bool, bool, Info[float, int, bool]]:
-        """Return reward, terminated, truncated and info of the only lane, as plain numbers."""
-        outputs = self._arrays[2][:, 0]
-        periods, theta, omega = self._per_rod
-        (
-            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity,
-            reward, terminated, truncated,
-        ) = outputs[:_ROWS].tolist()  # fmt: skip
-        info: Info[float, int, bool] = {
-            "time": time,
-            "energy": energy,
-            "energy_error": error,
-            "bobs_completed": int(completed),
-            "pseudo_period": period,
-            "pseudo_periods": outputs[periods],
-            "ideal_period": ideal,
-            "tip_height": tip,
-            "theta": outputs[theta],
-            "omega": outputs[omega],
-            "diverged": diverged != 0.0,
-            "success": success != 0.0,
-        }
-        if self._is_random:
-            info["context"] = self._context[0].copy()
-        if self._has_goals:
-            info["goal"] = self._goals()[0]
-        if self._has_cart:
-            info["cart_position"], info["cart_velocity"] = place, velocity
-        return reward, terminated != 0.0, truncated != 0.0, info
-
-    def _goals(self) -> FloatArray:
-        """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""
-        cosines = self._memory.members[-self.config.n :].T
-        return np.array([0.0, math.pi])[(cosines < 0.0).astype(np.int64)]
+    # -- for pictures -----------------------------------------------------------------------
 
     def positions(self) -> FloatArray:
         """Return the positions of the bobs [m], shape (B, n, 2), from the middle of a rail."""
@@ -409,17 +309,6 @@ class Episodes:
     def chain_length(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""
         return float(1.0 / self._memory.members[Episode.PER_LENGTH, lane])
-
-    def _new_outputs(self) -> None:
-        """Make new arrays for what is told: those handed out before are not written again."""
-        observation, outputs = self._shapes
-        self._observation = shown = np.empty(observation, np.float32)
-        actions = self._actions
-        if self._motors is not None:
-            actions = self._motors.no_actions
-        if self._sensors is not None:
-            shown = self._sensors.no_observation
-        self._arrays = actions, shown, np.empty(outputs), self._task
 
     def close(self) -> None:
         """End the threads."""

@@ -72,7 +72,7 @@ class Camera:
         """Paint every lane; return the pictures, or show them in the window."""
         if self._painter is None:
             return None
-        info = episodes.info()
+        info = episodes.outputs.info()
         places = zip(episodes.positions(), episodes.bodies(), strict=True)
         frames = tuple(
             self._painter.paint(self._scene(episodes, info, lane, *of_lane))

@@ -288,7 +288,10 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
             self.camera.follow(episodes)
-        observation, (_, _, _, info) = of_lane(episodes.observation, 0), episodes.only_lane()
+        observation, (_, _, _, info) = (
+            of_lane(episodes.outputs.observation, 0),
+            episodes.outputs.only_lane(),
+        )
         self._progress = _READY
         return observation, info
 
@@ -320,11 +323,11 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         checked = checked_action(action, self._action_shape, self.config.action_table)
         self._progress = _UNFINISHED
         episodes.step(checked)
-        reward, terminated, truncated, info = episodes.only_lane()
+        reward, terminated, truncated, info = episodes.outputs.only_lane()
         if self.render_mode is not None:
             self.camera.follow(episodes)
         self._progress = _READY
-        return of_lane(episodes.observation, 0), reward, terminated, truncated, info
+        return of_lane(episodes.outputs.observation, 0), reward, terminated, truncated, info
 
     def get_state(self) -> States:
         """Return the whole state: chain, motion, clock, measurements, seed, number of the episode.
@@ -371,7 +374,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._is_seeded = True
         self.camera.forget(_THE_LANE)
         self._progress = _READY
-        return of_lane(episodes.observation, 0), episodes.only_lane()[3]
+        return of_lane(episodes.outputs.observation, 0), episodes.outputs.only_lane()[3]
 
     @property
     def state(self) -> FloatArray:

@@ -148,7 +148,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         episodes.observe()
         self.camera.forget(mask)
         self._done = self._done & ~mask
-        result = episodes.observation, with_masks(episodes.info(), mask.copy())
+        result = episodes.outputs.observation, with_masks(episodes.outputs.info(), mask.copy())
         self._progress = _READY
         return result
 
@@ -180,27 +180,27 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             self.camera.forget(waiting)
             action = action if action is None else np.where(waiting[:, None], 0.0, action)
         episodes.step(action)
-        reward, terminated, truncated = episodes.outcome
+        reward, terminated, truncated = episodes.outputs.outcome
         done = self._done = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(done) > 0:
             info = self._reset_now(done)
         else:
-            info = with_masks(episodes.info(), np.ones(self.num_envs, np.bool_))
+            info = with_masks(episodes.outputs.info(), np.ones(self.num_envs, np.bool_))
         if self.render_mode is not None:
             self.camera.follow(episodes)
-        result = episodes.observation, reward, terminated, truncated, info
+        result = episodes.outputs.observation, reward, terminated, truncated, info
         self._progress = _READY
         return result
 
     def _reset_now(self, done: BoolArray) -> dict[str, Any]:
         """Begin the next episode of lanes that are done; return the info with their last one."""
         episodes = self._episodes
-        final = final_info(episodes.observation, episodes.info(), done)
+        final = final_info(episodes.outputs.observation, episodes.outputs.info(), done)
         episodes.start(done)
         episodes.observe(reuse_buffers=True)
         self.camera.forget(done)
         self._done = np.zeros(self.num_envs, np.bool_)
-        return with_masks(episodes.info(), np.ones(self.num_envs, np.bool_)) | final
+        return with_masks(episodes.outputs.info(), np.ones(self.num_envs, np.bool_)) | final
 
     def get_state(self, lanes: ArrayLike | None = None) -> States:
         """Return the whole state of all lanes, or of some, by number or as a mask: records (k,).
@@ -250,7 +250,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         moved = np.isin(np.arange(self.num_envs), chosen)
         self.camera.forget(moved)
         self._progress = _READY
-        return episodes.observation, with_masks(episodes.info(), moved)
+        return episodes.outputs.observation, with_masks(episodes.outputs.info(), moved)
 
     @property
     def state(self) -> FloatArray:

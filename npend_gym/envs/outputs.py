@@ -1,0 +1,160 @@
+"""What is told of B lanes: observations, rewards and infos, in arrays that are handed out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.goals import with_goals
+from npend_gym.envs.info import Info
+from npend_gym.envs.modes import Quantities
+from npend_gym.envs.rows import QUANTITIES, Output
+from npend_gym.physics.memory import Memory
+
+_ROWS = len(Output)
+_REWARD = Output.REWARD
+
+
+class Outputs:
+    """The arrays that the step kernel writes, read.
+
+    Parameters
+    ----------
+    config : EnvConfig
+    memory : Memory
+    context : ndarray, shape (lanes, numbers)
+        What is drawn of each lane's chain.
+    with_quantities : bool
+        Whether what modes judge by is kept.
+
+    Attributes
+    ----------
+    observations : ndarray, float32, shape (lanes, numbers)
+    rows : ndarray, shape (rows, columns)
+        Those of `Output` and what follows them.
+    """
+
+    def __init__(
+        self, config: EnvConfig, memory: Memory, context: FloatArray, *, with_quantities: bool
+    ) -> None:
+        self.config, self.count, n = config, memory.size, config.n
+        self._memory, self._context = memory, context
+        self._is_random, self._has_cart = context.shape[1] > 0, config.has_cart
+        self._has_goals, self._goal_env = config.mode.has_goals, config.goal_env
+        self._shows_context = config.observe_context and self._is_random
+        with_quantities |= self._has_goals
+        rows = _ROWS + (4 if self._has_goals else 3) * n + (QUANTITIES if with_quantities else 0)
+        self._shapes = (memory.lanes, config.observed), (rows, memory.columns)
+        self._judged_by = slice(_ROWS + 3 * n, _ROWS + 3 * n + QUANTITIES)
+        self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
+        self.renew()
+
+    def renew(self) -> None:
+        """Make new arrays: those handed out before are not written again."""
+        observations, rows = self._shapes
+        self.observations, self.rows = np.empty(observations, np.float32), np.empty(rows)
+
+    @property
+    def observation(self) -> Any:
+        """The observations of all lanes, (B, numbers), or the Dict that has them with goals."""
+        observation = self.observations[: self.count]
+        if self._shows_context:
+            shown = self.config.randomization.normalised(self._context[: self.count])
+            observation[:, observation.shape[1] - shown.shape[1] :] = shown
+        if not self._goal_env:
+            return observation
+        outputs, n = self.rows[:, : self.count], self.config.n
+        kinetic_energy, goals = self.quantities().kinetic_energy, self._memory.members[-n:]
+        return with_goals(observation, outputs[-n:].T, kinetic_energy, goals.T)
+
+    @property
+    def outcome(self) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Reward, terminated and truncated of the last step, (B,) each."""
+        rows = self.rows[_REWARD:_ROWS, : self.count]
+        return rows[0], rows[1] != 0.0, rows[2] != 0.0
+
+    def quantities(self) -> Quantities[FloatArray]:
+        """Return what a mode judges by, arrays (B, ...)."""
+        outputs = self.rows[:, : self.count]
+        rows: list[FloatArray] = list(outputs[self._judged_by])
+        _, theta, omega = (outputs[rods].T for rods in self._per_rod)
+        return Quantities(*rows, theta, omega)  # pyright: ignore[reportCallIssue]
+
+    def quantities_of_only_lane(self) -> Quantities[float]:
+        """Return what `quantities` does, of one lane alone, as plain numbers."""
+        outputs = self.rows[:, 0]
+        _, theta, omega = (outputs[rods] for rods in self._per_rod)
+        plain: list[float] = outputs[self._judged_by].tolist()
+        return Quantities(*plain, theta, omega)  # pyright: ignore[reportCallIssue]
+
+    def info(self) -> Info[FloatArray, NDArray[np.int64], BoolArray]:
+        """Return the info of all lanes, arrays (B, ...) of the last step or start.
+
+        They are handed out: the next step does not write to them.
+        """
+        outputs = self.rows[:, : self.count]
+        periods, theta, omega = (outputs[rods].T for rods in self._per_rod)
+        (
+            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity
+        ) = outputs[:_REWARD]  # fmt: skip
+        info: Info[FloatArray, NDArray[np.int64], BoolArray] = {
+            "time": time,
+            "energy": energy,
+            "energy_error": error,
+            "bobs_completed": completed.astype(np.int64),
+            "pseudo_period": period,
+            "pseudo_periods": periods,
+            "ideal_period": ideal,
+            "tip_height": tip,
+            "theta": theta,
+            "omega": omega,
+            "diverged": diverged != 0.0,
+            "success": success != 0.0,
+        }
+        if self._is_random:
+            info["context"] = self._context[: self.count].copy()
+        if self._has_goals:
+            info["goal"] = self._goals()
+        if self._has_cart:
+            info["cart_position"], info["cart_velocity"] = place, velocity
+        return info
+
+    def only_lane(self) -> tuple[float, bool, bool, Info[float, int, bool]]:
+        """Return reward, terminated, truncated and info of the only lane, as plain numbers."""
+        outputs = self.rows[:, 0]
+        periods, theta, omega = self._per_rod
+        (
+            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity,
+            reward, terminated, truncated,
+        ) = outputs[:_ROWS].tolist()  # fmt: skip
+        info: Info[float, int, bool] = {
+            "time": time,
+            "energy": energy,
+            "energy_error": error,
+            "bobs_completed": int(completed),
+            "pseudo_period": period,
+            "pseudo_periods": outputs[periods],
+            "ideal_period": ideal,
+            "tip_height": tip,
+            "theta": outputs[theta],
+            "omega": outputs[omega],
+            "diverged": diverged != 0.0,
+            "success": success != 0.0,
+        }
+        if self._is_random:
+            info["context"] = self._context[0].copy()
+        if self._has_goals:
+            info["goal"] = self._goals()[0]
+        if self._has_cart:
+            info["cart_position"], info["cart_velocity"] = place, velocity
+        return reward, terminated != 0.0, truncated != 0.0, info
+
+    def _goals(self) -> FloatArray:
+        """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""
+        cosines = self._memory.members[-self.config.n :].T
+        return np.array([0.0, math.pi])[(cosines < 0.0).astype(np.int64)]
