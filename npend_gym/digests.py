@@ -58,7 +58,7 @@ GOLDEN: dict[str, str] = {
     "environment, calm":
         "e52a1022e443df559aa7426f7598253ae9cc46176b04bc8ab03409f06e4d17e4",
     "environment, transition":
-        "@1",
+        "e89d2be29b305061d6445a0113260ed1f6e961b4bf8164eceb02de6953e149c9",
     "vector environment, passive":
         "47e45f8f7d1aed6917c92c30a833cfa71dfbb6d94403328d2344f198a551b234",
     "vector environment, swingup":
@@ -68,7 +68,7 @@ GOLDEN: dict[str, str] = {
     "vector environment, calm":
         "4600019c204e57df25af02e3b177fbfb945845c258cf722ebe82dad5becca12e",
     "vector environment, transition":
-        "@2",
+        "a9bbbaf93c5f6ca6a7c49a2e137fd63b72dd03b15f12b4ff033b6c7aee08fff9",
     "simulate, links":
         "0b76b87e9437f8ccb2a3b3e4df8881ef8fe0647364f5d7c2587c7aefe1a313c7",
     "simulate, machine":
