@@ -103,11 +103,11 @@ def checked_action(
     the number of a row. In a mode without a motor there are no joints, every action must be 0 and
     None is returned.
     """
-    joints, is_discrete = shape[-1], len(table) > 0 or shape[-1] == 0
-    if not is_discrete and shape == (1,) and type(action) is np.ndarray and action.shape == (1,):
+    if type(action) is np.ndarray and action.shape == (1,) == shape and len(table) == 0:
         value = action.item()
         if type(value) is float and math.isfinite(value):
             return value  # the common case, quickly; the rules below are for all others
+    joints, is_discrete = shape[-1], len(table) > 0 or shape[-1] == 0
     try:
         raw = np.asarray(action)
     except (ValueError, TypeError, OverflowError) as error:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.goals import with_goals
+from npend_gym.envs.goals import of_lane, with_goals
 from npend_gym.envs.info import Info
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.rows import QUANTITIES, Output
@@ -47,6 +47,7 @@ class Outputs:
         self._is_random, self._has_cart = context.shape[1] > 0, config.has_cart
         self._has_goals, self._goal_env = config.mode.has_goals, config.goal_env
         self._shows_context = config.observe_context and self._is_random
+        self._is_plain = not (self._shows_context or self._goal_env)
         with_quantities |= self._has_goals
         rows = _ROWS + (4 if self._has_goals else 3) * n + (QUANTITIES if with_quantities else 0)
         self._shapes = (memory.lanes, config.observed), (rows, memory.columns)
@@ -63,6 +64,8 @@ class Outputs:
     def observation(self) -> Any:
         """The observations of all lanes, (B, numbers), or the Dict that has them with goals."""
         observation = self.observations[: self.count]
+        if self._is_plain:
+            return observation
         if self._shows_context:
             shown = self.config.randomization.normalised(self._context[: self.count])
             observation[:, observation.shape[1] - shown.shape[1] :] = shown
@@ -124,8 +127,8 @@ class Outputs:
             info["cart_position"], info["cart_velocity"] = place, velocity
         return info
 
-    def only_lane(self) -> tuple[float, bool, bool, Info[float, int, bool]]:
-        """Return reward, terminated, truncated and info of the only lane, as plain numbers."""
+    def only_lane(self) -> tuple[Any, float, bool, bool, Info[float, int, bool]]:
+        """Return what `step` tells of the only lane, as plain numbers: the quick way."""
         outputs = self.rows[:, 0]
         periods, theta, omega = self._per_rod
         (
@@ -152,7 +155,8 @@ class Outputs:
             info["goal"] = self._goals()[0]
         if self._has_cart:
             info["cart_position"], info["cart_velocity"] = place, velocity
-        return reward, terminated != 0.0, truncated != 0.0, info
+        observation = self.observations[0] if self._is_plain else of_lane(self.observation, 0)
+        return observation, reward, terminated != 0.0, truncated != 0.0, info
 
     def _goals(self) -> FloatArray:
         """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""

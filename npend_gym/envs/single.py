@@ -14,7 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.philox import keys_of
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
-from npend_gym.envs.goals import GoalReward, of_lane
+from npend_gym.envs.goals import GoalReward
 from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import checked_action, checked_state
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
@@ -288,10 +288,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self.camera.forget(_THE_LANE)
         if self.render_mode == "human":
             self.camera.follow(episodes)
-        observation, (_, _, _, info) = (
-            of_lane(episodes.outputs.observation, 0),
-            episodes.outputs.only_lane(),
-        )
+        observation, _, _, _, info = episodes.outputs.only_lane()
         self._progress = _READY
         return observation, info
 
@@ -323,11 +320,11 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         checked = checked_action(action, self._action_shape, self.config.action_table)
         self._progress = _UNFINISHED
         episodes.step(checked)
-        reward, terminated, truncated, info = episodes.outputs.only_lane()
+        result = episodes.outputs.only_lane()
         if self.render_mode is not None:
             self.camera.follow(episodes)
         self._progress = _READY
-        return of_lane(episodes.outputs.observation, 0), reward, terminated, truncated, info
+        return result
 
     def get_state(self) -> States:
         """Return the whole state: chain, motion, clock, measurements, seed, number of the episode.
@@ -374,7 +371,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._is_seeded = True
         self.camera.forget(_THE_LANE)
         self._progress = _READY
-        return of_lane(episodes.outputs.observation, 0), episodes.outputs.only_lane()[3]
+        observation, _, _, _, info = episodes.outputs.only_lane()
+        return observation, info
 
     @property
     def state(self) -> FloatArray:
