@@ -71,7 +71,6 @@ DRAWN = {
     "observation_delay": one_of({"low": 0.0, "high": 2.0}),
 }
 DRAWN_OF_CARTS = {
-    "base": one_of("pivot", "cart"),
     "cart_mass": one_of((0.5, 1.5), {"low": 0.4, "high": 3.0}),
     "rail_damping": one_of({"low": 0.0, "high": 1.0}),
     "max_force": one_of({"low": 0.5, "high": 4.0}),
