@@ -1,12 +1,14 @@
 """Scripts and commands, run as a user would run them."""
 
 import io
+import os
 import runpy
 import subprocess
 import sys
 import warnings
 from contextlib import redirect_stdout
 
+import numpy as np
 import pytest
 
 
@@ -28,7 +30,16 @@ def run_script(script, *arguments, cwd):
     return printed.getvalue()
 
 
-def run_python(*arguments, cwd):
+def run_uncompiled(code):
+    """Run Python code with nothing compiled, in a process of its own; return the numbers printed.
+
+    A warning is an error there.
+    """
+    printed = run_python("-W", "error", "-c", code, env=os.environ | {"NUMBA_DISABLE_JIT": "1"})
+    return np.array(printed.split(), float)
+
+
+def run_python(*arguments, cwd=None, env=None):
     """Run `python ARGUMENTS` in the folder `cwd`, as a process of its own; return its output."""
     done = subprocess.run(
         [sys.executable, *map(str, arguments)],
@@ -36,6 +47,7 @@ def run_python(*arguments, cwd):
         text=True,
         check=False,
         cwd=cwd,
+        env=env,
         timeout=300,
     )
     assert done.returncode == 0, done.stderr

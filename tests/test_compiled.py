@@ -3,7 +3,6 @@
 import contextlib
 import io
 import math
-import os
 import subprocess
 import sys
 from inspect import signature
@@ -16,6 +15,7 @@ from numba.core.datamodel import register_default
 from numba.core.typing import templates
 from numba.extending import intrinsic, lower_builtin, overload, type_callable
 from numba.np.arrayobj import populate_array
+from scripts import run_uncompiled
 
 from npend_gym.compiled.arrays import aligned_zeros, bare, packs
 from npend_gym.compiled.exponential import one_minus_exp
@@ -140,15 +140,7 @@ print(*path.theta[-1], *path.stretch[-1])
 def test_kernels_of_every_kind_of_chain_run_without_compilation_too():
     with contextlib.redirect_stdout(io.StringIO()) as compiled:
         exec(ACCELERATIONS, {})
-    interpreted = subprocess.run(
-        [sys.executable, "-c", ACCELERATIONS],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    ours, expected = (
-        np.array(printed.split(), float) for printed in (interpreted, compiled.getvalue())
-    )
+    ours = run_uncompiled(ACCELERATIONS)
+    expected = np.array(compiled.getvalue().split(), float)
     np.testing.assert_allclose(ours, expected, rtol=1e-13)
     assert ours.size == 3 + 2 + 2 + 4

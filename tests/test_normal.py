@@ -1,13 +1,10 @@
 """Normally distributed numbers and the logarithm they need, against mpmath, NumPy and SciPy."""
 
-import os
-import subprocess
-import sys
-
 import mpmath
 import numpy as np
 import pytest
 from scipy import stats
+from scripts import run_uncompiled
 
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.normal import log, make_normal, normal_pair
@@ -103,11 +100,4 @@ def test_one_at_a_time_or_many_compiled_or_not_the_bits_are_the_same(units):
         "from npend_gym.compiled.normal import normal_pair\n"
         f"print(*(z for each in {units[:2, :50].T.tolist()} for z in normal_pair(*each)))"
     )
-    interpreted = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    np.testing.assert_array_equal(np.array(interpreted.split(), float), many[:, :50].T.ravel())
+    np.testing.assert_array_equal(run_uncompiled(code), many[:, :50].T.ravel())

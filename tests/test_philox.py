@@ -1,13 +1,10 @@
 """Random numbers without a state: Philox4x64-10 is NumPy's, to the last bit."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from scripts import run_uncompiled
 
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.philox import (
@@ -106,12 +103,5 @@ def test_the_words_are_the_same_without_compilation():
         "from npend_gym.compiled.philox import keys_of, first_units\n"
         "print(*first_units(keys_of(2**64 - 2, 4), 5, 3, 2))"
     )
-    interpreted = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    found = np.array(interpreted.split(), float)
+    found = run_uncompiled(code)
     np.testing.assert_array_equal(found, first_units(keys_of(2**64 - 2, 4), 5, 3, 2))
