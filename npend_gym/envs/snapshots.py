@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -53,6 +54,8 @@ class Snapshots:
         head = [("version", "<u8"), ("environment", "<u8"), ("key", "<u8", (2,)), ("done", "<u8")]
         self.dtype = np.dtype([*head, *parts])
         self._first = len(head) + 1  # column of the first of `parts`
+        one = memory.read_lanes(np.zeros(1, np.int64))
+        self._shapes = [part.shape[1:] for part in (*one, *self._more.values())]
 
     def take(self, lanes: Lanes, done: NDArray[np.bool_]) -> States:
         """Return the records of some lanes, (k,), new."""
@@ -99,15 +102,15 @@ class Snapshots:
     def put(self, lanes: Lanes, states: States) -> None:
         """Put lanes into the states of checked records."""
         numbers = np.ascontiguousarray(states).view("<f8").reshape(lanes.size, -1)
-        column = self._first
-        shapes = [part.shape[1:] for part in self._memory.read_lanes(lanes[:1])]
-        parts: list[FloatArray] = []
-        for shape in (*shapes, *(values.shape[1:] for values in self._more.values())):
-            size = int(np.prod(shape))
-            parts.append(numbers[:, column : column + size].reshape(lanes.size, *shape))
-            column += size
-        self._memory.write_lanes(lanes, parts[: len(shapes)])
-        for values, part in zip(self._more.values(), parts[len(shapes) :], strict=True):
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes])
+        columns = np.split(numbers[:, self._first :], ends[:-1], axis=1)
+        parts = [
+            part.reshape(lanes.size, *shape)
+            for part, shape in zip(columns, self._shapes, strict=True)
+        ]
+        of_memory = len(parts) - len(self._more)
+        self._memory.write_lanes(lanes, parts[:of_memory])
+        for values, part in zip(self._more.values(), parts[of_memory:], strict=True):
             values[lanes] = part
         self._keys[:, lanes] = states["key"].T
 
