@@ -7,7 +7,8 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
 from npend_gym.rl import evaluate, planned_swing_up
-from npend_gym.rl.transcription import MAX_ACTION, Stepper
+from npend_gym.rl.step_model import StepModel
+from npend_gym.rl.transcription import MAX_ACTION, Transcription
 
 
 def config_of(**keywords):
@@ -58,8 +59,31 @@ def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
     envs = gym.make_vec("NPendulum-v0", num_envs=50, **keywords)
     envs.reset(seed=0, options={"theta": states[:, :3], "omega": states[:, 3:]})
     info = envs.step(actions)[4]
-    stepped = Stepper(config_of(**keywords), 50)(states, actions)
+    stepped = StepModel(config_of(**keywords))(states, actions)
     np.testing.assert_array_equal(stepped, np.hstack([info["theta"], info["omega"]]))
+
+
+@pytest.mark.parametrize("actuated", [(0,), (0, 1)])
+def test_the_band_is_that_of_the_normal_equations_of_the_residuals(actuated):
+    problem = Transcription(config_of(n=2, mode="swingup", actuated=actuated), steps=7)
+    problem.end, z = problem.guess(np.random.default_rng(3))
+    weight = 5.0
+
+    def residuals(z):
+        v = problem.rows(z)[1]
+        return np.concatenate([weight * problem.defects(z).ravel(), 0.05 * v.ravel()])
+
+    steps = 1e-6 * np.eye(z.size)
+    jacobian = np.column_stack([residuals(z + d) - residuals(z - d) for d in steps]) / 2e-6
+    band, gradient = problem.normal_equations(z, problem.defects(z), weight)
+    full = jacobian.T @ jacobian
+    inside = np.zeros_like(full)
+    for below, diagonal in enumerate(band):
+        length = z.size - below
+        inside += np.diag(diagonal[:length], -below)
+    np.testing.assert_allclose(inside, np.tril(full), atol=1e-6 * np.abs(full).max())
+    np.testing.assert_allclose(gradient, jacobian.T @ residuals(z), rtol=1e-5, atol=1e-5)
+    assert problem.cost(z, problem.defects(z), weight) == pytest.approx(np.sum(residuals(z) ** 2))
 
 
 def test_without_feedback_the_planned_actions_fail(triple):

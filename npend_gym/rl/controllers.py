@@ -14,6 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
+from npend_gym.rl.step_model import check_base
 
 _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 
@@ -34,9 +35,7 @@ def discretise(
         Derivative of the next state by the actions, which are held during the step (zero-order
         hold): the exponential of dt [[A, B], [0, 0]] contains both matrices.
     """
-    if config.has_cart:
-        raise ValueError('base must be "pivot" for controllers of joints, got "cart"')
-    n, joints = config.chain.n, config.joints.tolist()
+    n, joints = check_base(config).chain.n, config.joints.tolist()
     rates = linearise(_with_dampers(config, motors_rub=motors_rub), angle, joints=joints)
     block = np.zeros((2 * n + len(joints),) * 2)
     block[: 2 * n] = np.hstack([rates.A, rates.B * config.max_torque])

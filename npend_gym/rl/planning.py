@@ -95,7 +95,8 @@ def planned_swing_up(
     for attempt in progress(range(_checks.count("tries", tries))):
         nominal = problem.solve(np.random.default_rng([seed, attempt]))
         if nominal is not None:
-            found.append(track(config, nominal, *problem.derivatives(*nominal), settle))
+            slopes = problem.model.derivatives(nominal.states[:-1], nominal.actions)
+            found.append(track(config, nominal, *slopes, settle))
     if not found:
         raise RuntimeError(
             f"no trajectory of {steps * config.dt:g} s was found in {tries} tries: "

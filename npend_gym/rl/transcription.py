@@ -7,22 +7,20 @@ chains of three rods and more, whose motion no guess can foresee, are no harder 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import spsolve
+from scipy.linalg import LinAlgError, solveh_banded
 
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.physics import Ensemble
+from npend_gym.rl.step_model import StepModel
 
 MAX_ACTION = 0.9  # of a planned trajectory: the rest of the torque is for tracking
 _ACTION_WEIGHT = 0.05
 _TOLERANCE = 1e-7  # of a step: rad, and 0.3 rad/s
 _MAX_ITERATIONS = 300
 _HALF_WAVES = 6  # half sines in the first guess
-_DIFFERENCE = 1e-5  # for derivatives by central differences
 _MAX_UNKNOWN = 60.0  # rad or rad/s; no useful trajectory exceeds it
 
 
@@ -36,37 +34,31 @@ class NominalTrajectory(NamedTuple):
 class Transcription:
     """The least-squares problem: small defects, with a growing weight, and small actions.
 
-    A defect is by how much a step of the environment misses the next state. Unknowns z are the
-    states between the first and the last, (steps - 1, 2n), and v, (steps, joints), where the
-    actions are MAX_ACTION tanh v.
+    A defect is by how much a step of the environment misses the next state. The unknowns z are, in
+    the order of time, the state before each step and v, where the actions are MAX_ACTION tanh v.
+    The first state is known: z has (steps - 1) (2n + joints) + joints entries.
     """
 
     def __init__(self, config: EnvConfig, steps: int) -> None:
         self.n, self.joints, self.steps, self.dt = (
             config.chain.n, config.joints.size, steps, config.dt
         )  # fmt: skip
-        self.inputs = 2 * self.n + self.joints
-        self.step = Stepper(config, steps)
-        self.step_many = Stepper(config, steps * 2 * self.inputs)
+        self.model = StepModel(config)
         self.end = np.zeros(2 * self.n)  # the state in which the trajectory ends
-        self.scale = np.tile(np.repeat([1.0, 0.3], self.n), steps)
+        self.scale = np.repeat([1.0, 0.3], self.n)
 
     def solve(self, rng: np.random.Generator) -> NominalTrajectory | None:
         """Return a trajectory, or None where the guess leads to none.
 
-        The method of Levenberg and Marquardt is written out because SciPy's `least_squares`, whose
-        solver for sparse Jacobians is iterative, takes four times as long: on the same guesses, 33
-        instead of 7 s of CPU time for 8 guesses of N = 2 and 6 s (7 trajectories each), 72 instead
-        of 16 s for 8 guesses of N = 3 and 5 s (5 each), 63 instead of 15 s for 4 guesses of N = 4
-        and 8 s (1 each).
+        The method is that of Levenberg and Marquardt. A defect depends on two states that follow
+        each other, so that the normal equations in the order of time are a band.
         """
         self.end, z = self.guess(rng)
-        weight, damping = 1.0, 1e-2
+        defects, weight, damping = self.defects(z), 1.0, 1e-2
         for _ in range(_MAX_ITERATIONS):
-            residual = self.residual(z, weight)
-            z, decrease, damping = self.improve(z, residual, weight, damping)
+            z, defects, decrease, damping = self.improve(z, defects, weight, damping)
             if decrease < 3e-3:  # converged for this weight
-                if np.abs(self.defects(z)).max() < _TOLERANCE:
+                if np.abs(defects).max() < _TOLERANCE:
                     return self.trajectory(z)
                 weight *= 3.0
             if weight > 1e7:
@@ -74,21 +66,28 @@ class Transcription:
         return None
 
     def improve(
-        self, z: FloatArray, residual: FloatArray, weight: float, damping: float
-    ) -> tuple[FloatArray, float, float]:
-        """Take a Levenberg-Marquardt step; return z, the relative decrease, the new damping."""
-        jacobian = self.jacobian(z, weight)
-        matrix, gradient = (jacobian.T @ jacobian).tocsc(), jacobian.T @ residual
-        cost = float(residual @ residual)
+        self, z: FloatArray, defects: FloatArray, weight: float, damping: float
+    ) -> tuple[FloatArray, FloatArray, float, float]:
+        """Take a step of the method.
+
+        Returns
+        -------
+        tuple
+            z, its defects, by what fraction the cost has decreased, the new damping.
+        """
+        band, gradient = self.normal_equations(z, defects, weight)
+        cost = self.cost(z, defects, weight)
         for _ in range(12):
-            trial = z - spsolve(matrix + damping * sparse.eye_array(z.size, format="csc"), gradient)
+            damped = band.copy()
+            damped[0] += damping
+            trial = z - _solve(damped, gradient)
             if np.abs(trial).max() < _MAX_UNKNOWN:
-                new = self.residual(trial, weight)
-                decrease = 1.0 - float(new @ new) / cost
+                new = self.defects(trial)
+                decrease = 1.0 - self.cost(trial, new, weight) / cost
                 if decrease > 0.0:
-                    return trial, decrease, max(damping / 3.0, 1e-10)
+                    return trial, new, decrease, max(damping / 3.0, 1e-10)
             damping *= 4.0
-        return z, 0.0, 1e-4
+        return z, defects, 0.0, 1e-4
 
     def guess(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw an end, each rod turned up in one sense or the other, and a wavy path to it.
@@ -102,63 +101,63 @@ class Transcription:
         waves = np.sin(np.pi * k * s[:, None]) * rng.normal(0.0, 0.6, (_HALF_WAVES, self.n))
         theta = (3.0 - 2.0 * s) * s**2 * end[: self.n] + np.sin(np.pi * s) * waves.sum(axis=1)
         states = np.hstack([theta, np.gradient(theta, self.dt, axis=0)])
-        v = rng.normal(0.0, 0.1, self.steps * self.joints)
-        return end, np.concatenate([states[1:-1].ravel(), v])
+        v = rng.normal(0.0, 0.1, (self.steps, self.joints))
+        return end, np.hstack([states[:-1], v]).ravel()[2 * self.n :]
+
+    def rows(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the state before each step, (steps, 2n), and v, (steps, joints)."""
+        rows = np.concatenate([np.zeros(2 * self.n), z]).reshape(self.steps, -1)
+        return rows[:, : 2 * self.n], rows[:, 2 * self.n :]
 
     def trajectory(self, z: FloatArray) -> NominalTrajectory:
         """Return the unknowns as states and actions."""
-        inner, v = np.split(z, [(self.steps - 1) * 2 * self.n])
-        states = np.vstack([np.zeros(2 * self.n), inner.reshape(-1, 2 * self.n), self.end])
-        return NominalTrajectory(states, MAX_ACTION * np.tanh(v.reshape(self.steps, self.joints)))
+        states, v = self.rows(z)
+        return NominalTrajectory(np.vstack([states, self.end]), MAX_ACTION * np.tanh(v))
 
     def defects(self, z: FloatArray) -> FloatArray:
-        """Return by how much each step misses the next state, (steps * 2n,)."""
+        """Return by how much each step misses the next state, (steps, 2n)."""
         states, actions = self.trajectory(z)
-        return self.scale * (self.step(states[:-1], actions) - states[1:]).ravel()
+        return self.scale * (self.model(states[:-1], actions) - states[1:])
 
-    def residual(self, z: FloatArray, weight: float) -> FloatArray:
-        """Return the residuals: weighted defects, then weighted v."""
-        v = z[(self.steps - 1) * 2 * self.n :]
-        return np.concatenate([weight * self.defects(z), _ACTION_WEIGHT * v])
-
-    def jacobian(self, z: FloatArray, weight: float) -> Any:
-        """Return the derivative of the residuals by z, sparse."""
-        states, actions = self.trajectory(z)
-        a, b = self.derivatives(states, actions)
-        b = b * (MAX_ACTION - actions**2 / MAX_ACTION)[:, None, :]  # by v
-        size = 2 * self.n
-        by_state = sparse.vstack(
-            [sparse.csr_array((size, size * (self.steps - 1))), sparse.block_diag(a[1:])]
-        ) - sparse.eye_array(size * self.steps, size * (self.steps - 1))
-        weights = sparse.diags_array(weight * self.scale)
-        by_v = _ACTION_WEIGHT * sparse.eye_array(self.steps * self.joints)
-        return sparse.block_array(
-            [[weights @ by_state, weights @ sparse.block_diag(b)], [None, by_v]], format="csr"
+    def cost(self, z: FloatArray, defects: FloatArray, weight: float) -> float:
+        """Return the sum of squares: weighted defects, and weighted v."""
+        v = self.rows(z)[1]
+        return weight**2 * float(np.vdot(defects, defects)) + _ACTION_WEIGHT**2 * float(
+            np.vdot(v, v)
         )
 
-    def derivatives(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the steps' derivatives by state, (steps, 2n, 2n), and action, (..., joints)."""
-        at = np.hstack([states[:-1], actions])
-        difference = _DIFFERENCE * np.eye(self.inputs)
-        places = at[:, None, None] + np.stack([difference, -difference], axis=1)
-        flat = places.reshape(-1, self.inputs)
-        reached = self.step_many(flat[:, : 2 * self.n], flat[:, 2 * self.n :])
-        reached = reached.reshape(self.steps, self.inputs, 2, 2 * self.n)
-        slopes = np.swapaxes(reached[:, :, 0] - reached[:, :, 1], 1, 2) / (2.0 * _DIFFERENCE)
-        return slopes[..., : 2 * self.n], slopes[..., 2 * self.n :]
+    def normal_equations(
+        self, z: FloatArray, defects: FloatArray, weight: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return J^T J, its lower band as `solveh_banded` takes it, and J^T r.
+
+        J is the derivative of the residuals r by z. The defects of step k depend on its state and
+        action and on the next state, with the derivatives (A, B, -1) times `scale`.
+        """
+        size, (states, actions) = 2 * self.n, self.trajectory(z)
+        a, b = self.model.derivatives(states[:-1], actions)
+        b = b * (MAX_ACTION - actions**2 / MAX_ACTION)[:, None, :]  # by v
+        scale = weight * self.scale[:, None]
+        here = scale * np.concatenate([a, b], axis=2)
+        # below the diagonal: rows of the state and action of step k, then of the next state
+        columns = np.zeros((self.steps, 2 * (size + self.joints) + size, size + self.joints))
+        both = size + self.joints
+        columns[:, :both] = np.swapaxes(here, 1, 2) @ here
+        columns[1:, range(size), range(size)] += scale[:, 0] ** 2
+        columns[:, range(size, both), range(size, both)] += _ACTION_WEIGHT**2
+        columns[:, both : both + size] = -scale * here
+        below = np.arange(both + size)[:, None] + np.arange(both)
+        band = np.moveaxis(columns[:, below, np.arange(both)], 0, 1).reshape(both + size, -1)
+        residual = weight * defects
+        gradient = np.einsum("kij,ki->kj", here, residual)
+        gradient[1:, :size] -= scale[:, 0] * residual[:-1]
+        gradient[:, size:] += _ACTION_WEIGHT**2 * self.rows(z)[1]
+        return band[:, size:], gradient.ravel()[size:]
 
 
-class Stepper:
-    """Steps of the environment from any states, all side by side."""
-
-    def __init__(self, config: EnvConfig, count: int) -> None:
-        self.config = config
-        self.ensemble = Ensemble(config.chain, count, joints=config.joints.tolist())
-
-    def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
-        """Return the states, (B, 2n), after a step under the actions, (B, joints)."""
-        theta, omega = np.split(states, 2, axis=1)
-        self.ensemble.set_state(slice(None), theta, omega)
-        torque = self.config.max_torque * actions
-        self.ensemble.advance(torque, self.config.dt, self.config.substeps)
-        return np.hstack([self.ensemble.theta, self.ensemble.omega])
+def _solve(band: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution, or infinity where rounding leaves the matrix not positive."""
+    try:
+        return solveh_banded(band, right, overwrite_ab=True, lower=True, check_finite=False)
+    except LinAlgError:
+        return np.full(right.size, np.inf)
