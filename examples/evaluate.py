@@ -18,6 +18,7 @@ from training import env_of_task, evaluation_env
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl import (
     HELD_OUT,
+    MPC,
     Controller,
     Evaluation,
     Policy,
@@ -29,7 +30,7 @@ from npend_gym.rl import (
     pretrained_names,
 )
 
-CONTROLLERS = ("LQR", "damping", "energy", "plan")
+CONTROLLERS = ("LQR", "MPC", "damping", "energy", "plan")
 # arguments of planned_swing_up by the number of rods
 PLANS: dict[int, dict[str, float]] = {
     2: {}, 3: {}, 4: {"seconds": 8.0}, 5: {"seconds": 12.0, "settle": 10.0}
@@ -46,7 +47,8 @@ def controller_of(name: str, keywords: dict[str, Any]) -> Controller:
         return planned_swing_up(config, **PLANS.get(config.chain.n, {}), progress=progress)
     if name == "damping":
         return modal_damping(config)
-    return lqr(config, 0.0 if keywords["mode"] == "calm" else np.pi)
+    angle = 0.0 if keywords["mode"] == "calm" else np.pi
+    return MPC(config, angle) if name == "MPC" else lqr(config, angle)
 
 
 def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:

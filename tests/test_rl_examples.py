@@ -177,6 +177,16 @@ def test_evaluate_runs_as_a_script_with_a_controller(tmp_path):
     assert successes_in(printed) == ("10", "10")
 
 
+def test_model_predictive_control_aims_at_what_the_task_asks_for():
+    from evaluate import controller_of
+
+    for task, goal in (("swingup-1", np.pi), ("calm-1", 0.0)):
+        keywords = {"n": 1, "mode": task[:-2]}
+        controller = controller_of("MPC", keywords)
+        at_rest = {"theta": np.full((1, 1), goal), "omega": np.zeros((1, 1)), "time": np.zeros(1)}
+        np.testing.assert_allclose(controller(None, at_rest), 0.0, atol=1e-12)
+
+
 @pytest.mark.long
 def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, monkeypatch):
     pytest.importorskip("torch")

@@ -6,6 +6,7 @@ from npend_gym.rl.evaluation import HELD_OUT as HELD_OUT
 from npend_gym.rl.evaluation import Controller as Controller
 from npend_gym.rl.evaluation import Evaluation as Evaluation
 from npend_gym.rl.evaluation import evaluate as evaluate
+from npend_gym.rl.mpc import MPC as MPC
 from npend_gym.rl.planning import PlannedSwingUp as PlannedSwingUp
 from npend_gym.rl.planning import planned_swing_up as planned_swing_up
 from npend_gym.rl.policies import PRETRAINED as PRETRAINED

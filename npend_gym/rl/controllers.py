@@ -11,7 +11,7 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize_scalar
 
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
 from npend_gym.rl.step_model import check_base
@@ -20,9 +20,9 @@ _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 
 
 def discretise(
-    config: EnvConfig, angle: float, *, motors_rub: bool = True
+    config: EnvConfig, angle: float | FloatArray, *, motors_rub: bool = True
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the linear map of one environment step about rest with all rods at `angle` [rad].
+    """Return the linear map of one environment step about rest at `angle` [rad], (n,) or for all.
 
     Dry friction is taken as the damper that brakes as much in a swing of 0.03 rad; its slope at
     rest holds for far slower motions alone. Without `motors_rub` joints with a motor have none.
@@ -48,7 +48,7 @@ def _with_dampers(config: EnvConfig, *, motors_rub: bool) -> Chain:
     chain = config.chain
     if not np.any(chain.friction):
         return chain
-    dampers = chain.friction / np.hypot(chain.friction_speed, _SWING / _time_scale(config))
+    dampers = chain.friction / np.hypot(chain.friction_speed, _SWING / time_scale(config))
     if not motors_rub:
         dampers[config.joints] = 0.0
     damping = (chain.damping + dampers).tolist()
@@ -99,7 +99,9 @@ def lqr(config: EnvConfig, angle: float = np.pi, action_weight: float = 1.0) -> 
     return StateFeedback(angle, riccati(config, angle, action_weight)[0])
 
 
-def riccati(config: EnvConfig, angle: float, action_weight: float) -> tuple[FloatArray, FloatArray]:
+def riccati(
+    config: EnvConfig, angle: float | FloatArray, action_weight: float
+) -> tuple[FloatArray, FloatArray]:
     """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): the cost from x on is x S x."""
     a, b = discretise(config, angle, motors_rub=False)
     q = state_weights(config)
@@ -111,12 +113,12 @@ def riccati(config: EnvConfig, angle: float, action_weight: float) -> tuple[Floa
 
 def state_weights(config: EnvConfig) -> FloatArray:
     """Return the weights of `lqr` on the deviations, a diagonal matrix (2n, 2n)."""
-    return np.diag(np.repeat([1.0, _time_scale(config) ** 2], config.chain.n))
+    return np.diag(np.repeat([1.0, time_scale(config) ** 2], config.chain.n))
 
 
-def _time_scale(config: EnvConfig) -> float:
-    """Return sqrt(l / g) [s], where l is the mean length of the rods."""
-    return float(np.sqrt(config.chain.lengths.mean() / config.chain.gravity))
+def time_scale(config: EnvConfig) -> float:
+    """Return sqrt(l / g) [s], where l is the mean length of the rods; without gravity g is 9.81."""
+    return float(np.sqrt(config.chain.lengths.mean() / (config.chain.gravity or STANDARD_GRAVITY)))
 
 
 def modal_damping(config: EnvConfig) -> StateFeedback:
@@ -179,4 +181,4 @@ def energy_swing_up(
     """
     gain, cost = riccati(config, np.pi, action_weight=1.0)
     balance, upright_energy = StateFeedback(np.pi, gain), config.chain.lifting_energy
-    return EnergySwingUp(balance, cost, upright_energy, _time_scale(config), pump_gain, catch_cost)
+    return EnergySwingUp(balance, cost, upright_energy, time_scale(config), pump_gain, catch_cost)

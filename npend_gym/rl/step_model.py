@@ -9,6 +9,7 @@ from npend_gym.envs import EnvConfig
 from npend_gym.physics import Ensemble
 
 _DIFFERENCE = 1e-5  # for derivatives by central differences
+_MAX_ENSEMBLES = 16
 
 
 def check_base(config: EnvConfig) -> EnvConfig:
@@ -30,9 +31,12 @@ class StepModel:
 
     def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
         """Return the states, (B, 2n), after a step from `states` under `actions`, (B, joints)."""
-        ensemble = self._ensemble(len(states))
-        ensemble.set_state(slice(None), *np.split(states, 2, axis=1))
-        config = self.config
+        self._ensemble(len(states)).set_state(slice(None), *np.split(states, 2, axis=1))
+        return self.advance(actions)
+
+    def advance(self, actions: FloatArray) -> FloatArray:
+        """Return the states, (B, 2n), after one more step, where the last call took as many."""
+        ensemble, config = self._ensemble(len(actions)), self.config
         ensemble.advance(config.max_torque * actions, config.dt, config.substeps)
         return np.hstack([ensemble.theta, ensemble.omega])
 
@@ -51,6 +55,8 @@ class StepModel:
 
     def _ensemble(self, count: int) -> Ensemble:
         if count not in self._ensembles:
+            if len(self._ensembles) == _MAX_ENSEMBLES:
+                self._ensembles.pop(next(iter(self._ensembles)))
             joints = self.config.joints.tolist()
             self._ensembles[count] = Ensemble(self.config.chain, count, joints=joints)
         return self._ensembles[count]

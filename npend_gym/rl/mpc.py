@@ -1,0 +1,142 @@
+"""Model predictive control: in every step the actions over a horizon are planned again by iLQR."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.envs import EnvConfig
+from npend_gym.rl.controllers import riccati, time_scale
+from npend_gym.rl.ilqr import ILQR, Cost, Motions, joined
+from npend_gym.rl.step_model import StepModel, check_base
+from npend_gym.theory import fundamental_period
+
+_GUESS = 0.3  # standard deviation of the actions from which the first plan begins
+
+
+class MPC:
+    """Model predictive control by iLQR: it knows the equations of motion, and needs no training.
+
+    In every step it plans the motion over the horizon, beginning with the plan of the step before,
+    and takes the first actions of the plan. So it swings up, balances, and recovers from pushes
+    that `lqr` does not survive. Environments are independent of each other; one whose time is not
+    a step later than in the call before, because its episode is new, is planned from the start.
+
+    Parameters
+    ----------
+    config : EnvConfig
+        Of the environment, ``gym.make("NPendulum-v0", ...).unwrapped.config``: the plan is made of
+        its own steps, with motors and sensors that are ideal.
+    angle : float or array_like, shape (n,)
+        Where the rods shall be at rest [rad]; by default all upright.
+    horizon : float, optional
+        How far it looks ahead [s]; by default for one period of the chain's slowest normal mode.
+    iterations : int
+        Iterations of iLQR in a step.
+    first_iterations : int
+        Iterations in the first step of an episode.
+    action_weight, last_weight : float
+        The cost of a state is the sum over the rods of 2 - 2 cos(theta - angle) + (l / g) omega^2,
+        where l is the mean length of the rods; of an action `action_weight` times its square. The
+        cost of the last state is multiplied by `last_weight`.
+    seed : int
+        Seed of the actions from which the first plan begins.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument breaks its rule, or the environment has a cart, no motor or discrete actions.
+
+    Notes
+    -----
+    The method is that of Y. Tassa, N. Mansard, E. Todorov, "Control-limited differential dynamic
+    programming", ICRA 2014; to improve the plan once in every step is that of Y. Tassa, T. Erez,
+    E. Todorov, "Synthesis and stabilization of complex behaviors through online trajectory
+    optimization", IROS 2012.
+    """
+
+    def __init__(
+        self,
+        config: EnvConfig,
+        angle: ArrayLike = np.pi,
+        *,
+        horizon: float | None = None,
+        iterations: int = 1,
+        first_iterations: int = 30,
+        action_weight: float = 0.1,
+        last_weight: float = 10.0,
+        seed: int = 0,
+    ) -> None:
+        check_base(config)
+        if config.joints.size == 0 or len(config.action_table) > 0:
+            raise ValueError(
+                "the environment must have motors with continuous actions, got mode "
+                f'"{config.mode.name}" with torque_levels={config.torque_levels}'
+            )
+        self.iterations = _checks.count("iterations", iterations)
+        self.first_iterations = _checks.count("first_iterations", first_iterations)
+        self.dt = config.dt
+        ahead = fundamental_period(config.chain) if horizon is None else horizon
+        if horizon is None and np.isnan(ahead):
+            raise ValueError("horizon must be given where the chain does not swing back")
+        steps = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
+        goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
+        weight = _checks.positive_number("action_weight", action_weight)
+        last = _checks.positive_number("last_weight", last_weight)
+        cost = Cost(goal, time_scale(config) ** 2, weight, last)
+        self._ilqr, self._goal = ILQR(StepModel(config), cost), goal
+        self._gain = np.zeros((config.joints.size, 2 * config.n))
+        with suppress(np.linalg.LinAlgError):  # no feedback stabilises this goal
+            self._gain = riccati(config, goal, weight)[0]
+        rng = np.random.default_rng(_checks.count("seed", seed, low=0))
+        self._guess = rng.normal(0.0, _GUESS, (steps, config.joints.size)).clip(-1.0, 1.0)
+        self.plans = Motions(*np.empty((5, 0)))  # of the last call
+        self.reset()
+
+    def reset(self, num_envs: int = 0) -> None:
+        """Forget all plans; `num_envs` changes nothing."""
+        del num_envs
+        self._time = np.empty(0)
+
+    def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
+        """Return the actions, shape (B, joints)."""
+        del observation
+        theta, time = np.asarray(info["theta"]), np.asarray(info["time"])
+        if theta.ndim != 2 or theta.shape[1] != self._goal.size:
+            shape = f"(B, {self._goal.size})"
+            raise ValueError(f'info["theta"] must have the shape {shape}, got {theta.shape}')
+        states = np.concatenate([theta, info["omega"]], axis=1)
+        known = np.zeros(len(states), np.bool_)
+        if time.shape == self._time.shape:
+            known = abs(time - self._time - self.dt) < 0.5 * self.dt
+        parts: list[Motions] = []
+        if known.any():
+            before = self.plans.of(known).shifted()
+            parts.append(self._plan(self._ilqr.follow(states[known], before), self.iterations))
+        if not known.all():
+            parts.append(self._first_plan(states[~known]))
+        order = np.concatenate([np.flatnonzero(known), np.flatnonzero(~known)])
+        self.plans, self._time = joined(parts).of(np.argsort(order)), time.copy()
+        return self.plans.actions[0]
+
+    def _first_plan(self, states: FloatArray) -> Motions:
+        """Return the better plan of two: one begins with random actions, the other with `lqr`."""
+        turned = np.split(states, 2, axis=1)[0] - self._goal
+        about = np.hstack(
+            [self._goal + 2.0 * np.pi * np.rint(turned / (2.0 * np.pi)), 0.0 * turned]
+        )
+        guesses = (self._guess, 0.0 * self._gain), (0.0 * self._guess, self._gain)
+        begun = joined([self._ilqr.begin(states, actions, about, k) for actions, k in guesses])
+        plans, lanes = self._plan(begun, self.first_iterations), np.arange(len(states))
+        return plans.of(plans.cost.reshape(2, -1).argmin(axis=0) * lanes.size + lanes)
+
+    def _plan(self, motions: Motions, iterations: int) -> Motions:
+        for _ in range(iterations):
+            motions = self._ilqr.improve(motions)
+        return motions
