@@ -10,7 +10,7 @@ from typing import Any
 
 from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, warn
 
-_SUITES = ("dynamics", "environments", "episodes", "accuracy")
+_SUITES = ("dynamics", "environments", "episodes", "accuracy", "gpu")
 _FOLDER = Path(__file__).parents[2] / "benchmarks"  # in the repository, not in the wheel
 ABOUT = """\
 Ratios to MuJoCo, Gymnasium's own environments, envpool, SciPy and heyoka, as far as they are
@@ -22,6 +22,7 @@ examples:
   npend bench                              everything, some minutes
   npend bench --only environments --out results
   npend bench --only dynamics --json       for a script
+  npend bench --only gpu                   on an NVIDIA GPU, with the extra "cuda"
   pip install "npend-gym[bench]" envpool heyoka    more peers
 """
 

@@ -128,6 +128,7 @@ else:
         """Give the decorated function, in compiled code, the text of one of `kernels`."""
 
         def decorate(function):
+            function.by_type = kernels  # for `npend_gym.compiled.gpu`, which chooses by itself
             place = list(inspect.signature(function).parameters).index(argument)
             if config.DISABLE_JIT:  # kernels are functions of Python then, and so is this
 

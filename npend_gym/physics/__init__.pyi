@@ -2,6 +2,7 @@ from npend_gym.physics.ensemble import Ensemble as Ensemble
 from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import mass_matrix as mass_matrix
 from npend_gym.physics.equations import tensions as tensions
+from npend_gym.physics.gpu import DeviceChains as DeviceChains
 from npend_gym.physics.linearisation import Linearisation as Linearisation
 from npend_gym.physics.linearisation import linearise as linearise
 from npend_gym.physics.pivot import Pivot as Pivot

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain, ChainParameters, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.layout import MAX_SPEED
 
 MIN_RTOL = 1e-14
+METHODS = ("dop853", "rk4")  # of `simulate`
+
+
+def check_chains(chains: Chain | Sequence[Chain], size: int | None) -> tuple[ChainParameters, int]:
+    """Return the parameters of one chain for all, or of each, and the number of members.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If one is no chain, they differ in their number of rods, or `size` is not their number.
+    """
+    listed = [chains] if isinstance(chains, Chain) else [*chains]
+    n = check_chain(listed[0] if listed else None).n
+    members = len(listed) if size is None else _checks.count("size", size)
+    if members != len(listed) and not isinstance(chains, Chain):
+        raise ValueError(f"size must be the number of chains, {len(listed)}, got {members}")
+    rows = [check_chain(chain).repeated(1) for chain in listed]
+    for chain in listed:
+        if chain.n != n:
+            raise ValueError(f"chains must have the same number of rods, got {n} and {chain.n}")
+    fields = zip(*rows, strict=True)
+    return ChainParameters(*(np.concatenate(field) for field in fields)), members
 
 
 def check_states(n: int, **values: ArrayLike) -> tuple[FloatArray, ...]:
@@ -81,3 +105,14 @@ def check_rtol(rtol: float) -> float:
             f"rtol must be at least {MIN_RTOL:g}, because float64 resolves no less, got {rtol:g}"
         )
     return rtol
+
+
+def check_settings(method: str, rtol: float, atol: float, dt: float | None) -> dict[str, float]:
+    """Return those of the settings that `method` takes."""
+    if _checks.choice("method", method, METHODS) == "rk4":
+        if dt is None:
+            raise ValueError('dt must be given with method "rk4": the longest step in seconds')
+        return {"dt": _checks.positive_number("dt", dt)}
+    if dt is not None:
+        raise ValueError(f'dt must be None with method "dop853", which chooses its own, got {dt}')
+    return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol)}

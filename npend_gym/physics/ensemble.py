@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain, ChainParameters, check_chain
-from npend_gym.physics.arguments import check_limits, check_members, check_states
+from npend_gym.chain import Chain, ChainParameters
+from npend_gym.physics.arguments import check_chains, check_limits, check_members, check_states
 from npend_gym.physics.kernels.ensemble import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.members import Members
@@ -67,18 +67,8 @@ class Ensemble(Members):
         cart_mass: float | None = None,
         rail_damping: float = 0.0,
     ) -> None:
-        listed = [chains] if isinstance(chains, Chain) else [*chains]
-        self.n = check_chain(listed[0] if listed else None).n
-        self.size = len(listed) if size is None else _checks.count("size", size)
-        if self.size != len(listed) and not isinstance(chains, Chain):
-            raise ValueError(f"size must be the number of chains, {len(listed)}, got {self.size}")
-        rows = [check_chain(chain).repeated(1) for chain in listed]
-        for chain in listed:
-            if chain.n != self.n:
-                raise ValueError(
-                    f"chains must have the same number of rods, got {self.n} and {chain.n}"
-                )
-        together = ChainParameters(*(np.concatenate(fields) for fields in zip(*rows, strict=True)))
+        together, self.size = check_chains(chains, size)
+        self.n = together.masses.shape[1]
         self.joints = np.array([_checks.count("joint", j, low=0, high=self.n - 1) for j in joints])
         pivot = check_pivot(cart_mass=cart_mass, rail_damping=rail_damping)
         super().__init__(Memory(together, self.size, threads, base=pivot.base))

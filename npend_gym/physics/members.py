@@ -9,7 +9,7 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
-from npend_gym.physics.substeps import default_substeps
+from npend_gym.physics.substeps import chain_of, substeps_of
 
 
 class Members:
@@ -99,13 +99,10 @@ class Members:
 
     def chain(self, member: int) -> Chain:
         """Return the chain of a member."""
-        values = {name: row[member] for name, row in self.parameters._asdict().items()}
-        return Chain.from_dict(values | {"gravity": float(values["gravity"])})
+        return chain_of(self.parameters, member)
 
     def _default_substeps(self, dt: float) -> int:
         """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""
         if dt not in self._substeps:
-            rows = np.hstack([row.reshape(len(row), -1) for row in self.parameters])
-            different = np.unique(rows, axis=0, return_index=True)[1].tolist()
-            self._substeps = {dt: max(default_substeps(self.chain(k), dt) for k in different)}
+            self._substeps = {dt: substeps_of(self.parameters, dt)}
         return self._substeps[dt]

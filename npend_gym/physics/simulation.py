@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.physics.arguments import check_limits, check_rtol, check_torque
+from npend_gym.physics.arguments import check_limits, check_settings, check_torque
 from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
@@ -19,7 +19,6 @@ from npend_gym.physics.pivot import check_pivot
 from npend_gym.physics.springs import axial_start, check_springs, check_vibrations
 from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Trajectory
 
-METHODS = ("dop853", "rk4")
 _MAX_STEPS = 10**12  # between two times
 # Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
 _RODS_PER_CALL = 500_000
@@ -49,6 +48,7 @@ def simulate(
     rtol: float = 1e-10,
     atol: float = 1e-12,
     dt: float | None = None,
+    device: str = "cpu",
 ) -> Trajectory:
     """Integrate the equations of motion and return the state at the given times.
 
@@ -57,7 +57,7 @@ def simulate(
     chain : Chain
     theta, omega : array_like, shape (n,)
         Angles [rad] and angular velocities [rad/s] at ``times[0]``; one number stands for all
-        rods.
+        rods. With `device` "cuda" also (B, n): B motions, and `theta` of the result is (B, T, n).
     times : array_like, shape (T,)
         Instants at which the state is wanted [s], increasing.
     torque : float or array_like, shape (n,), optional
@@ -93,6 +93,9 @@ def simulate(
         Relative and absolute tolerance of each step (for "dop853").
     dt : float, optional
         Longest step [s] (for "rk4", which requires it).
+    device : {"cpu", "cuda"}
+        "cuda": many motions side by side on a GPU, by method "rk4", of rigid rods on a pivot at
+        rest. `torque` may then have the shape (B, n) too. Needs the extra "cuda".
 
     Returns
     -------
@@ -113,13 +116,24 @@ def simulate(
     machine.
     """
     n = check_chain(chain).n
+    if _checks.choice("device", device, ("cpu", "cuda")) == "cuda":
+        beyond = pivot_acceleration, cart_mass, stiffness, stretch, stretch_rate
+        if method != "rk4" or any(value is not None for value in beyond):
+            raise ValueError(
+                'device "cuda" takes method "rk4" and rigid rods on a pivot at rest: '
+                f'use device "cpu" for anything else, got method {method!r}'
+            )
+        from npend_gym.physics.gpu_simulation import simulate_many
+
+        settings = check_settings(method, rtol, atol, dt)
+        return simulate_many(chain, theta, omega, _check_times(times, n), torque, **settings)
     theta = _checks.vector("theta", theta, n)
     omega = _checks.vector("omega", omega, n)
     check_limits(theta, omega)
     times = _check_times(times, n)
     torque = _checks.vector("torque", check_torque(torque, n), n)
     pivot = check_pivot(pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity)
-    settings = _check_settings(method, rtol, atol, dt)
+    settings = check_settings(method, rtol, atol, dt)
     springs = check_springs(chain, stiffness, axial_damping, stretch, stretch_rate, pivot)
     forces = torque
     # what stands after the angles in the state, and after their rates
@@ -164,25 +178,11 @@ def _check_times(times: ArrayLike, n: int) -> FloatArray:
     return instants
 
 
-def _check_settings(method: str, rtol: float, atol: float, dt: float | None) -> dict[str, float]:
-    """Return those of the settings that `method` takes."""
-    if _checks.choice("method", method, METHODS) == "rk4":
-        if dt is None:
-            raise ValueError('dt must be given with method "rk4": the longest step in seconds')
-        return {"dt": _checks.positive_number("dt", dt)}
-    if dt is not None:
-        raise ValueError(f'dt must be None with method "dop853", which chooses its own, got {dt}')
-    return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol)}
-
-
 def _run_rk4(
     chain: AnyArrays, state: FloatArray, times: FloatArray, torque: FloatArray, n: int, dt: float
 ) -> FloatArray:
     """Return the state at each time, a row each, by steps no longer than `dt`."""
-    intervals = np.diff(times, prepend=times[0])
-    if float(intervals.max()) / dt > _MAX_STEPS:
-        raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
-    steps = np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
+    steps = count_steps(times, dt)
     frames = np.empty((times.size, state.size))
     frames[0] = state
     progress, scratch, sound = np.array([1, 0, 0]), new_rk4_scratch(state.size // 2), True
@@ -191,13 +191,26 @@ def _run_rk4(
         sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames)
         check_angles(state[:n], float(times[progress[0] - 1]))
     if not sound:
-        since, until = times[progress[0] - 1 : progress[0] + 1]
-        raise IntegrationError(
-            f"the state diverged between t = {since:g} s and {until:g} s: "
-            f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
-            + _ended_rod(chain)
-        )
+        interval = times[progress[0] - 1 : progress[0] + 1]
+        raise IntegrationError(diverged_text(interval, dt) + _ended_rod(chain))
     return frames
+
+
+def count_steps(times: FloatArray, dt: float) -> NDArray[np.int64]:
+    """Return the number of steps up to each time from the one before; 1 at the first."""
+    intervals = np.diff(times, prepend=times[0])
+    if float(intervals.max()) / dt > _MAX_STEPS:
+        raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
+    return np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
+
+
+def diverged_text(interval: FloatArray, dt: float) -> str:
+    """Return what an error says where steps of at most `dt` diverged in an interval."""
+    since, until = interval
+    return (
+        f"the state diverged between t = {since:g} s and {until:g} s: "
+        f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
+    )
 
 
 def _run_dop853(problem: Problem, state: FloatArray, times: FloatArray, n: int) -> FloatArray:

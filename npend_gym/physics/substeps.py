@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters
 from npend_gym.theory.modes import decay_rate, fastest_frequency
 
 MAX_SUBSTEPS = 100_000
@@ -32,6 +32,19 @@ def default_substeps(chain: Chain, dt: float) -> int:
     decays by at most that much; dry friction, at its steepest, by at most 1.
     """
     return max(1, min(MAX_SUBSTEPS, math.ceil(dt * _fastest_rate(chain) / _PHASE)))
+
+
+def substeps_of(chains: ChainParameters, dt: float) -> int:
+    """Return the `default_substeps` that the fastest of several chains needs."""
+    rows = np.hstack([row.reshape(len(row), -1) for row in chains])
+    different = np.unique(rows, axis=0, return_index=True)[1].tolist()
+    return max(default_substeps(chain_of(chains, k), dt) for k in different)
+
+
+def chain_of(chains: ChainParameters, member: int) -> Chain:
+    """Return one of several chains."""
+    values = {name: row[member] for name, row in chains._asdict().items()}
+    return Chain.from_dict(values | {"gravity": float(values["gravity"])})
 
 
 def _fastest_rate(chain: Chain) -> float:

@@ -50,7 +50,9 @@ class Trajectory:
 
     Notes
     -----
-    Positions, velocities and energy are relative to the pivot, also where it moves.
+    Positions, velocities and energy are relative to the pivot, also where it moves. Of B motions
+    side by side `theta` and `omega` have the shape (B, T, n), and what follows from them has the
+    same leading axis.
     """
 
     chain: Chain
@@ -172,8 +174,8 @@ def _read(path: Path) -> Trajectory:
     times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
     chain = Chain.from_dict(about["chain"])
     shape = (times.size, chain.n)
-    if times.ndim != 1 or theta.shape != shape or omega.shape != shape:
-        raise ValueError(f"theta and omega must have the shape {shape}")
+    if times.ndim != 1 or theta.shape[-2:] != shape or omega.shape != theta.shape:
+        raise ValueError(f"theta and omega must have the shape {shape}, or (B, *{shape})")
     if not isinstance(about["provenance"], dict):
         raise TypeError("its provenance must be a dict")
     pivot = check_pivot(**about["pivot"])

@@ -79,7 +79,7 @@ def _parts(omega: FloatArray, n: int, h: float, per_rotation: float) -> Any:
 
 
 @inlined_kernel
-def _mark(group: Group, threshold: Any, h: Any, waiting: Any, scratch: FloatArray) -> bool:
+def mark(group: Group, threshold: Any, h: Any, waiting: Any, scratch: FloatArray) -> bool:
     """Update the signs of the velocities; mark the bobs that must be followed instead.
 
     Those of members that are `waiting` for a bob to complete its period; others are left alone.
@@ -277,7 +277,7 @@ def advance_group(
                 _wait(group, h, rest)
             if tracked or (substep + 1 == timing[Timing.SUBSTEPS] and not more):
                 bob_velocities(group, rest[Scratch.SIN], rest[Scratch.COS])
-            if tracked and _mark(group, numbers[Member.THRESHOLD, g], h, waiting, rest):
+            if tracked and mark(group, numbers[Member.THRESHOLD, g], h, waiting, rest):
                 _find_accelerations(group, rest)
                 tracked = _follow_marked(members, rods, g, width, scratch)
     rest[Scratch.DISSIPATED, 0] = dissipated

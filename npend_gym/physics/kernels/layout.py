@@ -144,11 +144,17 @@ def new_scratch(n: int, width: int) -> FloatArray:
 
 
 @inlined_kernel
+def resists(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
+    """Return whether the air resists any bob of any lane."""
+    return any_positive(drag) or any_positive(quadratic_drag)
+
+
+@inlined_kernel
 def _point_masses(members: FloatArray, rods: FloatArray, model: Model, g: int) -> ChainArrays:
     """Return the parameters of point masses. Drag is empty where no lane has any."""
     n, rows = rods.shape[2] - 1, rods[g]
     drag, quadratic = rows[Rod.DRAG], rows[Rod.QUADRATIC_DRAG]
-    resisted = n if any_positive(drag) or any_positive(quadratic) else 0
+    resisted = n if resists(drag, quadratic) else 0
     return ChainArrays(
         rows[Rod.INVERSE_MASS],
         rows[Rod.LENGTH],

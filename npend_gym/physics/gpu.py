@@ -1,0 +1,194 @@
+"""Many chains on a GPU, one a thread, by the functions that the processor runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from npend_gym import _checks
+from npend_gym.chain import Chain, ChainParameters
+from npend_gym.compiled.gpu import DeviceKernel, require_device, simulated
+from npend_gym.physics.arguments import check_chains
+from npend_gym.physics.kernels import ensemble, layout, threads
+from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, count_terms
+from npend_gym.physics.kernels.tensions import ChainArrays
+from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, substeps_of
+
+# Rods up to which a thread has its chain in its own memory, and is compiled for their number: two
+# rods take 142 of the 255 registers that it may have, five all of them, in float32 half as many
+SHORT = 8
+_KINDS = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
+
+
+class DeviceChains:
+    """B chains of n rods, advanced on a GPU in arrays of the caller's.
+
+    Parameters
+    ----------
+    chains : Chain or sequence of Chain
+        One chain for all lanes, or one for each; all with the same number of rods.
+    size : int, optional
+        Number of lanes B; needed where one chain is given for all.
+    dtype : {float64, float32}
+        Of all arrays. In float64 results are the bits of `Ensemble`; float32 is for speed.
+
+    Attributes
+    ----------
+    n, size : int
+        Number of rods, and of lanes B.
+    dtype : dtype
+    cuda : module
+        Numba's, for CUDA: ``cuda.to_device(array)`` copies an array of NumPy to the GPU.
+
+    Raises
+    ------
+    ImportError
+        If the extra "cuda" is not installed.
+    RuntimeError
+        If there is no GPU.
+    TypeError, ValueError
+        If an argument breaks its rule.
+
+    Notes
+    -----
+    The first step of each number of rods compiles for some seconds.
+    """
+
+    def __init__(
+        self,
+        chains: Chain | Sequence[Chain],
+        size: int | None = None,
+        *,
+        dtype: DTypeLike = np.float64,
+    ) -> None:
+        self.cuda = require_device()
+        self.parameters, self.size = check_chains(chains, size)
+        self.n, self.dtype = self.parameters.masses.shape[1], np.dtype(dtype)
+        _checks.choice("dtype", self.dtype.name, ("float64", "float32"))
+        self._rows = self.cuda.to_device(self.parameters.stacked().astype(self.dtype))
+        self._kernel = kernel_for(self.parameters, self.dtype)
+        self._storage: list[Any] = []
+        if self.n > SHORT:
+            shapes = threads.storage_shapes(self.n, count_terms(self.parameters), self.size)
+            self._storage = [self.cuda.device_array(shape, self.dtype) for shape in shapes]
+        self._substeps: dict[float, int] = {}
+
+    def advance(
+        self,
+        theta: Any,
+        omega: Any,
+        torque: Any,
+        diverged: Any,
+        dt: float,
+        substeps: int | None = None,
+        *,
+        parameters: Any = None,
+        stream: int = 0,
+    ) -> None:
+        """Advance the chains by `dt` under constant torques, in place, as `Ensemble.advance` does.
+
+        The call returns when the GPU has the work, not when it is done.
+
+        Parameters
+        ----------
+        theta, omega, torque : array on the GPU, shape (B, n)
+            Angles [rad] and angular velocities [rad/s], which are overwritten, and the torque on
+            each joint [N m]: tensors of torch, arrays of cupy or Numba, or whatever else has
+            ``__cuda_array_interface__``. Nothing is copied. Any strides will do.
+        diverged : array on the GPU, shape (B,)
+            Zero where the chain is to move. Where its state leaves all bounds it becomes one, and
+            the state stays the last finite one.
+        dt : float
+            [s]
+        substeps : int, optional
+            Number of Runge-Kutta steps; by default that of `Ensemble.advance`.
+        parameters : array on the GPU, shape (B, 12, n) or (1, 12, n), optional
+            Other parameters of the chains, as ``chain.repeated(B).stacked()`` has them. They are
+            not checked, and may not make links of point masses, nor add drag where there was none.
+        stream : int
+            Handle of the CUDA stream, such as ``torch.cuda.current_stream().cuda_stream``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an array is not on the GPU, or has not the shape and type that it must have.
+        """
+        lanes = self.size, self.n
+        state = [
+            self._array(name, array, lanes)
+            for name, array in (("theta", theta), ("omega", omega), ("torque", torque))
+        ]
+        flags = self._array("diverged", diverged, lanes[:1])
+        rows = self._rows
+        if parameters is not None:
+            size = 1 if parameters.shape[:1] == (1,) else self.size
+            rows = self._array("parameters", parameters, (size, *self._rows.shape[1:]))
+        dt = _checks.positive_number("dt", dt)
+        limit = 0.0 if substeps is not None else 1.0 / MAX_ROTATION
+        if substeps is None:
+            substeps = self._default_substeps(dt)
+        count = _checks.count("substeps", substeps, high=MAX_SUBSTEPS)
+        steps = np.array([dt, count, limit], self.dtype)  # their entries are numbers of its type
+        self._kernel.launch(
+            self.size, *state, flags, rows, *steps, *self._storage, stream=stream
+        )  # fmt: skip
+
+    @property
+    def device(self) -> str:
+        """Name of the GPU."""
+        return "simulator" if simulated() else self.cuda.get_current_device().name.decode()
+
+    def _default_substeps(self, dt: float) -> int:
+        if dt not in self._substeps:
+            self._substeps = {dt: substeps_of(self.parameters, dt)}
+        return self._substeps[dt]
+
+    def _array(self, name: str, array: Any, shape: tuple[int, ...]) -> Any:
+        """Return an array of the caller's as Numba takes it, refused where it does not fit."""
+        if not simulated():
+            if not hasattr(array, "__cuda_array_interface__"):
+                raise TypeError(
+                    f"{name} must be an array on the GPU, which has __cuda_array_interface__, such "
+                    f'as torch.as_tensor(values, device="cuda"), got {_checks.show(array)}'
+                )
+            array = self.cuda.as_cuda_array(array)
+        if array.dtype != self.dtype:
+            raise TypeError(f"{name} must be of dtype {self.dtype}, got {array.dtype}")
+        if array.shape != shape:
+            raise ValueError(f"{name} must have the shape {shape}, got {array.shape}")
+        return array
+
+
+def kernel_for(chains: ChainParameters, dtype: DTypeLike = np.float64) -> DeviceKernel:
+    """Return the kernel that advances chains of this kind and number of rods, one a thread."""
+    resisted = bool(np.any(chains.drag) or np.any(chains.quadratic_drag))
+    short = min(chains.masses.shape[1], SHORT + 1)
+    return _kernel(short, count_terms(chains), resisted, np.dtype(dtype).name)
+
+
+@cache
+def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
+    """Return the kernel for `n` rods, or for any number if they are more than SHORT."""
+    entry = threads.short_chains(n) if n <= SHORT else threads.long_chains()
+    replaced = {
+        ensemble.mark: threads.no_marks,
+        layout.resists: threads.always if resisted else threads.never,
+    }
+    return DeviceKernel(entry, (terms, _KINDS[terms]), dtype, replaced)
+
+
+def example_arguments(
+    chains: ChainParameters, lanes: int = 1, dtype: DTypeLike = np.float64
+) -> list[Any]:
+    """Return arguments for the kernel of these chains, hanging at rest, as arrays of NumPy."""
+    n = chains.masses.shape[1]
+    state = [np.zeros((lanes, n), dtype) for _ in range(3)]
+    rows = [np.zeros(lanes, dtype), chains.stacked().astype(dtype)]
+    shapes = threads.storage_shapes(n, count_terms(chains), lanes) if n > SHORT else []
+    return [
+        *state, *rows, *np.array([0.01, 1.0, 0.0], dtype), *(np.zeros(s, dtype) for s in shapes)
+    ]  # fmt: skip

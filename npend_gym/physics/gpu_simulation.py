@@ -1,0 +1,89 @@
+"""`simulate` of many motions on a GPU."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from npend_gym._checks import FloatArray
+from npend_gym._provenance import provenance
+from npend_gym.chain import Chain
+from npend_gym.physics.arguments import check_limits, check_states, check_torque
+from npend_gym.physics.gpu import DeviceChains
+from npend_gym.physics.simulation import IntegrationError, count_steps, diverged_text
+from npend_gym.physics.trajectory import MAX_BYTES, Trajectory
+
+_MAX_LAUNCH = 2**16  # steps in one launch, so that Ctrl-C is heard
+
+IntArray = NDArray[np.int64]
+
+
+def simulate_many(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    times: FloatArray,
+    torque: ArrayLike | None,
+    dt: float,
+) -> Trajectory:
+    """Return the motions from states (..., n), a trajectory of shape (..., T, n): see `simulate`.
+
+    Parameters are those of `simulate`; `times` and `dt` have been checked.
+    """
+    n, given = chain.n, check_torque(torque, chain.n)
+    states = check_states(n, theta=theta, omega=omega, torque=given)
+    check_limits(*states[:2])
+    leading, rods = states[0].shape[:-1], states[0].size
+    if 16 * times.size * rods > MAX_BYTES:
+        raise ValueError(
+            f"times must hold at most {MAX_BYTES // (16 * rods)} instants for {rods} rods in all, "
+            f"got {times.size}: simulate them in segments"
+        )
+    lanes = [values.reshape(-1, n).T for values in states]
+    steps, chains = count_steps(times, dt), DeviceChains(chain, rods // n)
+    frames = np.empty((2, times.size, n, rods // n))
+    frames[:, 0] = lanes[:2]
+    for k, frame in enumerate(_frames(chains, lanes, np.diff(times), steps[1:]), start=1):
+        if frame is None:
+            raise IntegrationError(diverged_text(times[k - 1 : k + 1], dt))
+        frames[:, k] = frame
+    result = np.moveaxis(frames, 3, 1).reshape(2, *leading, times.size, n)
+    arguments = {"method": "rk4", "dt": dt, "torque": given.tolist(), "device": chains.device}
+    return Trajectory(chain, times, result[0], result[1], provenance(arguments))
+
+
+def _frames(
+    chains: DeviceChains, state: Sequence[FloatArray], intervals: FloatArray, steps: IntArray
+) -> Iterator[FloatArray | None]:
+    """Yield angles and velocities, shape (2, n, B), after each interval; None where one diverged.
+
+    `state` is angles, angular velocities, and torques, (n, B) each; an interval is cut into
+    `steps`.
+    """
+    # the lane innermost: threads side by side read side by side
+    theta, omega, torque = (chains.cuda.to_device(np.ascontiguousarray(rows)) for rows in state)
+    diverged = chains.cuda.to_device(np.zeros(chains.size))
+    for interval, count in zip(intervals.tolist(), steps.tolist(), strict=True):
+        for span, substeps in _launches(interval, count):
+            chains.advance(theta.T, omega.T, torque.T, diverged, span, substeps)
+        if np.any(diverged.copy_to_host()):
+            yield None
+            return
+        yield np.stack([theta.copy_to_host(), omega.copy_to_host()])
+
+
+def _launches(interval: float, steps: int) -> Iterator[tuple[float, int]]:
+    """Yield durations and numbers of steps, MAX_LAUNCH at most, that together make an interval.
+
+    Long ones are cut by powers of two, which changes no bit of the step.
+    """
+    if steps <= _MAX_LAUNCH:
+        yield interval, steps
+        return
+    step = interval / steps
+    while steps:
+        part = min(_MAX_LAUNCH, 1 << (steps.bit_length() - 1))
+        yield step * part, part
+        steps -= part

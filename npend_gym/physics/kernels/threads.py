@@ -1,0 +1,149 @@
+"""Chains on a GPU, one a thread: each thread advances its chain as `ensemble` does a group.
+
+A thread has the arrays of an ensemble of one chain. They stand in its own memory, in registers as
+far as these reach, where the number of rods is small and known when the kernel is compiled; for
+long chains they stand in `storage`, the thread innermost, so that threads side by side read and
+write side by side.
+"""
+
+# ruff: noqa: ARG001  what stands for another function has its parameters
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from npend_gym._checks import FloatArray
+from npend_gym.chain import ChainParameters
+from npend_gym.compiled.arrays import bare
+from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.translation import CUDA, FLOAT
+from npend_gym.physics.kernels.dynamics import copy
+from npend_gym.physics.kernels.ensemble import advance_group
+from npend_gym.physics.kernels.layout import RK4, Member, Model, Rod, Timing, group_of
+from npend_gym.physics.kernels.link_terms import Base, Joint, Link
+from npend_gym.physics.kernels.members import write_chain
+from npend_gym.physics.kernels.rk4 import RK4_ROWS
+
+_PARAMETERS = len(ChainParameters._fields)
+_SCRATCH = RK4 + RK4_ROWS
+
+
+@inlined_kernel
+def _clear(array: FloatArray) -> None:
+    for i in range(array.shape[0]):
+        for j in range(array.shape[1]):
+            array[i, j] = 0.0
+
+
+@inlined_kernel
+def _advance(
+    theta: FloatArray, omega: FloatArray, torque: FloatArray, chain: FloatArray,
+    members: FloatArray, rods: FloatArray, model: Model, timing: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Advance one chain under its torques; see `ensemble.advance_many`."""
+    n, rows = chain.shape[1], rods[0]  # known when this is compiled, where the arrays are
+    _clear(rows)
+    _clear(scratch)
+    members[Member.ACTIVE, 0] = 1.0
+    members[Member.COMPLETED, 0] = n
+    for i in range(n):
+        rows[Rod.THETA, i], rows[Rod.OMEGA, i], rows[Rod.TORQUE, i] = theta[i], omega[i], torque[i]
+    write_chain(members, rods, model, 0, 1, chain)
+    timing[Timing.FIRST_SUBSTEP], timing[Timing.LAST_SUBSTEP] = 0.0, timing[Timing.SUBSTEPS]
+    group = group_of(members, rods, model, 0)
+    advance_group(bare, 1, members, rods, timing, scratch, 0, group)
+    copy(rows[Rod.THETA][:n], theta)
+    copy(rows[Rod.OMEGA][:n], omega)
+
+
+def short_chains(n: int) -> Callable[..., None]:
+    """Return what a thread runs that has a chain of `n` rods in its own memory.
+
+    Its arguments are theta, omega and torque, shape (lanes, n); diverged, (lanes,), of zeros and
+    ones; the parameters of the chains, (lanes, 12, n) or (1, 12, n); then dt, the substeps, and
+    one over the angle by which no rod may turn in a substep, or zero.
+    """
+    of_member, of_rods, of_scratch = (len(Member), 1), (1, len(Rod), n + 1), (_SCRATCH, n + 2)
+    of_chain, of_timing = (_PARAMETERS, n), len(Timing)
+    of_links, of_joints, of_base = (1, len(Link), n), (1, len(Joint), n), (1, len(Base), 1)
+
+    def advance_threads(
+        theta: Any, omega: Any, torque: Any, diverged: Any, chains: Any, dt: Any, substeps: Any,
+        per_rotation: Any,
+    ) -> None:  # fmt: skip
+        lane = CUDA.grid(1)
+        if lane < theta.shape[0]:
+            members, timing = CUDA.local.array(of_member, FLOAT), CUDA.local.array(of_timing, FLOAT)
+            rods, scratch = CUDA.local.array(of_rods, FLOAT), CUDA.local.array(of_scratch, FLOAT)
+            links, joints = CUDA.local.array(of_links, FLOAT), CUDA.local.array(of_joints, FLOAT)
+            base, chain = CUDA.local.array(of_base, FLOAT), CUDA.local.array(of_chain, FLOAT)
+            given = chains[lane if chains.shape[0] > 1 else 0]
+            for i in range(n):
+                for field in range(_PARAMETERS):
+                    chain[field, i] = given[field, i]
+            _clear(members)
+            members[Member.DIVERGED, 0] = diverged[lane]
+            timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
+            timing[Timing.PER_ROTATION] = per_rotation
+            model = (links, joints, base[:, :0])  # the base rests
+            state = theta[lane], omega[lane], torque[lane]
+            _advance(*state, chain, members, rods, model, timing, scratch)
+            diverged[lane] = members[Member.DIVERGED, 0]
+
+    return advance_threads
+
+
+def long_chains() -> Callable[..., None]:
+    """Return the same for chains of any length.
+
+    Its other arguments are arrays in which the threads work, see `storage_shapes`.
+    """
+    of_timing = len(Timing)
+
+    def advance_threads(
+        theta: Any, omega: Any, torque: Any, diverged: Any, chains: Any, dt: Any, substeps: Any,
+        per_rotation: Any, members: Any, rods: Any, links: Any, joints: Any, scratch: Any,
+    ) -> None:  # fmt: skip
+        lane = CUDA.grid(1)
+        if lane < theta.shape[0]:
+            own, timing = members[:, :, lane], CUDA.local.array(of_timing, FLOAT)
+            _clear(own)
+            own[Member.DIVERGED, 0] = diverged[lane]
+            timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
+            timing[Timing.PER_ROTATION] = per_rotation
+            model = (links[:, :, :, lane], joints[:, :, :, lane], links[:, :0, :1, lane])
+            state = theta[lane], omega[lane], torque[lane]
+            chain = chains[lane if chains.shape[0] > 1 else 0]
+            work = scratch[:, :, lane]
+            _advance(*state, chain, own, rods[:, :, :, lane], model, timing, work)
+            diverged[lane] = own[Member.DIVERGED, 0]
+
+    return advance_threads
+
+
+def storage_shapes(n: int, terms: int, lanes: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the last arguments of `long_chains`.
+
+    `terms` is the number of arrays that this kind of chain needs, see `link_terms.count_terms`.
+    """
+    links, joints = len(Link) * (terms > 0), len(Joint) * (terms > 1)
+    each = (len(Member), 1), (1, len(Rod), n + 1), (1, links, n), (1, joints, n), (_SCRATCH, n + 2)
+    return [(*shape, lanes) for shape in each]
+
+
+@inlined_kernel
+def no_marks(group: Any, threshold: Any, h: Any, waiting: Any, scratch: FloatArray) -> bool:
+    """Stand for `ensemble.mark`: no turning point is followed."""
+    return False
+
+
+@inlined_kernel
+def always(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
+    """Stand for `layout.resists` where any bob of any chain is."""
+    return True
+
+
+@inlined_kernel
+def never(drag: FloatArray, quadratic_drag: FloatArray) -> bool:
+    """Stand for `layout.resists` where the air resists no bob."""
+    return False

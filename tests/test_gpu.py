@@ -1,0 +1,333 @@
+"""Chains on a GPU: in Numba's simulator, as assembly text, and on a GPU where there is one.
+
+Each script is a process of its own, because Numba reads once whether it simulates.
+"""
+
+import json
+import os
+import re
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scripts import run_python
+from suites import gpu
+from suites.timing import Peers
+
+from npend_gym import Chain, simulate
+from npend_gym.compiled.sincos import FLOAT32_CONSTANTS, sincos
+from npend_gym.physics.gpu_simulation import _launches
+
+HAS_NUMBA_CUDA = find_spec("numba_cuda") is not None
+needs_numba_cuda = pytest.mark.skipif(
+    not HAS_NUMBA_CUDA, reason='no numba-cuda: pip install "npend-gym[cuda]"'
+)
+
+
+def simulated(code):
+    """Run a script in Numba's simulator of a GPU; return what its last line has, as JSON."""
+    environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
+    return json.loads(run_python("-W", "error", "-c", code, env=environment).splitlines()[-1])
+
+
+def on_gpu(code):
+    """Run a script with Numba as it is."""
+    return json.loads(run_python("-c", code).splitlines()[-1])
+
+
+# Random chains, one a lane, advanced twice: which numbers differ from those of the processor
+COMPARE = """
+import json
+import numpy as np
+from npend_gym import Chain
+from npend_gym.physics import DeviceChains, Ensemble
+
+RNG = np.random.default_rng(8)
+
+def differences(chains, size, substeps, steps=2):
+    many = Ensemble(chains, size, joints=range(many_rods(chains)))
+    on_gpu, n = DeviceChains(chains, size), many.n
+    theta, omega = RNG.uniform(-3.0, 3.0, (size, n)), RNG.normal(size=(size, n)) * 4.0
+    torque = RNG.normal(size=(size, n))
+    many.set_state(slice(None), theta, omega)
+    put = on_gpu.cuda.to_device
+    state = [put(values) for values in (theta, omega, torque, np.zeros(size))]
+    for _ in range(steps):
+        many.advance(torque, 0.07, substeps)
+        on_gpu.advance(*state, 0.07, substeps)
+    theta, omega, _, diverged = (values.copy_to_host() for values in state)
+    assert not diverged.any() and not np.array_equal(theta, many.theta + 1e-12)
+    return int(np.sum(theta != many.theta) + np.sum(omega != many.omega))
+
+def many_rods(chains):
+    return chains.n if isinstance(chains, Chain) else chains[0].n
+
+def uneven(n, **more):
+    values = RNG.uniform(0.5, 2.0, (2, n))
+    return Chain(*values, damping=0.1, **more)
+
+def report(cases):
+    print(json.dumps({name: differences(*case) for name, case in cases.items()}))
+"""
+POINT_MASSES = """
+report({
+    "n = 1": (uneven(1), 3, 4), "n = 2": (uneven(2), 3, 4), "n = 5": (uneven(5), 3, 4),
+    "in a thread's storage": (uneven(12), 2, 1),
+    "substeps that fast rods cut": (uneven(2), 3, None),
+    "some with drag": ([uneven(2), uneven(2, drag=0.2, quadratic_drag=0.1)], 2, 3),
+})
+"""
+BODIES = """
+links = Chain.rods([1.0, 0.5], [1.0, 0.7])
+report({
+    "links": (links, 3, 4),
+    "long links": (Chain.rods(np.ones(10), np.ones(10)), 2, 1),
+    "machine": (Chain.realaigym("C.1"), 3, 4),
+    "machine with drag": (Chain.rods([1.0, 0.5], [1.0, 0.7], friction=0.1, drag=0.1), 2, 2),
+})
+"""
+
+
+def test_point_masses_in_the_simulator_have_the_bits_of_the_processor():
+    assert set(simulated(COMPARE + POINT_MASSES).values()) == {0}
+
+
+@pytest.mark.long
+def test_links_and_machines_in_the_simulator_have_the_bits_of_the_processor():
+    assert set(simulated(COMPARE + BODIES).values()) == {0}
+
+
+@needs_numba_cuda
+def test_chains_on_a_gpu_have_the_bits_of_the_processor():
+    found = "from numba import cuda; print('true' if cuda.is_available() else 'false')"
+    if not on_gpu(found):
+        pytest.skip("no GPU")
+    assert set(on_gpu(COMPARE + POINT_MASSES).values()) == {0}
+    assert set(on_gpu(COMPARE + BODIES).values()) == {0}
+
+
+SINGLE = """
+import json
+import numpy as np
+from npend_gym import Chain
+from npend_gym.physics import DeviceChains
+
+chains = DeviceChains(Chain.uniform(2), 3, dtype="float32")
+theta = np.linspace(-3.0, 3.0, 6, dtype=np.float32).reshape(3, 2)
+omega, torque = np.zeros((2, 3, 2), np.float32)
+diverged = np.zeros(3, np.float32)
+diverged[2] = 1.0
+for _ in range(10):
+    chains.advance(theta, omega, torque, diverged, 0.02, 2)
+print(json.dumps(theta.tolist()))
+"""
+
+
+def test_float32_is_near_float64_and_chains_that_have_diverged_stay():
+    theta = simulated(SINGLE)
+    begin = np.linspace(-3.0, 3.0, 6).reshape(3, 2)
+    for k in range(2):
+        path = simulate(Chain.uniform(2), begin[k], 0.0, [0.0, 0.2], method="rk4", dt=0.01)
+        np.testing.assert_allclose(theta[k], path.theta[-1], rtol=0.0, atol=3e-6)
+        assert np.all(theta[k] != path.theta[-1])  # it was not computed in float64
+    np.testing.assert_array_equal(theta[2], begin[2].astype(np.float32))
+
+
+def test_sines_of_float32_have_the_precision_of_float32():
+    # the text of sincos with the constants that the translation puts in place of its own
+    text = sincos.py_func
+    names = {
+        name: np.float32(FLOAT32_CONSTANTS.get(value, value)) if isinstance(value, float) else value
+        for name, value in text.__globals__.items()
+        if not name.startswith("__")
+    }
+    code = text.__code__.replace(
+        co_consts=tuple(
+            np.float32(c) if isinstance(c, float) else c for c in text.__code__.co_consts
+        )
+    )
+    single = type(text)(code, names)
+    x = np.random.default_rng(0).uniform(-1e3, 1e3, 100_000).astype(np.float32)
+    s, c = single(x)
+    assert s.dtype == np.float32
+    np.testing.assert_allclose(s, np.sin(x.astype(float)), rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(c, np.cos(x.astype(float)), rtol=0.0, atol=1e-7)
+
+
+SIMULATE = """
+import json
+import numpy as np
+from npend_gym import Chain, IntegrationError, simulate
+
+chain, theta, times = Chain.uniform(2, damping=0.1), [[0.5, 1.0], [-2.0, 0.1]], [0.0, 0.1, 0.35]
+path = simulate(chain, theta, 0.3, times, torque=0.5, method="rk4", dt=0.03, device="cuda")
+path.save("motions.npz")
+again = type(path).load("motions.npz")
+assert np.array_equal(again.theta, path.theta) and again.energy().shape == (2, 3)
+try:
+    simulate(Chain.uniform(2, length=1e-3), theta, 0.0, times, method="rk4", dt=0.2, device="cuda")
+except IntegrationError as error:
+    message = str(error)
+print(json.dumps([path.theta.tolist(), path.omega.tolist(), message]))
+"""
+
+
+def test_simulate_on_a_gpu_has_the_motions_that_the_processor_computes_one_by_one(tmp_path):
+    code = f"import os; os.chdir({str(tmp_path)!r})" + SIMULATE
+    theta, omega, message = simulated(code)
+    for k, start in enumerate([[0.5, 1.0], [-2.0, 0.1]]):
+        path = simulate(
+            Chain.uniform(2, damping=0.1), start, 0.3, [0.0, 0.1, 0.35], torque=0.5,
+            method="rk4", dt=0.03,
+        )  # fmt: skip
+        np.testing.assert_array_equal(theta[k], path.theta)
+        np.testing.assert_array_equal(omega[k], path.omega)
+    assert message.startswith("the state diverged between t = 0 s and 0.1 s")
+
+
+@pytest.mark.parametrize("steps", [1, 65_536, 65_537, 1_000_003])
+def test_launches_of_an_interval_take_its_steps_with_the_same_bits(steps):
+    interval = 0.1234567
+    parts = list(_launches(interval, steps))
+    assert sum(count for _, count in parts) == steps
+    assert all(count <= 65_536 for _, count in parts)
+    assert {span / count for span, count in parts} == {interval / steps}
+
+
+PTX = """
+import json
+import numpy as np
+from npend_gym import Chain
+from npend_gym.physics.gpu import example_arguments, kernel_for
+
+chains = {
+    "bobs 2": Chain.uniform(2), "bobs 30": Chain.uniform(30),
+    "links 2": Chain.rods([1.0, 1.0], [1.0, 1.0]),
+    "machine 2": Chain.rods([1.0, 1.0], [1.0, 1.0], friction=0.1, drag=0.1),
+}
+wanted = [(name, "float64") for name in chains] + [("bobs 2", "float32")]
+texts = {}
+for name, dtype in wanted:
+    rows = chains[name].repeated(1)
+    texts[f"{name} {dtype}"] = kernel_for(rows, dtype).ptx(*example_arguments(rows, 1, dtype))
+print(json.dumps(texts))
+"""
+
+
+@needs_numba_cuda
+@pytest.mark.long
+def test_kernels_compile_for_a_gpu_without_one_and_fuse_no_product_with_a_sum():
+    texts = on_gpu(PTX)
+    assert len(texts) == 5
+    for name, text in texts.items():
+        found = Counter(re.findall(r"^\s+(?:@!?%p\d+ )?([a-z][\w.]+)\s", text, re.MULTILINE))
+        bits = name[-2:]
+        rounded = found[f"mul.rn.f{bits}"] + found[f"add.rn.f{bits}"] + found[f"sub.rn.f{bits}"]
+        assert rounded > 500, name
+        # without .rn the driver would fuse
+        assert not [op for op in found if re.match(r"(mul|add|sub)\.f|fma|mad\..*f(32|64)", op)]
+        assert not [op for op in found if "approx" in op], name
+        if bits == "32":
+            assert found["mul.f64"] + found["mul.rn.f64"] == 0
+        if " 2 " in name:
+            assert ".local" not in text, f"{name} has arrays out of the registers"
+
+
+ERRORS = """
+import json
+import numpy as np
+from npend_gym import Chain
+from npend_gym.physics import DeviceChains
+
+chains, state = DeviceChains(Chain.uniform(2), 3), [np.zeros((3, 2)) for _ in range(3)]
+flags, messages = np.zeros(3), []
+for arguments in (
+    (*state[:2], np.zeros((3, 1)), flags, 0.1), (*state, np.zeros(3, int), 0.1),
+    (*state, flags, -0.1), (*state, flags, 0.1, 0),
+):
+    try:
+        chains.advance(*arguments)
+    except (TypeError, ValueError) as error:
+        messages.append(str(error))
+try:
+    DeviceChains(Chain.uniform(2), 3, dtype="float16")
+except ValueError as error:
+    messages.append(str(error))
+print(json.dumps(messages))
+"""
+
+
+def test_arrays_that_do_not_fit_are_refused_by_name():
+    torque, diverged, dt, substeps, dtype = simulated(ERRORS)
+    assert torque == "torque must have the shape (3, 2), got (3, 1)"
+    assert diverged == "diverged must be of dtype float64, got int64"
+    assert dt.startswith("dt must be")
+    assert substeps.startswith("substeps must be")
+    assert dtype.startswith("dtype must be")
+
+
+@pytest.mark.skipif(HAS_NUMBA_CUDA, reason="numba-cuda is installed")
+def test_without_the_extra_the_error_says_what_to_install():
+    with pytest.raises(ImportError, match=r'pip install "npend-gym\[cuda\]"'):
+        simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], method="rk4", dt=0.1, device="cuda")
+
+
+@needs_numba_cuda
+def test_without_a_gpu_the_error_says_so_and_what_to_do():
+    code = (
+        "import json\nfrom numba import cuda\nfrom npend_gym import Chain\n"
+        "from npend_gym.physics import DeviceChains\nmessage = None\n"
+        "try:\n    DeviceChains(Chain.uniform(2), 2)\n"
+        "except RuntimeError as error:\n    message = str(error)\n"
+        "print(json.dumps([cuda.is_available(), message]))"
+    )
+    available, message = on_gpu(code)
+    if available:
+        pytest.skip("there is a GPU")
+    assert "need an NVIDIA GPU with its driver" in message
+    assert 'device="cpu"' in message
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"method": "rk4", "dt": 0.1, "cart_mass": 1.0}, {"stiffness": 1e3}]
+)
+def test_what_a_gpu_cannot_simulate_is_refused(options):
+    with pytest.raises(ValueError, match='device "cuda" takes method "rk4" and rigid rods'):
+        simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], device="cuda", **options)
+    with pytest.raises(ValueError, match="device must be"):
+        simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], device="gpu")
+
+
+BENCH = """
+import json, sys
+sys.path.insert(0, BENCHMARKS)
+from suites import gpu, timing
+
+timing.SECONDS, gpu.LANES, gpu.COUNTS, gpu.MANY, gpu.COPIED = 1e-4, (2,), (2,), 2, 16
+same_bits, gpu.same_bits = gpu.same_bits, lambda: same_bits(lanes=2, steps=2)
+print(json.dumps([row._asdict() for row in gpu.rows(timing.Peers(print))]))
+"""
+
+
+def test_the_benchmark_compares_bits_and_measures_steps_and_bandwidth():
+    folder = str(Path(__file__).parents[1] / "benchmarks")
+    rows = simulated(BENCH.replace("BENCHMARKS", repr(folder)))
+    assert "differ in 0 of 10, by 0 ulps at most" in rows[0]["note"]
+    assert rows[1]["job"] == "bytes copied in its memory"
+    assert len(rows) == 2 + 2 * 2
+    for row in rows:
+        assert row["ours_per_s"] > 0.0
+    # a step of two rods in one launch: 12 numbers of 8 bytes
+    single = next(row for row in rows[2:] if "float64" in row["job"] and ", 1 a" in row["job"])
+    share = 100.0 * single["ours_per_s"] * 96 / rows[1]["ours_per_s"]
+    assert single["note"] == f"{share:.3g} % of the bandwidth"
+
+
+def test_without_a_gpu_the_benchmark_measures_nothing_and_says_why():
+    if HAS_NUMBA_CUDA and on_gpu("from numba import cuda; print(int(cuda.is_available()))"):
+        pytest.skip("there is a GPU")
+    messages = []
+    assert not list(gpu.rows(Peers(messages.append)))
+    assert messages[0].startswith("the GPU is left out")
