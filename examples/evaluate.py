@@ -32,9 +32,13 @@ from npend_gym.rl import (
 
 CONTROLLERS = ("LQR", "MPC", "damping", "energy", "plan")
 # arguments of planned_swing_up by the number of rods
-PLANS: dict[int, dict[str, float]] = {
-    2: {}, 3: {}, 4: {"seconds": 8.0}, 5: {"seconds": 12.0, "settle": 10.0}
-}  # fmt: skip
+PLANS: dict[int, dict[str, Any]] = {
+    2: {},
+    3: {},
+    4: {"seconds": 8.0},
+    5: {"seconds": 12.0, "settle": 10.0},
+    6: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
+}
 
 
 def controller_of(name: str, keywords: dict[str, Any]) -> Controller:

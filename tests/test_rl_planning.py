@@ -33,12 +33,38 @@ def check_motion(config, nominal):
 
 
 def test_a_planned_trajectory_is_a_motion_of_the_chain_from_hanging_to_upright(triple):
-    config, (states, actions) = config_of(n=3, mode="swingup"), triple.nominal
+    check_plan(config_of(n=3, mode="swingup"), triple)
+
+
+def check_plan(config, controller):
+    states, actions = controller.nominal
     assert np.abs(actions).max() <= MAX_ACTION
     np.testing.assert_array_equal(states[0], 0.0)
-    np.testing.assert_allclose(np.cos(states[-1, :3]), -1.0)
-    np.testing.assert_array_equal(states[-1, 3:], 0.0)
-    check_motion(config, triple.nominal)
+    np.testing.assert_allclose(np.cos(states[-1, : config.n]), -1.0)
+    np.testing.assert_array_equal(states[-1, config.n :], 0.0)
+    check_motion(config, controller.nominal)
+
+
+def test_swing_ups_by_model_predictive_control_are_guesses_that_lead_to_plans():
+    config = config_of(n=2, mode="swingup")
+    controller = planned_swing_up(config, seconds=4.0, tries=1, guess="mpc")
+    check_plan(config, controller)
+    keywords = {"n": 2, "mode": "swingup", "max_episode_steps": 240}
+    assert evaluate(controller, keywords, episodes=20).success_rate > 0.9
+
+
+@pytest.mark.long
+def test_six_rods_swing_up_by_a_plan():
+    config = config_of(n=6, mode="swingup")
+    controller = planned_swing_up(config, seconds=14.0, settle=10.0, tries=1, guess="mpc")
+    check_plan(config, controller)
+    keywords = {"n": 6, "mode": "swingup", "max_episode_steps": 640}
+    assert evaluate(controller, keywords, episodes=20).success_rate > 0.9
+
+
+def test_a_guess_of_another_kind_is_an_error():
+    with pytest.raises(ValueError, match="guess must be one of waves, mpc; got 'luck'"):
+        planned_swing_up(config_of(n=1, mode="swingup"), guess="luck")
 
 
 def test_a_trajectory_planned_in_air_includes_the_drag():
@@ -66,7 +92,7 @@ def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
 @pytest.mark.parametrize("actuated", [(0,), (0, 1)])
 def test_the_band_is_that_of_the_normal_equations_of_the_residuals(actuated):
     problem = Transcription(config_of(n=2, mode="swingup", actuated=actuated), steps=7)
-    problem.end, z = problem.guess(np.random.default_rng(3))
+    problem.end, z = problem.wavy_guess(np.random.default_rng(3))
     weight = 5.0
 
     def residuals(z):

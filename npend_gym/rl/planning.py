@@ -7,7 +7,7 @@ Kugi, Automatica 49 (2013), 801-808.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,12 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers import StateFeedback, lqr, riccati, state_weights
+from npend_gym.rl.mpc import MPC
+from npend_gym.rl.step_model import StepModel
 from npend_gym.rl.transcription import NominalTrajectory, Transcription
+
+GUESSES = "waves", "mpc"
+_START = 0.05  # rad and rad/s from hanging at rest, as far as environments start from it
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,7 @@ def planned_swing_up(
     *,
     settle: float = 0.0,
     tries: int = 4,
+    guess: str = "waves",
     seed: int = 0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> PlannedSwingUp:
@@ -73,7 +79,11 @@ def planned_swing_up(
     settle : float
         Time [s] for which LQR about hanging calms the chain before the trajectory begins.
     tries : int
-        Number of first guesses, drawn from `seed`; about half of them lead to a trajectory.
+        Number of first guesses, drawn from `seed`.
+    guess : str
+        "waves", random paths that are no motions, of which about half lead to a trajectory; or
+        "mpc", swing-ups by `MPC` from starts near hanging, which take longer to guess. Nearly all
+        of them lead to a trajectory, with up to six rods.
     seed : int
         Seed of the guesses.
     progress : callable
@@ -90,10 +100,14 @@ def planned_swing_up(
     """
     steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
     settle = _checks.nonnegative_number("settle", settle)
+    _checks.choice("guess", guess, GUESSES)
     problem = Transcription(config, steps)
+    rngs = [np.random.default_rng([seed, k]) for k in range(_checks.count("tries", tries))]
+    motions = swing_ups(config, steps, rngs) if guess == "mpc" else []
+    begun = [problem.unknowns(*each) for each in motions] or [*map(problem.wavy_guess, rngs)]
     found: list[PlannedSwingUp] = []
-    for attempt in progress(range(_checks.count("tries", tries))):
-        nominal = problem.solve(np.random.default_rng([seed, attempt]))
+    for attempt in progress(range(tries)):
+        nominal = problem.solve(*begun[attempt])
         if nominal is not None:
             slopes = problem.model.derivatives(nominal.states[:-1], nominal.actions)
             found.append(track(config, nominal, *slopes, settle))
@@ -103,6 +117,24 @@ def planned_swing_up(
             "give it more seconds, tries or torque, or another seed"
         )
     return min(found, key=lambda controller: controller.sensitivity)
+
+
+def swing_ups(
+    config: EnvConfig, steps: int, rngs: Sequence[np.random.Generator]
+) -> list[NominalTrajectory]:
+    """Return swing-ups by `MPC`, side by side, from starts near hanging that are drawn."""
+    n, step = config.chain.n, StepModel(config)
+    controller = MPC(config)
+    states = np.stack([rng.uniform(-_START, _START, 2 * n) for rng in rngs])
+    motions, actions = [states], list[FloatArray]()
+    for k in range(steps):
+        time = np.full(len(states), k * config.dt)
+        info = {"theta": states[:, :n], "omega": states[:, n:], "time": time}
+        actions.append(controller(None, info))
+        states = step(states, actions[-1])
+        motions.append(states)
+    pairs = zip(np.stack(motions, axis=1), np.stack(actions, axis=1), strict=True)
+    return [NominalTrajectory(*pair) for pair in pairs]
 
 
 def track(

@@ -21,6 +21,7 @@ _ACTION_WEIGHT = 0.05
 _TOLERANCE = 1e-7  # of a step: rad, and 0.3 rad/s
 _MAX_ITERATIONS = 300
 _HALF_WAVES = 6  # half sines in the first guess
+_MAX_GUESS = 0.97  # of MAX_ACTION: actions that are guessed can still change both ways
 _MAX_UNKNOWN = 60.0  # rad or rad/s; no useful trajectory exceeds it
 
 
@@ -47,13 +48,13 @@ class Transcription:
         self.end = np.zeros(2 * self.n)  # the state in which the trajectory ends
         self.scale = np.repeat([1.0, 0.3], self.n)
 
-    def solve(self, rng: np.random.Generator) -> NominalTrajectory | None:
-        """Return a trajectory, or None where the guess leads to none.
+    def solve(self, end: FloatArray, z: FloatArray) -> NominalTrajectory | None:
+        """Return a trajectory to `end`, (2n,), or None where the guess z leads to none.
 
         The method is that of Levenberg and Marquardt. A defect depends on two states that follow
         each other, so that the normal equations in the order of time are a band.
         """
-        self.end, z = self.guess(rng)
+        self.end = end
         defects, weight, damping = self.defects(z), 1.0, 1e-2
         for _ in range(_MAX_ITERATIONS):
             z, defects, decrease, damping = self.improve(z, defects, weight, damping)
@@ -89,7 +90,7 @@ class Transcription:
             damping *= 4.0
         return z, defects, 0.0, 1e-4
 
-    def guess(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    def wavy_guess(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw an end, each rod turned up in one sense or the other, and a wavy path to it.
 
         The actions of the path are small; nothing makes it a motion of the chain.
@@ -102,6 +103,13 @@ class Transcription:
         theta = (3.0 - 2.0 * s) * s**2 * end[: self.n] + np.sin(np.pi * s) * waves.sum(axis=1)
         states = np.hstack([theta, np.gradient(theta, self.dt, axis=0)])
         v = rng.normal(0.0, 0.1, (self.steps, self.joints))
+        return end, np.hstack([states[:-1], v]).ravel()[2 * self.n :]
+
+    def unknowns(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the nearest end and z of a motion that ends near upright, as a guess."""
+        end = np.zeros(2 * self.n)
+        end[: self.n] = np.pi * (2.0 * np.rint(0.5 * states[-1, : self.n] / np.pi - 0.5) + 1.0)
+        v = np.arctanh(np.clip(actions / MAX_ACTION, -_MAX_GUESS, _MAX_GUESS))
         return end, np.hstack([states[:-1], v]).ravel()[2 * self.n :]
 
     def rows(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
