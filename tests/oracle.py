@@ -49,7 +49,10 @@ def trajectory(chain, theta, omega, times, torque=None, tolerance=1e-12):
 
 
 def link_system(chain, theta, omega, torque):
-    """Return M and f of M alpha = f for links, from the Jacobians of their centres and tips."""
+    """Return M and f of M alpha = f for links, from the Jacobians of their centres and tips.
+
+    State and parameters may be complex, for derivatives by complex steps.
+    """
     n = chain.n
     along = np.stack([np.sin(theta), -np.cos(theta)])  # unit vectors of the links, (2, n)
     across = np.stack([np.cos(theta), np.sin(theta)])
@@ -63,20 +66,19 @@ def link_system(chain, theta, omega, torque):
                 matrix = matrix + mass * jacobian.T @ jacobian
                 # without the accelerations of the angles; gravity accelerates the frame
                 spin = np.array([0.0, chain.gravity]) - (reach * along) @ omega**2
-                force -= mass * jacobian.T @ spin
+                force = force - mass * jacobian.T @ spin
             else:
                 v = jacobian @ omega
-                drag = chain.drag[i] + chain.quadratic_drag[i] * np.hypot(*v)
-                force -= jacobian.T @ (drag * v)
-        joint, rotor = np.zeros(n), np.zeros(n)
-        joint[i] = rotor[i] = 1.0
-        if i > 0:
-            joint[i - 1], rotor[i - 1] = -1.0, 1.0 / chain.gear[i] - 1.0
+                drag = chain.drag[i] + chain.quadratic_drag[i] * np.sqrt(v @ v)
+                force = force - jacobian.T @ (drag * v)
+        joint, ratio = np.eye(n)[i], 1.0 / chain.gear[i] - 1.0
+        above = np.eye(n)[i - 1] if i > 0 else np.zeros(n)
+        joint, rotor = joint - above, joint + ratio * above
         matrix = matrix + chain.armature[i] * np.outer(rotor, rotor)
         speed = joint @ omega
         u = speed / chain.friction_speed[i]
         held = chain.damping[i] * speed + chain.friction[i] * u / np.sqrt(1.0 + u**2)
-        force += joint * (torque[i] - held)
+        force = force + joint * (torque[i] - held)
     return matrix, force
 
 

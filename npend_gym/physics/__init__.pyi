@@ -1,10 +1,15 @@
+from npend_gym.physics.derivatives import DifferentiableEnsemble as DifferentiableEnsemble
+from npend_gym.physics.derivatives import StepGradient as StepGradient
+from npend_gym.physics.derivatives import StepJacobian as StepJacobian
 from npend_gym.physics.ensemble import Ensemble as Ensemble
 from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import mass_matrix as mass_matrix
 from npend_gym.physics.equations import tensions as tensions
 from npend_gym.physics.gpu import DeviceChains as DeviceChains
 from npend_gym.physics.linearisation import Linearisation as Linearisation
+from npend_gym.physics.linearisation import jacobian as jacobian
 from npend_gym.physics.linearisation import linearise as linearise
+from npend_gym.physics.linearisation import step_jacobian as step_jacobian
 from npend_gym.physics.pivot import Pivot as Pivot
 from npend_gym.physics.simulation import IntegrationError as IntegrationError
 from npend_gym.physics.simulation import simulate as simulate

@@ -57,6 +57,8 @@ class Ensemble(Members):
     others not. The ensemble then refuses all further use with a RuntimeError: make a new one.
     """
 
+    _always_packed = False
+
     def __init__(
         self,
         chains: Chain | Sequence[Chain],
@@ -71,7 +73,9 @@ class Ensemble(Members):
         self.n = together.masses.shape[1]
         self.joints = np.array([_checks.count("joint", j, low=0, high=self.n - 1) for j in joints])
         pivot = check_pivot(cart_mass=cart_mass, rail_damping=rail_damping)
-        super().__init__(Memory(together, self.size, threads, base=pivot.base))
+        super().__init__(
+            Memory(together, self.size, threads, base=pivot.base, packed=self._always_packed)
+        )
         self._has_cart = pivot.moves
         self._plans: dict[tuple[float, int, float], Plan] = {}  # of the last step
 
@@ -177,21 +181,29 @@ class Ensemble(Members):
         -----
         A member that leaves all bounds keeps its last finite state; `diverged` is True for it.
         """
-        given = _checks.broadcast("torque", torque, (self.size, self.joints.size))
+        loads = self._check_loads(torque, force)
         plan = self._check_step(dt, substeps)
         mask = np.ones(self.size) if active is None else np.asarray(active, np.bool_)
         if mask.shape != (self.size,):
             raise ValueError(f"active must have the shape ({self.size},), got {mask.shape}")
-        pushed = self._of_cart("force", force, (self.size,))
         memory, self._ready = self._intact, False
-        place = memory.place(np.arange(self.size))
-        memory.of_base(Rod.TORQUE)[place] = pushed
-        for joint, column in zip(self.joints, given.T, strict=True):
-            memory.per_rod(Rod.TORQUE)[(*place, joint)] = column
+        self._write_loads(*loads)
         memory.members[Member.ACTIVE] = mask
         self._run(plan)
         memory.members[Member.ACTIVE] = 1.0
         self._ready = True
+
+    def _check_loads(self, torque: ArrayLike, force: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return the torques, (B, joints), and the forces on the carts, (B,)."""
+        given = _checks.broadcast("torque", torque, (self.size, self.joints.size))
+        return given, self._of_cart("force", force, (self.size,))
+
+    def _write_loads(self, torque: FloatArray, force: FloatArray) -> None:
+        memory = self._memory
+        place = memory.place(np.arange(self.size))
+        memory.of_base(Rod.TORQUE)[place] = force
+        for joint, column in zip(self.joints, torque.T, strict=True):
+            memory.per_rod(Rod.TORQUE)[(*place, joint)] = column
 
     def rollout(
         self, torques: ArrayLike, dt: float, substeps: int | None = None
@@ -230,7 +242,7 @@ class Ensemble(Members):
         return tuple(states.reshape(2, len(given) + 1, -1, self.n)[:, :, :members])
 
     def _run(self, plan: Plan) -> None:
-        self._memory.run(advance_one if self.size == 1 else advance_many, (), plan)
+        self._memory.run(advance_one if self._memory.width == 1 else advance_many, (), plan)
 
     def _check_step(self, dt: float, substeps: int | None) -> Plan:
         """Return how a step of `dt` is taken: by so many substeps, or by the default number."""

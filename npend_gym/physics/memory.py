@@ -13,6 +13,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
+from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.ensemble import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
 from npend_gym.physics.kernels.link_terms import Joint, Link, check_terms, model_terms
@@ -48,6 +49,8 @@ class Memory:
         Rows after those of `Member` in `members`, for the use of the caller.
     base : ndarray, optional
         The entries of `link_terms.Base` where the pivots are carts.
+    packed : bool
+        Whether even one member is kept in a pack, for kernels that know nothing else.
 
     Attributes
     ----------
@@ -69,10 +72,11 @@ class Memory:
         threads: int = 1,
         spare_rows: int = 0,
         base: FloatArray | None = None,
+        packed: bool = False,
     ) -> None:
         self.n, self.size = chains.masses.shape[1], size
         self.threads = _checks.count("threads", threads, high=MAX_THREADS)
-        self.width = group_width(size)
+        self.width = WIDTH if packed else group_width(size)
         self.groups = -(-size // self.width)
         self.lanes = lanes = self.groups * self.width
         # rows that all begin at the same places of the cache would push each other out of it
@@ -149,6 +153,15 @@ class Memory:
             joints[Joint.FRICTION_SPEED], joints[Joint.ARMATURE], joints[Joint.GEAR],
         )  # fmt: skip
 
+    def new_rows(self, *count: int) -> FloatArray:
+        """Return zeros (groups, *count, (n + 1) width): rows as those of `rods`."""
+        return aligned_zeros(self.groups, *count, (self.n + 1) * self.width)
+
+    def lanes_of(self, rows: FloatArray) -> FloatArray:
+        """Return a view of `new_rows` as (groups, width, *count, n + 1)."""
+        view = rows.reshape(*rows.shape[:-1], self.n + 1, self.width)
+        return np.moveaxis(view, -1, 1)
+
     def _by_lane(self, rows: FloatArray) -> FloatArray:
         """Return rows (groups, rows, n width) as (rows, B, n), new."""
         by_lane = rows.reshape(*rows.shape[:2], self.n, self.width).transpose(1, 0, 3, 2)
@@ -205,19 +218,27 @@ class Memory:
         whole = groups >= self.groups and piece >= substeps
         return Plan(substeps, groups, piece, whole, list(timing))
 
-    def run(self, kernel: Callable[..., None], arrays: tuple[Any, ...], plan: Plan) -> None:
+    def run(
+        self,
+        kernel: Callable[..., None],
+        arrays: tuple[Any, ...],
+        plan: Plan,
+        work: Sequence[FloatArray] | None = None,
+    ) -> None:
         """Call ``kernel(*self.arrays, *arrays, timing, scratch)`` for all groups.
+
+        The scratch of each thread is that of steps, or else from `work`.
 
         Large steps are divided over threads, and over calls so short that Ctrl-C is heard between
         them. The caller must check whether one was interrupted.
         """
         if plan.whole:
-            kernel(*self.arrays, *arrays, plan.timing[0], self._scratch[0])
+            kernel(*self.arrays, *arrays, plan.timing[0], (work or self._scratch)[0])
             return
         chunks = iter(range(0, self.groups, plan.groups))
 
-        def work(thread: int, call: Call | None) -> None:
-            timing, scratch = plan.timing[thread], self._scratch[thread]
+        def share(thread: int, call: Call | None) -> None:
+            timing, scratch = plan.timing[thread], (work or self._scratch)[thread]
             for span in self._spans(chunks, plan):
                 timing[3:] = span
                 kernel(*self.arrays, *arrays, timing, scratch)
@@ -225,11 +246,11 @@ class Memory:
                     return
 
         if self.threads == 1 or self.groups == 1:
-            work(0, None)
+            share(0, None)
             return
         if self._helpers is None:
             self._helpers = Helpers(min(self.threads, self.groups) - 1)
-        self._helpers.run(work)
+        self._helpers.run(share)
 
     def _spans(self, chunks: Iterator[int], plan: Plan) -> Iterator[tuple[int, int, int, int]]:
         """Yield the first and last group and substep of each call; threads share the chunks."""

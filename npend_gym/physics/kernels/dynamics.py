@@ -22,11 +22,15 @@ from npend_gym.compiled.jit import chosen_by_type, inner_kernel, kernel
 from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, link_arrays
 from npend_gym.physics.kernels.links import (
     link_energies,
+    links_respond,
     machine_damped,
     machine_energies,
     machine_power,
+    machine_respond,
     solve_links,
+    solve_links_kept,
     solve_machine,
+    solve_machine_kept,
 )
 from npend_gym.physics.kernels.springs import SpringArrays, solve_springs
 from npend_gym.physics.kernels.tensions import (
@@ -36,6 +40,8 @@ from npend_gym.physics.kernels.tensions import (
     chain_arrays,
     damping_power,
     solve_tensions,
+    solve_tensions_kept,
+    tensions_respond,
 )
 
 WORK_ROWS = 7
@@ -83,6 +89,35 @@ def accelerations(
     `q` are the angles [rad], then the coordinates of the base where it moves, or how far the rods
     are stretched [m]; `u` are their rates. `torque` acts at joints 0..n-1 [N m], then a force on
     the base [N]. Return the power that drag takes [W].
+    """
+    raise NotImplementedError
+
+
+@chosen_by_type(
+    "chain",
+    {
+        ChainArrays: solve_tensions_kept,
+        LinkArrays: solve_links_kept,
+        MachineArrays: solve_machine_kept,
+    },
+)
+def accelerations_kept(
+    q: FloatArray, u: FloatArray, torque: FloatArray, chain: AnyArrays, work: FloatArray,
+    alpha: FloatArray,
+) -> float:  # fmt: skip
+    """Do as `accelerations`, and keep in `work`, which has a row more, what `respond` needs."""
+    raise NotImplementedError
+
+
+@chosen_by_type(
+    "chain",
+    {ChainArrays: tensions_respond, LinkArrays: links_respond, MachineArrays: machine_respond},
+)
+def respond(force: FloatArray, chain: AnyArrays, work: FloatArray, alpha: FloatArray) -> None:
+    """Write into `alpha` the solution of N alpha = force, N being the mass matrix.
+
+    `force` are moments on each rod alone, not on joints [N m], then a force on a cart [N]; `work`
+    is as `accelerations_kept` left it. N is symmetric: this serves tangents and adjoints.
     """
     raise NotImplementedError
 

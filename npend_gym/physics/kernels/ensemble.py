@@ -65,7 +65,7 @@ def _torque_work(group: Group, before: FloatArray) -> Any:
 
 
 @inlined_kernel
-def _parts(omega: FloatArray, n: int, h: float, per_rotation: float) -> Any:
+def substep_parts(omega: FloatArray, n: int, h: float, per_rotation: float) -> Any:
     """Return into how many parts a substep is cut: no rod turns by more than 1/per_rotation."""
     fastest = abs(omega[0])
     for i in range(1, n):
@@ -258,7 +258,7 @@ def advance_group(
     dissipated = rest[Scratch.DISSIPATED, 0]
     whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
     for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
-        parts = _parts(omega, n, whole, timing[Timing.PER_ROTATION])
+        parts = substep_parts(omega, n, whole, timing[Timing.PER_ROTATION])
         some_wait, part, more = any_of(parts > 1.0), 0, True
         while more:
             h = where(parts > part, whole / parts, 0.0)

@@ -42,7 +42,7 @@ from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.link_terms import Base, Joint, Link, MachineArrays
-from npend_gym.physics.kernels.tensions import one_minus_cos
+from npend_gym.physics.kernels.tensions import PIVOTS, one_minus_cos
 
 # Rows of the work space. Before their own, G_E and G_N hold forces of drag, and FREE the torques
 _SIN, _COS, _G_E, _G_N, _G_K, _FREE, _REST = range(7)
@@ -94,8 +94,10 @@ def _friction_torque(joints: FloatArray, i: int, relative: Any) -> Any:
     return (joints[Joint.FRICTION, i] * u) / math.sqrt(1.0 + u * u)
 
 
-def _articulated(machine: bool) -> Callable[..., Any]:
-    """Return the solver for MachineArrays, or for LinkArrays: one text, two compiled versions.
+def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
+    """Return the solver for MachineArrays, or for LinkArrays: one text, compiled for each.
+
+    `kept` leaves in the row PIVOTS of the work space what another right side needs.
 
     Numba drops what stands under `if machine` where that is False. Views of what is bare cost
     nothing; of other arrays it would count references, some tens of ns.
@@ -135,16 +137,18 @@ def _articulated(machine: bool) -> Callable[..., Any]:
                 b_e, b_n, beta = b_e + g_e[i], b_n + g_n[i], beta - p_e * w
             b_e, b_n = b_e - ee * w, b_n - en * w
             spread = l * l * nn + terms[Link.J, i]
-            lever, reach, kept = l * en, moment + l * nn, terms[Link.K, i]
+            lever, reach, own = l * en, moment + l * nn, terms[Link.K, i]
             if machine:
                 spread = (spread + 2.0 * (l * p_n)) + sigma
-                lever, reach, kept = lever + p_e, reach + p_n, kept + (l * p_n + sigma)
+                lever, reach, own = lever + p_e, reach + p_n, own + (l * p_n + sigma)
                 t = t - beta
             inverse = 1.0 / spread
-            across, along = terms[Link.Z, i] + terms[Link.E, i] * nn, kept * en
+            across, along = terms[Link.Z, i] + terms[Link.E, i] * nn, own * en
             start, gn = (t - l * b_n) * inverse, reach * inverse
-            g_e[i], g_n[i], free[i], rest[i] = lever * inverse, gn, start, kept * inverse
-            b_e, b_n = (b_e - moment * square) + lever * start, (kept * b_n) * inverse + gn * t
+            g_e[i], g_n[i], free[i], rest[i] = lever * inverse, gn, start, own * inverse
+            b_e, b_n = (b_e - moment * square) + lever * start, (own * b_n) * inverse + gn * t
+            if kept:
+                work[PIVOTS][i] = inverse
             if machine:
                 across = across + ((2.0 * (m * l - moment)) * p_n + (m + nn) * sigma - p_n * p_n)
                 along, coupling = along - p_e * reach, joints[Joint.COUPLING, i]
@@ -197,6 +201,9 @@ def _articulated(machine: bool) -> Callable[..., Any]:
         x, y = 0.0 * power - chain.gravity[0], 0.0 * power
         if machine and q.size > n:
             x, y = _accelerate_base(u, torque, chain, en, nn, b_n, alpha)
+            if kept:
+                inverse = chain.base[Base.INVERSE_MASS, 0]
+                work[PIVOTS][n] = inverse / (1.0 + inverse * nn)
             if q.size > n + 1:
                 alpha[n + 1] = chain.base[Base.UP, 0] + 0.0 * y
         descend(u, chain, work, x, y, alpha)
@@ -206,6 +213,50 @@ def _articulated(machine: bool) -> Callable[..., Any]:
 
 
 solve_links, solve_machine = _articulated(machine=False), _articulated(machine=True)
+solve_links_kept = _articulated(machine=False, kept=True)
+solve_machine_kept = _articulated(machine=True, kept=True)
+
+
+def _response(machine: bool) -> Callable[..., None]:
+    """Return what `links_respond` and `machine_respond` are: one text, two compiled versions."""
+
+    @inlined_kernel
+    def respond(force: FloatArray, chain: Any, work: FloatArray, alpha: FloatArray) -> None:
+        """Write how the links of a chain at rest answer the moments `force` on each alone.
+
+        `work` is as the solver left it: Eqs. (1) and (2) hold with the same coefficients.
+        """
+        length, n = bare(chain.length), chain.length.size
+        s, c, g_e, g_n, g_k, start, rest, inverse = (
+            work[_SIN], work[_COS], work[_G_E], work[_G_N], work[_G_K], work[_FREE], work[_REST],
+            work[PIVOTS],
+        )  # fmt: skip
+        b_e: Any = 0.0 * force[0]
+        b_n = beta = x = y = above = b_e
+        for i in range(n - 1, -1, -1):
+            t = force[i] - beta
+            free = t - length[i] * b_n
+            start[i] = free * inverse[i]
+            b_e, b_n = b_e + g_e[i] * free, rest[i] * b_n + g_n[i] * t
+            if machine:
+                beta = g_k[i] * free
+            b_e, b_n = c[i] * b_e - s[i] * b_n, s[i] * b_e + c[i] * b_n
+        if machine and force.size > n:
+            y = (force[n] - b_n) * inverse[n]
+            alpha[n] = y
+        for i in range(n):
+            x, y = c[i] * x + s[i] * y, c[i] * y - s[i] * x
+            moved = start[i] - g_e[i] * x
+            if machine:
+                moved = moved - g_k[i] * above
+            above = moved - g_n[i] * y
+            alpha[i] = above
+            y = length[i] * moved + rest[i] * y
+
+    return respond
+
+
+links_respond, machine_respond = _response(machine=False), _response(machine=True)
 
 
 @inlined_kernel

@@ -31,6 +31,7 @@ Links with inertia, joints with more than viscous damping, and a base that moves
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,7 @@ from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
 
 TENSIONS = 3  # the row of the work space in which they are left, after a zero
+PIVOTS = 7  # the row in which those of the elimination are kept for another right side
 
 
 class ChainArrays(NamedTuple):
@@ -72,46 +74,75 @@ def chain_arrays(chains: ChainParameters) -> ChainArrays:
     )
 
 
-@inlined_kernel
-def _tensions(
-    v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray
-) -> None:  # fmt: skip
-    """Solve Eq. (1), from both ends to the middle rod and back.
+def _elimination(kept: bool, again: bool) -> Callable[..., None]:
+    """Return the solver of Eq. (1): one text, three compiled versions.
 
-    Row i is brought to T_i = tension_i + link_i T_next, `next` being its neighbour on the way to
-    the middle. Two independent sweeps take half the time of one, as each waits for its divisions.
-    Zeros end the chain, q_top and z_top before rod 0 and c_n, so that no row needs a case of its
-    own.
+    `kept` leaves the pivots for another right side with the same matrix, which `again` solves for.
     """
-    n = rhs.size
-    middle = n // 2
-    q_top = z_top = q_tip = z_tip = 0.0  # inverse pivot and reduced right side of the last row
-    v_here = v[0]
-    for i in range(middle):
-        o = c[i] * v_here
-        q_top = 1.0 / ((v_here + v[i + 1]) - (o * o) * q_top)
-        z_top = (rhs[i] + o * z_top) * q_top
-        tension[i] = z_top
-        v_here = v[i + 1]
-        link[i] = (c[i + 1] * v_here) * q_top
-        j = n - 1 - i
-        if j > middle:
-            o = c[j + 1] * v[j + 1]
-            q_tip = 1.0 / ((v[j] + v[j + 1]) - (o * o) * q_tip)
-            z_tip = (rhs[j] + o * z_tip) * q_tip
-            tension[j] = z_tip
-            link[j] = (c[j] * v[j]) * q_tip
-    o = c[middle] * v_here
-    o_below = c[middle + 1] * v[middle + 1]
-    pivot = ((v_here + v[middle + 1]) - (o * o) * q_top) - (o_below * o_below) * q_tip
-    up = down = ((rhs[middle] + o * z_top) + o_below * z_tip) / pivot
-    tension[middle] = up
-    for i in range(1, middle + 1):
-        up = tension[middle - i] + link[middle - i] * up
-        tension[middle - i] = up
-        if middle + i < n:
-            down = tension[middle + i] + link[middle + i] * down
-            tension[middle + i] = down
+
+    @inlined_kernel
+    def solve(
+        v: FloatArray, c: FloatArray, rhs: FloatArray, tension: FloatArray, link: FloatArray,
+        pivots: FloatArray,
+    ) -> None:  # fmt: skip
+        """Solve Eq. (1), from both ends to the middle rod and back.
+
+        Row i is brought to T_i = tension_i + link_i T_next, `next` being its neighbour on the way
+        to the middle. Two independent sweeps take half the time of one, as each waits for its
+        divisions. Zeros end the chain, q_top and z_top before rod 0 and c_n, so that no row needs
+        a case of its own.
+        """
+        n = rhs.size
+        middle = n // 2
+        q_top = z_top = q_tip = z_tip = 0.0  # inverse pivot and reduced right side of the last row
+        v_here = v[0]
+        for i in range(middle):
+            o = c[i] * v_here
+            if again:
+                q_top = pivots[i]
+            else:
+                q_top = 1.0 / ((v_here + v[i + 1]) - (o * o) * q_top)
+            z_top = (rhs[i] + o * z_top) * q_top
+            tension[i] = z_top
+            v_here = v[i + 1]
+            if not again:
+                link[i] = (c[i + 1] * v_here) * q_top
+            if kept:
+                pivots[i] = q_top
+            j = n - 1 - i
+            if j > middle:
+                o = c[j + 1] * v[j + 1]
+                if again:
+                    q_tip = pivots[j]
+                else:
+                    q_tip = 1.0 / ((v[j] + v[j + 1]) - (o * o) * q_tip)
+                z_tip = (rhs[j] + o * z_tip) * q_tip
+                tension[j] = z_tip
+                if not again:
+                    link[j] = (c[j] * v[j]) * q_tip
+                if kept:
+                    pivots[j] = q_tip
+        o = c[middle] * v_here
+        o_below = c[middle + 1] * v[middle + 1]
+        if again:
+            pivot = pivots[middle]
+        else:
+            pivot = ((v_here + v[middle + 1]) - (o * o) * q_top) - (o_below * o_below) * q_tip
+        if kept:
+            pivots[middle] = pivot
+        up = down = ((rhs[middle] + o * z_top) + o_below * z_tip) / pivot
+        tension[middle] = up
+        for i in range(1, middle + 1):
+            up = tension[middle - i] + link[middle - i] * up
+            tension[middle - i] = up
+            if middle + i < n:
+                down = tension[middle + i] + link[middle + i] * down
+                tension[middle + i] = down
+
+    return solve
+
+
+_solve_again = _elimination(kept=False, again=True)
 
 
 @inlined_kernel
@@ -140,52 +171,96 @@ def _add_drag(
 
 
 @inlined_kernel
-def solve_tensions(
-    q: FloatArray, u: FloatArray, torque: FloatArray, chain: ChainArrays, work: FloatArray,
-    alpha: FloatArray,
-) -> float:  # fmt: skip
-    """Solve Eqs. (1) and (2); see `npend_gym.physics.kernels.dynamics.accelerations`.
-
-    The long loops are over independent entries, for LLVM to vectorise where there is one chain.
-    """
-    theta, omega = q, u
-    l, inverse_l, damping, g = chain.length, chain.inverse_length, chain.damping, chain.gravity
-    n = theta.size
-    # Views of one row, so that one index serves for the joint or rod above, here and below
-    v, v_below = chain.inverse_mass, chain.inverse_mass[1:]
-    s, s_below = work[0], work[0][1:]
-    c, c_below = work[1], work[1][1:]
-    f_above, f, f_below = work[2], work[2][1:], work[2][2:]
-    t_above, t, t_below = work[TENSIONS], work[TENSIONS][1:], work[TENSIONS][2:]
-    rhs, link, across = work[4][:n], work[5], work[6]
-    theta_below, omega_below = theta[1:], omega[1:]
-    torque_below, damping_below = torque[1:], damping[1:]
-
-    s[0], c[0] = sincos(theta[0])
-    for i in range(n - 1):
-        s_below[i], c_below[i] = sincos(theta_below[i] - theta[i])
-    tau = torque[0] - damping[0] * omega[0]
-    for i in range(n - 1):
-        tau_below = torque_below[i] - damping_below[i] * (omega_below[i] - omega[i])
-        f[i] = (tau - tau_below) * inverse_l[i]
-        tau = tau_below
-    f[n - 1] = tau * inverse_l[n - 1]
-    for i in range(n):
+def _add_forces(v: FloatArray, rhs: FloatArray, work: FloatArray) -> None:
+    """Add what the torques do, as the force couples f, to the right sides of Eq. (1)."""
+    v_below, s, s_below = v[1:], work[0], work[0][1:]
+    f_above, f_below = work[2], work[2][2:]
+    for i in range(rhs.size):
         from_below = v_below[i] * (f_below[i] * s_below[i])
-        rhs[i] = (l[i] * (omega[i] * omega[i]) + from_below) - v[i] * (f_above[i] * s[i])
-    rhs[0] = rhs[0] + g[0] * c[0]
-    # _add_drag itself tests for an empty array; a test here would make Numba count references to
-    # the views, some ns a call
-    power = _add_drag(omega, chain, s, c, rhs, across)
-    _tensions(v, c, rhs, t, link)
-    for i in range(n):
+        rhs[i] = (rhs[i] + from_below) - v[i] * (f_above[i] * s[i])
+
+
+@inlined_kernel
+def _across(v: FloatArray, inverse_l: FloatArray, work: FloatArray, alpha: FloatArray) -> None:
+    """Write Eq. (2), without gravity, from the tensions and the force couples."""
+    v_below = v[1:]
+    s, s_below, c, c_below = work[0], work[0][1:], work[1], work[1][1:]
+    f_above, f, f_below = work[2], work[2][1:], work[2][2:]
+    t_above, t_below = work[TENSIONS], work[TENSIONS][2:]
+    for i in range(inverse_l.size):
         from_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
         from_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
         alpha[i] = (v_below[i] * from_below - v[i] * from_above) * inverse_l[i]
-    alpha[0] = alpha[0] - (g[0] * s[0]) * inverse_l[0]
-    for i in range(chain.drag.size):
-        alpha[i] = alpha[i] + across[i] * inverse_l[i]
-    return power
+
+
+def _point_masses(kept: bool) -> Callable[..., float]:
+    """Return the solver of the equations of motion, which may leave the pivots in a row more."""
+    eliminate = _elimination(kept, again=False)
+
+    @inlined_kernel
+    def solve(
+        q: FloatArray, u: FloatArray, torque: FloatArray, chain: ChainArrays, work: FloatArray,
+        alpha: FloatArray,
+    ) -> float:  # fmt: skip
+        """Solve Eqs. (1) and (2); see `npend_gym.physics.kernels.dynamics.accelerations`.
+
+        The long loops are over independent entries, for LLVM to vectorise where there is one chain.
+        """
+        theta, omega = q, u
+        l, inverse_l, damping, g = chain.length, chain.inverse_length, chain.damping, chain.gravity
+        n = theta.size
+        # Views of one row, so that one index serves for the joint or rod here and below
+        s, s_below = work[0], work[0][1:]
+        c, c_below = work[1], work[1][1:]
+        f, rhs, across = work[2][1:], work[4][:n], work[6]
+        theta_below, omega_below = theta[1:], omega[1:]
+        torque_below, damping_below = torque[1:], damping[1:]
+
+        s[0], c[0] = sincos(theta[0])
+        for i in range(n - 1):
+            s_below[i], c_below[i] = sincos(theta_below[i] - theta[i])
+        tau = torque[0] - damping[0] * omega[0]
+        for i in range(n - 1):
+            tau_below = torque_below[i] - damping_below[i] * (omega_below[i] - omega[i])
+            f[i] = (tau - tau_below) * inverse_l[i]
+            tau = tau_below
+        f[n - 1] = tau * inverse_l[n - 1]
+        for i in range(n):
+            rhs[i] = l[i] * (omega[i] * omega[i])
+        _add_forces(chain.inverse_mass, rhs, work)
+        rhs[0] = rhs[0] + g[0] * c[0]
+        # _add_drag itself tests for an empty array; a test here would make Numba count references
+        # to the views, some ns a call
+        power = _add_drag(omega, chain, s, c, rhs, across)
+        pivots = work[PIVOTS if kept else 5]
+        eliminate(chain.inverse_mass, c, rhs, work[TENSIONS][1:], work[5], pivots)
+        _across(chain.inverse_mass, inverse_l, work, alpha)
+        alpha[0] = alpha[0] - (g[0] * s[0]) * inverse_l[0]
+        for i in range(chain.drag.size):
+            alpha[i] = alpha[i] + across[i] * inverse_l[i]
+        return power
+
+    return solve
+
+
+solve_tensions, solve_tensions_kept = _point_masses(kept=False), _point_masses(kept=True)
+
+
+@inlined_kernel
+def tensions_respond(
+    force: FloatArray, chain: ChainArrays, work: FloatArray, alpha: FloatArray
+) -> None:
+    """Write how the rods of a chain at rest answer the moments `force` on each alone.
+
+    `work` is as `solve_tensions_kept` left it: the matrix is that of its state.
+    """
+    n, f, rhs = alpha.size, work[2][1:], work[4][: alpha.size]
+    for i in range(n):
+        f[i] = force[i] * chain.inverse_length[i]
+        rhs[i] = 0.0 * f[i]
+    _add_forces(chain.inverse_mass, rhs, work)
+    _solve_again(chain.inverse_mass, work[1], rhs, work[TENSIONS][1:], work[5], work[PIVOTS])
+    _across(chain.inverse_mass, chain.inverse_length, work, alpha)
 
 
 @inlined_kernel

@@ -1,0 +1,312 @@
+"""Derivatives of the steps of an ensemble: forward for Jacobians, backward for gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import ChainParameters
+from npend_gym.compiled.arrays import aligned_zeros
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.ensemble import Ensemble
+from npend_gym.physics.kernels.derivatives import (
+    STEP_ROWS,
+    adjoint_many,
+    adjoint_rows,
+    rates_many,
+    tangent_rows,
+    tangents_many,
+)
+from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
+from npend_gym.physics.kernels.link_terms import Parameter
+from npend_gym.physics.memory import Plan
+
+_TAPE = 2**22  # bytes of the tapes that are kept for the way back: more would leave the cache
+# What each kind of chains has, by the number of arrays in its model
+_OF_LINKS = ("masses", "lengths", "gravity", "damping", "centres", "inertias")
+_DIFFERENTIABLE = {
+    0: ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"),
+    1: _OF_LINKS,
+    3: ChainParameters._fields,
+}
+
+
+class StepJacobian(NamedTuple):
+    """The states after a step, and their derivatives; c coordinates are the n angles and the cart.
+
+    d (theta, omega) after = A d (theta, omega) before + B d torque + C d parameters.
+    """
+
+    theta: FloatArray  # (B, c): rad, m
+    omega: FloatArray  # (B, c)
+    A: FloatArray  # (B, 2c, 2c)
+    B: FloatArray  # (B, 2c, number of joints), with a cart a column more for the force on it
+    C: FloatArray  # (B, 2c, K): along each direction of the parameters
+
+
+class StepGradient(NamedTuple):
+    """The states after a step, and the gradient of a function of them by what the step began with.
+
+    c coordinates are the n angles and the cart.
+    """
+
+    theta: FloatArray  # (B, c): rad, m
+    omega: FloatArray  # (B, c)
+    by_theta: FloatArray  # (B, c)
+    by_omega: FloatArray  # (B, c)
+    by_torque: FloatArray  # (B, number of joints), with a cart a column more for the force on it
+    by_parameters: dict[str, FloatArray]  # (B, n) each; (B,) for gravity
+
+
+class DifferentiableEnsemble(Ensemble):
+    """An `Ensemble` that knows the exact derivatives of its steps, in O(n) operations each.
+
+    Parameters are those of `Ensemble`. The methods of this class leave the members as they are:
+    they tell how the next step of `advance` depends on what it begins with.
+
+    Notes
+    -----
+    Derivatives are those of the Runge-Kutta steps that are taken, not of the motion that they
+    approximate. How far a step is cut into substeps counts as given. Parameters of one rod are
+    those of `Chain`; where the centre of mass is at the end of a rod, it stays there when the
+    length changes. `npend_gym.physics.kernels.virtual_power` has the equations.
+    """
+
+    _always_packed = True
+    _work: Sequence[FloatArray] = ()  # of each thread
+
+    def step_jacobian(
+        self,
+        torque: ArrayLike,
+        dt: float,
+        substeps: int | None = None,
+        *,
+        force: ArrayLike = 0.0,
+        parameters: Mapping[str, ArrayLike] | None = None,
+    ) -> StepJacobian:
+        """Return where a step leads, and the derivatives of that by state, torque and parameters.
+
+        Parameters
+        ----------
+        torque, dt, substeps, force
+            As for `advance`.
+        parameters : mapping of str to array_like, shape (K, n), optional
+            K directions in which parameters of all members change together, by their names in
+            `Chain`; the shape for gravity is (K,).
+
+        Returns
+        -------
+        StepJacobian
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument breaks its rule.
+        FloatingPointError
+            If a member leaves all bounds in the step: there are no derivatives then.
+        """
+        loads, plan = self._check_loads(torque, force), self._check_step(dt, substeps)
+        inputs, reached = self._inputs(parameters), self._intact.new_rows(2)
+        self._write_loads(*loads)
+        self._differentiate(
+            tangents_many, (*inputs, reached), plan, tangent_rows(), parameters or ()
+        )
+        theta, omega = self._states(reached)
+        columns = np.concatenate([self._column(inputs[0], 0), self._column(inputs[0], 1)], axis=1)
+        states = 2 * theta.shape[1]
+        last = states + self.joints.size + self._has_cart
+        parts = columns[..., :states], columns[..., states:last], columns[..., last:]
+        return StepJacobian(theta, omega, *parts)
+
+    def acceleration_jacobian(
+        self,
+        torque: ArrayLike,
+        *,
+        force: ArrayLike = 0.0,
+        parameters: Mapping[str, ArrayLike] | None = None,
+    ) -> FloatArray:
+        """Return the derivatives of the accelerations in the present states.
+
+        Parameters
+        ----------
+        torque, force, parameters
+            As for `step_jacobian`.
+
+        Returns
+        -------
+        ndarray, shape (B, c, 2c + number of joints + K)
+            By theta, omega, the torques (and the force on a cart), and the parameters.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument breaks its rule.
+        """
+        loads, plan = self._check_loads(torque, force), self._check_step(1.0, 1)
+        inputs = self._inputs(parameters)
+        self._write_loads(*loads)
+        self._differentiate(rates_many, inputs, plan, tangent_rows(), parameters or ())
+        return self._column(inputs[0], 1)
+
+    def step_vjp(
+        self,
+        torque: ArrayLike,
+        dt: float,
+        substeps: int | None = None,
+        *,
+        theta_bar: ArrayLike,
+        omega_bar: ArrayLike,
+        force: ArrayLike = 0.0,
+        parameters: Sequence[str] = (),
+    ) -> StepGradient:
+        """Take the gradient of a function of the states after a step back to the step's beginning.
+
+        It is the product of a vector and the Jacobian, for the price of about two steps more.
+
+        Parameters
+        ----------
+        torque, dt, substeps, force
+            As for `advance`.
+        theta_bar, omega_bar : array_like, shape (B, c)
+            Derivatives of the function by the states after the step; one number stands for all.
+        parameters : sequence of str
+            Names of the parameters of `Chain` by which derivatives are wanted as well.
+
+        Returns
+        -------
+        StepGradient
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument breaks its rule.
+        FloatingPointError
+            If a member leaves all bounds in the step: there are no derivatives then.
+        """
+        loads, plan = self._check_loads(torque, force), self._check_step(dt, substeps)
+        names, memory, c = self._check_names(parameters), self._intact, self._coordinates
+        bars, reached = memory.new_rows(3), memory.new_rows(2)
+        chain_bars = memory.new_rows(len(ChainParameters._fields) if names else 0)
+        place, view = memory.place(np.arange(self.size)), memory.lanes_of(bars)
+        for row, (name, bar) in enumerate((("theta_bar", theta_bar), ("omega_bar", omega_bar))):
+            view[:, :, row, :c][place] = _checks.broadcast(name, bar, (self.size, c))
+        self._write_loads(*loads)
+        slots = max(1, min(plan.substeps, _TAPE // (8 * STEP_ROWS * (self.n + 2) * memory.width)))
+        rows = adjoint_rows(plan.substeps, slots)
+        self._differentiate(adjoint_many, (bars, chain_bars, reached, slots), plan, rows, names)
+        by_theta, by_omega, by_torque = (view[:, :, row][place] for row in range(3))
+        return StepGradient(
+            *self._states(reached),
+            by_theta[:, :c],
+            by_omega[:, :c],
+            by_torque[:, self._inputs_at],
+            self._by_parameters(memory.lanes_of(chain_bars)[place], names),
+        )
+
+    @property
+    def _coordinates(self) -> int:
+        return self.n + self._has_cart
+
+    @property
+    def _inputs_at(self) -> list[int]:
+        """The entries of torques that are inputs: those of joints, and the force on a cart."""
+        return [*self.joints.tolist(), self.n] if self._has_cart else self.joints.tolist()
+
+    def _check_names(self, names: Iterable[str]) -> list[str]:
+        """Return the names of parameters, refused where this kind of chains has no such thing."""
+        known, chosen = _DIFFERENTIABLE[len(self._memory.arrays[2] or ())], [*names]
+        for name in chosen:
+            _checks.choice("parameter", name, ChainParameters._fields)
+            if name not in known:
+                raise ValueError(
+                    f"{name} cannot be differentiated for this kind of chain, which has "
+                    f"{', '.join(known)}: make it of links, or with friction, if only of 1e-300"
+                )
+        return chosen
+
+    def _inputs(self, parameters: Mapping[str, ArrayLike] | None) -> tuple[FloatArray, ...]:
+        """Return unit changes of all states, then of all torques, and of the parameters as given.
+
+        They are in the form of `tangents_many`: changes, pushed, changed.
+        """
+        c, names = self._coordinates, self._check_names(parameters or ())
+        directions = {name: _checks.array(name, (parameters or {})[name]) for name in names}
+        counts = {len(value) if value.ndim else 0 for value in directions.values()} or {0}
+        count = max(counts)
+        for name, value in directions.items():
+            expected = (count,) if name == "gravity" else (count, self.n)
+            if value.shape != expected:
+                raise ValueError(f"{name} must have the shape {expected}, got {value.shape}")
+        total = 2 * c + len(self._inputs_at) + count
+        changes, pushed = self._intact.new_rows(total, 2), np.zeros((total, self.n + 1))
+        changed = np.zeros((total, len(ChainParameters._fields) if names else 0, self.n))
+        view = self._memory.lanes_of(changes)
+        for k in range(c):
+            view[:, :, k, 0, k] = view[:, :, c + k, 1, k] = 1.0
+        pushed[range(2 * c, total - count), self._inputs_at] = 1.0
+        for name, value in directions.items():
+            rows = value[:, None] if name == "gravity" else value
+            changed[total - count :, Parameter._asdict()[name]] = rows
+        if "lengths" in names and "centres" not in names and self._memory.arrays[2] is not None:
+            ends = self._centres_at_ends
+            if np.any(ends.any(axis=0) != ends.all(axis=0)):
+                raise ValueError("centres must be given where they are at ends of some rods alone")
+            changed[:, Parameter.centres] = np.where(ends[0], changed[:, Parameter.lengths], 0.0)
+        return changes, pushed, changed
+
+    @property
+    def _centres_at_ends(self) -> BoolArray:
+        """Whether the centre of mass of each link is at its end, and stays there, (B, n)."""
+        parameters = self.parameters
+        return parameters.centres == parameters.lengths
+
+    def _differentiate(
+        self, kernel: Any, arrays: tuple[Any, ...], plan: Plan, rows: int, names: Collection[str]
+    ) -> None:
+        """Call a kernel that takes all substeps at once, with work space of `rows` rows."""
+        memory = self._intact
+        if len(self._work) < memory.threads or len(self._work[0]) < rows:
+            size = (self.n + 2) * memory.width
+            self._work = [aligned_zeros(rows, size) for _ in range(memory.threads)]
+        drag = memory.per_rod(Rod.DRAG)
+        none = (drag == 0.0) & bool({"drag", "quadratic_drag"}.intersection(names))
+        drag[none] = _checks.SMALLEST  # kernels leave out drag where there is none
+        try:
+            whole = plan._replace(piece=max(1, plan.substeps))
+            memory.run(kernel, arrays, whole, self._work)
+        finally:
+            drag[none] = 0.0
+
+    def _states(self, reached: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return theta and omega, (B, c) each, from the rows that a kernel has left."""
+        memory, c = self._memory, self._coordinates
+        after = memory.lanes_of(reached)[memory.place(np.arange(self.size))][..., :c]
+        lost = ~(np.abs(after[:, 1]) <= MAX_SPEED) | ~(np.abs(after[:, 0]) <= MAX_ANGLE)
+        if np.any(lost):
+            members = np.flatnonzero(lost.any(axis=1)).tolist()
+            raise FloatingPointError(
+                f"members {_checks.show(members)} leave all bounds in the step, where nothing can "
+                "be differentiated: take shorter steps, or more substeps"
+            )
+        return after[:, 0], after[:, 1]
+
+    def _column(self, changes: FloatArray, row: int) -> FloatArray:
+        """Return a row of all changes as columns, (B, c, D)."""
+        memory, c = self._memory, self._coordinates
+        chosen = memory.lanes_of(changes)[memory.place(np.arange(self.size))]
+        return np.ascontiguousarray(chosen[:, :, row, :c].swapaxes(1, 2))
+
+    def _by_parameters(self, bars: FloatArray, names: list[str]) -> dict[str, FloatArray]:
+        """Return the gradients by name, from the rows (B, len(Parameter), n + 1) of a kernel."""
+        rows = {name: bars[:, Parameter._asdict()[name], : self.n].copy() for name in names}
+        if "lengths" in names and "centres" not in names:
+            by_centres = bars[:, Parameter.centres, : self.n]
+            rows["lengths"] += np.where(self._centres_at_ends, by_centres, 0.0)
+        if "gravity" in names:
+            rows["gravity"] = rows["gravity"][:, 0]
+        return rows
