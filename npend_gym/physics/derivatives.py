@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.directions import Kind, by_names, check_directions, check_names
 from npend_gym.physics.ensemble import Ensemble
 from npend_gym.physics.kernels.derivatives import (
     STEP_ROWS,
@@ -23,17 +24,13 @@ from npend_gym.physics.kernels.derivatives import (
     tangents_many,
 )
 from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
-from npend_gym.physics.kernels.link_terms import Parameter
+from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
+from npend_gym.physics.kernels.tensions import ChainArrays
 from npend_gym.physics.memory import Plan
 
 _TAPE = 2**22  # bytes of the tapes that are kept for the way back: more would leave the cache
-# What each kind of chains has, by the number of arrays in its model
-_OF_LINKS = ("masses", "lengths", "gravity", "damping", "centres", "inertias")
-_DIFFERENTIABLE = {
-    0: ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"),
-    1: _OF_LINKS,
-    3: ChainParameters._fields,
-}
+# The kinds of chains, by the number of arrays in their models
+_KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
 
 
 class StepJacobian(NamedTuple):
@@ -189,7 +186,7 @@ class DifferentiableEnsemble(Ensemble):
             If a member leaves all bounds in the step: there are no derivatives then.
         """
         loads, plan = self._check_loads(torque, force), self._check_step(dt, substeps)
-        names, memory, c = self._check_names(parameters), self._intact, self._coordinates
+        names, memory, c = check_names(parameters, self._kind), self._intact, self._coordinates
         bars, reached = memory.new_rows(3), memory.new_rows(2)
         chain_bars = memory.new_rows(len(ChainParameters._fields) if names else 0)
         place, view = memory.place(np.arange(self.size)), memory.lanes_of(bars)
@@ -205,7 +202,9 @@ class DifferentiableEnsemble(Ensemble):
             by_theta[:, :c],
             by_omega[:, :c],
             by_torque[:, self._inputs_at],
-            self._by_parameters(memory.lanes_of(chain_bars)[place], names),
+            by_names(
+                memory.lanes_of(chain_bars)[place][..., : self.n], names, self._centres_at_ends
+            ),
         )
 
     @property
@@ -217,46 +216,26 @@ class DifferentiableEnsemble(Ensemble):
         """The entries of torques that are inputs: those of joints, and the force on a cart."""
         return [*self.joints.tolist(), self.n] if self._has_cart else self.joints.tolist()
 
-    def _check_names(self, names: Iterable[str]) -> list[str]:
-        """Return the names of parameters, refused where this kind of chains has no such thing."""
-        known, chosen = _DIFFERENTIABLE[len(self._memory.arrays[2] or ())], [*names]
-        for name in chosen:
-            _checks.choice("parameter", name, ChainParameters._fields)
-            if name not in known:
-                raise ValueError(
-                    f"{name} cannot be differentiated for this kind of chain, which has "
-                    f"{', '.join(known)}: make it of links, or with friction, if only of 1e-300"
-                )
-        return chosen
+    @property
+    def _kind(self) -> Kind:
+        return _KINDS[len(self._memory.arrays[2] or ())]
 
     def _inputs(self, parameters: Mapping[str, ArrayLike] | None) -> tuple[FloatArray, ...]:
         """Return unit changes of all states, then of all torques, and of the parameters as given.
 
         They are in the form of `tangents_many`: changes, pushed, changed.
         """
-        c, names = self._coordinates, self._check_names(parameters or ())
-        directions = {name: _checks.array(name, (parameters or {})[name]) for name in names}
-        counts = {len(value) if value.ndim else 0 for value in directions.values()} or {0}
-        count = max(counts)
-        for name, value in directions.items():
-            expected = (count,) if name == "gravity" else (count, self.n)
-            if value.shape != expected:
-                raise ValueError(f"{name} must have the shape {expected}, got {value.shape}")
+        c = self._coordinates
+        directions = check_directions(parameters, self.n, self._kind, self._centres_at_ends)
+        count, rows, _ = directions.shape
         total = 2 * c + len(self._inputs_at) + count
         changes, pushed = self._intact.new_rows(total, 2), np.zeros((total, self.n + 1))
-        changed = np.zeros((total, len(ChainParameters._fields) if names else 0, self.n))
+        changed = np.zeros((total, rows, self.n))
         view = self._memory.lanes_of(changes)
         for k in range(c):
             view[:, :, k, 0, k] = view[:, :, c + k, 1, k] = 1.0
         pushed[range(2 * c, total - count), self._inputs_at] = 1.0
-        for name, value in directions.items():
-            rows = value[:, None] if name == "gravity" else value
-            changed[total - count :, Parameter._asdict()[name]] = rows
-        if "lengths" in names and "centres" not in names and self._memory.arrays[2] is not None:
-            ends = self._centres_at_ends
-            if np.any(ends.any(axis=0) != ends.all(axis=0)):
-                raise ValueError("centres must be given where they are at ends of some rods alone")
-            changed[:, Parameter.centres] = np.where(ends[0], changed[:, Parameter.lengths], 0.0)
+        changed[total - count :] = directions
         return changes, pushed, changed
 
     @property
@@ -300,13 +279,3 @@ class DifferentiableEnsemble(Ensemble):
         memory, c = self._memory, self._coordinates
         chosen = memory.lanes_of(changes)[memory.place(np.arange(self.size))]
         return np.ascontiguousarray(chosen[:, :, row, :c].swapaxes(1, 2))
-
-    def _by_parameters(self, bars: FloatArray, names: list[str]) -> dict[str, FloatArray]:
-        """Return the gradients by name, from the rows (B, len(Parameter), n + 1) of a kernel."""
-        rows = {name: bars[:, Parameter._asdict()[name], : self.n].copy() for name in names}
-        if "lengths" in names and "centres" not in names:
-            by_centres = bars[:, Parameter.centres, : self.n]
-            rows["lengths"] += np.where(self._centres_at_ends, by_centres, 0.0)
-        if "gravity" in names:
-            rows["gravity"] = rows["gravity"][:, 0]
-        return rows

@@ -1,0 +1,72 @@
+"""The parameters by which each kind of chains can be differentiated, and changes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import ChainParameters
+from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, Parameter
+from npend_gym.physics.kernels.tensions import ChainArrays
+
+Kind = type[ChainArrays] | type[LinkArrays] | type[MachineArrays]
+_DIFFERENTIABLE: dict[Any, tuple[str, ...]] = {
+    ChainArrays: ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"),
+    LinkArrays: ("masses", "lengths", "gravity", "damping", "centres", "inertias"),
+    MachineArrays: ChainParameters._fields,
+}
+
+
+def check_names(names: Iterable[str], kind: Kind) -> list[str]:
+    """Return the names of parameters, refused where this kind of chains has no such thing."""
+    known, chosen = _DIFFERENTIABLE[kind], [*names]
+    for name in chosen:
+        _checks.choice("parameter", name, ChainParameters._fields)
+        if name not in known:
+            raise ValueError(
+                f"{name} cannot be differentiated for this kind of chain, which has "
+                f"{', '.join(known)}: make it of links, or with friction, if only of 1e-300"
+            )
+    return chosen
+
+
+def check_directions(
+    parameters: Mapping[str, ArrayLike] | None, n: int, kind: Kind, ends: BoolArray
+) -> FloatArray:
+    """Return K directions in which parameters change, (K, len(Parameter) or 0, n) for kernels.
+
+    `ends` (B, n) says which centres of mass are at the ends of rods, and stay there.
+    """
+    names = check_names(parameters or (), kind)
+    directions = {name: _checks.array(name, (parameters or {})[name]) for name in names}
+    count = max((len(value) if value.ndim else 0 for value in directions.values()), default=0)
+    for name, value in directions.items():
+        expected = (count,) if name == "gravity" else (count, n)
+        if value.shape != expected:
+            raise ValueError(f"{name} must have the shape {expected}, got {value.shape}")
+    changed = np.zeros((count, len(ChainParameters._fields) if names else 0, n))
+    for name, value in directions.items():
+        changed[:, Parameter._asdict()[name]] = value[:, None] if name == "gravity" else value
+    if "lengths" in names and "centres" not in names and kind is not ChainArrays:
+        if np.any(ends.any(axis=0) != ends.all(axis=0)):
+            raise ValueError("centres must be given where they are at ends of some rods alone")
+        changed[:, Parameter.centres] = np.where(ends[0], changed[:, Parameter.lengths], 0.0)
+    return changed
+
+
+def by_names(bars: FloatArray, names: list[str], ends: BoolArray) -> dict[str, FloatArray]:
+    """Return gradients by name, (B, n) each, from the rows (B, len(Parameter), n) of a kernel.
+
+    `ends` is as for `check_directions`.
+    """
+    rows = {name: bars[:, Parameter._asdict()[name]].copy() for name in names}
+    if "lengths" in names and "centres" not in names:
+        rows["lengths"] += np.where(ends, bars[:, Parameter.centres], 0.0)
+    if "gravity" in names:
+        rows["gravity"] = rows["gravity"][:, 0]
+    return rows
