@@ -128,11 +128,12 @@ class DeviceKernel:
             return cuda.compile_ptx(function, types, cc=compute_capability)[0]
 
     def _translated(self, cuda: Any) -> FunctionType:
-        def device_function(function: FunctionType) -> Any:
+        def device_function(function: FunctionType, inline: str) -> Any:
             if simulated():
                 return function
             # Only where all is inlined do a thread's arrays stand in registers
-            return cuda.jit(function, device=True, forceinline=True, **_options())
+            forced = inline != "always"
+            return cuda.jit(function, device=True, inline=inline, forceinline=forced, **_options())
 
         given = self._kinds, self._dtype, self._replaced
         return Translation(cuda, device_function, *given).function(text_of(self._entry))

@@ -61,7 +61,7 @@ class Translation:
     def __init__(
         self,
         cuda: Any,
-        device_function: Callable[[FunctionType], Any],
+        device_function: Callable[[FunctionType, str], Any],
         kinds: Collection[type | int],
         dtype: np.dtype[Any],
         replaced: Mapping[Any, Any],
@@ -86,9 +86,11 @@ class Translation:
 
     def called(self, function: Any) -> Any:
         """Return a function that others call, compiled."""
-        text = text_of(self.replaced.get(function, function))
+        function = self.replaced.get(function, function)
+        text = text_of(function)
         if text not in self.done:
-            self.done[text] = self.device_function(self.function(text))
+            inline = getattr(function, "targetoptions", {}).get("inline", "never")
+            self.done[text] = self.device_function(self.function(text), inline)
         return self.done[text]
 
     def value(self, value: Any) -> Any:

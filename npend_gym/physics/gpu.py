@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -74,7 +75,7 @@ class DeviceChains:
         self._storage: list[Any] = []
         if self.n > SHORT:
             shapes = threads.storage_shapes(self.n, count_terms(self.parameters), self.size)
-            self._storage = [self.cuda.device_array(shape, self.dtype) for shape in shapes]
+            self._storage = [self.zeros(shape) for shape in shapes]
         self._substeps: dict[float, int] = {}
 
     def advance(
@@ -142,6 +143,16 @@ class DeviceChains:
         """Name of the GPU."""
         return "simulator" if simulated() else self.cuda.get_current_device().name.decode()
 
+    def zeros(self, shape: tuple[int, ...]) -> Any:
+        """Return an array of zeros on the GPU, of a shape that has the lanes last."""
+        *_, columns, lanes = shape
+        array = self.cuda.device_array(
+            (math.prod(shape) // (columns * lanes), columns, lanes), self.dtype
+        )
+        if array.size > 0:
+            _clearing(self.dtype.name).launch(lanes, array)
+        return array.reshape(shape)
+
     def _default_substeps(self, dt: float) -> int:
         if dt not in self._substeps:
             self._substeps = {dt: substeps_of(self.parameters, dt)}
@@ -179,6 +190,11 @@ def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
         layout.resists: threads.always if resisted else threads.never,
     }
     return DeviceKernel(entry, (terms, _KINDS[terms]), dtype, replaced)
+
+
+@cache
+def _clearing(dtype: str) -> DeviceKernel:
+    return DeviceKernel(threads.clears(), (), dtype)
 
 
 def example_arguments(

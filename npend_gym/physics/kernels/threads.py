@@ -42,8 +42,6 @@ def _advance(
 ) -> None:  # fmt: skip
     """Advance one chain under its torques; see `ensemble.advance_many`."""
     n, rows = chain.shape[1], rods[0]  # known when this is compiled, where the arrays are
-    _clear(rows)
-    _clear(scratch)
     members[Member.ACTIVE, 0] = 1.0
     members[Member.COMPLETED, 0] = n
     for i in range(n):
@@ -82,6 +80,8 @@ def short_chains(n: int) -> Callable[..., None]:
                 for field in range(_PARAMETERS):
                     chain[field, i] = given[field, i]
             _clear(members)
+            _clear(rods[0])
+            _clear(scratch)
             members[Member.DIVERGED, 0] = diverged[lane]
             timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
             timing[Timing.PER_ROTATION] = per_rotation
@@ -96,7 +96,7 @@ def short_chains(n: int) -> Callable[..., None]:
 def long_chains() -> Callable[..., None]:
     """Return the same for chains of any length.
 
-    Its other arguments are arrays in which the threads work, see `storage_shapes`.
+    Its other arguments are arrays in which the threads work, see `storage_shapes`, zeros at first.
     """
     of_timing = len(Timing)
 
@@ -119,6 +119,17 @@ def long_chains() -> Callable[..., None]:
             diverged[lane] = own[Member.DIVERGED, 0]
 
     return advance_threads
+
+
+def clears() -> Callable[..., None]:
+    """Return what a thread runs that clears its part of an array (rows, columns, lanes)."""
+
+    def clear_threads(array: Any) -> None:
+        lane = CUDA.grid(1)
+        if lane < array.shape[2]:
+            _clear(array[:, :, lane])
+
+    return clear_threads
 
 
 def storage_shapes(n: int, terms: int, lanes: int) -> list[tuple[int, ...]]:
