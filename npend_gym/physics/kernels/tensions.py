@@ -187,7 +187,7 @@ def _across(v: FloatArray, inverse_l: FloatArray, work: FloatArray, alpha: Float
     s, s_below, c, c_below = work[0], work[0][1:], work[1], work[1][1:]
     f_above, f, f_below = work[2], work[2][1:], work[2][2:]
     t_above, t_below = work[TENSIONS], work[TENSIONS][2:]
-    for i in range(inverse_l.size):
+    for i in range(v.size - 1):  # of an ensemble, `inverse_l` has an entry to spare
         from_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
         from_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
         alpha[i] = (v_below[i] * from_below - v[i] * from_above) * inverse_l[i]
