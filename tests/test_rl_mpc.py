@@ -170,3 +170,9 @@ def test_a_state_of_another_chain_is_refused():
         controller(None, info_of(np.zeros((4, 6))))
     with pytest.raises(ValueError, match="theta must be finite"):
         controller(None, info_of(np.full((1, 4), np.nan)))
+
+
+def test_a_horizon_that_diverges_is_an_error_that_names_the_step():
+    controller = MPC(EnvConfig(n=3, mode="swingup", dt=1.0, substeps=1), horizon=5.0)
+    with pytest.raises(FloatingPointError, match=r"in step [1-4] of the horizon"):
+        controller(None, info_of(np.full((2, 6), 0.1)))

@@ -140,6 +140,12 @@ def test_a_torque_too_small_for_a_swing_up_is_an_error():
         planned_swing_up(config, seconds=1.0, tries=1)
 
 
+def test_steps_too_coarse_for_a_plan_are_an_error():
+    config = config_of(n=3, mode="swingup", dt=1.0, substeps=1)
+    with pytest.raises(RuntimeError, match="no trajectory of 10 s was found in 2 tries"):
+        planned_swing_up(config, seconds=10.0, tries=2)
+
+
 def test_progress_wraps_the_iteration_over_the_guesses():
     counted = []
 

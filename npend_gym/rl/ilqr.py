@@ -146,9 +146,8 @@ class ILQR:
     def _recursion(self, motions: Motions) -> tuple[FloatArray, FloatArray]:
         """Return changes of the actions, (steps, B, joints), and gains, (..., joints, 2n)."""
         states, actions = motions.states, motions.actions
-        (steps, lanes, joints), size = actions.shape, states.shape[2]
-        flat = states[:-1].reshape(-1, size), actions.reshape(-1, joints)
-        a, b = (each.reshape(steps, lanes, size, -1) for each in self.model.derivatives(*flat))
+        steps, joints, size = len(actions), actions.shape[2], states.shape[2]
+        a, b = self._derivatives(states[:-1], actions)
         first, second = self.cost.slopes(states)
         weight, damping = 2.0 * self.cost.action_weight, motions.damping[:, None, None]
         changes, gains = np.empty_like(actions), np.empty((*actions.shape, size))
@@ -171,6 +170,21 @@ class ILQR:
             curvature = 0.5 * (curvature + _transposed(curvature))  # errors in what differs grow
             curvature[:, range(size), range(size)] += second[k]
         return changes, gains
+
+    def _derivatives(
+        self, states: FloatArray, actions: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of all steps, (steps, B, 2n, 2n) and (steps, B, 2n, joints)."""
+        flat = states.reshape(-1, states.shape[2]), actions.reshape(-1, actions.shape[2])
+        try:
+            a, b = self.model.derivatives(*flat)
+        except FloatingPointError as error:
+            first = self.model.diverges(*flat).reshape(states.shape[:2]).any(axis=1).argmax()
+            raise FloatingPointError(
+                f"the chain leaves all bounds in step {first} of the horizon: give the environment "
+                "shorter steps, or more substeps"
+            ) from error
+        return a.reshape(*states.shape, -1), b.reshape(*states.shape, -1)
 
 
 def _bounded_minimum(

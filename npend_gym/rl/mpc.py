@@ -52,6 +52,8 @@ class MPC:
     ------
     TypeError, ValueError
         If an argument breaks its rule, or the environment has a cart, no motor or discrete actions.
+    FloatingPointError
+        When it is called, if a motion over the horizon leaves all bounds: its steps are too coarse.
 
     Notes
     -----

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.physics import Ensemble
+from npend_gym.physics import DifferentiableEnsemble
 
-_DIFFERENCE = 1e-5  # for derivatives by central differences
 _MAX_ENSEMBLES = 16
 
 
@@ -27,7 +26,7 @@ class StepModel:
 
     def __init__(self, config: EnvConfig) -> None:
         self.config = check_base(config)
-        self._ensembles: dict[int, Ensemble] = {}  # by the number of states
+        self._ensembles: dict[int, DifferentiableEnsemble] = {}  # by the number of states
 
     def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
         """Return the states, (B, 2n), after a step from `states` under `actions`, (B, joints)."""
@@ -45,18 +44,20 @@ class StepModel:
 
         By state, (B, 2n, 2n), and by action, (B, 2n, joints).
         """
-        at, size = np.hstack([states, actions]), states.shape[1]
-        difference = _DIFFERENCE * np.eye(at.shape[1])
-        places = at[:, None, None] + np.stack([difference, -difference], axis=1)
-        flat = places.reshape(-1, at.shape[1])
-        reached = self(flat[:, :size], flat[:, size:]).reshape(*places.shape[:3], size)
-        slopes = np.swapaxes(reached[:, :, 0] - reached[:, :, 1], 1, 2) / (2.0 * _DIFFERENCE)
-        return slopes[..., :size], slopes[..., size:]
+        ensemble, limit = self._ensemble(len(states)), self.config.max_torque
+        ensemble.set_state(slice(None), *np.split(states, 2, axis=1))
+        step = ensemble.step_jacobian(limit * actions, self.config.dt, self.config.substeps)
+        return step.A, limit * step.B
 
-    def _ensemble(self, count: int) -> Ensemble:
+    def diverges(self, states: FloatArray, actions: FloatArray) -> BoolArray:
+        """Return which steps leave all bounds, (B,)."""
+        self(states, actions)
+        return self._ensemble(len(states)).diverged
+
+    def _ensemble(self, count: int) -> DifferentiableEnsemble:
         if count not in self._ensembles:
             if len(self._ensembles) == _MAX_ENSEMBLES:
                 self._ensembles.pop(next(iter(self._ensembles)))
             joints = self.config.joints.tolist()
-            self._ensembles[count] = Ensemble(self.config.chain, count, joints=joints)
+            self._ensembles[count] = DifferentiableEnsemble(self.config.chain, count, joints=joints)
         return self._ensembles[count]

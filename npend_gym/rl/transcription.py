@@ -57,7 +57,10 @@ class Transcription:
         self.end = end
         defects, weight, damping = self.defects(z), 1.0, 1e-2
         for _ in range(_MAX_ITERATIONS):
-            z, defects, decrease, damping = self.improve(z, defects, weight, damping)
+            try:
+                z, defects, decrease, damping = self.improve(z, defects, weight, damping)
+            except FloatingPointError:  # steps too coarse for so fast a state
+                break
             if decrease < 3e-3:  # converged for this weight
                 if np.abs(defects).max() < _TOLERANCE:
                     return self.trajectory(z)
