@@ -106,6 +106,73 @@ def test_chains_on_a_gpu_have_the_bits_of_the_processor():
         pytest.skip("no GPU")
     assert set(on_gpu(COMPARE + POINT_MASSES).values()) == {0}
     assert set(on_gpu(COMPARE + BODIES).values()) == {0}
+    assert set(on_gpu(GRADIENTS + OF_POINT_MASSES).values()) == {0}
+    assert set(on_gpu(GRADIENTS + OF_BODIES).values()) == {0}
+
+
+# Random derivatives by the states after a step, taken back: which differ from the processor's
+GRADIENTS = """
+import json
+import numpy as np
+from npend_gym import Chain
+from npend_gym.physics import DifferentiableDeviceChains, DifferentiableEnsemble
+
+RNG = np.random.default_rng(9)
+
+def differences(chain, size, substeps, names=()):
+    n, spin = chain.n, 1.0 if substeps else 12.0
+    ours = DifferentiableEnsemble(chain, size, joints=range(n))
+    theirs = DifferentiableDeviceChains(chain, size)
+    theta, omega, torque, theta_bar, omega_bar = RNG.normal(size=(5, size, n))
+    ours.set_state(slice(None), theta, spin * omega)
+    found = ours.step_vjp(
+        torque, 0.07, substeps, theta_bar=theta_bar, omega_bar=omega_bar, parameters=names
+    )
+    put = theirs.cuda.to_device
+    state = [put(array) for array in (theta, spin * omega, torque)]
+    bars = [put(array) for array in (theta_bar, omega_bar, np.zeros((size, n)))]
+    by_parameters = put(np.zeros((size, 12, n))) if names else None
+    flags = put(np.zeros(size))
+    theirs.step_vjp(*state, *bars, flags, 0.07, substeps, parameters_bar=by_parameters)
+    assert not np.any(flags.copy_to_host()) and np.all(found.by_torque)
+    pairs = list(zip(found[2:5], (bar.copy_to_host() for bar in bars)))
+    if names:
+        fields, rows = chain.repeated(1)._fields, by_parameters.copy_to_host()
+        for name in names:
+            row = rows[:, fields.index(name)]
+            pairs.append((found.by_parameters[name], row[:, 0] if name == "gravity" else row))
+    return int(sum(np.sum(a != b) for a, b in pairs))
+
+def report(cases):
+    print(json.dumps({name: differences(*case) for name, case in cases.items()}))
+"""
+OF_POINT_MASSES = """
+names = "masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"
+report({
+    "n = 1": (Chain.uniform(1), 2, 2), "n = 2": (Chain.uniform(2, damping=0.1), 2, 3, names),
+    "substeps that fast rods cut": (Chain.uniform(2), 2, None),
+    "n = 10": (Chain.uniform(10), 2, 1),
+    "drag": (Chain([1.0, 2.0], [1.0, 0.7], drag=0.1, quadratic_drag=0.2), 2, 2, names),
+})
+"""
+OF_BODIES = """
+simple = "masses", "lengths", "gravity", "damping", "centres", "inertias"
+everything = *simple, "drag", "quadratic_drag", "friction", "friction_speed", "armature", "gear"
+report({
+    "links": (Chain.rods([1.0, 0.5], [1.0, 0.7]), 2, 2, simple),
+    "machine": (Chain.realaigym("C.1"), 2, 2, everything),
+})
+"""
+
+
+@pytest.mark.long
+def test_gradients_in_the_simulator_have_the_bits_of_the_processor():
+    assert set(simulated(GRADIENTS + OF_POINT_MASSES).values()) == {0}
+
+
+@pytest.mark.long
+def test_gradients_of_links_in_the_simulator_have_the_bits_of_the_processor():
+    assert set(simulated(GRADIENTS + OF_BODIES).values()) == {0}
 
 
 SINGLE = """
@@ -201,6 +268,8 @@ import json
 import numpy as np
 from npend_gym import Chain
 from npend_gym.physics.gpu import example_arguments, kernel_for
+from npend_gym.physics.gpu_derivatives import adjoint_kernel
+from npend_gym.physics.kernels import threads
 
 chains = {
     "bobs 2": Chain.uniform(2), "bobs 30": Chain.uniform(30),
@@ -212,6 +281,10 @@ texts = {}
 for name, dtype in wanted:
     rows = chains[name].repeated(1)
     texts[f"{name} {dtype}"] = kernel_for(rows, dtype).ptx(*example_arguments(rows, 1, dtype))
+numbers = [np.zeros((2, 3)) for _ in range(6)]
+numbers += [np.zeros((2, 12, 3)), np.zeros(2), np.zeros((1, 12, 3)), *np.ones(3)]
+numbers += [np.zeros(shape) for shape in threads.adjoint_shapes(3, 3, 2, 1)]
+texts["adjoint float64"] = adjoint_kernel(3, True, "float64").ptx(*numbers)
 print(json.dumps(texts))
 """
 
@@ -220,7 +293,7 @@ print(json.dumps(texts))
 @pytest.mark.long
 def test_kernels_compile_for_a_gpu_without_one_and_fuse_no_product_with_a_sum():
     texts = on_gpu(PTX)
-    assert len(texts) == 5
+    assert len(texts) == 6
     for name, text in texts.items():
         found = Counter(re.findall(r"^\s+(?:@!?%p\d+ )?([a-z][\w.]+)\s", text, re.MULTILINE))
         bits = name[-2:]

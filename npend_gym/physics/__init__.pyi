@@ -6,6 +6,9 @@ from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import mass_matrix as mass_matrix
 from npend_gym.physics.equations import tensions as tensions
 from npend_gym.physics.gpu import DeviceChains as DeviceChains
+from npend_gym.physics.gpu_derivatives import (
+    DifferentiableDeviceChains as DifferentiableDeviceChains,
+)
 from npend_gym.physics.linearisation import Linearisation as Linearisation
 from npend_gym.physics.linearisation import jacobian as jacobian
 from npend_gym.physics.linearisation import linearise as linearise

@@ -22,7 +22,7 @@ from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, substeps_of
 # Rods up to which a thread has its chain in its own memory, and is compiled for their number: two
 # rods take 142 of the 255 registers that it may have, five all of them, in float32 half as many
 SHORT = 8
-_KINDS = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
+KINDS = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
 
 
 class DeviceChains:
@@ -87,6 +87,7 @@ class DeviceChains:
         dt: float,
         substeps: int | None = None,
         *,
+        max_rotation: float | None = None,
         parameters: Any = None,
         stream: int = 0,
     ) -> None:
@@ -107,6 +108,9 @@ class DeviceChains:
             [s]
         substeps : int, optional
             Number of Runge-Kutta steps; by default that of `Ensemble.advance`.
+        max_rotation : float, optional
+            A substep in which a rod would turn by more than this is cut into parts [rad]. By
+            default 1/20 where `substeps` is not given, else none is.
         parameters : array on the GPU, shape (B, 12, n) or (1, 12, n), optional
             Other parameters of the chains, as ``chain.repeated(B).stacked()`` has them. They are
             not checked, and may not make links of point masses, nor add drag where there was none.
@@ -118,25 +122,34 @@ class DeviceChains:
         TypeError, ValueError
             If an array is not on the GPU, or has not the shape and type that it must have.
         """
-        lanes = self.size, self.n
-        state = [
-            self._array(name, array, lanes)
-            for name, array in (("theta", theta), ("omega", omega), ("torque", torque))
-        ]
-        flags = self._array("diverged", diverged, lanes[:1])
-        rows = self._rows
-        if parameters is not None:
-            size = 1 if parameters.shape[:1] == (1,) else self.size
-            rows = self._array("parameters", parameters, (size, *self._rows.shape[1:]))
+        flags = self._array("diverged", diverged, (self.size,))
+        state = self._states(theta=theta, omega=omega, torque=torque)
+        rows, steps = self._parameters(parameters), self._steps(dt, substeps, max_rotation)
+        self._kernel.launch(self.size, *state, flags, rows, *steps, *self._storage, stream=stream)
+
+    def _steps(self, dt: float, substeps: int | None, max_rotation: float | None) -> Any:
+        """Return dt, the substeps, and one over the angle that none may turn, or zero."""
         dt = _checks.positive_number("dt", dt)
-        limit = 0.0 if substeps is not None else 1.0 / MAX_ROTATION
+        if max_rotation is not None:
+            max_rotation = _checks.positive_number("max_rotation", max_rotation)
+        elif substeps is None:
+            max_rotation = MAX_ROTATION
         if substeps is None:
             substeps = self._default_substeps(dt)
         count = _checks.count("substeps", substeps, high=MAX_SUBSTEPS)
-        steps = np.array([dt, count, limit], self.dtype)  # their entries are numbers of its type
-        self._kernel.launch(
-            self.size, *state, flags, rows, *steps, *self._storage, stream=stream
-        )  # fmt: skip
+        per_rotation = 0.0 if max_rotation is None else 1.0 / max_rotation
+        return np.array([dt, count, per_rotation], self.dtype)  # entries are of this type
+
+    def _parameters(self, given: Any) -> Any:
+        """Return parameters of the caller's, or those of the chains, for the kernel."""
+        if given is None:
+            return self._rows
+        size = 1 if given.shape[:1] == (1,) else self.size
+        return self._array("parameters", given, (size, *self._rows.shape[1:]))
+
+    def _states(self, **arrays: Any) -> list[Any]:
+        """Return arrays of the caller's of shape (B, n), each refused where it does not fit."""
+        return [self._array(name, one, (self.size, self.n)) for name, one in arrays.items()]
 
     @property
     def device(self) -> str:
@@ -189,7 +202,7 @@ def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
         ensemble.mark: threads.no_marks,
         layout.resists: threads.always if resisted else threads.never,
     }
-    return DeviceKernel(entry, (terms, _KINDS[terms]), dtype, replaced)
+    return DeviceKernel(entry, (terms, KINDS[terms]), dtype, replaced)
 
 
 @cache

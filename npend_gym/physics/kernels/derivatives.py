@@ -39,7 +39,7 @@ _POSES = _FIRST + max(_ADJOINT + ADJOINT_ROWS, _OUT + 4)
 TAPE = _POSES + 4 * POSE_ROWS
 
 
-@inlined_kernel
+@spliced_kernel  # on a GPU no other function may return a view
 def _stage(tape: FloatArray, k: int) -> FloatArray:
     return tape[k * STAGE_ROWS : (k + 1) * STAGE_ROWS]
 
@@ -275,7 +275,7 @@ def _return_kept(
 
 
 @spliced_kernel
-def _adjoint_of_group(
+def adjoint_of_group(
     group: Group, timing: FloatArray, bars: FloatArray, chain_bar: FloatArray,
     reached: FloatArray, slots: int, kept: FloatArray, rest: FloatArray,
 ) -> None:  # fmt: skip
@@ -326,7 +326,7 @@ def adjoint_many(
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         group = group_of(packs(members), packs(rods), packs(model), g)
         rows, chain_rows, end = packs(bars)[g], packs(chain_bars)[g], packs(reached)[g]
-        _adjoint_of_group(group, timing, rows, chain_rows, end, slots, kept, rest)
+        adjoint_of_group(group, timing, rows, chain_rows, end, slots, kept, rest)
 
 
 def tangent_rows() -> int:

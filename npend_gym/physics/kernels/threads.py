@@ -16,10 +16,12 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.compiled.translation import CUDA, FLOAT
+from npend_gym.physics.kernels.derivatives import adjoint_of_group, adjoint_rows
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.ensemble import advance_group
-from npend_gym.physics.kernels.layout import RK4, Member, Model, Rod, Timing, group_of
+from npend_gym.physics.kernels.layout import MAX_SPEED, RK4, Member, Model, Rod, Timing, group_of
 from npend_gym.physics.kernels.link_terms import Base, Joint, Link
 from npend_gym.physics.kernels.members import write_chain
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
@@ -140,6 +142,53 @@ def storage_shapes(n: int, terms: int, lanes: int) -> list[tuple[int, ...]]:
     links, joints = len(Link) * (terms > 0), len(Joint) * (terms > 1)
     each = (len(Member), 1), (1, len(Rod), n + 1), (1, links, n), (1, joints, n), (_SCRATCH, n + 2)
     return [(*shape, lanes) for shape in each]
+
+
+def adjoints() -> Callable[..., None]:
+    """Return what a thread runs that takes derivatives back through a step of any chain.
+
+    Its arguments are theta, omega and torque; the derivatives by theta and omega, which it takes
+    from the end of the step to its beginning, and those by the torques, which it adds: (lanes, n)
+    each; those by the parameters, (lanes, 12, n), added too, or (lanes, 0, n); then all that
+    `long_chains` has from `diverged` on, of the shapes of `adjoint_shapes`.
+    """
+    of_timing = len(Timing)
+
+    def adjoint_threads(
+        theta: Any, omega: Any, torque: Any, theta_bar: Any, omega_bar: Any, torque_bar: Any,
+        chain_bar: Any, diverged: Any, chains: Any, dt: Any, substeps: Any, per_rotation: Any,
+        members: Any, rods: Any, links: Any, joints: Any, scratch: Any, bars: Any, kept: Any,
+    ) -> None:  # fmt: skip
+        lane = CUDA.grid(1)
+        if lane < theta.shape[0] and diverged[lane] == 0.0:  # else the step leaves all as it is
+            timing, n = CUDA.local.array(of_timing, FLOAT), theta.shape[1]
+            timing[Timing.DT], timing[Timing.SUBSTEPS] = dt, substeps
+            timing[Timing.PER_ROTATION] = per_rotation
+            model = (links[:, :, :, lane], joints[:, :, :, lane], links[:, :0, :1, lane])
+            chain = chains[lane if chains.shape[0] > 1 else 0]
+            own, rows, work = members[:, :, lane], rods[:, :, :, lane], scratch[:, :, lane]
+            back, reached = bars[:3, :, lane], bars[3:, :, lane]
+            _clear(own)
+            for i in range(n):
+                rows[0, Rod.THETA, i], rows[0, Rod.OMEGA, i] = theta[lane, i], omega[lane, i]
+                rows[0, Rod.TORQUE, i], back[2, i] = torque[lane, i], torque_bar[lane, i]
+                back[0, i], back[1, i] = theta_bar[lane, i], omega_bar[lane, i]
+            write_chain(own, rows, model, 0, 1, chain)
+            group = group_of(own, rows, model, 0)
+            adjoint_of_group(group, timing, back, chain_bar[lane], reached, 1, kept[:, lane], work)
+            for i in range(n):
+                theta_bar[lane, i], omega_bar[lane, i] = back[0, i], back[1, i]
+                torque_bar[lane, i] = back[2, i]
+                if not (abs(reached[0, i]) <= MAX_ANGLE and abs(reached[1, i]) <= MAX_SPEED):
+                    diverged[lane] = 1.0
+
+    return adjoint_threads
+
+
+def adjoint_shapes(n: int, terms: int, lanes: int, substeps: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the last arguments of `adjoints`, zeros at first."""
+    rows, more = (adjoint_rows(substeps, 1), n + 2), ((5, n), (substeps,))
+    return [*storage_shapes(n, terms, lanes)[:-1], *((*shape, lanes) for shape in (rows, *more))]
 
 
 @inlined_kernel
