@@ -5,6 +5,7 @@ from npend_gym import identification as identification
 from npend_gym import physics as physics
 from npend_gym import rl as rl
 from npend_gym import theory as theory
+from npend_gym import torch as torch
 from npend_gym._version import __version__ as __version__
 from npend_gym.chain import Chain as Chain
 from npend_gym.envs import NPendulumEnv as NPendulumEnv

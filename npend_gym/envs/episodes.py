@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,16 @@ from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory, Plan
 
 STATE = Rod.THETA, Rod.OMEGA
+
+
+class Beginnings(NamedTuple):
+    """How the present episodes of B lanes began, new arrays."""
+
+    state: FloatArray  # as `Episodes.angles` has it, (B, 2n)
+    chains: ChainParameters  # (B, n)
+    limits: FloatArray  # torque, or force on a cart, of the action 1, (B, joints)
+    goals: FloatArray  # cosines, +-1, of the equilibrium to reach, (B, n), or (B, 0) without goals
+    context: FloatArray  # the numbers drawn, (B, k)
 
 
 class Episodes:
@@ -101,7 +111,7 @@ class Episodes:
         )
         self._kept = KeptOptions(count)
         # lanes that are not as made, by options or a state, and whether there are any
-        self._altered, self._some_altered = np.zeros(count, np.bool_), False
+        self._altered, self.some_altered = np.zeros(count, np.bool_), False
         self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
         scale_all(*self._memory.arrays[:2], n, np.arange(lanes))
 
@@ -110,7 +120,7 @@ class Episodes:
         fresh = Episodes(self.config, self.count, self._memory.threads, self._max_steps)
         fresh.seeds, fresh._keys[:] = self.seeds, self._keys
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
-        fresh._kept, fresh._some_altered = self._kept, True
+        fresh._kept, fresh.some_altered = self._kept, True
         return fresh
 
     # -- starting ---------------------------------------------------------------------------
@@ -128,7 +138,7 @@ class Episodes:
         """
         memory, by_python = self._memory, self._start[0] == BY_PYTHON
         memory.arrays[0][Episode.STARTING, : self.count] = mask
-        given = self._take_options(mask, options) if options or self._some_altered else ()
+        given = self._take_options(mask, options) if options or self.some_altered else ()
         begin_episodes(*memory.arrays, *self._beginning)
         if by_python:
             chosen = np.flatnonzero(mask)
@@ -158,7 +168,7 @@ class Episodes:
         self._altered[chosen] = False
         for lanes, _ in given:
             self._altered[lanes] = True
-        self._some_altered = bool(self._altered.any())
+        self.some_altered = bool(self._altered.any())
         return given
 
     def _apply_options(self, lanes: NDArray[np.int64], options: Mapping[str, Any]) -> None:
@@ -203,8 +213,17 @@ class Episodes:
         for lane, seed in zip(lanes.tolist(), seeds_of(states), strict=True):
             seeds[lane] = seed
         self.seeds = seeds
-        self._altered[lanes] = self._some_altered = True
+        self._altered[lanes] = self.some_altered = True
         self.observe()
+
+    def beginnings(self) -> Beginnings:
+        """Return how the episodes began, after `start` and before a step."""
+        members, config = self._memory.members, self.config
+        limits = np.tile(members[Episode.MAX_TORQUE], (config.joints.size, 1)).T
+        limits[:, config.joints == config.n] = members[Episode.MAX_FORCE][:, None]
+        goals = members[len(members) - config.n :] if config.mode.has_goals else members[:0]
+        context = self._context[: self.count].copy()
+        return Beginnings(self.angles, self._memory.parameters, limits, goals.T.copy(), context)
 
     @property
     def angles(self) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from npend_gym._checks import FloatArray
@@ -57,15 +59,26 @@ def kinetic_energy(
     v_i is the velocity of a centre of mass, and rotor_i that of `Chain.gear`. The paper's T leaves
     the masses out.
     """
-    s, c = _sincos(theta)
-    back = (chain.centres - chain.lengths) * omega
-    velocity = _tip_velocities(chain.lengths, s, c, omega) + np.stack([back * c, back * s], axis=-1)
-    turning = np.sum(chain.inertias * omega**2, axis=-1)
-    above = np.concatenate([np.zeros_like(omega[..., :1]), omega[..., :-1]], axis=-1)
-    rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
-    speed_squared = np.sum(velocity**2, axis=-1)
-    moving = np.sum(chain.masses * speed_squared, axis=-1)
-    return 0.5 * moving + 0.5 * (turning + np.sum(rotors, axis=-1))
+    return kinetic_from(chain, *_sincos(theta), omega)
+
+
+def kinetic_from(chain: Chain | ChainParameters, s: Any, c: Any, omega: Any) -> Any:
+    """Return the kinetic energy [J], as `kinetic_energy`, from sines and cosines of the angles.
+
+    All may be arrays or tensors: whatever has the arithmetic and the methods of both.
+    """
+    horizontal = (chain.lengths * c * omega).cumsum(-1)
+    vertical = (chain.lengths * s * omega).cumsum(-1)
+    back = chain.centres - chain.lengths
+    if back.any():
+        horizontal, vertical = horizontal + back * omega * c, vertical + back * omega * s
+    energy = 0.5 * (chain.masses * (horizontal**2 + vertical**2)).sum(-1)
+    if chain.inertias.any() or chain.armature.any():
+        above = 0.0 * omega
+        above[..., 1:] = omega[..., :-1]
+        rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
+        energy = energy + 0.5 * ((chain.inertias * omega**2).sum(-1) + rotors.sum(-1))
+    return energy
 
 
 def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
@@ -74,8 +87,15 @@ def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> Float
     It is zero where all links hang straight down. Written with 1 - cos theta = 2 sin^2(theta/2),
     exact for small angles too.
     """
-    height = 2.0 * _sincos(0.5 * theta)[0] ** 2
-    return chain.gravity * np.sum(chain.lift * height, axis=-1)
+    return chain.gravity * lift_from(chain.lift, _sincos(0.5 * theta)[0])
+
+
+def lift_from(lift: Any, half_sines: Any) -> Any:
+    """Return the potential energy over gravity [kg m], from the sines of half the angles.
+
+    `lift` is that of `Chain`; all may be arrays or tensors.
+    """
+    return (lift * (2.0 * half_sines**2)).sum(-1)
 
 
 def energy(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:

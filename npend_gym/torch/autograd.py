@@ -1,0 +1,176 @@
+"""The functions of torch over the compiled steps: forward, backward, and under vmap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd import Function
+
+from npend_gym.chain import ChainParameters
+from npend_gym.compiled.sincos import sincos_all
+from npend_gym.torch.compiled_steps import CompiledSteps
+
+_TWICE = (
+    "a step can be differentiated once, not twice: the kernels have no second derivatives. Leave "
+    "out create_graph=True and nested torch.func.grad; Jacobians of gradients can be had from "
+    "differences of gradients"
+)
+_FORWARD_MODE = (
+    "a step has no forward-mode derivative in torch: use torch.func.vjp or jacrev in place of jvp, "
+    "jacfwd or hessian, or npend_gym.physics.DifferentiableEnsemble.step_jacobian, which is exact "
+    "and gives whole Jacobians"
+)
+
+
+class Call:
+    """How a step is taken; no tensor is in it.
+
+    Parameters
+    ----------
+    steps : CompiledSteps
+    dt, substeps
+        As for `Ensemble.advance`.
+    names : tuple of str
+        The parameters that are tensors.
+    rows : ChainParameters, optional
+        The chains where no parameter is a tensor.
+    """
+
+    def __init__(
+        self,
+        steps: CompiledSteps,
+        dt: float,
+        substeps: int | None = None,
+        names: tuple[str, ...] = (),
+        rows: ChainParameters | None = None,
+    ) -> None:
+        self.steps, self.dt, self.substeps, self.names, self.rows = (
+            steps, dt, substeps, names, rows
+        )  # fmt: skip
+
+    def chains(self, size: int, values: Sequence[Tensor]) -> ChainParameters:
+        """Return the chains of this step."""
+        if self.rows is not None:
+            return self.rows
+        arrays = (value.numpy() for value in values)
+        return self.steps.chains(size, dict(zip(self.names, arrays, strict=True)))
+
+
+class Step(Function):
+    """Theta and omega (B, n) after a step, float64, from theta, omega, torque and parameters."""
+
+    @staticmethod
+    def forward(call: Call, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Take the step."""
+        inputs = tuple(x.detach() for x in inputs)
+        rows = call.chains(len(inputs[0]), inputs[3:])
+        state = [x.numpy() for x in inputs[:3]]
+        theta, omega = call.steps.forward(rows, state, call.dt, call.substeps)
+        return torch.from_numpy(theta), torch.from_numpy(omega)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        """Keep what the step began with."""
+        del output
+        ctx.call = inputs[0]
+        ctx.save_for_backward(*inputs[1:])
+
+    @staticmethod
+    def backward(ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
+        """Take a gradient back through the step."""
+        needed = tuple(ctx.needs_input_grad[4:])
+        return None, *StepBack.apply(ctx.call, needed, *bars, *ctx.saved_tensors)
+
+    @staticmethod
+    def jvp(ctx: Any, *tangents: Tensor) -> Any:
+        """Refuse."""
+        raise NotImplementedError(_FORWARD_MODE)
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[Any, ...], call: Call, *inputs: Tensor) -> Any:
+        """Take the steps of all samples at once, side by side."""
+        folded = _folded(info.batch_size, in_dims[1:], inputs)
+        return _unfolded(info.batch_size, Step.apply(call, *folded))
+
+
+class StepBack(Function):
+    """The gradient by what a step began with, from that by where it led."""
+
+    @staticmethod
+    def forward(call: Call, needed: tuple[bool, ...], *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Take the gradient back."""
+        inputs = tuple(x.detach() for x in inputs)
+        rows = call.chains(len(inputs[0]), inputs[5:])
+        arrays = [x.numpy() for x in inputs[:5]]
+        names = [name for name, need in zip(call.names, needed, strict=True) if need]
+        gradient = call.steps.backward(rows, arrays[2:], arrays[:2], call.dt, call.substeps, names)
+        of_state = gradient.by_theta, gradient.by_omega, gradient.by_torque
+        by_parameters = (
+            torch.from_numpy(gradient.by_parameters[name]) if name in names else torch.zeros_like(x)
+            for name, x in zip(call.names, inputs[5:], strict=True)
+        )
+        return *(torch.from_numpy(x) for x in of_state), *by_parameters
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        """Keep nothing."""
+
+    @staticmethod
+    def backward(ctx: Any, *bars: Tensor) -> Any:
+        """Refuse."""
+        raise NotImplementedError(_TWICE)
+
+    @staticmethod
+    def jvp(ctx: Any, *tangents: Tensor) -> Any:
+        """Refuse."""
+        raise NotImplementedError(_TWICE)
+
+    @staticmethod
+    def vmap(
+        info: Any, in_dims: tuple[Any, ...], call: Call, needed: tuple[bool, ...], *inputs: Tensor
+    ) -> Any:
+        """Take the gradients of all samples back at once, side by side."""
+        folded = _folded(info.batch_size, in_dims[2:], inputs)
+        return _unfolded(info.batch_size, StepBack.apply(call, needed, *folded))
+
+
+class SinCos(Function):
+    """Sines and cosines with the bits of the kernels, float64."""
+
+    @staticmethod
+    def forward(angles: Tensor) -> tuple[Tensor, Tensor]:
+        """Return sine and cosine of every angle."""
+        x = angles.detach().contiguous()
+        s, c = torch.empty_like(x), torch.empty_like(x)
+        sincos_all(*(each.numpy().reshape(-1) for each in (x, s, c)))
+        return s, c
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: tuple[Tensor, Tensor]) -> None:
+        """Keep sines and cosines."""
+        del inputs
+        ctx.save_for_backward(*output)
+
+    @staticmethod
+    def backward(ctx: Any, *bars: Tensor) -> Tensor:
+        """Return the gradient by the angles."""
+        s, c = ctx.saved_tensors
+        return bars[0] * c - bars[1] * s
+
+
+def _folded(size: int, dims: Sequence[int | None], inputs: Sequence[Tensor]) -> list[Tensor]:
+    """Return tensors of a batch of calls, (size * B, ...), as those of one call."""
+    moved = (
+        x.expand(size, *x.shape) if dim is None else x.movedim(dim, 0)
+        for dim, x in zip(dims, inputs, strict=True)
+    )
+    return [x.reshape(-1, *x.shape[2:]) for x in moved]
+
+
+def _unfolded(size: int, outputs: Sequence[Tensor]) -> tuple[Any, Any]:
+    """Return what `_folded` calls gave, with the batch in front."""
+    apart = tuple(x.reshape(size, -1, *x.shape[1:]) for x in outputs)
+    return apart, (0,) * len(apart)

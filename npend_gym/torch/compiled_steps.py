@@ -1,0 +1,212 @@
+"""Steps of chains and their gradients, arrays in and arrays out, for the functions of torch."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.physics import DifferentiableEnsemble, StepGradient
+from npend_gym.physics.memory import Plan
+
+_MAX_ENSEMBLES = 16  # of different sizes, that are kept
+_ONE_AT_A_TIME = threading.RLock()  # ensembles are written before each call
+
+
+class DivergedError(FloatingPointError):
+    """Raised where chains leave all bounds in a step, so that there is no gradient.
+
+    Attributes
+    ----------
+    lanes : list of int
+        Which chains.
+    step : int or None
+        The step of a rollout or an environment, from 1; None of a step alone.
+    """
+
+    def __init__(self, lanes: Sequence[int], step: int | None = None) -> None:
+        self.lanes, self.step = list(lanes), step
+        which = "the step" if step is None else f"step {step}"
+        super().__init__(
+            f"lanes {_checks.show(self.lanes)} leave all bounds in {which}, where nothing can be "
+            "differentiated: take smaller torques, shorter steps or more substeps"
+        )
+
+    def in_step(self, step: int) -> DivergedError:
+        """Return the error with the number of the step."""
+        return DivergedError(self.lanes, step)
+
+
+class _Lanes(DifferentiableEnsemble):
+    """An ensemble whose steps may be cut as those of an environment."""
+
+    rows: ChainParameters | None = None  # those that were written last
+    timing: tuple[int, float] | None = None  # least number of substeps, and largest rotation
+
+    def _check_step(self, dt: float, substeps: int | None) -> Plan:
+        if self.timing is None:
+            return super()._check_step(dt, substeps)
+        key = dt, *self.timing
+        if key not in self._plans:
+            self._plans = {key: self._memory.plan(*key)}
+        return self._plans[key]
+
+
+class CompiledSteps:
+    """Steps of any number of chains of one kind; an ensemble for each number is kept.
+
+    Parameters
+    ----------
+    chain : Chain
+        Of the kind of all chains, and the chain itself where no other parameters are given.
+    joints : sequence of int
+        Joints with a torque.
+    threads : int
+    timing : (int, float), optional
+        The least number of substeps of a step, and the rotation that divides one [rad], where these
+        are not as in `Ensemble.advance`.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        joints: Sequence[int] = (0,),
+        threads: int = 1,
+        timing: tuple[int, float] | None = None,
+    ) -> None:
+        self.chain, self.joints, self.threads, self.timing = chain, joints, threads, timing
+        self._own = chain.repeated(1)
+        self._changed: dict[int, tuple[dict[str, FloatArray], ChainParameters]] = {}
+        self._ensembles: dict[int, _Lanes] = {}
+
+    @property
+    def n(self) -> int:
+        """Number of rods."""
+        return self.chain.n
+
+    def chains(self, size: int, values: Mapping[str, FloatArray]) -> ChainParameters:
+        """Return the parameters of chains with some `values`, (size, n) or (size,), by name.
+
+        Raises
+        ------
+        ValueError
+            If one breaks its rule, with the lane.
+        """
+        if not values:
+            return self._own
+        last = self._changed.get(size)
+        if last is not None and _same(last[0], values):
+            return last[1]
+        for name, value in values.items():
+            _check_lanes(name, value)
+        copies = {name: value.copy() for name, value in values.items()}
+        rows = self.chain.repeated(size, **copies)
+        self._changed = {size: (copies, rows)}
+        return rows
+
+    def forward(
+        self, rows: ChainParameters, state: Sequence[FloatArray], dt: float, substeps: int | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return theta and omega, (B, n), after a step from `state`: theta, omega and torque."""
+        with _ONE_AT_A_TIME:
+            ensemble = self._ensemble(rows, *state[:2])
+            try:
+                ensemble.advance(state[2], dt, substeps)
+            except BaseException:
+                self._ensembles.clear()  # one that was interrupted cannot be used again
+                raise
+            lost: list[int] = np.flatnonzero(ensemble.diverged).tolist()
+            if lost:
+                raise DivergedError(lost)
+            return ensemble.theta, ensemble.omega
+
+    def backward(
+        self,
+        rows: ChainParameters,
+        state: Sequence[FloatArray],
+        bars: Sequence[FloatArray],
+        dt: float,
+        substeps: int | None,
+        names: Sequence[str],
+    ) -> StepGradient:
+        """Return the gradient by what a step began with, from `bars`, those by where it led."""
+        _check_bars(bars)
+        with _ONE_AT_A_TIME:
+            ensemble = self._ensemble(rows, *state[:2])
+            theta_bar, omega_bar = bars
+            try:
+                return ensemble.step_vjp(
+                    state[2], dt, substeps, theta_bar=theta_bar, omega_bar=omega_bar,
+                    parameters=names,
+                )  # fmt: skip
+            except BaseException:
+                self._ensembles.clear()
+                raise
+
+    def _ensemble(self, rows: ChainParameters, theta: FloatArray, omega: FloatArray) -> _Lanes:
+        size = len(theta)
+        if size not in self._ensembles:
+            if len(self._ensembles) == _MAX_ENSEMBLES:
+                self._ensembles.pop(next(iter(self._ensembles))).close()
+            made = _Lanes(self.chain, size, joints=self.joints, threads=self.threads)
+            made.timing, made.rows = self.timing, self._own
+            self._ensembles[size] = made
+        ensemble = self._ensembles[size]
+        if rows is not ensemble.rows:
+            lanes = len(rows.masses)
+            if size % lanes > 0:
+                raise ValueError(f"there are parameters of {lanes} chains for {size} states")
+            each = np.resize(np.arange(lanes), size)
+            ensemble.set_chain(slice(None), ChainParameters(*(field[each] for field in rows)))
+            ensemble.rows = rows
+        ensemble.set_state(slice(None), theta, omega)
+        return ensemble
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_ensembles": {}}
+
+
+def _same(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> bool:
+    return a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
+
+
+def _check_lanes(name: str, value: FloatArray) -> None:
+    """Refuse a parameter that breaks its rule, and say in which lane and what helps."""
+    _checks.choice("parameter", name, ChainParameters._fields)
+    try:
+        check_parameter(name, _checks.array(name, value))
+    except ValueError as error:
+        lane = next(k for k, row in enumerate(value) if _is_broken(name, row))
+        raise ValueError(
+            f"{name} of lane {lane} break their rule: {error}; where an optimiser moves them, let "
+            f"it move their logarithm: {name} = log_{name}.exp()"
+        ) from error
+
+
+def _is_broken(name: str, value: FloatArray) -> bool:
+    try:
+        check_parameter(name, _checks.array(name, value))
+    except ValueError:
+        return True
+    return False
+
+
+def _check_bars(bars: Sequence[FloatArray]) -> None:
+    """Refuse gradients that a step cannot take back."""
+    for bar in bars:
+        if not np.all(np.abs(bar) <= _checks.LARGEST):
+            lanes = np.flatnonzero(~np.all(np.abs(bar) <= _checks.LARGEST, axis=-1)).tolist()
+            largest = float(np.nanmax(np.abs(bar), initial=0.0))
+            what = "NaN" if math.isnan(float(bar.sum())) else f"as large as {largest:g}"
+            raise FloatingPointError(
+                f"the gradient that arrives at a step from behind is {what} in lanes "
+                f"{_checks.show(lanes)}: shorten the horizon, or look for what made it so in the "
+                "function that is differentiated"
+            )

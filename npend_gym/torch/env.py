@@ -1,0 +1,342 @@
+"""DifferentiableVectorEnv: many environments as tensors, with gradients through whole episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode
+from torch import Tensor
+from typing_extensions import Unpack
+
+from npend_gym import _checks
+from npend_gym.chain import ChainParameters
+from npend_gym.envs import EnvKeywords
+from npend_gym.envs.config import EnvConfig, make_config
+from npend_gym.envs.episodes import Episodes
+from npend_gym.envs.hardware import HARDWARE
+from npend_gym.envs.inputs import (
+    checked_autoreset_mode,
+    checked_episode_steps,
+    checked_num_envs,
+    reset_mask,
+)
+from npend_gym.envs.keywords import with_config_keywords
+from npend_gym.envs.options import checked_options
+from npend_gym.envs.progress import Progress, lanes_are_done
+from npend_gym.envs.seeds import Seeds
+from npend_gym.physics.substeps import chain_of
+from npend_gym.torch.autograd import Call, Step
+from npend_gym.torch.compiled_steps import CompiledSteps, DivergedError
+from npend_gym.torch.judging import Lanes, State, judge, lanes_of, observe, quantities
+from npend_gym.torch.steps import check_tensor
+
+
+@with_config_keywords
+class DifferentiableVectorEnv:
+    """Many N-pendulums as tensors: rewards and observations have gradients by all past actions.
+
+    Episodes are those of `NPendulumVectorEnv` with the same keywords: the same starts of the same
+    seeds, and the same states to the last bit. Observations and rewards agree to rounding.
+
+    Parameters
+    ----------
+    num_envs : int
+        Number of lanes B.
+    max_episode_steps : int or None
+        Steps after which a lane is truncated; None for never.
+    autoreset_mode : gymnasium.vector.AutoresetMode or str
+        As for `NPendulumVectorEnv`. With SAME_STEP ``info["final_obs"]`` has the observations
+        before the reset, of all lanes, with their gradients. A start has no gradient by what came
+        before it.
+    dtype : torch.dtype
+        Of observations, rewards and actions: float64 or float32. States are float64.
+    threads : int
+        Threads that share the lanes. No result depends on their number.
+    **keywords
+        As for `NPendulumEnv`, but for carts, `goal_env` and what makes motors and sensors less than
+        ideal.
+
+    Notes
+    -----
+    The graph of past steps grows until `detach` cuts it, or `reset` begins anew. It keeps states
+    and actions alone; a backward pass takes every step once more.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = 1000,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        dtype: torch.dtype = torch.float64,
+        threads: int = 1,
+        **keywords: Unpack[EnvKeywords],
+    ) -> None:
+        config = _check_config(make_config(DifferentiableVectorEnv, keywords))
+        self.num_envs = checked_num_envs(num_envs, config.chain.n)
+        self.max_episode_steps = checked_episode_steps(max_episode_steps)
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
+        if dtype not in (torch.float64, torch.float32):
+            raise TypeError(f"dtype must be torch.float64 or torch.float32, got {dtype}")
+        self.config, self.dtype = config, dtype
+        self.observation_size = config.observed
+        self.action_size = config.joints.size
+        self._episodes = Episodes(config, self.num_envs, 1, self.max_episode_steps)
+        self._seeds = Seeds(self.num_envs)
+        richest = chain_of(config.randomization.richest, 0)
+        timing = config.min_substeps, config.max_rotation
+        joints: list[int] = config.joints.tolist() or [0]
+        self._steps = CompiledSteps(richest, joints, threads, timing)
+        self._progress = Progress.NEW
+        size = self.num_envs
+        self._theta = self._omega = torch.zeros(size, config.n, dtype=torch.float64)
+        self._start_energy = torch.zeros(size, dtype=torch.float64)
+        self._age = self._held = torch.zeros(size, dtype=torch.int64)
+        self._done = torch.zeros(size, dtype=torch.bool)
+        self._taken = 0
+
+    # -- episodes ---------------------------------------------------------------------------
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """Begin a new episode in every lane, or in those of ``options["reset_mask"]``.
+
+        Parameters
+        ----------
+        seed, options
+            As for `NPendulumVectorEnv.reset`; the mask may be a tensor.
+
+        Returns
+        -------
+        observation : Tensor, shape (B, k)
+        info : dict of Tensor
+        """
+        given = dict(options or {})
+        mask = given.pop("reset_mask", None)
+        chosen = reset_mask(
+            mask.cpu().numpy() if isinstance(mask, Tensor) else mask,
+            self.num_envs,
+            every=self._progress is not Progress.READY,
+        )
+        checked = checked_options(given, self.config, self.num_envs) if given else None
+        checked_seed = self._seeds.checked(seed)
+        self._progress = Progress.UNFINISHED
+        lanes, keys = self._seeds.choose(checked_seed, chosen)
+        self._episodes.seed(lanes, self._seeds.values, keys)
+        state = self._begin(torch.from_numpy(chosen), checked)
+        self._done = self._done & ~torch.from_numpy(chosen)
+        self._progress = Progress.READY
+        return self._observation(state), self._info(state)
+
+    def _begin(self, mask: Tensor, options: Any = None) -> State:
+        """Begin new episodes in the lanes of `mask`; return the state of all lanes."""
+        config = self.config
+        self._episodes.start(mask.numpy(), options)
+        began = self._episodes.beginnings()
+        alike = not config.randomization.names and not self._episodes.some_altered
+        self._rows = (
+            ChainParameters(*(field[:1] for field in began.chains)) if alike else began.chains
+        )
+        context = config.randomization.normalised(began.context)
+        self._lanes: Lanes = lanes_of(began.chains, began.limits, began.goals, context, alike=alike)
+        self._theta, self._omega = self._replaced(mask, torch.from_numpy(began.state))
+        state = State.of(self._theta, self._omega, self._lanes)
+        energy = state.energy(self._lanes).detach()
+        self._start_energy = torch.where(mask, energy, self._start_energy)
+        zeros = torch.zeros_like(energy)
+        judged = quantities(state, self._lanes, self._start_energy, zeros)
+        achieved = judge(config.mode, judged, sparse=False)[2]
+        self._age = torch.where(mask, 0, self._age)
+        self._held = torch.where(mask, achieved.to(torch.int64), self._held)
+        return state
+
+    def _replaced(self, mask: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
+        """Return theta and omega with new ones, (B, 2n), in the lanes of `mask`."""
+        theta, omega = start.split(self.config.n, dim=1)
+        if mask.all():  # what came before is no part of the graph then
+            return theta, omega
+        column = mask[:, None]
+        return torch.where(column, theta, self._theta), torch.where(column, omega, self._omega)
+
+    # -- stepping ---------------------------------------------------------------------------
+
+    @torch.compiler.disable
+    def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
+        """Advance every lane by `dt`; actions beyond the box are clipped.
+
+        Parameters
+        ----------
+        action : Tensor, shape (B, joints)
+            Torques over their limit; integers (B,) where actions are discrete.
+
+        Returns
+        -------
+        observation : Tensor, shape (B, k)
+        reward : Tensor, shape (B,)
+        terminated, truncated : Tensor, bool, shape (B,)
+        info : dict of Tensor
+            "theta" and "omega" [rad, rad/s], (B, n), "energy" [J], "time" [s], "success", and with
+            SAME_STEP "final_obs".
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the actions break their rule; no lane has then changed.
+        DivergedError
+            If a lane leaves all bounds, with the number of the step.
+        ResetNeeded
+            As for `NPendulumVectorEnv.step`.
+        """
+        if self._progress is not Progress.READY:
+            raise self._progress.refuse("step")
+        waiting, mode = self._done, self.autoreset_mode
+        resets = mode is AutoresetMode.NEXT_STEP and bool(waiting.any())
+        if mode is AutoresetMode.DISABLED and waiting.any():
+            raise lanes_are_done(waiting.numpy())
+        clipped = self._clipped(action)
+        self._progress = Progress.UNFINISHED
+        if resets:
+            self._begin(waiting)
+            clipped = torch.where(waiting[:, None], 0.0, clipped)
+        began = self._theta, self._omega
+        self._advance(clipped)
+        if resets:
+            self._theta = torch.where(waiting[:, None], began[0], self._theta)
+            self._omega = torch.where(waiting[:, None], began[1], self._omega)
+        result = self._outcome(clipped, waiting if resets else torch.zeros_like(waiting))
+        self._progress = Progress.READY
+        return result
+
+    def _advance(self, clipped: Tensor) -> None:
+        torque = clipped * self._lanes.limits
+        if self.config.joints.size == 0:
+            torque = torch.zeros(self.num_envs, 1, dtype=torch.float64)
+        self._taken += 1
+        try:
+            call = Call(self._steps, self.config.dt, rows=self._rows)
+            self._theta, self._omega = Step.apply(call, self._theta, self._omega, torque)
+        except DivergedError as error:
+            raise error.in_step(self._taken) from None
+
+    def _outcome(
+        self, clipped: Tensor, fresh: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
+        """Return what `step` does; lanes that are `fresh` have only begun."""
+        config, lanes = self.config, self._lanes
+        state = State.of(self._theta, self._omega, lanes)
+        squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._start_energy * 0.0
+        judged = quantities(state, lanes, self._start_energy, squares)
+        reward, failed, achieved = judge(config.mode, judged, sparse=config.reward_type == "sparse")
+        self._age = torch.where(fresh, 0, self._age + 1)
+        self._held = torch.where(achieved, torch.where(fresh, 1, self._held + 1), 0)
+        reward, terminated = torch.where(fresh, 0.0, reward), failed & ~fresh
+        truncated = torch.zeros_like(fresh)
+        if self.max_episode_steps is not None:
+            truncated = self._age >= self.max_episode_steps
+        self._done = terminated | truncated
+        info = self._info(state)
+        observation = self._observation(state)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            info["final_obs"] = observation
+            if self._done.any():
+                observation = self._observation(self._begin(self._done))
+                self._done = torch.zeros_like(fresh)
+        return observation, reward.to(self.dtype), terminated, truncated, info
+
+    def _clipped(self, action: Tensor) -> Tensor:
+        """Return the actions, (B, joints) float64 within +-1, or say what is wrong with them."""
+        table, joints = self.config.action_table, self.action_size
+        if joints == 0 or len(table) > 0:
+            return self._chosen(action)
+        given = check_tensor("action", action)
+        if given.dtype != self.dtype:
+            raise TypeError(
+                f"action must be of the environment's dtype {self.dtype}, got {given.dtype}: make "
+                "the environment with dtype=..., or convert with .to(...)"
+            )
+        if given.shape != (self.num_envs, joints):
+            wanted = (self.num_envs, joints)
+            raise ValueError(f"action must have the shape {wanted}, got {tuple(given.shape)}")
+        if not torch.isfinite(given).all():
+            raise ValueError(f"action must be finite, got {_checks.show(given)}")
+        return given.to(torch.float64).clamp(-1.0, 1.0)
+
+    def _chosen(self, action: Any) -> Tensor:
+        """Return what discrete actions, integers (B,), stand for."""
+        table = torch.from_numpy(self.config.action_table)
+        if not isinstance(action, Tensor) or action.is_floating_point():
+            raise TypeError(f"action must be a tensor of integers, got {_checks.show(action)}")
+        most = max(1, len(table))
+        if action.shape != (self.num_envs,) or ((action < 0) | (action >= most)).any():
+            raise ValueError(
+                f"action must have the shape ({self.num_envs},) and lie between 0 and {most - 1}, "
+                f"got {_checks.show(action)}"
+            )
+        if len(table) == 0:
+            return torch.zeros(self.num_envs, 0, dtype=torch.float64)
+        return table[action.long()]
+
+    def _observation(self, state: State) -> Tensor:
+        return observe(self.config, state, self._lanes).to(self.dtype)
+
+    def _info(self, state: State) -> dict[str, Tensor]:
+        info = {
+            "theta": state.theta,
+            "omega": state.omega,
+            "energy": state.energy(self._lanes),
+            "time": self._age * self.config.dt,
+            "success": self._held > self.config.hold_steps,
+        }
+        if self.config.mode.has_goals:
+            info["goal"] = torch.where(self._lanes.goals < 0.0, np.pi, 0.0)
+        return info
+
+    # -- states -----------------------------------------------------------------------------
+
+    def detach(self) -> None:
+        """Cut the graph: gradients of what comes later end here, and its memory is given back."""
+        self._theta, self._omega = self._theta.detach(), self._omega.detach()
+
+    @property
+    def state(self) -> tuple[Tensor, Tensor]:
+        """Angles [rad] and angular velocities [rad/s], (B, n) each, float64, with their graph.
+
+        They can be set, to tensors with gradients too. Nothing else changes with them.
+        """
+        if self._progress is not Progress.READY:
+            raise self._progress.refuse("state")
+        return self._theta, self._omega
+
+    @state.setter
+    def state(self, value: tuple[Tensor, Tensor]) -> None:
+        if self._progress is not Progress.READY:
+            raise self._progress.refuse("state")
+        wanted, checked = (self.num_envs, self.config.n), []
+        for name, given in zip(("theta", "omega"), value, strict=True):
+            tensor = check_tensor(name, given).to(torch.float64)
+            if tensor.shape != wanted:
+                raise ValueError(f"{name} must have the shape {wanted}, got {tuple(tensor.shape)}")
+            checked.append(tensor)
+        self._theta, self._omega = checked
+
+
+def _check_config(config: EnvConfig) -> EnvConfig:
+    """Return the settings, refused where they ask for what has no gradient here."""
+    if config.has_cart:
+        raise ValueError('base must be "pivot" in an environment of tensors, got "cart"')
+    if config.goal_env:
+        raise ValueError("goal_env must be False in an environment of tensors, got True")
+    for name in HARDWARE:
+        if name != "ripple_cycles" and config.largest.get(name, 0.0) > 0.0:
+            raise ValueError(
+                f"{name} must be left out in an environment of tensors, whose motors and sensors "
+                f"are ideal; got {config.largest[name]:g}"
+            )
+    return config

@@ -1,0 +1,87 @@
+"""TorchRLEnv: the differentiable environments as TorchRL wants them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from gymnasium.vector import AutoresetMode
+from typing_extensions import Unpack
+
+from npend_gym.envs import EnvKeywords
+from npend_gym.torch.env import DifferentiableVectorEnv
+
+try:
+    from tensordict import TensorDict, TensorDictBase
+    from torchrl.data import Bounded, Categorical, Composite, Unbounded
+    from torchrl.envs import EnvBase
+except ImportError as error:
+    raise ImportError("TorchRLEnv needs TorchRL: pip install torchrl", name="torchrl") from error
+
+
+class TorchRLEnv(EnvBase):
+    """A `DifferentiableVectorEnv` as an environment of TorchRL, with gradients through rollouts.
+
+    Parameters
+    ----------
+    num_envs, max_episode_steps, dtype, threads, **keywords
+        As for `DifferentiableVectorEnv`. TorchRL itself resets lanes that are done.
+
+    Attributes
+    ----------
+    env : DifferentiableVectorEnv
+        Whose `detach` cuts the graph.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = 1000,
+        dtype: torch.dtype = torch.float64,
+        threads: int = 1,
+        **keywords: Unpack[EnvKeywords],
+    ) -> None:
+        self.env = env = DifferentiableVectorEnv(
+            num_envs, max_episode_steps=max_episode_steps, dtype=dtype, threads=threads,
+            autoreset_mode=AutoresetMode.DISABLED, **keywords,
+        )  # fmt: skip
+        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([env.num_envs]))
+        batch = (env.num_envs,)
+        bound = torch.from_numpy(env.config.observation_space.high).to(dtype).expand(*batch, -1)
+        self.observation_spec = Composite(
+            observation=Bounded(-bound, bound, dtype=dtype), shape=batch
+        )
+        if env.config.action_space.shape == ():
+            self.action_spec = Categorical(int(env.config.action_space.n), shape=batch)
+        else:
+            self.action_spec = Bounded(-1.0, 1.0, (*batch, env.action_size), dtype=dtype)
+        self.reward_spec = Unbounded((*batch, 1), dtype=dtype)
+        flag = Categorical(2, shape=(*batch, 1), dtype=torch.bool)
+        self.done_spec = Composite(
+            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=batch
+        )
+        self._seed: int | None = None
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        del kwargs
+        options: dict[str, Any] = {}
+        if tensordict is not None and "_reset" in tensordict:
+            options["reset_mask"] = tensordict["_reset"].reshape(-1)
+        observation, _ = self.env.reset(seed=self._seed, options=options)
+        self._seed = None
+        none = torch.zeros(self.env.num_envs, 1, dtype=torch.bool)
+        flags = {"done": none, "terminated": none.clone(), "truncated": none.clone()}
+        return TensorDict({"observation": observation, **flags}, batch_size=self.batch_size)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        observation, reward, terminated, truncated, _ = self.env.step(tensordict["action"])
+        told = {
+            "reward": reward, "terminated": terminated, "truncated": truncated,
+            "done": terminated | truncated,
+        }  # fmt: skip
+        columns = {name: value[:, None] for name, value in told.items()}
+        return TensorDict({"observation": observation, **columns}, batch_size=self.batch_size)
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._seed = seed
