@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from suites import accuracy, dynamics, environments, episodes, output, timing
+from suites import accuracy, derivatives, dynamics, environments, episodes, output, timing
 from suites.timing import Job, Peers, Row
 
 from npend_gym import Chain, simulate
@@ -99,7 +99,7 @@ def test_every_method_keeps_the_energy_at_its_tightest_tolerance():
 
 
 @pytest.mark.usefixtures("short_rounds")
-@pytest.mark.parametrize("suite", [dynamics, environments, episodes])
+@pytest.mark.parametrize("suite", [dynamics, environments, episodes, derivatives])
 def test_suites_compare_positive_rates(suite, monkeypatch):
     monkeypatch.setattr(episodes, "MANY", 64)
     monkeypatch.setattr(episodes, "LANES", 8)

@@ -11,7 +11,7 @@ from npend_gym import _machine
 
 ROUNDS = 15  # a machine shared with others is quiet for moments only
 SECONDS = 0.15  # CPU time of a job in a round, at least
-_PEERS = ("mujoco", "pin", "envpool", "gymnax", "jax", "heyoka", "diffrax")
+_PEERS = ("mujoco", "pin", "envpool", "gymnax", "jax", "brax", "mujoco-mjx", "heyoka", "diffrax")
 
 _T = TypeVar("_T")
 
