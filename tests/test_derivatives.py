@@ -240,6 +240,21 @@ def test_the_jacobian_of_a_step_takes_leading_axes_and_torques_on_other_joints()
     np.testing.assert_array_equal(b[1, 0], alone.B[:, [2, 0]])
 
 
+def test_no_call_leaves_traces_in_the_next():
+    """Calls of other kinds and other numbers of substeps use the same work space."""
+    ensemble, rng = DifferentiableEnsemble(Chain.uniform(3), 4), np.random.default_rng(4)
+    ensemble.set_state(slice(None), *states(3, rng, 4)[:2])
+
+    def results(substeps):
+        gradient = ensemble.step_vjp(1.0, 0.1, substeps, theta_bar=1.0, omega_bar=2.0)
+        return *gradient[:5], *ensemble.step_jacobian(1.0, 0.1, substeps)
+
+    once = {substeps: results(substeps) for substeps in (1, 7, 2)}
+    for substeps in (7, 1, 2, 7):
+        for first, again in zip(once[substeps], results(substeps), strict=True):
+            np.testing.assert_array_equal(first, again)
+
+
 def test_what_has_no_derivative_is_refused_by_name():
     ensemble = DifferentiableEnsemble(Chain.uniform(2), 2)
     ensemble.set_state(slice(None), 1.0)

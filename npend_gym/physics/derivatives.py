@@ -249,7 +249,7 @@ class DifferentiableEnsemble(Ensemble):
     ) -> None:
         """Call a kernel that takes all substeps at once, with work space of `rows` rows."""
         memory = self._intact
-        if len(self._work) < memory.threads or len(self._work[0]) < rows:
+        if not self._work or len(self._work[0]) != rows:  # zeros at the ends of rows must stay
             size = (self.n + 2) * memory.width
             self._work = [aligned_zeros(rows, size) for _ in range(memory.threads)]
         drag = memory.per_rod(Rod.DRAG)

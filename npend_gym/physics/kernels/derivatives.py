@@ -11,6 +11,7 @@ from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.dynamics import (
+    ANSWER_ROWS,
     WORK_ROWS,
     AnyArrays,
     accelerations_kept,
@@ -30,11 +31,13 @@ _OFFSETS = (0.0, 0.5, 0.5, 1.0, 0.0)  # where in the step each stage is; there i
 _WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 
 # Rows of the work space of one group: the state on its way, in how many parts each lane takes the
-# substep, what a tangent or an adjoint needs, the poses of the four stages; then the tapes
-_THETA, _OMEGA_NOW, _X, _PARTS, _FIRST = 0, 1, 2, 3, 4
+# substep, what `respond` leaves, what a tangent or an adjoint needs, the poses of the four stages;
+# then the tapes
+_THETA, _OMEGA_NOW, _X, _PARTS, _ANSWER_ROWS = 0, 1, 2, 3, 4
+_FIRST = _ANSWER_ROWS + ANSWER_ROWS
 _X_BAR, _W_BAR, _A_BAR, _LAM, _THETA_BAR, _OMEGA_BAR = range(6)
 _ADJOINT = 6
-_TURNED, _SPED, _FORCE, _ANSWER, _SUM_THETA, _SUM_OMEGA, _OUT = range(7)
+_TURNED, _SPED, _FORCE, _GAIN, _SUM_THETA, _SUM_OMEGA, _OUT = range(7)
 _POSES = _FIRST + max(_ADJOINT + ADJOINT_ROWS, _OUT + 4)
 TAPE = _POSES + 4 * POSE_ROWS
 
@@ -74,7 +77,7 @@ def _rk4_kept(
 @inlined_kernel
 def _rk4_adjoint(
     h: Any, group: Group, tape: FloatArray, bars: FloatArray, chain_bar: FloatArray,
-    rows: FloatArray,
+    answer: FloatArray, rows: FloatArray,
 ) -> None:  # fmt: skip
     """Take derivatives by the end of a step, the rows of `bars`, back to its start, in place.
 
@@ -91,10 +94,10 @@ def _rk4_adjoint(
     for back in range(4):
         k = 3 - back
         stage = _stage(tape, k)
-        respond(a, group.chain, stage, lam)
+        respond(a, group.chain, stage, answer, lam)
         adjoint(
             stage[_OMEGA][:size], stage[_ALPHA][:size], lam, group.chain, group.mass, stage,
-            rows[_ADJOINT:], x, w, torque_bar, chain_bar,
+            answer, rows[_ADJOINT:], x, w, torque_bar, chain_bar,
         )  # fmt: skip
         part, weight = _OFFSETS[k] * h, _WEIGHTS[k - 1] * h
         for i in range(size):
@@ -108,12 +111,12 @@ def _rk4_adjoint(
 @inlined_kernel
 def _rk4_tangent(
     h: Any, group: Group, tape: FloatArray, poses: FloatArray, change: FloatArray,
-    pushed: FloatArray, changed: FloatArray, rows: FloatArray,
+    pushed: FloatArray, changed: FloatArray, answer: FloatArray, rows: FloatArray,
 ) -> None:  # fmt: skip
     """Carry a `change` of theta and omega at the start of a step to its end, in place."""
     size, chain = group.theta.size, group.chain
     theta, omega, turned, sped = change[0], change[1], rows[_TURNED][:size], rows[_SPED][:size]
-    force, answer = rows[_FORCE][:size], rows[_ANSWER][:size]
+    force, gain = rows[_FORCE][:size], rows[_GAIN][:size]
     sum_theta, sum_omega = rows[_SUM_THETA], rows[_SUM_OMEGA]
     for i in range(size):
         turned[i], sped[i] = theta[i], omega[i]
@@ -124,10 +127,10 @@ def _rk4_tangent(
             stage[_OMEGA][:size], stage[_ALPHA][:size], turned, sped, pushed, changed, chain,
             group.mass, poses[k * POSE_ROWS :], rows[_OUT:], force,
         )  # fmt: skip
-        respond(force, chain, stage, answer)
+        respond(force, chain, stage, answer, gain)
         part, weight = _OFFSETS[k + 1] * h, _WEIGHTS[k]
         for i in range(size):
-            faster, gained = sped[i], answer[i]
+            faster, gained = sped[i], gain[i]
             sum_theta[i] = sum_theta[i] + weight * faster
             sum_omega[i] = sum_omega[i] + weight * gained
             turned[i], sped[i] = theta[i] + part * faster, omega[i] + part * gained
@@ -177,8 +180,9 @@ def _tangents_of_group(
                 pose(u, alpha, group.chain, group.mass, stage, poses[k * POSE_ROWS :])
             for d in range(changes.shape[0]):
                 _rk4_tangent(
-                    h, group, tape, poses, changes[d], pushed[d], changed[d], rest[_FIRST:]
-                )
+                    h, group, tape, poses, changes[d], pushed[d], changed[d],
+                    rest[_ANSWER_ROWS:], rest[_FIRST:],
+                )  # fmt: skip
             part += 1
     copy(rest[_THETA][:size], reached[0])
     copy(rest[_OMEGA_NOW][:size], reached[1])
@@ -219,7 +223,7 @@ def _rates_of_group(
             group.omega, alpha, change[0][:size], change[1][:size], pushed[d], changed[d],
             group.chain, group.mass, poses, rest[_FIRST + _OUT :], force,
         )  # fmt: skip
-        respond(force, group.chain, stage, change[1][:size])
+        respond(force, group.chain, stage, rest[_ANSWER_ROWS:], change[1][:size])
 
 
 @kernel
@@ -271,7 +275,7 @@ def _return_kept(
             copy(starts[2 * part][:size], rest[_THETA])
             copy(starts[2 * part + 1][:size], rest[_OMEGA_NOW])
             _take_part(group, h, rest, tape)
-        _rk4_adjoint(h, group, tape, bars, chain_bar, rest[_FIRST:])
+        _rk4_adjoint(h, group, tape, bars, chain_bar, rest[_ANSWER_ROWS:], rest[_FIRST:])
 
 
 @spliced_kernel

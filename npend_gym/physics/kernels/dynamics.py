@@ -45,6 +45,7 @@ from npend_gym.physics.kernels.tensions import (
 )
 
 WORK_ROWS = 7
+ANSWER_ROWS = 3  # of `respond`
 
 AnyArrays = ChainArrays | LinkArrays | MachineArrays | SpringArrays
 
@@ -113,11 +114,14 @@ def accelerations_kept(
     "chain",
     {ChainArrays: tensions_respond, LinkArrays: links_respond, MachineArrays: machine_respond},
 )
-def respond(force: FloatArray, chain: AnyArrays, work: FloatArray, alpha: FloatArray) -> None:
+def respond(
+    force: FloatArray, chain: AnyArrays, work: FloatArray, answer: FloatArray, alpha: FloatArray
+) -> None:
     """Write into `alpha` the solution of N alpha = force, N being the mass matrix.
 
     `force` are moments on each rod alone, not on joints [N m], then a force on a cart [N]; `work`
-    is as `accelerations_kept` left it. N is symmetric: this serves tangents and adjoints.
+    is as `accelerations_kept` left it. N is symmetric: this serves tangents and adjoints. Point
+    masses leave their force couples and tensions in `answer`, ANSWER_ROWS for work, zero at first.
     """
     raise NotImplementedError
 

@@ -221,7 +221,9 @@ def _response(machine: bool) -> Callable[..., None]:
     """Return what `links_respond` and `machine_respond` are: one text, two compiled versions."""
 
     @inlined_kernel
-    def respond(force: FloatArray, chain: Any, work: FloatArray, alpha: FloatArray) -> None:
+    def respond(
+        force: FloatArray, chain: Any, work: FloatArray, answer: FloatArray, alpha: FloatArray
+    ) -> None:
         """Write how the links of a chain at rest answer the moments `force` on each alone.
 
         `work` is as the solver left it: Eqs. (1) and (2) hold with the same coefficients.

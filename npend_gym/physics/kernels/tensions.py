@@ -43,7 +43,7 @@ from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
 
-TENSIONS = 3  # the row of the work space in which they are left, after a zero
+COUPLES, TENSIONS = 2, 3  # rows of the work space in which f and T are left, after a zero
 PIVOTS = 7  # the row in which those of the elimination are kept for another right side
 
 
@@ -171,22 +171,24 @@ def _add_drag(
 
 
 @inlined_kernel
-def _add_forces(v: FloatArray, rhs: FloatArray, work: FloatArray) -> None:
-    """Add what the torques do, as the force couples f, to the right sides of Eq. (1)."""
-    v_below, s, s_below = v[1:], work[0], work[0][1:]
-    f_above, f_below = work[2], work[2][2:]
+def _add_forces(v: FloatArray, s: FloatArray, rhs: FloatArray, couples: FloatArray) -> None:
+    """Add what the force `couples` f do, a row after a zero, to the right sides of Eq. (1)."""
+    v_below, s_below, f_above, f_below = v[1:], s[1:], couples, couples[2:]
     for i in range(rhs.size):
         from_below = v_below[i] * (f_below[i] * s_below[i])
         rhs[i] = (rhs[i] + from_below) - v[i] * (f_above[i] * s[i])
 
 
 @inlined_kernel
-def _across(v: FloatArray, inverse_l: FloatArray, work: FloatArray, alpha: FloatArray) -> None:
-    """Write Eq. (2), without gravity, from the tensions and the force couples."""
-    v_below = v[1:]
+def _across(
+    chain: ChainArrays, work: FloatArray, couples: FloatArray, tensions: FloatArray,
+    alpha: FloatArray,
+) -> None:  # fmt: skip
+    """Write Eq. (2), without gravity, from rows of force couples and tensions, after a zero."""
+    v, v_below, inverse_l = chain.inverse_mass, chain.inverse_mass[1:], chain.inverse_length
     s, s_below, c, c_below = work[0], work[0][1:], work[1], work[1][1:]
-    f_above, f, f_below = work[2], work[2][1:], work[2][2:]
-    t_above, t_below = work[TENSIONS], work[TENSIONS][2:]
+    f_above, f, f_below = couples, couples[1:], couples[2:]
+    t_above, t_below = tensions, tensions[2:]
     for i in range(v.size - 1):  # of an ensemble, `inverse_l` has an entry to spare
         from_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
         from_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
@@ -212,7 +214,7 @@ def _point_masses(kept: bool) -> Callable[..., float]:
         # Views of one row, so that one index serves for the joint or rod here and below
         s, s_below = work[0], work[0][1:]
         c, c_below = work[1], work[1][1:]
-        f, rhs, across = work[2][1:], work[4][:n], work[6]
+        f, rhs, across = work[COUPLES][1:], work[4][:n], work[6]
         theta_below, omega_below = theta[1:], omega[1:]
         torque_below, damping_below = torque[1:], damping[1:]
 
@@ -227,14 +229,14 @@ def _point_masses(kept: bool) -> Callable[..., float]:
         f[n - 1] = tau * inverse_l[n - 1]
         for i in range(n):
             rhs[i] = l[i] * (omega[i] * omega[i])
-        _add_forces(chain.inverse_mass, rhs, work)
+        _add_forces(chain.inverse_mass, s, rhs, work[COUPLES])
         rhs[0] = rhs[0] + g[0] * c[0]
         # _add_drag itself tests for an empty array; a test here would make Numba count references
         # to the views, some ns a call
         power = _add_drag(omega, chain, s, c, rhs, across)
         pivots = work[PIVOTS if kept else 5]
         eliminate(chain.inverse_mass, c, rhs, work[TENSIONS][1:], work[5], pivots)
-        _across(chain.inverse_mass, inverse_l, work, alpha)
+        _across(chain, work, work[COUPLES], work[TENSIONS], alpha)
         alpha[0] = alpha[0] - (g[0] * s[0]) * inverse_l[0]
         for i in range(chain.drag.size):
             alpha[i] = alpha[i] + across[i] * inverse_l[i]
@@ -248,19 +250,21 @@ solve_tensions, solve_tensions_kept = _point_masses(kept=False), _point_masses(k
 
 @inlined_kernel
 def tensions_respond(
-    force: FloatArray, chain: ChainArrays, work: FloatArray, alpha: FloatArray
+    force: FloatArray, chain: ChainArrays, work: FloatArray, answer: FloatArray, alpha: FloatArray
 ) -> None:
     """Write how the rods of a chain at rest answer the moments `force` on each alone.
 
-    `work` is as `solve_tensions_kept` left it: the matrix is that of its state.
+    `work` is as `solve_tensions_kept` left it: the matrix is that of its state. Three rows of
+    `answer` are for force couples, tensions, both after a zero, and right sides.
     """
-    n, f, rhs = alpha.size, work[2][1:], work[4][: alpha.size]
+    n, couples, tensions, f = alpha.size, answer[0], answer[1], answer[0][1:]
+    rhs = answer[2][: alpha.size]
     for i in range(n):
         f[i] = force[i] * chain.inverse_length[i]
         rhs[i] = 0.0 * f[i]
-    _add_forces(chain.inverse_mass, rhs, work)
-    _solve_again(chain.inverse_mass, work[1], rhs, work[TENSIONS][1:], work[5], work[PIVOTS])
-    _across(chain.inverse_mass, chain.inverse_length, work, alpha)
+    _add_forces(chain.inverse_mass, work[0], rhs, couples)
+    _solve_again(chain.inverse_mass, work[1], rhs, tensions[1:], work[5], work[PIVOTS])
+    _across(chain, work, couples, tensions, alpha)
 
 
 @inlined_kernel
