@@ -34,6 +34,7 @@ that of m V; one link has (with F and G of the joint at its tip, and e . = scala
 and so on. Point masses are c = l, I = 0. docs/explanation/derivatives.md has all of it.
 """
 
+# ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
 import math
@@ -339,7 +340,7 @@ def _adjoint_of_bobs(
 
     They are there already, so that no pass along the chain is needed.
     """
-    n, l, damping = u.size, chain.length, chain.damping
+    n, l = u.size, chain.length
     t, h, r = stage[TENSIONS][1:], answer[0][1:], answer[1][1:]
     below: Any = 0.0 * u[0]
     for i in range(n - 1, -1, -1):
@@ -394,8 +395,12 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
     ) -> None:  # fmt: skip
         s, c, length = stage[0], stage[1], bare(chain.length)
         n, se, ce = count_rods(u, chain), s[0], c[0]
+        couples, tensions = stage[COUPLES][1:], stage[TENSIONS][1:]  # of massless rods
+        resisted = machine
+        if not links:
+            resisted = chain.drag.size > 0
         jx: Any = 0.0 * u[0]
-        fx = fy = ux = uy = jx
+        ux = uy = jx
         jy = jx + chain.gravity[0]
         if machine and u.size > n:
             jx, ux = alpha[n], u[n]
@@ -414,27 +419,32 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
             rows[_TX][i], rows[_TY][i], rows[_NX][i], rows[_NY][i] = tx, ty, nx, ny
             rows[_XX][i], rows[_XY][i] = -(across * ny + along * nx), across * nx - along * ny
             rows[_YX][i], rows[_YY][i] = -(turning * se), turning * ce
-            rows[_AN][i], rows[_FN][i] = ce, se  # until the way back
-            ux, uy = ux + nx * u[i], uy + ny * u[i]
-            rows[_UUX][i], rows[_UUY][i] = ux, uy
-        resisted = machine
-        if not links:
-            resisted = chain.drag.size > 0
-        for i in range(n - 1, -1, -1):
-            l, m, ax, ay, arm = length[i], mass[i], rows[_AAX][i], rows[_AAY][i], 0.0 * fx
             if resisted:
+                ux, uy = ux + nx * u[i], uy + ny * u[i]
+                rows[_UUX][i], rows[_UUY][i] = ux, uy
+            if links:
+                rows[_AN][i], rows[_FN][i] = ce, se  # until the way back
+            else:
+                rows[_FN][i], rows[_PULL][i] = couples[i], -(l * tensions[i])
+        if links:
+            ascend(chain, mass, rows)
+
+    @inlined_kernel
+    def ascend(chain: Any, mass: FloatArray, rows: FloatArray) -> None:
+        """Write what depends on the forces that each tip carries."""
+        fx: Any = 0.0 * rows[_NX][0]
+        fy = fx
+        for i in range(chain.length.size - 1, -1, -1):
+            l, m, ax, ay = chain.length[i], mass[i], rows[_AAX][i], rows[_AAY][i]
+            if machine:
                 factor = drag_slopes(chain, i, rows[_UUX][i], rows[_UUY][i])[1]
                 fx, fy = fx + factor * rows[_UUX][i], fy + factor * rows[_UUY][i]
-            if links:
-                arm = m * chain.terms[Link.CENTRE, i]
-            else:
-                fx, fy = fx + m * ax, fy + m * ay
+            arm = m * chain.terms[Link.CENTRE, i]
             ce, se = rows[_AN][i], rows[_FN][i]
             rows[_FN][i], rows[_AN][i] = ce * fx + se * fy, ce * ax + se * ay
             px, py = l * fx + arm * ax, l * fy + arm * ay
             rows[_PULL][i] = se * px - ce * py
-            if links:
-                fx, fy = fx + m * ax, fy + m * ay
+            fx, fy = fx + m * ax, fy + m * ay
 
     @inlined_kernel
     def descend(
