@@ -153,8 +153,10 @@ def brax() -> Job:
     """Return the job of brax's generalized pipeline, with one step of its semi-implicit method."""
     pipeline: Any = import_module("brax.generalized.pipeline")
     mjcf: Any = import_module("brax.io.mjcf")
-    model, _ = mujoco_chain(2)
-    system = mjcf.load_model(model)
+    bob = '<geom type="sphere" size="0.01" pos="0 0 -1" mass="1" contype="0" conaffinity="0"/>'
+    rod = f'<joint type="hinge" axis="0 -1 0"/>{bob}'
+    bodies = f'<body>{rod}<body pos="0 0 -1">{rod}</body></body>'
+    system = mjcf.loads(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     nothing = np.zeros(system.act_size())
 
     def step(angles: Any, rates: Any, torque: Any) -> Any:
