@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     def packs(array: _T) -> _T:
         """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m).
 
-        Of a tuple of arrays: a view of each; `bare` does the same.
+        Of floats or bools. Of a tuple of arrays: a view of each; `bare` does the same.
         """
         return array
 
@@ -63,7 +63,7 @@ else:
     from numba.extending import intrinsic
     from numba.np.arrayobj import populate_array
 
-    from npend_gym.compiled.packs import FLOATS
+    from npend_gym.compiled.packs import FLOATS, TRUTHS
 
     def _view(context, builder, array_type, array, view_type, lanes):
         """Return a bare view of an array, `lanes` of its innermost entries as one."""
@@ -123,5 +123,10 @@ else:
     @intrinsic
     def packs(typingctx, array):
         """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m)."""
-        # not aligned: a pack may begin at any float
-        return _viewed(array, lambda one: types.Array(FLOATS, one.ndim, "C", aligned=False), WIDTH)
+
+        def in_packs(one):
+            kind = TRUTHS if one.dtype == types.boolean else FLOATS
+            # not aligned: a pack may begin at any float
+            return types.Array(kind, one.ndim, "C", aligned=False)
+
+        return _viewed(array, in_packs, WIDTH)

@@ -5,6 +5,9 @@ multiplied and compared as a float is, so that a kernel written for one chain do
 is given arrays of packs, which are views of arrays of floats: see `arrays`. Each lane's arithmetic
 is that of a float, to the last bit, whatever the processor.
 
+What a comparison of packs returns is a truth for each lane. An array of NumPy's bools may be seen
+as packs too, and takes them as they are.
+
 `where` and `any_of` do for packs, and for floats too, what `if` cannot.
 """
 
@@ -56,17 +59,35 @@ else:
         def unify(self, typingctx, other):
             return self if self.can_convert_from(typingctx, other) else None
 
-    FLOATS, _MASK = _Pack(types.float64), _Pack(types.boolean)
+    FLOATS, TRUTHS = _Pack(types.float64), _Pack(types.boolean)
     _REGISTERS = {
         FLOATS: ir.VectorType(ir.DoubleType(), WIDTH),
-        # 0 or -1: masks as wide as the numbers go into the processor's selection as they are
-        _MASK: ir.VectorType(ir.IntType(64), WIDTH),
+        # 0 or -1: truths as wide as the numbers go into the processor's selection as they are
+        TRUTHS: ir.VectorType(ir.IntType(64), WIDTH),
     }
+
+    _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 
     @register_default(_Pack)
     class _PackModel(PrimitiveModel):
         def __init__(self, dmm, fe_type):
             super().__init__(dmm, fe_type, _REGISTERS[fe_type])
+
+        def get_data_type(self):
+            """Return what stands in memory: of truths, a byte for each."""
+            if self._fe_type == TRUTHS:
+                return ir.VectorType(ir.IntType(8), WIDTH)
+            return self.get_value_type()
+
+        def as_data(self, builder, value):
+            if self._fe_type == TRUTHS:
+                return builder.zext(_holds(builder, value), self.get_data_type())
+            return value
+
+        def from_data(self, builder, value):
+            if self._fe_type == TRUTHS:
+                return builder.sext(builder.trunc(value, _BITS), self.get_value_type())
+            return value
 
     def _spread(builder, number, to):
         """Put the number into every lane."""
@@ -80,13 +101,13 @@ else:
     def _from_number(context, builder, fromty, toty, number):
         return _spread(builder, context.cast(builder, number, fromty, types.float64), FLOATS)
 
-    @lower_cast(types.Boolean, _MASK)
+    @lower_cast(types.Boolean, TRUTHS)
     def _from_bool(context, builder, fromty, toty, truth):
-        return _spread(builder, builder.sext(truth, ir.IntType(64)), _MASK)
+        return _spread(builder, builder.sext(truth, ir.IntType(64)), TRUTHS)
 
     def _compare(builder, sign, a, b):
         comparison = builder.fcmp_unordered if sign == "!=" else builder.fcmp_ordered
-        return builder.sext(comparison(sign, a, b), _REGISTERS[_MASK])
+        return builder.sext(comparison(sign, a, b), _REGISTERS[TRUTHS])
 
     def _holds(builder, mask):
         return builder.icmp_signed("<", mask, ir.Constant(mask.type, [0] * WIDTH))
@@ -122,11 +143,11 @@ else:
         _binary(
             getattr(operator, _name),
             lambda builder, a, b, sign=_sign: _compare(builder, sign, a, b),
-            to=_MASK,
+            to=TRUTHS,
         )
-    _binary(operator.and_, ir.IRBuilder.and_, _MASK)
-    _binary(operator.or_, ir.IRBuilder.or_, _MASK)
-    _binary(operator.xor, ir.IRBuilder.xor, _MASK)
+    _binary(operator.and_, ir.IRBuilder.and_, TRUTHS)
+    _binary(operator.or_, ir.IRBuilder.or_, TRUTHS)
+    _binary(operator.xor, ir.IRBuilder.xor, TRUTHS)
 
     def _unary(operation, instruction):
         """Let `operation` on a pack of floats be done by `instruction`."""
@@ -159,7 +180,7 @@ else:
         def codegen(context, builder, sig, args):
             return builder.select(_holds(builder, args[0]), args[1], args[2])
 
-        return signature(FLOATS, _MASK, FLOATS, FLOATS), codegen
+        return signature(FLOATS, TRUTHS, FLOATS, FLOATS), codegen
 
     @intrinsic
     def _any_lane(typingctx, condition):
@@ -167,7 +188,7 @@ else:
             bits = builder.bitcast(_holds(builder, args[0]), ir.IntType(WIDTH))
             return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
-        return signature(types.boolean, _MASK), codegen
+        return signature(types.boolean, TRUTHS), codegen
 
     def where(condition, a, b):
         """Return `a` in the lanes where `condition` holds, `b` in the others."""
@@ -175,7 +196,7 @@ else:
 
     @overload(where)
     def _where(condition, a, b):
-        if condition == _MASK:
+        if condition == TRUTHS:
             return lambda condition, a, b: _select(condition, a, b)  # noqa: PLW0108
         return lambda condition, a, b: a if condition else b
 
@@ -185,6 +206,6 @@ else:
 
     @overload(any_of)
     def _any_of(condition):
-        if condition == _MASK:
+        if condition == TRUTHS:
             return lambda condition: _any_lane(condition)  # noqa: PLW0108
         return lambda condition: condition

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
+from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys, Purpose, generator
 from npend_gym.envs.cart import OF_CART, base_of, cart_speed_factor
 from npend_gym.envs.config import EnvConfig
@@ -19,7 +20,7 @@ from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.options import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.outputs import Outputs
-from npend_gym.envs.rows import ANGLES, NUMBER_OF, SINCOS, Episode, Output, Task
+from npend_gym.envs.rows import ANGLES, NUMBER_OF, SINCOS, Episode, Flag, Output, Task
 from npend_gym.envs.snapshots import Snapshots, States, seeds_of
 from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
@@ -89,7 +90,7 @@ class Episodes:
             config.reward_type == "sparse", config.mode.has_goals, config.observes_goals,
             config.rail or 0.0, cart_speed_factor(config), *joints, *(1.0 / config.speed_scale),
         ])  # fmt: skip
-        self._actions = np.zeros((lanes, joints.size))  # of the next step
+        self._actions = aligned_zeros(joints.size, lanes)  # of the next step
         self._beginning = (
             self._keys, nominal, random.draws, self._start, self._context, self._actions
         )  # fmt: skip
@@ -98,7 +99,7 @@ class Episodes:
             self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
         )  # fmt: skip
         self._commands = self._actions  # what the step kernel turns into torques
-        kept = {"actions": self._actions, "context": self._context}
+        kept = {"actions": self._actions.T, "context": self._context}
         self._motors, self._sensors = fit_hardware(config, self._memory)
         if self._motors is not None:
             self._stepping, kept = self._motors.plan, kept | self._motors.kept
@@ -257,15 +258,17 @@ class Episodes:
 
     # -- stepping ---------------------------------------------------------------------------
 
-    def step(self, action: float | FloatArray | None) -> None:
+    def step(self, action: float | FloatArray | None, starting: BoolArray | None = None) -> None:
         """Take a step under `action`, (B, joints), 1 being the limit of the torque.
 
-        Lanes for which `start` was called do not move, and are shown as new.
+        Lanes that are `starting`, (B,), begin a new episode instead, whatever their action is.
         """
         if type(action) is float:
             self._actions[0, 0] = action  # the common case of one lane, quickly
         elif action is not None:
-            self._actions[: self.count] = action
+            self._actions.T[: self.count] = action
+        if starting is not None:
+            self.start(starting)
         self.outputs.renew()
         if self._motors is not None:
             self._motors.drive(self._keys, self._actions)
@@ -277,29 +280,29 @@ class Episodes:
         """Call the step kernel, and then the sensors."""
         outputs, sensors = self.outputs, self._sensors
         shown = outputs.observations if sensors is None else sensors.no_observation
-        arrays = self._commands, shown, outputs.rows, self._task
+        arrays = self._commands, shown, outputs.rows, outputs.flags, self._task
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
             sensors.observe(self._keys, outputs.observations, self._task, plan)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
-        mode, outputs = self.config.mode, self.outputs.rows[:, : self.count]
-        members, told = self._memory.members, self.outputs
+        mode, members, told = self.config.mode, self._memory.members, self.outputs
+        outputs, flags = told.rows[:, : self.count], told.flags[:, : self.count]
         quantities = told.quantities() if self.count > 1 else told.quantities_of_only_lane()
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         left = left_rail(quantities.rail_position)
         achieved = np.logical_and(mode.achieved(quantities), np.logical_not(left))
         held[judged] *= np.broadcast_to(achieved, (self.count,))[judged]
-        outputs[Output.SUCCESS] = held > self._task[Task.HOLD_STEPS]
+        flags[Flag.SUCCESS] = held > self._task[Task.HOLD_STEPS]
         if not observes:
             is_sparse = self.config.reward_type == "sparse"
             reward = (mode.achieved if is_sparse else mode.reward)(quantities)
             factor = 1.0 if is_sparse else rail_factor(quantities.rail_position)
             outputs[Output.REWARD] = np.where(left, 0.0, reward * factor)
-            outputs[Output.TERMINATED] = np.logical_or(mode.failed(quantities), left)
-            outputs[[[Output.REWARD], [Output.TERMINATED]], starts] = 0.0
+            outputs[Output.REWARD, starts] = 0.0
+            flags[Flag.TERMINATED] = np.logical_or(mode.failed(quantities), left) & ~starts
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
 
     # -- for pictures -----------------------------------------------------------------------
@@ -323,7 +326,7 @@ class Episodes:
 
     def action(self, lane: int) -> FloatArray:
         """Return the last action of a lane, torque over its limit, (joints,)."""
-        return self._actions[lane]
+        return self._actions[:, lane]
 
     def chain_length(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""

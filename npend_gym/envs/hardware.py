@@ -104,7 +104,7 @@ class Motors:
     plan : Plan
         For `Memory.run`, of the equal pieces into which a step is divided where torques change
         within it: one substep each, else the whole step.
-    no_actions : ndarray, shape (lanes, 0)
+    no_actions : ndarray, shape (0, lanes)
         For the step kernel, which then leaves the torques as they are.
     kept : dict
         Arrays (lanes, ...) that belong to the state of an environment.
@@ -120,7 +120,7 @@ class Motors:
         self.plan = memory.plan(*piece)
         kernels = (apply_one, advance_one) if memory.size == 1 else (apply_many, advance_many)
         self._apply, self._advance = kernels
-        self.no_actions = np.zeros((memory.lanes, 0))
+        self.no_actions = np.zeros((0, memory.lanes))
         self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
         lagged: FloatArray = self._commands[Command.LAGGED].T

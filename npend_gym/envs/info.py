@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -64,22 +65,18 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
 
 
 BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
-_MASKS = {key: f"_{key}" for key in Info.__annotations__}
 
 
-def with_masks(info: BatchInfo, present: BoolArray) -> dict[str, Any]:
-    """Return the info of a vector environment with a mask ``_key`` for every key.
+def mask_names(optional: Mapping[str, bool]) -> list[str]:
+    """Return the names of the masks of a vector environment: ``_key`` for every key of its info.
 
-    The masks are `present` (B,); those of the pseudo-periods only where a bob has completed.
+    `optional` says of some keys whether they are in the info; the others are.
     """
-    measured = present & (info["bobs_completed"] > 0)
-    masks = dict.fromkeys([_MASKS[key] for key in info], present)
-    masks["_pseudo_period"], masks["_pseudo_periods"] = measured, measured.copy()
-    return {**info, **masks}
+    return [f"_{key}" for key in Info.__annotations__ if optional.get(key, True)]
 
 
-def final_info(observation: Any, info: BatchInfo, done: BoolArray) -> dict[str, Any]:
-    """Return the keys that tell the last observation and info of episodes that are over."""
+def final_info(observation: Any, info: dict[str, Any], done: BoolArray) -> dict[str, Any]:
+    """Return the keys that tell the last observation of episodes that are over, and their info."""
     last = np.full(done.size, None, dtype=object)
     for lane in np.flatnonzero(done).tolist():
         last[lane] = copy.deepcopy(of_lane(observation, lane))
@@ -88,7 +85,7 @@ def final_info(observation: Any, info: BatchInfo, done: BoolArray) -> dict[str, 
         "_final_obs": done.copy(),
         "final_info": {
             key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
-            for key, value in with_masks(info, done).items()
+            for key, value in info.items()
         },
         "_final_info": done.copy(),
     }

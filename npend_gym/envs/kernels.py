@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
@@ -28,11 +28,11 @@ from npend_gym.envs.modes import (
     rail_factor,
 )
 from npend_gym.envs.rows import (
-    ANGLES,
     MAX_CART_ENTRY,
     MODE_NUMBERS,
     SINCOS,
     Episode,
+    Flag,
     Output,
     Task,
 )
@@ -51,7 +51,9 @@ from npend_gym.physics.kernels.layout import (
 ObsArray = NDArray[np.float32]
 
 _PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
-_PI_32 = np.float32(np.pi)
+_PI_32 = float(np.float32(np.pi))
+# angles above it would become _PI_32 as float32, which is more than pi
+_BELOW_PI_32 = 0.5 * (_PI_32 + float(np.nextafter(np.float32(np.pi), np.float32(0.0))))
 
 
 def _compiled(formula: Any) -> Any:
@@ -71,22 +73,19 @@ _left_rail, _rail_factor = _compiled(left_rail), _compiled(rail_factor)
 
 @inlined_kernel
 def _apply_actions(
-    members: FloatArray, rows: FloatArray, first: int, width: int, actions: FloatArray,
-    task: FloatArray,
-) -> None:  # fmt: skip
-    """Turn the actions (lanes, joints) of a group into torques; beyond +-1 they are clipped."""
-    for k in range(width):
-        squares = 0.0
-        for column in range(actions.shape[1]):
-            given, joint = actions[first + k, column], int(task[len(Task) + column])
-            action = 1.0 if given > 1.0 else max(given, -1.0)
-            of_cart = (joint + 1) * width == rows.shape[1]
-            limit = members[Episode.MAX_FORCE if of_cart else Episode.MAX_TORQUE, first + k]
-            rows[Rod.TORQUE, joint * width + k] = limit * action
-            squares += action * action
-        if actions.shape[1] > 1:
-            squares /= actions.shape[1]
-        members[Episode.MEAN_SQUARED_ACTION, first + k] = squares
+    numbers: FloatArray, g: int, group: Group, actions: FloatArray, task: FloatArray
+) -> None:
+    """Turn the actions (joints, lanes) of a group into torques; beyond +-1 they are clipped."""
+    squares = 0.0
+    for row in range(actions.shape[0]):
+        action, joint = _within(actions[row, g], 1.0), int(task[len(Task) + row])
+        of_cart = joint == group.velocity.size
+        limit = numbers[Episode.MAX_FORCE if of_cart else Episode.MAX_TORQUE, g]
+        group.torque[joint] = limit * action
+        squares = squares + action * action
+    if actions.shape[0] > 1:
+        squares = squares / actions.shape[0]
+    numbers[Episode.MEAN_SQUARED_ACTION, g] = squares
 
 
 @inlined_kernel
@@ -108,7 +107,7 @@ def _approach(
 @inlined_kernel
 def _measure(
     numbers: FloatArray, g: int, group: Group, scratch: FloatArray, outputs: FloatArray,
-    task: FloatArray,
+    flags: BoolArray, task: FloatArray,
 ) -> Quantities[Any]:  # fmt: skip
     """Write and return the quantities of a group whose sines, cosines and velocities are known.
 
@@ -162,14 +161,15 @@ def _measure(
     outputs[Output.IDEAL_PERIOD, g] = numbers[Episode.IDEAL_PERIOD, g]
     outputs[Output.TIP_HEIGHT, g] = tip
     outputs[Output.COMPLETED, g] = completed
-    outputs[Output.DIVERGED, g] = numbers[Member.DIVERGED, g]
+    flags[Flag.MEASURED, g] = completed > 0.0
+    flags[Flag.DIVERGED, g] = numbers[Member.DIVERGED, g] > 0.0
     return quantities
 
 
 @inlined_kernel
 def _judge(
     numbers: FloatArray, g: int, quantities: Quantities[Any], outputs: FloatArray,
-    task: FloatArray, observes: bool,
+    flags: BoolArray, task: FloatArray, observes: bool,
 ) -> None:  # fmt: skip
     """Write reward, end and success by the formulas of the built-in mode; count the steps.
 
@@ -209,12 +209,12 @@ def _judge(
         held = where(starts, where(achieved, 1.0, 0.0), held)
     steps = where(starts, 0.0, steps)
     numbers[Episode.STEPS_HELD, g], numbers[Episode.STEPS, g] = held, steps
-    outputs[Output.SUCCESS, g] = where(held > task[Task.HOLD_STEPS], 1.0, 0.0)
+    flags[Flag.SUCCESS, g] = held > task[Task.HOLD_STEPS]
     if not observes:
         over = (steps >= task[Task.MAX_STEPS]) | (numbers[Member.DIVERGED, g] > 0.0)
         outputs[Output.REWARD, g] = where(starts, 0.0, reward)
-        outputs[Output.TERMINATED, g] = where(starts, 0.0, where(failed, 1.0, 0.0))
-        outputs[Output.TRUNCATED, g] = where(over, 1.0, 0.0)
+        flags[Flag.TERMINATED, g] = failed & (numbers[Episode.STARTING, g] == 0.0)
+        flags[Flag.TRUNCATED, g] = over
 
 
 @inlined_kernel
@@ -234,69 +234,82 @@ def wrapped(theta: Any) -> Any:
 
 
 @inlined_kernel
-def _within(x: float, limit: float) -> float:
-    return limit if x > limit else max(x, -limit)
+def _within(x: Any, limit: float) -> Any:
+    """Return a number clipped to +-limit."""
+    return where(x > limit, limit, where(x < -limit, -limit, x))
 
 
 @inlined_kernel
-def _observe_more(
-    members: FloatArray, theta: FloatArray, omega: FloatArray, first: int, width: int,
-    observation: ObsArray, task: FloatArray,
-) -> None:  # fmt: skip
-    """Write what is observed of a group after the angular velocities: carts, then goals."""
-    n = theta.size // width - 1
-    column = 3 * n if task[Task.FORM] == SINCOS else 2 * n
-    if task[Task.RAIL] > 0.0:
+def _write_columns(numbers: FloatArray, width: int, columns: ObsArray) -> None:
+    """Write numbers, the lane innermost, into some columns of the observations of a group."""
+    for i in range(columns.shape[1]):
         for k in range(width):
-            place = theta[n * width + k] / task[Task.RAIL]
-            speed = omega[n * width + k] * task[Task.PER_CART_SPEED]
-            observation[first + k, column] = _within(place, MAX_CART_ENTRY)
-            observation[first + k, column + 1] = _within(speed, MAX_CART_ENTRY)
+            columns[k, i] = numbers[i * width + k]
+
+
+@inlined_kernel
+def _observe_angles(theta: FloatArray, angles: FloatArray, n: int) -> None:
+    """Write the wrapped angles of a group."""
+    for i in range(n):
+        angle = wrapped(theta[i])
+        angles[i] = where(angle > _BELOW_PI_32, -_PI_32, angle)
+
+
+@inlined_kernel
+def _observe_speeds(omega: FloatArray, speeds: FloatArray, n: int, task: FloatArray) -> None:
+    """Write the scaled angular velocities of a group."""
+    for i in range(n):
+        speeds[i] = _within(omega[i] * task[task.size - n + i], task[Task.SPEED_LIMIT])
+
+
+@inlined_kernel
+def _observe_cart(
+    theta: FloatArray, omega: FloatArray, cart: FloatArray, n: int, task: FloatArray
+) -> None:
+    """Write place and velocity of the carts of a group."""
+    cart[0] = _within(theta[n] / task[Task.RAIL], MAX_CART_ENTRY)
+    cart[1] = _within(omega[n] * task[Task.PER_CART_SPEED], MAX_CART_ENTRY)
+
+
+@spliced_kernel
+def observe(
+    view: NumbersOf, width: int, members: FloatArray, g: int, theta: FloatArray,
+    omega: FloatArray, scratch: FloatArray, observation: ObsArray, task: FloatArray,
+) -> None:  # fmt: skip
+    """Write the observations of group `g`.
+
+    Where sines are observed, they and the cosines are in the work space. `theta` and `omega` have
+    n + 1 numbers for each lane: that of a cart is the last.
+    """
+    n, shown = omega.size // width - 1, scratch[Scratch.OBSERVED]
+    rows, column = observation[g * width : (g + 1) * width], 2 * n
+    if task[Task.FORM] == SINCOS:
+        column = 3 * n
+        _observe_speeds(view(omega), view(shown), n, task)
+        _write_columns(scratch[Scratch.SIN], width, rows[:, :n])
+        _write_columns(scratch[Scratch.COS], width, rows[:, n : 2 * n])
+        _write_columns(shown, width, rows[:, 2 * n : column])
+    else:
+        _observe_angles(view(theta), view(shown), n)
+        _write_columns(shown, width, rows[:, :n])
+        _write_columns(omega, width, rows[:, n:column])
+    if task[Task.RAIL] > 0.0:
+        _observe_cart(view(theta), view(omega), view(shown), n, task)
+        _write_columns(shown, width, rows[:, column : column + 2])
         column += 2
     if task[Task.OBSERVED_GOALS] > 0.0:
-        goals = members.shape[0] - n
-        for k in range(width):
-            for i in range(n):
-                observation[first + k, column + i] = members[goals + i, first + k]
-
-
-@inlined_kernel
-def observe(
-    members: FloatArray, theta: FloatArray, omega: FloatArray, first: int, width: int,
-    scratch: FloatArray, observation: ObsArray, task: FloatArray,
-) -> None:  # fmt: skip
-    """Write the observations of a group, whose first lane is `first`, lane by lane.
-
-    Sines and cosines, or wrapped angles, are in the work space; angular velocities in `omega`, and
-    the place of a cart in `theta`, n + 1 for each lane.
-    """
-    s, c, angles = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[Scratch.WRAPPED]
-    n = omega.size // width - 1
-    form, limit, factors = task[Task.FORM], task[Task.SPEED_LIMIT], task.size - n
-    for k in range(width):
-        row = observation[first + k]
         for i in range(n):
-            j = i * width + k
-            if form == SINCOS:
-                row[i] = s[j]
-                row[n + i] = c[j]
-                speed = omega[j] * task[factors + i]
-                row[2 * n + i] = _within(speed, limit)
-            else:
-                angle = np.float32(angles[j])
-                row[i] = -_PI_32 if angle >= _PI_32 else angle  # float32 may round up to pi
-                row[n + i] = omega[j]
-    if task[Task.RAIL] + task[Task.OBSERVED_GOALS] > 0.0:
-        _observe_more(members, theta, omega, first, width, observation, task)
+            goal = members[members.shape[0] - n + i, g * width : (g + 1) * width]
+            _write_columns(goal, width, rows[:, column + i : column + i + 1])
 
 
 @spliced_kernel
 def _step(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
-    actions: FloatArray, outputs: tuple[ObsArray, FloatArray], task: FloatArray,
+    actions: FloatArray, written: tuple[ObsArray, FloatArray, BoolArray], task: FloatArray,
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    observation, told = outputs
+    observation, outputs, flags = written[0], view(written[1]), view(written[2])
     numbers, work = view(members), view(scratch)
     observes = timing[Timing.SUBSTEPS] == 0.0
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
@@ -306,20 +319,15 @@ def _step(
                 continue
             bob_velocities(group, work[Scratch.SIN], work[Scratch.COS])
         else:
-            if timing[Timing.FIRST_SUBSTEP] == 0.0 and actions.shape[1] > 0:
-                _apply_actions(members, rods[g], g * width, width, actions, task)
-            advance_group(view, width, members, rods, timing, scratch, g, group)
+            if timing[Timing.FIRST_SUBSTEP] == 0.0 and actions.shape[0] > 0:
+                _apply_actions(numbers, g, group, view(actions), task)
+            advance_group(view, width, members, rods, model, timing, scratch, g, group)
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
-            quantities = _measure(numbers, g, group, work, view(told), task)
-            _judge(numbers, g, quantities, view(told), task, observes)
+            quantities = _measure(numbers, g, group, work, outputs, flags, task)
+            _judge(numbers, g, quantities, outputs, flags, task, observes)
             if observation.shape[1] > 0:
-                if task[Task.FORM] == ANGLES:
-                    for i in range(group.velocity.size):
-                        work[Scratch.WRAPPED, i] = wrapped(group.theta[i])
-                observe(
-                    members, rods[g, Rod.THETA], rods[g, Rod.OMEGA], g * width, width, scratch,
-                    observation, task,
-                )  # fmt: skip
+                theta, omega = rods[g, Rod.THETA], rods[g, Rod.OMEGA]
+                observe(view, width, members, g, theta, omega, scratch, observation, task)
             if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
                 _welcome(numbers, g)
 
@@ -327,11 +335,11 @@ def _step(
 @kernel
 def step_one(
     members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
-    observation: ObsArray, outputs: FloatArray, task: FloatArray, timing: FloatArray,
-    scratch: FloatArray,
+    observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
+    timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of one environment; see `step_many`."""
-    written = bare(observation), bare(outputs)
+    written = bare(observation), bare(outputs), bare(flags)
     _step(
         bare, 1, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
         bare(timing), bare(scratch),
@@ -341,8 +349,8 @@ def step_one(
 @kernel
 def step_many(
     members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
-    observation: ObsArray, outputs: FloatArray, task: FloatArray, timing: FloatArray,
-    scratch: FloatArray,
+    observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
+    timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of the active lanes, and write what is told of every lane.
 
@@ -352,16 +360,18 @@ def step_many(
         As for `npend_gym.physics.kernels.ensemble.advance_many`, `members` with the rows of
         `Episode`. With 0 substeps nothing moves: the call only observes, in the groups with a lane
         to be OBSERVED.
-    actions : ndarray, shape (lanes, joints)
-        Torque over its limit at each actuated joint; beyond +-1 it is clipped. Without columns
-        the torques stay as they are: `npend_gym.envs.motors` has set them.
+    actions : ndarray, shape (joints, lanes)
+        Torque over its limit at each actuated joint; beyond +-1 it is clipped. Without rows the
+        torques stay as they are: `npend_gym.envs.motors` has set them.
     observation : ndarray, float32, shape (lanes, 2n) or (lanes, 3n)
         Written. Without columns `npend_gym.envs.sensors` writes it afterwards.
     outputs : ndarray, shape (rows, columns of `members`)
         Written; the rows are those of `Output` and what follows them.
+    flags : ndarray, bool, shape (len(Flag), lanes)
+        Written.
     task : ndarray, shape (len(Task) + joints + n,)
     """
-    written = bare(observation), bare(outputs)
+    written = bare(observation), bare(outputs), bare(flags)
     _step(
         packs, WIDTH, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
         bare(timing), bare(scratch),

@@ -73,7 +73,7 @@ def _decide(
         step, whole = int(members[Episode.STEPS, lane]), int(members[Motor.action_delay, lane])
         squares = 0.0
         for j in range(motors):
-            action = min(max(actions[lane, j], -1.0), 1.0)
+            action = min(max(actions[j, lane], -1.0), 1.0)
             squares += action * action
             past[lane, step & mask, j] = action
             newer[j, lane] = past[lane, (step - whole) & mask, j] if step >= whole else 0.0
@@ -239,7 +239,7 @@ def apply_many(
         As for `npend_gym.envs.kernels.step_many`, `members` also with the rows of `Motor`; DT is
         the time of the piece.
     keys : ndarray, uint64, shape (2, lanes)
-    actions : ndarray, shape (lanes, m)
+    actions : ndarray, shape (m, lanes)
         Raw actions of the m motors.
     joints : ndarray, int64, shape (m,)
         Where the motors are.

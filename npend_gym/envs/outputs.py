@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane, with_goals
-from npend_gym.envs.info import Info
+from npend_gym.envs.info import BatchInfo, Info, mask_names
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.rows import QUANTITIES, Output
+from npend_gym.envs.rows import QUANTITIES, Flag, Output
 from npend_gym.physics.memory import Memory
 
 _ROWS = len(Output)
@@ -37,6 +36,7 @@ class Outputs:
     observations : ndarray, float32, shape (lanes, numbers)
     rows : ndarray, shape (rows, columns)
         Those of `Output` and what follows them.
+    flags : ndarray, bool, shape (len(Flag), lanes)
     """
 
     def __init__(
@@ -50,15 +50,23 @@ class Outputs:
         self._is_plain = not (self._shows_context or self._goal_env)
         with_quantities |= self._has_goals
         rows = _ROWS + (4 if self._has_goals else 3) * n + (QUANTITIES if with_quantities else 0)
-        self._shapes = (memory.lanes, config.observed), (rows, memory.columns)
+        self._shapes = (
+            (memory.lanes, config.observed), (rows, memory.columns), (len(Flag), memory.lanes)
+        )  # fmt: skip
         self._judged_by = slice(_ROWS + 3 * n, _ROWS + 3 * n + QUANTITIES)
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
+        self._everywhere = np.ones(self.count, np.bool_)
+        self._masks = mask_names({
+            "context": self._is_random, "goal": self._has_goals,
+            "cart_position": self._has_cart, "cart_velocity": self._has_cart,
+        })  # fmt: skip
         self.renew()
 
     def renew(self) -> None:
         """Make new arrays: those handed out before are not written again."""
-        observations, rows = self._shapes
+        observations, rows, flags = self._shapes
         self.observations, self.rows = np.empty(observations, np.float32), np.empty(rows)
+        self.flags = np.empty(flags, np.bool_)
 
     @property
     def observation(self) -> Any:
@@ -78,8 +86,8 @@ class Outputs:
     @property
     def outcome(self) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Reward, terminated and truncated of the last step, (B,) each."""
-        rows = self.rows[_REWARD:_ROWS, : self.count]
-        return rows[0], rows[1] != 0.0, rows[2] != 0.0
+        rewards, flags = self.rows[Output.REWARD], self.flags[:, : self.count]
+        return rewards[: self.count], flags[Flag.TERMINATED], flags[Flag.TRUNCATED]
 
     def quantities(self) -> Quantities[FloatArray]:
         """Return what a mode judges by, arrays (B, ...)."""
@@ -95,17 +103,32 @@ class Outputs:
         plain: list[float] = outputs[self._judged_by].tolist()
         return Quantities(*plain, theta, omega)  # pyright: ignore[reportCallIssue]
 
-    def info(self) -> Info[FloatArray, NDArray[np.int64], BoolArray]:
+    def masked_info(self, present: BoolArray | None = None) -> dict[str, Any]:
+        """Return the info of all lanes with its masks, arrays (B,).
+
+        They are True in the lanes where info is `present`, by default all; those of the
+        pseudo-periods where a bob has completed besides.
+        """
+        info = cast("dict[str, Any]", self.info())
+        measured = self.flags[Flag.MEASURED, : self.count]
+        if present is None:
+            present = self._everywhere.copy()
+        else:
+            measured = measured & present
+        info.update(dict.fromkeys(self._masks, present))
+        info["_pseudo_period"] = info["_pseudo_periods"] = measured
+        return info
+
+    def info(self) -> BatchInfo:
         """Return the info of all lanes, arrays (B, ...) of the last step or start.
 
         They are handed out: the next step does not write to them.
         """
         outputs = self.rows[:, : self.count]
         periods, theta, omega = (outputs[rods].T for rods in self._per_rod)
-        (
-            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity
-        ) = outputs[:_REWARD]  # fmt: skip
-        info: Info[FloatArray, NDArray[np.int64], BoolArray] = {
+        time, energy, error, period, ideal, tip, completed, place, velocity = outputs[:_REWARD]
+        flags = self.flags[:, : self.count]
+        info: BatchInfo = {
             "time": time,
             "energy": energy,
             "energy_error": error,
@@ -116,8 +139,8 @@ class Outputs:
             "tip_height": tip,
             "theta": theta,
             "omega": omega,
-            "diverged": diverged != 0.0,
-            "success": success != 0.0,
+            "diverged": flags[Flag.DIVERGED],
+            "success": flags[Flag.SUCCESS],
         }
         if self._is_random:
             info["context"] = self._context[: self.count].copy()
@@ -132,9 +155,9 @@ class Outputs:
         outputs = self.rows[:, 0]
         periods, theta, omega = self._per_rod
         (
-            time, energy, error, period, ideal, tip, completed, diverged, success, place, velocity,
-            reward, terminated, truncated,
+            time, energy, error, period, ideal, tip, completed, place, velocity, reward
         ) = outputs[:_ROWS].tolist()  # fmt: skip
+        _, diverged, success, terminated, truncated = self.flags[:, 0].tolist()
         info: Info[float, int, bool] = {
             "time": time,
             "energy": energy,
@@ -146,8 +169,8 @@ class Outputs:
             "tip_height": tip,
             "theta": outputs[theta],
             "omega": outputs[omega],
-            "diverged": diverged != 0.0,
-            "success": success != 0.0,
+            "diverged": diverged,
+            "success": success,
         }
         if self._is_random:
             info["context"] = self._context[0].copy()
@@ -156,7 +179,7 @@ class Outputs:
         if self._has_cart:
             info["cart_position"], info["cart_velocity"] = place, velocity
         observation = self.observations[0] if self._is_plain else of_lane(self.observation, 0)
-        return observation, reward, terminated != 0.0, truncated != 0.0, info
+        return observation, reward, terminated, truncated, info
 
     def _goals(self) -> FloatArray:
         """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""

@@ -54,16 +54,25 @@ class OutputFields(NamedTuple):
     IDEAL_PERIOD: int = 4  # s
     TIP_HEIGHT: int = 5  # m
     COMPLETED: int = 6
-    DIVERGED: int = 7
-    SUCCESS: int = 8
-    CART_POSITION: int = 9  # m; this and the next are written where there is a cart
-    CART_VELOCITY: int = 10  # m/s
-    REWARD: int = 11  # this and what follows belongs to a step, and is no part of the info
-    TERMINATED: int = 12
-    TRUNCATED: int = 13
+    CART_POSITION: int = 7  # m; this and the next are written where there is a cart
+    CART_VELOCITY: int = 8  # m/s
+    REWARD: int = 9  # of a step: it is no part of the info
 
 
 Output = OutputFields()
+
+
+class FlagFields(NamedTuple):
+    """Rows of `flags`, a truth for each lane."""
+
+    MEASURED: int = 0  # a bob has completed its pseudo-period
+    DIVERGED: int = 1
+    SUCCESS: int = 2
+    TERMINATED: int = 3  # this and the next belong to a step, and are no part of the info
+    TRUNCATED: int = 4
+
+
+Flag = FlagFields()
 QUANTITIES = len(Quantities._fields) - 2  # all but angles and angular velocities
 
 

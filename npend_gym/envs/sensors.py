@@ -19,7 +19,7 @@ from npend_gym.compiled.philox import Keys, Purpose, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
 from npend_gym.envs.kernels import ObsArray, observe, wrapped
 from npend_gym.envs.motors import Motor
-from npend_gym.envs.rows import ANGLES, Episode, Task
+from npend_gym.envs.rows import SINCOS, Episode, Task
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.layout import MAX_SPEED, Model, Rod, Scratch, Timing
 
@@ -155,13 +155,11 @@ def _sense(
             make_normal(first, second)
         _measure(numbers, g, n, work)
         s, c = work[Scratch.SIN], work[Scratch.COS]
-        for i in range(n):
-            if task[Task.FORM] == ANGLES:
-                work[Scratch.WRAPPED, i] = wrapped(work[_THETA, i])
-            else:
+        if task[Task.FORM] == SINCOS:
+            for i in range(n):
                 s[i], c[i] = sincos(work[_THETA, i])
         theta, omega = scratch[_THETA, : (n + 1) * width], scratch[_OMEGA, : (n + 1) * width]
-        observe(members, theta, omega, g * width, width, scratch, observation, task)
+        observe(view, width, members, g, theta, omega, scratch, observation, task)
 
 
 @kernel

@@ -207,7 +207,7 @@ def begin_episodes(
     start : ndarray, shape (len(Start),)
     context : ndarray, shape (lanes, numbers)
         Written: the numbers drawn.
-    actions : ndarray, shape (lanes, joints)
+    actions : ndarray, shape (joints, lanes)
         Written: 0, of the lanes that start.
     """
     members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
@@ -219,8 +219,8 @@ def begin_episodes(
             continue
         members[Episode.EPISODE, k] += 1.0
         members[Member.ACTIVE, k] = 0.0
-        for column in range(actions.shape[1]):
-            actions[k, column] = 0.0
+        for row in range(actions.shape[0]):
+            actions[row, k] = 0.0
         if draws.shape[0] > 0:
             chain[:] = nominal
             _draw_chain(members, keys, k, draws, chain, context)

@@ -15,7 +15,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.goals import GoalReward
-from npend_gym.envs.info import final_info, with_masks
+from npend_gym.envs.info import final_info
 from npend_gym.envs.inputs import (
     checked_action,
     checked_autoreset_mode,
@@ -148,7 +148,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         episodes.observe()
         self.camera.forget(mask)
         self._done = self._done & ~mask
-        result = episodes.outputs.observation, with_masks(episodes.outputs.info(), mask.copy())
+        result = episodes.outputs.observation, episodes.outputs.masked_info(mask.copy())
         self._progress = _READY
         return result
 
@@ -176,16 +176,16 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         action = checked_action(actions, (self.num_envs, config.joints.size), config.action_table)
         self._progress = _UNFINISHED
         if np.count_nonzero(waiting) > 0:  # autoreset of NEXT_STEP
-            episodes.start(waiting)
+            episodes.step(action, waiting)
             self.camera.forget(waiting)
-            action = action if action is None else np.where(waiting[:, None], 0.0, action)
-        episodes.step(action)
+        else:
+            episodes.step(action)
         reward, terminated, truncated = episodes.outputs.outcome
         done = self._done = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and np.count_nonzero(done) > 0:
             info = self._reset_now(done)
         else:
-            info = with_masks(episodes.outputs.info(), np.ones(self.num_envs, np.bool_))
+            info = episodes.outputs.masked_info()
         if self.render_mode is not None:
             self.camera.follow(episodes)
         result = episodes.outputs.observation, reward, terminated, truncated, info
@@ -195,12 +195,12 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     def _reset_now(self, done: BoolArray) -> dict[str, Any]:
         """Begin the next episode of lanes that are done; return the info with their last one."""
         episodes = self._episodes
-        final = final_info(episodes.outputs.observation, episodes.outputs.info(), done)
+        final = final_info(episodes.outputs.observation, episodes.outputs.masked_info(done), done)
         episodes.start(done)
         episodes.observe(reuse_buffers=True)
         self.camera.forget(done)
         self._done = np.zeros(self.num_envs, np.bool_)
-        return with_masks(episodes.outputs.info(), np.ones(self.num_envs, np.bool_)) | final
+        return episodes.outputs.masked_info() | final
 
     def get_state(self, lanes: ArrayLike | None = None) -> States:
         """Return the whole state of all lanes, or of some, by number or as a mask: records (k,).
@@ -250,7 +250,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         moved = np.isin(np.arange(self.num_envs), chosen)
         self.camera.forget(moved)
         self._progress = _READY
-        return episodes.outputs.observation, with_masks(episodes.outputs.info(), moved)
+        return episodes.outputs.observation, episodes.outputs.masked_info(moved)
 
     @property
     def state(self) -> FloatArray:

@@ -200,6 +200,7 @@ def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
     entry = threads.short_chains(n) if n <= SHORT else threads.long_chains()
     replaced = {
         ensemble.mark: threads.no_marks,
+        ensemble.follow_marked: threads.no_following,
         layout.resists: threads.always if resisted else threads.never,
     }
     return DeviceKernel(entry, (terms, KINDS[terms]), dtype, replaced)

@@ -86,7 +86,7 @@ class ScratchFields(NamedTuple):
     ACCELERATION: int = 7  # of the bobs, horizontal, at the start of the substep [m/s^2]
     ACCELERATION_END: int = 8
     MARKED: int = 9  # 1 for bobs that may have turned
-    WRAPPED: int = 10  # angles in [-pi, pi)
+    OBSERVED: int = 10  # what is observed: for the environments
     DISSIPATED: int = 11  # first entry: J that damping and drag have taken in the step
     SINCE: int = 12  # first entry: s from the start of the step to that of the substep
     DURATION: int = 13  # first entry: s, of the substep
@@ -204,6 +204,27 @@ def _angles_and_base(rods: FloatArray, model: tuple[FloatArray, ...]) -> int:
 @chosen_by_type("model", {0: _angles_alone, 1: _angles_alone, 3: _angles_and_base})
 def _coordinates(rods: FloatArray, model: Model) -> int:
     """Return the number of coordinates of a chain."""
+    raise NotImplementedError
+
+
+@inlined_kernel
+def _of_lane_0(model: Model, k: int, width: int) -> Model:
+    return None
+
+
+@inlined_kernel
+def _of_lane_1(model: tuple[FloatArray], k: int, width: int) -> Model:
+    return (model[0][:, :, k::width],)
+
+
+@inlined_kernel
+def _of_lane_3(model: tuple[FloatArray, ...], k: int, width: int) -> Model:
+    return model[0][:, :, k::width], model[1][:, :, k::width], model[2][:, :, k::width]
+
+
+@chosen_by_type("model", {0: _of_lane_0, 1: _of_lane_1, 3: _of_lane_3})
+def model_of_lane(model: Model, k: int, width: int) -> Model:
+    """Return the model of the members in lane `k` of the groups."""
     raise NotImplementedError
 
 
