@@ -404,3 +404,65 @@ def test_without_a_gpu_the_benchmark_measures_nothing_and_says_why():
     messages = []
     assert not list(gpu.rows(Peers(messages.append)))
     assert messages[0].startswith("the GPU is left out")
+
+
+# Steps and environments of tensors, on the processor and as on a GPU: which numbers differ
+OF_TENSORS = """
+import json
+import torch
+from npend_gym import Chain
+from npend_gym.torch import DifferentiableVectorEnv, DivergedError, device_steps, step
+
+def steps():
+    random = torch.Generator().manual_seed(0)
+    theta, omega = torch.randn(2, 3, 2, generator=random, dtype=torch.float64)
+    torque = torch.randn(3, 1, generator=random, dtype=torch.float64)
+    values = {"masses": [1.0, 0.7], "lengths": [1.0, 0.7], "gravity": 9.0, "drag": [0.1, 0.0]}
+    values = {name: torch.tensor(value, dtype=torch.float64) for name, value in values.items()}
+    leaves = [x.requires_grad_() for x in (theta, omega, torque, *values.values())]
+    a, b = step(Chain.uniform(2, damping=0.1), *leaves[:3], values, dt=0.05)
+    a, b = step(Chain.uniform(2), a, b, torque, dt=0.05, substeps=2)
+    (a.sum() + b.square().sum()).backward()
+    return [a, b, *(leaf.grad for leaf in leaves)]
+
+def environments():
+    env = DifferentiableVectorEnv(3, n=2, mode="swingup")
+    observation, _ = env.reset(seed=1)
+    actions = torch.full((3, 1), 0.3, dtype=torch.float64, requires_grad=True)
+    total = 0.0
+    for _ in range(3):
+        observation, reward, *_ = env.step(actions)
+        total = total + reward.sum() + observation.square().sum()
+    total.backward()
+    return [observation, total, actions.grad]
+
+def both():
+    return [x.detach() for x in steps() + environments()]
+
+processor = both()
+device_steps.on_gpu = lambda tensor: True
+pairs = list(zip(processor, both()))
+fast = torch.full((2, 2), 1e6, dtype=torch.float64)
+try:
+    step(Chain.uniform(2), fast * 0.0, fast, dt=1.0, substeps=1)
+except DivergedError as error:
+    lanes = error.lanes
+print(json.dumps([sum(int((a != b).sum()) for a, b in pairs), len(pairs), lanes]))
+"""
+
+
+@pytest.mark.long
+def test_tensors_on_a_gpu_have_values_and_gradients_with_the_bits_of_the_processor():
+    pytest.importorskip("torch")
+    assert simulated(OF_TENSORS) == [0, 2 + 7 + 3, [0, 1]]
+
+
+@pytest.mark.skipif(HAS_NUMBA_CUDA, reason="numba-cuda is installed")
+def test_an_environment_of_tensors_says_what_a_gpu_needs():
+    pytest.importorskip("torch")
+    from npend_gym.torch import DifferentiableVectorEnv
+
+    with pytest.raises(ImportError, match=r'pip install "npend-gym\[cuda\]"'):
+        DifferentiableVectorEnv(2, n=2, device="cuda")
+    with pytest.raises(ValueError, match="device must be"):
+        DifferentiableVectorEnv(2, n=2, device="meta")

@@ -36,6 +36,8 @@ class DeviceChains:
         Number of lanes B; needed where one chain is given for all.
     dtype : {float64, float32}
         Of all arrays. In float64 results are the bits of `Ensemble`; float32 is for speed.
+    drag : bool
+        Whether `parameters` that are given later may have drag where `chains` have none.
 
     Attributes
     ----------
@@ -65,13 +67,15 @@ class DeviceChains:
         size: int | None = None,
         *,
         dtype: DTypeLike = np.float64,
+        drag: bool = False,
     ) -> None:
         self.cuda = require_device()
         self.parameters, self.size = check_chains(chains, size)
         self.n, self.dtype = self.parameters.masses.shape[1], np.dtype(dtype)
         _checks.choice("dtype", self.dtype.name, ("float64", "float32"))
         self._rows = self.cuda.to_device(self.parameters.stacked().astype(self.dtype))
-        self._kernel = kernel_for(self.parameters, self.dtype)
+        self._resisted = drag or _have_drag(self.parameters)
+        self._kernel = kernel_for(self.parameters, self.dtype, drag=drag)
         self._storage: list[Any] = []
         if self.n > SHORT:
             shapes = threads.storage_shapes(self.n, count_terms(self.parameters), self.size)
@@ -187,11 +191,17 @@ class DeviceChains:
         return array
 
 
-def kernel_for(chains: ChainParameters, dtype: DTypeLike = np.float64) -> DeviceKernel:
+def kernel_for(
+    chains: ChainParameters, dtype: DTypeLike = np.float64, *, drag: bool = False
+) -> DeviceKernel:
     """Return the kernel that advances chains of this kind and number of rods, one a thread."""
-    resisted = bool(np.any(chains.drag) or np.any(chains.quadratic_drag))
+    resisted = drag or _have_drag(chains)
     short = min(chains.masses.shape[1], SHORT + 1)
     return _kernel(short, count_terms(chains), resisted, np.dtype(dtype).name)
+
+
+def _have_drag(chains: ChainParameters) -> bool:
+    return bool(np.any(chains.drag) or np.any(chains.quadratic_drag))
 
 
 @cache

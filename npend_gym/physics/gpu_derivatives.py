@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.gpu import DeviceKernel
 from npend_gym.physics.gpu import KINDS, DeviceChains
@@ -81,10 +79,7 @@ class DifferentiableDeviceChains(DeviceChains):
         rows, steps = self._parameters(parameters), self._steps(dt, substeps, max_rotation)
         terms, work = count_terms(self.parameters), self._workspace(int(steps[1]))
         # kernels leave out drag where there is none, and then its derivatives
-        resisted = bool(wanted) or bool(
-            np.any(self.parameters.drag) or np.any(self.parameters.quadratic_drag)
-        )
-        kernel = adjoint_kernel(terms, resisted, self.dtype.name)
+        kernel = adjoint_kernel(terms, bool(wanted) or self._resisted, self.dtype.name)
         kernel.launch(
             self.size, *state, of_parameters, flags, rows, *steps, *work, stream=stream
         )  # fmt: skip

@@ -11,6 +11,7 @@ from torch.autograd import Function
 
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.sincos import sincos_all
+from npend_gym.torch import device_steps
 from npend_gym.torch.compiled_steps import CompiledSteps
 
 _TWICE = (
@@ -55,7 +56,7 @@ class Call:
         """Return the chains of this step."""
         if self.rows is not None:
             return self.rows
-        arrays = (value.numpy() for value in values)
+        arrays = (value.cpu().numpy() for value in values)
         return self.steps.chains(size, dict(zip(self.names, arrays, strict=True)))
 
 
@@ -67,6 +68,8 @@ class Step(Function):
         """Take the step."""
         inputs = tuple(x.detach() for x in inputs)
         rows = call.chains(len(inputs[0]), inputs[3:])
+        if device_steps.on_gpu(inputs[0]):
+            return call.steps.on_gpu.forward(rows, inputs[:3], call.dt, call.substeps)
         state = [x.numpy() for x in inputs[:3]]
         theta, omega = call.steps.forward(rows, state, call.dt, call.substeps)
         return torch.from_numpy(theta), torch.from_numpy(omega)
@@ -104,8 +107,13 @@ class StepBack(Function):
         """Take the gradient back."""
         inputs = tuple(x.detach() for x in inputs)
         rows = call.chains(len(inputs[0]), inputs[5:])
-        arrays = [x.numpy() for x in inputs[:5]]
         names = [name for name, need in zip(call.names, needed, strict=True) if need]
+        if device_steps.on_gpu(inputs[0]):
+            given = rows, inputs[2:5], inputs[:2], call.dt, call.substeps, names
+            found, by_name = call.steps.on_gpu.backward(*given)
+            zeros = zip(call.names, inputs[5:], strict=True)
+            return *found, *(by_name.get(name, torch.zeros_like(x)) for name, x in zeros)
+        arrays = [x.numpy() for x in inputs[:5]]
         gradient = call.steps.backward(rows, arrays[2:], arrays[:2], call.dt, call.substeps, names)
         of_state = gradient.by_theta, gradient.by_omega, gradient.by_torque
         by_parameters = (
@@ -145,7 +153,10 @@ class SinCos(Function):
         """Return sine and cosine of every angle."""
         x = angles.detach().contiguous()
         s, c = torch.empty_like(x), torch.empty_like(x)
-        sincos_all(*(each.numpy().reshape(-1) for each in (x, s, c)))
+        if device_steps.on_gpu(x):
+            device_steps.write_sincos(*(each.reshape(-1) for each in (x, s, c)))
+        else:
+            sincos_all(*(each.numpy().reshape(-1) for each in (x, s, c)))
         return s, c
 
     @staticmethod

@@ -85,6 +85,16 @@ class CompiledSteps:
         self._own = chain.repeated(1)
         self._changed: dict[int, tuple[dict[str, FloatArray], ChainParameters]] = {}
         self._ensembles: dict[int, _Lanes] = {}
+        self._on_gpu: Any = None
+
+    @property
+    def on_gpu(self) -> Any:
+        """The same for tensors on a GPU: `DeviceSteps`."""
+        if self._on_gpu is None:
+            from npend_gym.torch.device_steps import DeviceSteps
+
+            self._on_gpu = DeviceSteps(self.chain, self.joints, self.timing)
+        return self._on_gpu
 
     @property
     def n(self) -> int:
@@ -137,7 +147,7 @@ class CompiledSteps:
         names: Sequence[str],
     ) -> StepGradient:
         """Return the gradient by what a step began with, from `bars`, those by where it led."""
-        _check_bars(bars)
+        check_bars(bars)
         with _ONE_AT_A_TIME:
             ensemble = self._ensemble(rows, *state[:2])
             theta_bar, omega_bar = bars
@@ -198,7 +208,7 @@ def _is_broken(name: str, value: FloatArray) -> bool:
     return False
 
 
-def _check_bars(bars: Sequence[FloatArray]) -> None:
+def check_bars(bars: Sequence[FloatArray]) -> None:
     """Refuse gradients that a step cannot take back."""
     for bar in bars:
         if not np.all(np.abs(bar) <= _checks.LARGEST):

@@ -31,7 +31,7 @@ from npend_gym.physics.substeps import chain_of
 from npend_gym.torch.autograd import Call, Step
 from npend_gym.torch.compiled_steps import CompiledSteps, DivergedError
 from npend_gym.torch.judging import Lanes, State, judge, lanes_of, observe, quantities
-from npend_gym.torch.steps import check_tensor
+from npend_gym.torch.steps import check_device, check_tensor
 
 
 @with_config_keywords
@@ -55,6 +55,8 @@ class DifferentiableVectorEnv:
         Of observations, rewards and actions: float64 or float32. States are float64.
     threads : int
         Threads that share the lanes. No result depends on their number.
+    device : torch.device or str
+        Where all tensors are: "cpu", or "cuda" for steps on a GPU, which need the extra "cuda".
     **keywords
         As for `NPendulumEnv`, but for carts, `goal_env` and what makes motors and sensors less than
         ideal.
@@ -73,6 +75,7 @@ class DifferentiableVectorEnv:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         dtype: torch.dtype = torch.float64,
         threads: int = 1,
+        device: str | torch.device = "cpu",
         **keywords: Unpack[EnvKeywords],
     ) -> None:
         config = _check_config(make_config(DifferentiableVectorEnv, keywords))
@@ -81,7 +84,7 @@ class DifferentiableVectorEnv:
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         if dtype not in (torch.float64, torch.float32):
             raise TypeError(f"dtype must be torch.float64 or torch.float32, got {dtype}")
-        self.config, self.dtype = config, dtype
+        self.config, self.dtype, self.device = config, dtype, check_device(device)
         self.observation_size = config.observed
         self.action_size = config.joints.size
         self._episodes = Episodes(config, self.num_envs, 1, self.max_episode_steps)
@@ -92,11 +95,14 @@ class DifferentiableVectorEnv:
         self._steps = CompiledSteps(richest, joints, threads, timing)
         self._progress = Progress.NEW
         size = self.num_envs
-        self._theta = self._omega = torch.zeros(size, config.n, dtype=torch.float64)
-        self._start_energy = torch.zeros(size, dtype=torch.float64)
-        self._age = self._held = torch.zeros(size, dtype=torch.int64)
-        self._done = torch.zeros(size, dtype=torch.bool)
+        self._theta = self._omega = self._zeros(size, config.n)
+        self._start_energy = self._zeros(size)
+        self._age = self._held = self._zeros(size, dtype=torch.int64)
+        self._done = self._zeros(size, dtype=torch.bool)
         self._taken = 0
+
+    def _zeros(self, *shape: int, dtype: torch.dtype = torch.float64) -> Tensor:
+        return torch.zeros(*shape, dtype=dtype, device=self.device)
 
     # -- episodes ---------------------------------------------------------------------------
 
@@ -130,23 +136,26 @@ class DifferentiableVectorEnv:
         self._progress = Progress.UNFINISHED
         lanes, keys = self._seeds.choose(checked_seed, chosen)
         self._episodes.seed(lanes, self._seeds.values, keys)
-        state = self._begin(torch.from_numpy(chosen), checked)
-        self._done = self._done & ~torch.from_numpy(chosen)
+        begun = torch.from_numpy(chosen).to(self.device)
+        state = self._begin(begun, checked)
+        self._done = self._done & ~begun
         self._progress = Progress.READY
         return self._observation(state), self._info(state)
 
     def _begin(self, mask: Tensor, options: Any = None) -> State:
         """Begin new episodes in the lanes of `mask`; return the state of all lanes."""
         config = self.config
-        self._episodes.start(mask.numpy(), options)
+        self._episodes.start(mask.cpu().numpy(), options)
         began = self._episodes.beginnings()
         alike = not config.randomization.names and not self._episodes.some_altered
         self._rows = (
             ChainParameters(*(field[:1] for field in began.chains)) if alike else began.chains
         )
         context = config.randomization.normalised(began.context)
-        self._lanes: Lanes = lanes_of(began.chains, began.limits, began.goals, context, alike=alike)
-        self._theta, self._omega = self._replaced(mask, torch.from_numpy(began.state))
+        lanes = lanes_of(began.chains, began.limits, began.goals, context, alike=alike)
+        self._lanes: Lanes = lanes.to(self.device)
+        start = torch.from_numpy(began.state).to(self.device)
+        self._theta, self._omega = self._replaced(mask, start)
         state = State.of(self._theta, self._omega, self._lanes)
         energy = state.energy(self._lanes).detach()
         self._start_energy = torch.where(mask, energy, self._start_energy)
@@ -199,7 +208,7 @@ class DifferentiableVectorEnv:
         waiting, mode = self._done, self.autoreset_mode
         resets = mode is AutoresetMode.NEXT_STEP and bool(waiting.any())
         if mode is AutoresetMode.DISABLED and waiting.any():
-            raise lanes_are_done(waiting.numpy())
+            raise lanes_are_done(waiting.cpu().numpy())
         clipped = self._clipped(action)
         self._progress = Progress.UNFINISHED
         if resets:
@@ -217,7 +226,7 @@ class DifferentiableVectorEnv:
     def _advance(self, clipped: Tensor) -> None:
         torque = clipped * self._lanes.limits
         if self.config.joints.size == 0:
-            torque = torch.zeros(self.num_envs, 1, dtype=torch.float64)
+            torque = self._zeros(self.num_envs, 1)
         self._taken += 1
         try:
             call = Call(self._steps, self.config.dt, rows=self._rows)
@@ -261,6 +270,7 @@ class DifferentiableVectorEnv:
                 f"action must be of the environment's dtype {self.dtype}, got {given.dtype}: make "
                 "the environment with dtype=..., or convert with .to(...)"
             )
+        self._check_place("action", given)
         if given.shape != (self.num_envs, joints):
             wanted = (self.num_envs, joints)
             raise ValueError(f"action must have the shape {wanted}, got {tuple(given.shape)}")
@@ -270,9 +280,10 @@ class DifferentiableVectorEnv:
 
     def _chosen(self, action: Any) -> Tensor:
         """Return what discrete actions, integers (B,), stand for."""
-        table = torch.from_numpy(self.config.action_table)
+        table = torch.from_numpy(self.config.action_table).to(self.device)
         if not isinstance(action, Tensor) or action.is_floating_point():
             raise TypeError(f"action must be a tensor of integers, got {_checks.show(action)}")
+        self._check_place("action", action)
         most = max(1, len(table))
         if action.shape != (self.num_envs,) or ((action < 0) | (action >= most)).any():
             raise ValueError(
@@ -280,8 +291,15 @@ class DifferentiableVectorEnv:
                 f"got {_checks.show(action)}"
             )
         if len(table) == 0:
-            return torch.zeros(self.num_envs, 0, dtype=torch.float64)
+            return self._zeros(self.num_envs, 0)
         return table[action.long()]
+
+    def _check_place(self, name: str, given: Tensor) -> None:
+        if given.device.type != self.device.type:
+            raise TypeError(
+                f"{name} must be on the environment's device {self.device}, got {given.device}: "
+                "make the environment with device=..., or convert with .to(...)"
+            )
 
     def _observation(self, state: State) -> Tensor:
         return observe(self.config, state, self._lanes).to(self.dtype)
@@ -321,6 +339,7 @@ class DifferentiableVectorEnv:
         wanted, checked = (self.num_envs, self.config.n), []
         for name, given in zip(("theta", "omega"), value, strict=True):
             tensor = check_tensor(name, given).to(torch.float64)
+            self._check_place(name, tensor)
             if tensor.shape != wanted:
                 raise ValueError(f"{name} must have the shape {wanted}, got {tuple(tensor.shape)}")
             checked.append(tensor)

@@ -28,6 +28,11 @@ class Lanes(NamedTuple):
     goals: Tensor  # (B, n), or (B, 0)
     context: Tensor  # (B, k), within -1 to 1
 
+    def to(self, device: torch.device) -> Lanes:
+        """Return the same on a device."""
+        chains = ChainParameters(*(field.to(device) for field in self.chains))
+        return Lanes(chains, *(tensor.to(device) for tensor in self[1:]))
+
 
 class State(NamedTuple):
     """Angles and velocities with what follows from them, (B, n)."""
@@ -110,7 +115,7 @@ def judge(mode: Mode, judged: Quantities[Tensor], *, sparse: bool) -> tuple[Tens
 def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
     """Return the observations of an environment, (B, numbers), float64."""
     if config.with_sines:
-        speeds = state.omega * torch.from_numpy(1.0 / config.speed_scale)
+        speeds = state.omega * torch.from_numpy(1.0 / config.speed_scale).to(state.omega.device)
         limit = config.speed_limit
         parts = [state.sin, state.cos, speeds.clamp(-limit, limit)]
     else:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
+from npend_gym.compiled.gpu import require_device
 from npend_gym.torch.autograd import Call, Step
 from npend_gym.torch.compiled_steps import CompiledSteps
 
@@ -157,3 +158,25 @@ def _broadcast(
         x.expand(*leading, *own).reshape(-1, *own).contiguous()
         for x, own in zip(shaped, axes, strict=True)
     ]
+
+
+def check_device(device: str | torch.device) -> torch.device:
+    """Return the device, refused where steps cannot be taken there.
+
+    Raises
+    ------
+    ValueError
+        If it is neither the processor nor an NVIDIA GPU.
+    RuntimeError, ImportError
+        If there is no GPU, or torch or Numba cannot use it.
+    """
+    chosen = torch.device(device)
+    _checks.choice("device", chosen.type, ("cpu", "cuda"))
+    if chosen.type == "cuda":
+        require_device()
+        if not torch.cuda.is_available():
+            raise RuntimeError(
+                'device "cuda" needs a torch with CUDA, this one is '
+                f'{torch.__version__}: install one as pytorch.org says, or use device="cpu"'
+            )
+    return chosen

@@ -16,7 +16,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel
-from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.compiled.sincos import MAX_ANGLE, sincos
 from npend_gym.compiled.translation import CUDA, FLOAT
 from npend_gym.physics.kernels.derivatives import adjoint_of_group, adjoint_rows
 from npend_gym.physics.kernels.dynamics import copy
@@ -121,6 +121,17 @@ def long_chains() -> Callable[..., None]:
             diverged[lane] = own[Member.DIVERGED, 0]
 
     return advance_threads
+
+
+def sines() -> Callable[..., None]:
+    """Return what a thread runs that writes sine and cosine of an entry of x (m,) into s and c."""
+
+    def sine_threads(x: Any, s: Any, c: Any) -> None:
+        i = CUDA.grid(1)
+        if i < x.size:
+            s[i], c[i] = sincos(x[i])
+
+    return sine_threads
 
 
 def clears() -> Callable[..., None]:
