@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import theory
+from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
-from npend_gym.physics import linearise, mass_matrix, simulate
+from npend_gym.chain import Chain, check_chain
+from npend_gym.physics import mass_matrix, simulate
+from npend_gym.physics.arguments import check_limits, check_settings
+from npend_gym.physics.integration import check_times
+from npend_gym.physics.replay import replay
+from npend_gym.physics.sensitivities import carry, rods_of
 
-STEP = 0.1  # of the tangent equation, in radians of the fastest normal mode
-_ENTRIES = 200_000  # of the matrices held at once: they stay in the processor's cache
+STEP = 0.1  # between the instants of `Growth`, in radians of the fastest normal mode
+_LONGEST = 0.5  # step, in the same; at an equilibrium the motion itself would allow any
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,30 +63,59 @@ class Growth:
         return self.rate > self.bound
 
 
-def propagators(chain: Chain, theta: FloatArray, omega: FloatArray, step: float) -> FloatArray:
-    """Return the matrices that carry tangent vectors over each step of a motion.
+def tangents(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    times: ArrayLike,
+    vectors: FloatArray,
+    *,
+    rtol: float = 1e-11,
+    steps: int = 256,
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Carry tangent vectors along a motion, exactly through the steps of the integrator.
 
-    The variational equation V' = A(t) V is solved by RK4, with A from states half a step apart.
+    A vector takes O(n) operations a step. Between two iterations `vectors` stands at the end of the
+    last step, where it may be normalised, or made orthogonal, in place.
 
     Parameters
     ----------
     chain : Chain
-    theta, omega : ndarray, shape (2 steps + 1, n)
-        The motion at instants half a step apart.
-    step : float
-        [s]
+    theta, omega : array_like, shape (n,)
+        The start [rad, rad/s]; one number stands for all rods.
+    times : ndarray, shape (T,)
+        Instants [s]; the motion starts at the first, which is not yielded.
+    vectors : ndarray, shape (D, 2n)
+        Changes of (theta, omega) at the start, float64; it is overwritten.
+    rtol : float
+        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+    steps : int
+        Of the motion, in one iteration, at most.
 
-    Returns
-    -------
-    ndarray, shape (steps, 2n, 2n)
+    Yields
+    ------
+    slice, ndarray of shape (F, D, 2n)
+        Which of the instants lie in the steps, and the vectors there.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    FloatingPointError
+        If vectors outgrow all bounds in one iteration.
     """
-    a = linearise(chain, theta, omega).A
-    start, middle, end = a[:-1:2], a[1::2], a[2::2]
-    one = np.eye(2 * chain.n)
-    k2 = middle @ (one + 0.5 * step * start)
-    k3 = middle @ (one + 0.5 * step * k2)
-    k4 = end @ (one + step * k3)
-    return one + step / 6.0 * (start + 2.0 * (k2 + k3) + k4)
+    n = check_chain(chain).n
+    state = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
+    check_limits(state[:n], state[n:])
+    if vectors.ndim != 2 or vectors.shape[1] != 2 * n or vectors.dtype != np.float64:
+        raise ValueError(
+            f"vectors must be float64 of shape (D, {2 * n}), got {vectors.dtype} {vectors.shape}"
+        )
+    longest = _LONGEST / theory.fastest_frequency(chain)
+    settings = check_settings("dop853", rtol, 0.01 * rtol, longest)
+    instants, none = check_times(times, n), np.zeros(n)
+    motion = replay("dop853", chain.repeated(1), state, instants, none, settings)
+    return carry(motion, rods_of(motion), vectors, steps=_checks.count("steps", steps))
 
 
 def tangent_growth(
@@ -100,25 +134,17 @@ def tangent_growth(
     duration : float
         How long the motion is followed [s].
     """
-    n = chain.n
     step = STEP / theory.fastest_frequency(chain)
     count = int(np.ceil(duration / step))
-    vector = np.random.default_rng(n).normal(size=2 * n)
-    vector /= np.linalg.norm(vector)
-    logarithm, total = np.empty(count), 0.0
-    chunk = min(1000, max(10, _ENTRIES // n**2))
-    for first in range(0, count, chunk):
-        steps = min(chunk, count - first)
-        times = 0.5 * step * np.arange(2 * steps + 1)
-        path = simulate(chain, theta, omega, times, rtol=1e-11, atol=1e-13)
-        theta, omega = path.theta[-1], path.omega[-1]
-        for k, matrix in enumerate(propagators(chain, path.theta, path.omega, step), first):
-            vector = matrix @ vector
-            size = float(np.linalg.norm(vector))
-            vector /= size
-            total += np.log(size)
-            logarithm[k] = total
-    return Growth(step * np.arange(1.0, count + 1.0), logarithm)
+    vectors = np.random.default_rng(chain.n).normal(size=(1, 2 * chain.n))
+    vectors /= np.linalg.norm(vectors)
+    times, logarithm, total = step * np.arange(count + 1.0), np.zeros(count + 1), 0.0
+    for span, frames in tangents(chain, theta, omega, times, vectors):
+        logarithm[span] = total + np.log(np.linalg.norm(frames[:, 0], axis=1))
+        size = np.linalg.norm(vectors)
+        total += float(np.log(size))
+        vectors /= size
+    return Growth(times[1:], logarithm[1:])
 
 
 def neighbour_distance(
@@ -153,9 +179,11 @@ def volume_change(chain: Chain, theta0: float = 1.0, duration: float = 2.0) -> f
     the end by that at the start: the volume in angles and momenta. The motion starts with all rods
     at `theta0` [rad] and 0.5 rad/s, and lasts `duration` [s].
     """
-    steps = 8 * math.ceil(duration * theory.fastest_frequency(chain) / STEP)
-    times = np.linspace(0.0, duration, 2 * steps + 1)
-    path = simulate(chain, theta0, 0.5, times, rtol=1e-12, atol=1e-13)
-    start, end = np.linalg.slogdet(mass_matrix(chain, path.theta[[0, -1]]))[1]
-    matrices = propagators(chain, path.theta, path.omega, duration / steps)
-    return float(np.exp(end - start + np.linalg.slogdet(matrices)[1].sum()) - 1.0)
+    path = simulate(chain, theta0, 0.5, [0.0, duration], rtol=1e-12, atol=1e-14)
+    start, end = np.linalg.slogdet(mass_matrix(chain, path.theta))[1]
+    growth, unit = end - start, np.eye(2 * chain.n)
+    vectors = unit.copy()
+    for _ in tangents(chain, theta0, 0.5, path.times, vectors, rtol=1e-12):
+        growth += np.linalg.slogdet(vectors)[1]
+        vectors[:] = unit
+    return float(np.exp(growth) - 1.0)

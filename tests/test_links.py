@@ -209,6 +209,7 @@ def test_the_linearisation_of_links_is_the_slope_of_their_accelerations(n):
         np.testing.assert_array_equal(system.A[:n], np.eye(n, 2 * n, k=n))
 
 
+@pytest.mark.long
 def test_a_motion_of_links_without_losses_keeps_the_volume_in_phase_space():
     assert abs(chaos.volume_change(LOSSLESS)) < 1e-6
     assert chaos.volume_change(MACHINE) < -0.9

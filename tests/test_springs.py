@@ -193,7 +193,8 @@ def steps_of(chain, stiffness=None, **start):
     state = np.concatenate(state)
     solver, problem = new_solver(0.0, state), Problem(rods, np.zeros(n), 1e-10, 1e-12)
     times, frames, count = np.array([0.0, 2.0]), np.empty((2, state.size)), 0
-    while dop853_frames(solver, problem, count == 0, times, 1, 1, frames) == 1:
+    none = np.zeros((0, 0))
+    while dop853_frames(solver, problem, count == 0, times, 1, 1, np.inf, frames, none) == 1:
         count += 1
     return count + 1
 

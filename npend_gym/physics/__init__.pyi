@@ -9,12 +9,15 @@ from npend_gym.physics.gpu import DeviceChains as DeviceChains
 from npend_gym.physics.gpu_derivatives import (
     DifferentiableDeviceChains as DifferentiableDeviceChains,
 )
+from npend_gym.physics.integration import IntegrationError as IntegrationError
 from npend_gym.physics.linearisation import Linearisation as Linearisation
 from npend_gym.physics.linearisation import jacobian as jacobian
 from npend_gym.physics.linearisation import linearise as linearise
 from npend_gym.physics.linearisation import step_jacobian as step_jacobian
 from npend_gym.physics.pivot import Pivot as Pivot
-from npend_gym.physics.simulation import IntegrationError as IntegrationError
+from npend_gym.physics.sensitivities import MotionGradient as MotionGradient
+from npend_gym.physics.sensitivities import Sensitivities as Sensitivities
 from npend_gym.physics.simulation import simulate as simulate
 from npend_gym.physics.springs import Springs as Springs
+from npend_gym.physics.trajectory import Integration as Integration
 from npend_gym.physics.trajectory import Trajectory as Trajectory

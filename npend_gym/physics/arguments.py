@@ -113,6 +113,5 @@ def check_settings(method: str, rtol: float, atol: float, dt: float | None) -> d
         if dt is None:
             raise ValueError('dt must be given with method "rk4": the longest step in seconds')
         return {"dt": _checks.positive_number("dt", dt)}
-    if dt is not None:
-        raise ValueError(f'dt must be None with method "dop853", which chooses its own, got {dt}')
-    return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol)}
+    longest = {} if dt is None else {"dt": _checks.positive_number("dt", dt)}
+    return {"rtol": check_rtol(rtol), "atol": _checks.positive_number("atol", atol), **longest}

@@ -12,7 +12,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.gpu import DeviceChains
-from npend_gym.physics.simulation import IntegrationError, count_steps, diverged_text
+from npend_gym.physics.integration import IntegrationError, count_steps, diverged_text
 from npend_gym.physics.trajectory import MAX_BYTES, Trajectory
 
 _MAX_LAUNCH = 2**16  # steps in one launch, so that Ctrl-C is heard

@@ -12,6 +12,7 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.energy import positions
+from npend_gym.physics.integration import IntegrationError, check_angles
 from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
 from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.kernels.releases import (
@@ -30,7 +31,6 @@ from npend_gym.physics.kernels.turning_points import (
     new_record,
     speed_threshold,
 )
-from npend_gym.physics.simulation import IntegrationError, check_angles
 from npend_gym.physics.springs import Springs, axial_start, stretched
 
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
-from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_limits, check_settings, check_torque
+from npend_gym.physics.integration import (
+    check_adaptive_steps,
+    check_fixed_steps,
+    check_times,
+    count_steps,
+    ended_rod,
+)
 from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
-from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.pivot import check_pivot
 from npend_gym.physics.springs import axial_start, check_springs, check_vibrations
-from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Trajectory
+from npend_gym.physics.trajectory import AXIAL, OF_PIVOT, Integration, Trajectory
 
-_MAX_STEPS = 10**12  # between two times
 # Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
 _RODS_PER_CALL = 500_000
-
-
-class IntegrationError(RuntimeError):
-    """The integration cannot go on: the state has diverged, or the tolerance is out of reach."""
+_NOWHERE = np.zeros((0, 0))  # steps are not recorded
 
 
 def simulate(
@@ -92,7 +95,8 @@ def simulate(
     rtol, atol : float
         Relative and absolute tolerance of each step (for "dop853").
     dt : float, optional
-        Longest step [s] (for "rk4", which requires it).
+        Longest step [s]; "rk4" requires it. By default "dop853" takes steps of any length: at rest,
+        where the motion has no error, very long ones.
     device : {"cpu", "cuda"}
         "cuda": many motions side by side on a GPU, by method "rk4", of rigid rods on a pivot at
         rest. `torque` may then have the shape (B, n) too. Needs the extra "cuda".
@@ -126,11 +130,11 @@ def simulate(
         from npend_gym.physics.gpu_simulation import simulate_many
 
         settings = check_settings(method, rtol, atol, dt)
-        return simulate_many(chain, theta, omega, _check_times(times, n), torque, **settings)
+        return simulate_many(chain, theta, omega, check_times(times, n), torque, **settings)
     theta = _checks.vector("theta", theta, n)
     omega = _checks.vector("omega", omega, n)
     check_limits(theta, omega)
-    times = _check_times(times, n)
+    times = check_times(times, n)
     torque = _checks.vector("torque", check_torque(torque, n), n)
     pivot = check_pivot(pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity)
     settings = check_settings(method, rtol, atol, dt)
@@ -151,7 +155,8 @@ def simulate(
     if method == "rk4":
         frames = _run_rk4(rods, state, times, forces, n, **settings)
     else:
-        frames = _run_dop853(Problem(rods, forces, **settings), state, times, n)
+        problem = Problem(rods, forces, settings["rtol"], settings["atol"])
+        frames = _run_dop853(problem, state, times, n, settings.get("dt", math.inf))
     made_by = provenance(
         {"method": method, **settings, "torque": torque.tolist(), "pivot": pivot.as_dict()}
         | ({} if springs is None else {"springs": springs.as_dict()})
@@ -160,22 +165,10 @@ def simulate(
     columns = slice(n), slice(n, half), slice(half, half + n), slice(half + n, None)
     theta, place, omega, rate = (frames[:, part].copy() for part in columns)
     beyond = dict(zip(names, (place, rate), strict=False))  # no names: rigid rods, pivot at rest
-    return Trajectory(chain, times, theta, omega, made_by, pivot, springs=springs, **beyond)
-
-
-def _check_times(times: ArrayLike, n: int) -> FloatArray:
-    """Return the instants of a trajectory, shape (T,)."""
-    instants = _checks.array("times", times)
-    if instants.ndim != 1 or instants.size == 0 or np.any(np.diff(instants) <= 0.0):
-        raise ValueError(
-            f"times must be a list of increasing instants, got {_checks.show(instants)}"
-        )
-    if 16 * n * instants.size > MAX_BYTES:
-        raise ValueError(
-            f"times must hold at most {MAX_BYTES // (16 * n)} instants for {n} rods, "
-            f"got {instants.size}: simulate them in segments"
-        )
-    return instants
+    how = Integration(method, torque, settings)
+    return Trajectory(
+        chain, times, theta, omega, made_by, pivot, springs=springs, integration=how, **beyond
+    )
 
 
 def _run_rk4(
@@ -185,62 +178,26 @@ def _run_rk4(
     steps = count_steps(times, dt)
     frames = np.empty((times.size, state.size))
     frames[0] = state
-    progress, scratch, sound = np.array([1, 0, 0]), new_rk4_scratch(state.size // 2), True
-    while sound and progress[0] < times.size:
+    progress, scratch = np.array([1, 0, 0]), new_rk4_scratch(state.size // 2)
+    while progress[0] < times.size:
         progress[2] = max(1, _RODS_PER_CALL // n)
-        sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames)
-        check_angles(state[:n], float(times[progress[0] - 1]))
-    if not sound:
-        interval = times[progress[0] - 1 : progress[0] + 1]
-        raise IntegrationError(diverged_text(interval, dt) + _ended_rod(chain))
+        sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames, _NOWHERE)
+        check_fixed_steps(sound, state[:n], times, int(progress[0]), dt, ended_rod(chain))
     return frames
 
 
-def count_steps(times: FloatArray, dt: float) -> NDArray[np.int64]:
-    """Return the number of steps up to each time from the one before; 1 at the first."""
-    intervals = np.diff(times, prepend=times[0])
-    if float(intervals.max()) / dt > _MAX_STEPS:
-        raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
-    return np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
-
-
-def diverged_text(interval: FloatArray, dt: float) -> str:
-    """Return what an error says where steps of at most `dt` diverged in an interval."""
-    since, until = interval
-    return (
-        f"the state diverged between t = {since:g} s and {until:g} s: "
-        f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
-    )
-
-
-def _run_dop853(problem: Problem, state: FloatArray, times: FloatArray, n: int) -> FloatArray:
+def _run_dop853(
+    problem: Problem, state: FloatArray, times: FloatArray, n: int, longest: float
+) -> FloatArray:
     """Return the state at each time, a row each, by steps that meet the tolerances."""
     frames = np.empty((times.size, state.size))
     frames[0] = state
     solver = new_solver(float(times[0]), state)
     done, starting, steps = 1, True, max(1, _RODS_PER_CALL // n)
     while done < times.size:
-        done = dop853_frames(solver, problem, starting, times, done, steps, frames)
-        starting = False
-        check_angles(solver.y[:n], float(solver.clock[1]))
-        if done < 0:
-            raise IntegrationError(
-                f"no step is small enough at t = {solver.clock[1]:g} s for "
-                f"rtol = {problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the "
-                "state and parameters" + _ended_rod(problem.chain)
-            )
-    return frames
-
-
-def _ended_rod(chain: AnyArrays) -> str:
-    """Return what else may stop the motion of rods that stretch."""
-    return ", or a rod has no length left" if isinstance(chain, SpringArrays) else ""
-
-
-def check_angles(theta: FloatArray, time: float) -> None:
-    """Raise an error where rods have turned so often that sines lose digits."""
-    if np.any(np.abs(theta) > MAX_ANGLE):
-        raise IntegrationError(
-            f"a rod has turned by more than {MAX_ANGLE:g} rad soon after t = {time:g} s: "
-            "continue in segments, each begun with the last angles less whole turns"
+        done = dop853_frames(
+            solver, problem, starting, times, done, steps, longest, frames, _NOWHERE
         )
+        starting = False
+        check_adaptive_steps(done, solver, problem, n)
+    return frames

@@ -1,25 +1,37 @@
-"""The motion of a chain at given times, and the file that keeps it."""
+"""The motion of a chain at given times."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from npend_gym import _checks, _files
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.pivot import Pivot, check_pivot
-from npend_gym.physics.springs import Springs, check_springs, stretched, stretching
+from npend_gym.physics.pivot import Pivot
+from npend_gym.physics.springs import Springs, stretched, stretching
+
+if TYPE_CHECKING:
+    from npend_gym.physics.sensitivities import MotionGradient, Sensitivities
 
 OF_PIVOT = ("pivot_position", "pivot_velocity")  # arrays that are there where it moves
 AXIAL = ("stretch", "stretch_rate")  # and where rods stretch
 MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
+
+
+class Integration(NamedTuple):
+    """How `simulate` took the steps of a motion."""
+
+    method: str
+    torque: FloatArray  # on every joint [N m], (n,)
+    settings: dict[str, float]  # "rtol" and "atol", or "dt"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +59,9 @@ class Trajectory:
     stretch, stretch_rate : ndarray, shape (T, n)
         How much longer the rods are than ``chain.lengths`` [m], and its rate [m/s]; None where
         they are rigid.
+    integration : Integration
+        How its steps were taken; None where `simulate` did not take them on this machine's
+        processor.
 
     Notes
     -----
@@ -66,6 +81,7 @@ class Trajectory:
     springs: Springs | None = None
     stretch: FloatArray | None = None
     stretch_rate: FloatArray | None = None
+    integration: Integration | None = None
 
     @property
     def _rods(self) -> Chain | ChainParameters:
@@ -126,6 +142,78 @@ class Trajectory:
             raise ValueError("cart() needs a trajectory made by simulate(..., cart_mass=...)")
         return _checks.number("position", position) + place[:, 0], velocity[:, 0].copy()
 
+    def sensitivities(
+        self, joints: Sequence[int] = (0,), parameters: Mapping[str, ArrayLike] | None = None
+    ) -> Sensitivities:
+        """Return the derivatives of theta and omega at all times by what the motion began with.
+
+        Parameters
+        ----------
+        joints : sequence of int
+            Joints by whose torques derivatives are wanted.
+        parameters : mapping of str to array_like, shape (K, n), optional
+            K directions in which parameters of the chain change together, by their names in
+            `Chain`; the shape for gravity is (K,). ``{"masses": np.eye(n)}`` is each mass alone.
+
+        Returns
+        -------
+        Sensitivities
+            A, shape (T, 2n, 2n), by the state at ``times[0]``; B, shape (T, 2n, len(joints)), by
+            the torques; C, shape (T, 2n, K), along the directions.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If an argument breaks its rule, the motion is not one of rigid rods on a pivot at rest,
+            made by `simulate`, or the derivatives would take more than 8 GB.
+        FloatingPointError
+            If derivatives grow beyond all bounds.
+
+        Notes
+        -----
+        They are the derivatives of the steps that were taken, to rounding, their lengths held
+        fixed: for "dop853" those of each accepted step and of the polynomial between its ends. The
+        steps are not kept: the motion is integrated once more, with the same bits. The time grows
+        as the number of derivatives, the memory is that of the result.
+        """
+        from npend_gym.physics.sensitivities import sensitivities
+
+        return sensitivities(self, joints, parameters)
+
+    def gradient(
+        self, theta_bar: ArrayLike, omega_bar: ArrayLike, parameters: Sequence[str] = ()
+    ) -> MotionGradient:
+        """Return the gradient of a function of this motion by what the motion began with.
+
+        Parameters
+        ----------
+        theta_bar, omega_bar : array_like, shape (T, n)
+            Derivatives of the function by `theta` and `omega` at all times; one number stands for
+            all.
+        parameters : sequence of str
+            Names of the parameters of `Chain` by which derivatives are wanted as well.
+
+        Returns
+        -------
+        MotionGradient
+            `by_theta` and `by_omega`, of the state at ``times[0]``, `by_torque` on every joint,
+            shape (n,) each, and `by_parameters`, a dict.
+
+        Raises
+        ------
+        ValueError, TypeError, FloatingPointError
+            As for `sensitivities`.
+
+        Notes
+        -----
+        It goes back through the steps that `sensitivities` goes forward through, and takes the same
+        time for one derivative or all. Of S steps it holds some 6 sqrt(S) states at a time: the
+        motion is integrated twice.
+        """
+        from npend_gym.physics.sensitivities import gradient
+
+        return gradient(self, theta_bar, omega_bar, parameters)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the trajectory to `path` as an npz archive, whole or not at all.
 
@@ -134,19 +222,9 @@ class Trajectory:
         OSError
             If `path` cannot be written.
         """
-        about = json.dumps(
-            {
-                "chain": self.chain.as_dict(),
-                "pivot": self.pivot.as_dict(),
-                "springs": self.springs and self.springs.as_dict(),
-                "provenance": self.provenance,
-            }
-        )
-        names = ("times", "theta", "omega", *OF_PIVOT, *AXIAL)
-        arrays = {name: getattr(self, name) for name in names}
-        arrays = {name: array for name, array in arrays.items() if array is not None}
-        with _files.replacing(Path(path), binary=True) as file:
-            np.savez_compressed(file, about=np.array(about), **arrays)
+        from npend_gym.physics.trajectory_file import write_trajectory
+
+        write_trajectory(self, Path(path))
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Trajectory:
@@ -159,34 +237,6 @@ class Trajectory:
         OSError
             If `path` cannot be read.
         """
-        try:
-            return _read(Path(path))
-        except (KeyError, ValueError, TypeError, RecursionError) as error:
-            raise ValueError(
-                f"path must name a trajectory made by save(); {path}: {error}"
-            ) from error
+        from npend_gym.physics.trajectory_file import read_trajectory
 
-
-def _read(path: Path) -> Trajectory:
-    """Return the trajectory in an npz archive, every part of it checked."""
-    data = _files.read_arrays(path, 2 * MAX_BYTES)
-    about = json.loads(str(data["about"]))
-    times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
-    chain = Chain.from_dict(about["chain"])
-    shape = (times.size, chain.n)
-    if times.ndim != 1 or theta.shape[-2:] != shape or omega.shape != theta.shape:
-        raise ValueError(f"theta and omega must have the shape {shape}, or (B, *{shape})")
-    if not isinstance(about["provenance"], dict):
-        raise TypeError("its provenance must be a dict")
-    pivot = check_pivot(**about["pivot"])
-    given: dict[str, Any] = about.get("springs") or {}
-    springs = check_springs(chain, **given)
-    beyond: dict[str, FloatArray] = {}
-    for names, width in ((OF_PIVOT, 2 * pivot.moves), (AXIAL, chain.n * (springs is not None))):
-        for name in names if width else ():
-            beyond[name] = _checks.array(name, data[name])
-            if beyond[name].shape != (times.size, width):
-                raise ValueError(f"{name} must have the shape {(times.size, width)}")
-    return Trajectory(
-        chain, times, theta, omega, about["provenance"], pivot, springs=springs, **beyond
-    )
+        return read_trajectory(Path(path))

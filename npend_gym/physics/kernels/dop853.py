@@ -20,7 +20,7 @@ from npend_gym.physics.kernels.dynamics import AnyArrays, copy, derivative, new_
 
 STAGES = 12
 _ROWS = 16  # 12 stages, the derivative at the new point, 3 more for dense output
-_A = np.zeros((_ROWS, _ROWS))
+TABLEAU = _A = np.zeros((_ROWS, _ROWS))  # in its row STAGES the end of the step
 _A[:STAGES, :STAGES] = DOP853.A
 _A[STAGES, :STAGES] = DOP853.B
 _A[STAGES + 1 :] = DOP853.A_EXTRA
@@ -204,6 +204,18 @@ def prepare_dense(solver: Solver, problem: Problem) -> None:
         poly[2, i] = 2.0 * delta - h * (k[STAGES, i] + k[0, i])
 
 
+def dense_weights(x: FloatArray) -> FloatArray:
+    """Return the weights of the stages at fractions `x` (F,) of a step, (F, stages).
+
+    The state there is y_old + h sum_s weights_s k_s, as `interpolate` has it.
+    """
+    ends, last = np.eye(_ROWS)[[0, STAGES]], _A[STAGES]
+    rows = [last, ends[0] - last, 2.0 * last - ends[0] - ends[1], *_D]
+    u = 1.0 - x
+    powers = np.cumprod(np.array([x, u, x, u, x, u, x]), axis=0)
+    return np.asarray(powers.T @ np.array(rows), np.float64)
+
+
 @inner_kernel
 def interpolate(solver: Solver, x: float, out: FloatArray) -> None:
     """Write the state at the fraction `x` of the last step into `out` (2n,)."""
@@ -222,21 +234,28 @@ def interpolate(solver: Solver, x: float, out: FloatArray) -> None:
 @kernel
 def dop853_frames(
     solver: Solver, problem: Problem, starting: bool, times: FloatArray, done: int, max_steps: int,
-    frames: FloatArray,
+    longest: float, frames: FloatArray, visited: FloatArray,
 ) -> int:  # fmt: skip
     """Write the state at each time from index `done` on into `frames` (T, 2n).
 
-    Return the number of frames written after at most `max_steps` steps, or minus that number where
-    the integration cannot continue.
+    No step is longer than `longest`. Begin and end of each, and the state at its beginning, are
+    written into a row of `visited` (max_steps, 2 + 2n), unless that is empty. Return the number of
+    frames written after at most `max_steps` steps, or minus that number where the integration
+    cannot continue.
     """
     clock = solver.clock
     if starting:
         start(solver, problem)
-    for _ in range(max_steps):
+    for count in range(max_steps):
         if done == times.size:
             break
+        if clock[2] > longest:
+            clock[2] = longest
         if not step(solver, times[-1], problem):
             return -done
+        if visited.size > 0:
+            visited[count, 0], visited[count, 1] = clock[0], clock[1]
+            copy(solver.y_old, visited[count, 2:])
         dense = False
         while done < times.size and times[done] <= clock[1]:
             if times[done] == clock[1]:

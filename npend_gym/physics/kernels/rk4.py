@@ -18,6 +18,9 @@ from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, acceleratio
 K_4, OMEGA_2, _THETA, WORK = 3, 4, 7, 8
 RK4_ROWS = WORK + WORK_ROWS
 
+TABLEAU = np.diag([0.5, 0.5, 1.0], -1)  # the method as `sensitivities.Steps` has it
+WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+
 
 def new_rk4_scratch(n: int, width: int = 1) -> FloatArray:
     """Return the work space of `rk4_step` for chains of `n` rods."""
@@ -81,25 +84,32 @@ def _steps(
 def rk4_frames(
     y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
     torque: FloatArray, chain: AnyArrays, scratch: FloatArray, frames: FloatArray,
+    visited: FloatArray,
 ) -> bool:  # fmt: skip
     """Write the state (theta, omega) at each time into `frames` (T, 2n).
 
     The interval from times[k - 1] to times[k] is cut into steps[k] equal steps. `progress` holds
     the number of frames that are written, the steps taken since the last of them, and the steps
-    that this call may take: it stops there, and another call continues from the state `y`. Return
-    False where the state diverged, in the interval before the frame that was to be written next.
+    that this call may take: it stops there, and another call continues from the state `y`. The
+    state at the beginning of each step is written into a row of `visited`, unless that is empty.
+    Return False where the state diverged, in the interval before the frame that was to be written
+    next.
     """
     n = y.size // 2
-    theta, omega = y[:n], y[n:]
+    theta, omega, passed = y[:n], y[n:], 0
     while progress[0] < times.size and progress[2] > 0:
         k = progress[0]
         h: Any = (times[k] - times[k - 1]) / steps[k]
         count = min(steps[k] - progress[1], progress[2])
+        if visited.size > 0:
+            count = 1
+            copy(y, visited[passed])
+            passed += 1
         _steps(theta, omega, h, count, torque, chain, scratch)
         progress[1] += count
         progress[2] -= count
         if progress[1] < steps[k]:
-            return True
+            continue
         total = 0.0
         for i in range(y.size):
             total += y[i]

@@ -1,0 +1,86 @@
+"""What every integration in time checks: its instants, and whether it can go on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.kernels.dop853 import Problem, Solver
+from npend_gym.physics.kernels.dynamics import AnyArrays
+from npend_gym.physics.kernels.springs import SpringArrays
+from npend_gym.physics.trajectory import MAX_BYTES
+
+_MAX_STEPS = 10**12  # between two times
+
+
+class IntegrationError(RuntimeError):
+    """The integration cannot go on: the state has diverged, or the tolerance is out of reach."""
+
+
+def check_times(times: ArrayLike, n: int) -> FloatArray:
+    """Return the instants of a trajectory, shape (T,)."""
+    instants = _checks.array("times", times)
+    if instants.ndim != 1 or instants.size == 0 or np.any(np.diff(instants) <= 0.0):
+        raise ValueError(
+            f"times must be a list of increasing instants, got {_checks.show(instants)}"
+        )
+    if 16 * n * instants.size > MAX_BYTES:
+        raise ValueError(
+            f"times must hold at most {MAX_BYTES // (16 * n)} instants for {n} rods, "
+            f"got {instants.size}: simulate them in segments"
+        )
+    return instants
+
+
+def check_fixed_steps(
+    sound: bool, theta: FloatArray, times: FloatArray, done: int, dt: float, beyond: str = ""
+) -> None:
+    """Raise an error where `rk4_frames` cannot go on, after it has written `done` frames."""
+    check_angles(theta, float(times[done - 1]))
+    if not sound:
+        raise IntegrationError(diverged_text(times[done - 1 : done + 1], dt) + beyond)
+
+
+def count_steps(times: FloatArray, dt: float) -> NDArray[np.int64]:
+    """Return the number of steps up to each time from the one before; 1 at the first."""
+    intervals = np.diff(times, prepend=times[0])
+    if float(intervals.max()) / dt > _MAX_STEPS:
+        raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
+    return np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
+
+
+def diverged_text(interval: FloatArray, dt: float) -> str:
+    """Return what an error says where steps of at most `dt` diverged in an interval."""
+    since, until = interval
+    return (
+        f"the state diverged between t = {since:g} s and {until:g} s: "
+        f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
+    )
+
+
+def check_adaptive_steps(done: int, solver: Solver, problem: Problem, n: int) -> None:
+    """Raise an error where `dop853_frames`, which returned `done`, cannot go on."""
+    check_angles(solver.y[:n], float(solver.clock[1]))
+    if done < 0:
+        raise IntegrationError(
+            f"no step is small enough at t = {solver.clock[1]:g} s for "
+            f"rtol = {problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the "
+            "state and parameters" + ended_rod(problem.chain)
+        )
+
+
+def ended_rod(chain: AnyArrays) -> str:
+    """Return what else may stop the motion of rods that stretch."""
+    return ", or a rod has no length left" if isinstance(chain, SpringArrays) else ""
+
+
+def check_angles(theta: FloatArray, time: float) -> None:
+    """Raise an error where rods have turned so often that sines lose digits."""
+    if np.any(np.abs(theta) > MAX_ANGLE):
+        raise IntegrationError(
+            f"a rod has turned by more than {MAX_ANGLE:g} rad soon after t = {time:g} s: "
+            "continue in segments, each begun with the last angles less whole turns"
+        )

@@ -1,0 +1,80 @@
+"""The file that keeps a trajectory."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks, _files
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.physics.arguments import check_settings
+from npend_gym.physics.pivot import check_pivot
+from npend_gym.physics.springs import check_springs
+from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Integration, Trajectory
+
+
+def write_trajectory(motion: Trajectory, path: Path) -> None:
+    """Write `motion` to `path` as an npz archive, whole or not at all."""
+    made = motion.integration
+    about = json.dumps(
+        {
+            "chain": motion.chain.as_dict(),
+            "pivot": motion.pivot.as_dict(),
+            "springs": motion.springs and motion.springs.as_dict(),
+            "provenance": motion.provenance,
+            "integration": made and made._replace(torque=made.torque.tolist())._asdict(),
+        }
+    )
+    names = ("times", "theta", "omega", *OF_PIVOT, *AXIAL)
+    arrays = {name: getattr(motion, name) for name in names}
+    arrays = {name: array for name, array in arrays.items() if array is not None}
+    with _files.replacing(path, binary=True) as file:
+        np.savez_compressed(file, about=np.array(about), **arrays)
+
+
+def read_trajectory(path: Path) -> Trajectory:
+    """Return the trajectory in `path`, or raise a ValueError that says what is wrong with it."""
+    try:
+        return _read(path)
+    except (KeyError, ValueError, TypeError, RecursionError) as error:
+        raise ValueError(f"path must name a trajectory made by save(); {path}: {error}") from error
+
+
+def _read(path: Path) -> Trajectory:
+    """Return the trajectory in an npz archive, every part of it checked."""
+    data = _files.read_arrays(path, 2 * MAX_BYTES)
+    about = json.loads(str(data["about"]))
+    times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
+    chain = Chain.from_dict(about["chain"])
+    shape = (times.size, chain.n)
+    if times.ndim != 1 or theta.shape[-2:] != shape or omega.shape != theta.shape:
+        raise ValueError(f"theta and omega must have the shape {shape}, or (B, *{shape})")
+    if not isinstance(about["provenance"], dict):
+        raise TypeError("its provenance must be a dict")
+    pivot = check_pivot(**about["pivot"])
+    given: dict[str, Any] = about.get("springs") or {}
+    springs = check_springs(chain, **given)
+    beyond: dict[str, FloatArray] = {}
+    for names, width in ((OF_PIVOT, 2 * pivot.moves), (AXIAL, chain.n * (springs is not None))):
+        for name in names if width else ():
+            beyond[name] = _checks.array(name, data[name])
+            if beyond[name].shape != (times.size, width):
+                raise ValueError(f"{name} must have the shape {(times.size, width)}")
+    made = _read_integration(about.get("integration"), chain.n)
+    return Trajectory(
+        chain, times, theta, omega, about["provenance"], pivot, springs=springs, integration=made,
+        **beyond,
+    )  # fmt: skip
+
+
+def _read_integration(given: Any, n: int) -> Integration | None:
+    """Return how the steps of a saved trajectory were taken, if that is known."""
+    if given is None:
+        return None
+    method, settings = given["method"], {"rtol": 1.0, "atol": 1.0, "dt": None} | given["settings"]
+    torque = _checks.vector("torque", given["torque"], n)
+    return Integration(method, torque, check_settings(method, **settings))

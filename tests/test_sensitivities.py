@@ -1,0 +1,243 @@
+"""Derivatives of whole motions against complex steps of the dense systems, and closed forms."""
+
+import dataclasses
+
+import numpy as np
+import oracle
+import pytest
+from scipy.integrate import DOP853
+from scipy.linalg import expm
+from test_derivatives import KINDS, PARAMETERS, TINY, Varied, chains
+
+from npend_gym import Chain, Trajectory, simulate
+from npend_gym.physics import Pivot, accelerations
+from npend_gym.physics.replay import replay
+
+TIMES = np.array([0.0, 0.05, 0.11, 0.3, 0.34])
+METHODS = {"rk4": {"method": "rk4", "dt": 0.02}, "dop853": {"rtol": 1e-8, "atol": 1e-10}}
+
+
+def rates_of(chain, torque):
+    def rates(y):
+        theta, omega = np.split(y, 2)
+        return np.concatenate([omega, oracle.link_accelerations(chain, theta, omega, torque)])
+
+    return rates
+
+
+def dense_rk4(rates, y, times, dt):
+    frames = [y]
+    for span in np.diff(times):
+        steps = int(np.ceil(span / dt - 1e-9))
+        h = span / steps
+        for _ in range(steps):
+            k1 = rates(y)
+            k2 = rates(y + 0.5 * h * k1)
+            k3 = rates(y + 0.5 * h * k2)
+            k4 = rates(y + h * k3)
+            y = y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        frames.append(y)
+    return np.array(frames)
+
+
+def dense_dop853(rates, y, times, lengths):
+    """Steps of the given lengths, with SciPy's coefficients and its dense output."""
+    frames, t = [y], times[0]
+    for h in lengths:
+        k = [rates(y)]
+        for row, count in zip(DOP853.A[1:], range(1, 12), strict=True):
+            k.append(rates(y + h * np.tensordot(row[:count], k, 1)))
+        new = y + h * np.tensordot(DOP853.B, k, 1)
+        k.append(rates(new))
+        for row, count in zip(DOP853.A_EXTRA, range(13, 16), strict=True):
+            k.append(rates(y + h * np.tensordot(row[:count], k, 1)))
+        rest = [new - y, h * k[0] - (new - y), 2.0 * (new - y) - h * (k[12] + k[0])]
+        rest.extend(h * np.tensordot(row, k, 1) for row in DOP853.D)
+        while len(frames) < len(times) and times[len(frames)] <= t + h + 1e-12:
+            x, between = (times[len(frames)] - t) / h, 0.0
+            for i, each in enumerate(reversed(rest)):
+                between = (between + each) * (x if i % 2 == 0 else 1.0 - x)
+            frames.append(y + between)
+        y, t = new, t + h
+    assert len(frames) == len(times)
+    return np.array(frames)
+
+
+def lengths_of(trajectory):
+    made, state = trajectory.integration, [trajectory.theta[0], trajectory.omega[0]]
+    motion = replay(
+        made.method, trajectory.chain.repeated(1), np.concatenate(state), trajectory.times,
+        made.torque, made.settings,
+    )  # fmt: skip
+    return motion.advance(10**4).steps.lengths
+
+
+def oracle_of(trajectory):
+    """Return a function that repeats the steps on the dense system, also of complex numbers."""
+    made, times = trajectory.integration, trajectory.times
+    if made.method == "rk4":
+        return lambda rates, y: dense_rk4(rates, y, times, made.settings["dt"])
+    lengths = lengths_of(trajectory)
+    assert len(lengths) > 2
+    return lambda rates, y: dense_dop853(rates, y, times, lengths)
+
+
+def slopes(f, size):
+    """Return df/dx for (T, 2n) frames, shape (T, 2n, size), by complex steps."""
+    return np.stack([f(1j * TINY * e).imag / TINY for e in np.eye(size)], axis=-1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_motion_forward_and_backward_is_that_of_the_dense_system_to_rounding(kind, method):
+    n, rng = 3, np.random.default_rng(4)
+    for chain in chains(kind, n, rng):
+        theta, omega, torque = rng.normal(size=(3, n)) * [[1.0], [2.0], [1.0]]
+        made = simulate(chain, theta, omega, TIMES, torque=torque, **METHODS[method])
+        names, again = PARAMETERS[kind], oracle_of(made)
+
+        def by_state(change, start=(theta, omega, torque), chain=chain, again=again):
+            varied = [x + d for x, d in zip(start, np.split(change, 3), strict=True)]
+            return again(rates_of(Varied.of(chain), varied[2]), np.concatenate(varied[:2]))
+
+        expected = slopes(by_state, 3 * n)
+        got = made.sensitivities(joints=range(n))
+        both = np.concatenate([got.A, got.B], axis=-1)
+        assert np.abs(both - expected).max() <= 1e-12 * np.abs(expected).max()
+
+        bars = rng.normal(size=(2, TIMES.size, n))
+        weights = np.concatenate([*bars], axis=1)
+        gradient = made.gradient(*bars, parameters=names)
+        backward = np.hstack([gradient.by_theta, gradient.by_omega, gradient.by_torque])
+        product = np.tensordot(weights, expected, 2)
+        assert np.abs(backward - product).max() <= 1e-12 * np.abs(expected).max() * weights.size
+        for name in names:
+
+            def by_parameter(change, name=name, start=(theta, omega, torque), chain=chain):
+                change = change[0] if name == "gravity" else change
+                varied = Varied.of(chain).changed(name, change)
+                return again(rates_of(varied, start[2]), np.concatenate(start[:2]))  # noqa: B023
+
+            expected = slopes(by_parameter, 1 if name == "gravity" else n)
+            scale = max(np.abs(expected).max(), 1e-3)
+            got = made.sensitivities((), {name: [1.0] if name == "gravity" else np.eye(n)}).C
+            assert np.abs(got - expected).max() <= 1e-12 * scale, name
+            product = np.tensordot(weights, expected, 2)
+            error = np.abs(gradient.by_parameters[name] - product).max()
+            assert error <= 1e-11 * scale * weights.size, name
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_small_motions_change_as_the_linear_equations_say(method):
+    """A pendulum swings by cosines, a chain by the exponential of its matrix."""
+    settings = METHODS[method] | {"dt": 2e-3 if method == "rk4" else 0.05}
+    times = np.linspace(0.0, 3.0, 7)
+    pendulum = Chain([2.0], [0.7])
+    w = np.sqrt(9.81 / 0.7)
+    cos, sin = np.cos(w * times), np.sin(w * times)
+    got = simulate(pendulum, 0.0, 0.0, times, **settings).sensitivities()
+    expected = np.array([[cos, sin / w], [-w * sin, cos]])
+    np.testing.assert_allclose(got.A, np.moveaxis(expected, 2, 0), atol=1e-7)
+    swing = (1.0 - cos) / (2.0 * 9.81 * 0.7)  # about a mean pushed aside by the torque
+    np.testing.assert_allclose(got.B[:, 0, 0], swing, atol=1e-7)
+
+    chain = Chain([1.0, 2.0, 0.5], [0.5, 1.0, 0.8], damping=0.1)
+    rates = rates_of(Varied.of(chain), np.zeros(3))
+    a = np.stack([rates(1j * TINY * e).imag / TINY for e in np.eye(6)], axis=-1)
+    got = simulate(chain, 0.0, 0.0, times, **settings).sensitivities()
+    np.testing.assert_allclose(got.A, [expm(a * t) for t in times], atol=1e-7)
+
+
+def test_a_motion_carries_its_own_velocity_along():
+    """Where nothing depends on time, d (theta, omega)/dt is a tangent vector, in closed form."""
+    chain, times = Chain([1.0, 2.0], [1.0, 0.5]), np.linspace(0.0, 4.0, 41)
+    motion = simulate(chain, [1.0, -0.5], [0.0, 1.0], times, rtol=1e-13, atol=1e-14)
+    rates = np.hstack([motion.omega, accelerations(chain, motion.theta, motion.omega)])
+    carried = motion.sensitivities().A @ rates[0]
+    np.testing.assert_allclose(carried, rates, atol=1e-10 * np.abs(rates).max())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_way_back_through_many_segments_is_the_way_forward(method):
+    chain, times = Chain.uniform(2, damping=0.2), np.linspace(0.0, 12.0, 50)
+    settings = METHODS[method] | ({"rtol": 1e-11} if method == "dop853" else {})
+    made = simulate(chain, 1.0, 0.5, times, torque=0.3, **settings)
+    assert len(lengths_of(made)) > 100  # more than three segments
+    bars = np.random.default_rng(0).normal(size=(2, 50, 2))
+    ways = {"lengths": np.eye(2), "drag": np.zeros((2, 2))}
+    ways = made.sensitivities((0, 1), ways | {"drag": [[0.0, 0.0], [0.0, 1.0]]})
+    weights = np.concatenate([*bars], axis=1)
+    expected = [np.tensordot(weights, way, 2) for way in ways]
+    got = made.gradient(*bars, parameters=["lengths", "drag"])
+    rows = got.by_parameters
+    np.testing.assert_allclose(np.hstack([got.by_theta, got.by_omega]), expected[0], rtol=1e-11)
+    np.testing.assert_allclose(got.by_torque, expected[1], rtol=1e-11)
+    together = [rows["lengths"][0], rows["lengths"][1] + rows["drag"][1]]
+    np.testing.assert_allclose(together, expected[2], rtol=1e-11)
+
+
+@pytest.mark.long
+def test_gradients_of_two_hundred_steps_of_five_rods_are_exact_to_nine_digits():
+    """As an environment takes them: 0.05 s each, of nine Runge-Kutta steps, a motor at the base."""
+    n, rng = 5, np.random.default_rng(5)
+    chain, times = Chain.uniform(n), 0.05 * np.arange(201.0)
+    theta = np.full(n, np.pi / 4)
+    made = simulate(chain, theta, 0.0, times, torque=20.0, method="rk4", dt=0.05 / 9)
+    bars = rng.normal(size=(2, 201, n))
+    got = made.gradient(*bars, parameters=["masses", "damping"])
+    assert all(np.all(np.isfinite(x)) for x in (*got[:3], *got.by_parameters.values()))
+    again, weights = oracle_of(made), np.concatenate([*bars], axis=1)
+    torque, start = np.eye(n)[0] * 20.0, np.concatenate([theta, np.zeros(n)])
+    direction = rng.normal(size=(5, n))
+
+    def along(step):
+        d = step * direction
+        varied = Varied.of(chain).changed("masses", d[3]).changed("damping", d[4])
+        y = start + np.concatenate([d[0], d[1]])
+        return np.sum(weights * again(rates_of(varied, torque + d[2]), y))
+
+    expected = along(1j * TINY).imag / TINY
+    gradient = [*got[:3], got.by_parameters["masses"], got.by_parameters["damping"]]
+    assert np.sum(direction * gradient) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_trajectory_of_one_instant_is_its_start():
+    made = simulate(Chain.uniform(2), 1.0, 0.0, [3.0])
+    np.testing.assert_array_equal(made.sensitivities().A, np.eye(4)[None])
+    got = made.gradient([[1.0, 2.0]], 3.0)
+    assert (got.by_theta.tolist(), got.by_omega.tolist()) == ([1.0, 2.0], [3.0, 3.0])
+
+
+def test_a_saved_trajectory_keeps_its_derivatives(tmp_path):
+    made = simulate(Chain.uniform(2), 1.0, 0.0, TIMES, torque=0.3)
+    made.save(tmp_path / "motion.npz")
+    kept = Trajectory.load(tmp_path / "motion.npz")
+    np.testing.assert_array_equal(kept.sensitivities().A, made.sensitivities().A)
+
+
+def test_motions_without_derivatives_are_refused_by_name():
+    chain = Chain.uniform(2)
+    made = simulate(chain, 1.0, 0.0, TIMES)
+    on_cart = dataclasses.replace(made, pivot=Pivot(cart_mass=1.0))
+    with pytest.raises(ValueError, match="rigid rods on a pivot at rest"):
+        on_cart.sensitivities()
+    by_hand = Trajectory(chain, TIMES, made.theta, made.omega)
+    with pytest.raises(ValueError, match=r"one motion made by simulate\(\)"):
+        by_hand.gradient(1.0, 0.0)
+    other = dataclasses.replace(made, chain=Chain.uniform(2, length=1.1))
+    for derive in (other.sensitivities, lambda: other.gradient(1.0, 1.0)):
+        with pytest.raises(ValueError, match="does not end where its start and settings lead"):
+            derive()
+    with pytest.raises(ValueError, match="inertias cannot be differentiated for this kind"):
+        made.gradient(1.0, 0.0, ["inertias"])
+    with pytest.raises(ValueError, match=r"masses must have the shape \(1, 2\), got"):
+        made.sensitivities(parameters={"masses": [[1.0, 2.0, 3.0]]})
+    with pytest.raises(ValueError, match="joint must"):
+        made.sensitivities(joints=[2])
+    with pytest.raises(ValueError, match="theta_bar must"):
+        made.gradient(np.zeros(3), 0.0)
+    wild = simulate(Chain.uniform(5), 2.0, 0.0, np.linspace(0.0, 400.0, 5), rtol=1e-6)
+    with pytest.raises(FloatingPointError, match=r"beyond all bounds until t = \d00 s"):
+        wild.sensitivities()
+    with pytest.raises(FloatingPointError, match=r"beyond all bounds until t = \d00 s"):
+        wild.gradient(1.0, 0.0)
