@@ -136,12 +136,15 @@ def main() -> None:
     what.add_argument("--controller", choices=CONTROLLERS)
     parser.add_argument("--task", default="swingup-2", help='of the controller, as in "balance-3"')
     parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--steps", type=int, help="of an episode, in place of the default")
     parser.add_argument("--seed", type=int, default=HELD_OUT, help="of the first episode")
     parser.add_argument("--video", type=Path, help="of the first episode: .mp4, .gif or .png")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
     parser.add_argument("--env", default=ENV_ID, help='environment, "npend/SwingUp-v1" say')
     arguments = parser.parse_args()
     controller, keywords = chosen(arguments)
+    if arguments.steps:
+        keywords = keywords | {"max_episode_steps": arguments.steps}
     print(f"{arguments.env} {keywords}")
     evaluation = evaluate(
         controller,

@@ -172,7 +172,7 @@ def test_every_config_makes_a_model(config):
 
 
 def test_evaluate_runs_as_a_script_with_a_controller(tmp_path):
-    arguments = ["--controller", "LQR", "--task", "balance-2", "--episodes", 10]
+    arguments = ["--controller", "LQR", "--task", "balance-2", "--episodes", 10, "--steps", 900]
     printed = run_python(EXAMPLES / "evaluate.py", *arguments, cwd=tmp_path)
     assert successes_in(printed) == ("10", "10")
 

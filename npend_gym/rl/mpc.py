@@ -48,6 +48,11 @@ class MPC:
     seed : int
         Seed of the actions from which the first plan begins.
 
+    Attributes
+    ----------
+    plans : Motions
+        The plans of the last call: `states`, (steps + 1, B, 2n), and `actions`, (steps, B, joints).
+
     Raises
     ------
     TypeError, ValueError
