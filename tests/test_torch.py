@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from test_derivatives import TINY
+from test_derivatives import dense_step as complex_step
 
 from npend_gym import Chain
 from npend_gym.envs import NPendulumVectorEnv, ResetNeeded
@@ -160,3 +162,210 @@ def test_what_diverges_is_named_with_its_step():
         env.step(torch.tensor([[0.0], [1.0], [0.0]], dtype=torch.float64))
     assert (raised.value.lanes, raised.value.step) == ([1], 2)
     assert math.isfinite(env.reset(seed=1)[0].sum())
+
+
+def test_gradients_through_200_environment_steps_are_those_of_the_dense_system():
+    """By all actions and the start, N = 5, against complex steps along three directions."""
+    n, steps, rng = 5, 200, np.random.default_rng(7)
+    env = DifferentiableVectorEnv(
+        1, n=n, mode="calm", actuated=range(n), max_torque=2.0, dt=0.02, substeps=4, damping=0.5
+    )
+    env.reset(seed=0)
+    theta = torch.from_numpy(rng.normal(size=(1, n))).requires_grad_()
+    omega = torch.from_numpy(rng.normal(size=(1, n))).requires_grad_()
+    env.state = theta, omega
+    actions = torch.from_numpy(rng.uniform(-0.9, 0.9, (steps, 1, n))).requires_grad_()
+    weights = rng.normal(size=(2, n))
+    for action in actions:
+        env.step(action)
+    reached = torch.cat(env.state)
+    (torch.from_numpy(weights) * reached).sum().backward()
+    gradient = np.concatenate([x.grad.numpy().ravel() for x in (theta, omega, actions)])
+    assert np.all(np.isfinite(gradient))
+
+    chain = env.config.chain
+    start = np.concatenate([x.detach().numpy().ravel() for x in (theta, omega, actions)])
+    for direction in rng.normal(size=(3, start.size)):
+        varied = start + 1j * TINY * direction
+        y = varied[: 2 * n]
+        for torque in varied[2 * n :].reshape(steps, n):
+            y = complex_step(chain, *np.split(y, 2), 2.0 * torque, env.config.dt, 4)
+        expected = weights.ravel() @ y.imag / TINY
+        np.testing.assert_allclose(reached.detach().numpy().ravel(), y.real, rtol=1e-9, atol=1e-9)
+        assert gradient @ direction == pytest.approx(expected, rel=1e-9)
+
+
+def test_float32_goes_in_and_comes_out_while_steps_are_of_float64():
+    theta, omega, torque = (x.detach().to(torch.float32) for x in inputs(2, 4)[:3])
+    theta.requires_grad_()
+    chain = Chain.uniform(2)
+    got = step(chain, theta, omega, torque[:, :1], dt=0.05)
+    exact = step(chain, theta.double(), omega.double(), torque[:, :1].double(), dt=0.05)
+    for ours, wide in zip(got, exact, strict=True):
+        assert ours.dtype == torch.float32
+        torch.testing.assert_close(ours, wide.to(torch.float32), rtol=0.0, atol=0.0)
+    got[0].sum().backward()
+    assert theta.grad.dtype == torch.float32
+    env = DifferentiableVectorEnv(2, dtype=torch.float32, n=2)
+    observation, _ = env.reset(seed=0)
+    told = env.step(torch.zeros(2, 1))
+    assert {observation.dtype, told[0].dtype, told[1].dtype} == {torch.float32}
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")
+def test_torch_func_takes_steps_of_single_states_and_of_batches():
+    chain = Chain.uniform(2, damping=0.1)
+    theta, _, _, *parameters = (x.detach() for x in inputs(2, 3))
+
+    def angles(theta, masses):
+        return step(chain, theta, torque=0.3, parameters={"masses": masses}, dt=0.05)[0]
+
+    jacobians = torch.func.vmap(torch.func.jacrev(angles), in_dims=(0, None))(theta, parameters[0])
+    ensemble = DifferentiableEnsemble(Chain(parameters[0], 1.0, damping=0.1), 3)
+    ensemble.set_state(slice(None), theta.numpy())
+    exact = ensemble.step_jacobian(0.3, 0.05)
+    np.testing.assert_allclose(jacobians, exact.A[:, :2, :2], rtol=1e-12, atol=1e-14)
+    gradient = torch.func.grad(lambda m: angles(theta, m).sum())(parameters[0])
+    each = torch.func.vmap(torch.func.grad(lambda t, m: angles(t, m).sum(), argnums=1), (0, None))
+    torch.testing.assert_close(gradient, each(theta, parameters[0]).sum(0))
+    torch.testing.assert_close(
+        torch.func.vmap(angles)(theta, parameters[0].expand(3, 2)), angles(theta, parameters[0])
+    )
+    with pytest.raises(NotImplementedError, match="no forward-mode derivative"):
+        torch.func.jacfwd(lambda t: angles(t, parameters[0]))(theta)
+
+
+def test_a_gradient_of_a_gradient_is_refused():
+    theta = inputs(2, 3)[0]
+    value = step(Chain.uniform(2), theta, dt=0.05)[0].sum()
+    (first,) = torch.autograd.grad(value, theta, create_graph=True)
+    with pytest.raises(NotImplementedError, match="differentiated once, not twice"):
+        torch.autograd.grad(first.sum(), theta)
+
+
+@pytest.mark.filterwarnings("ignore:The .grad attribute of a Tensor:UserWarning")
+def test_compiled_functions_take_steps_as_they_are():
+    chain, theta = Chain.uniform(2), inputs(2, 3)[0]
+
+    def value(theta):
+        return (2.0 * step(chain, theta + 0.1, dt=0.05)[0]).sum()
+
+    compiled = torch.compile(value, backend="eager")
+    torch.testing.assert_close(compiled(theta), value(theta), rtol=0.0, atol=0.0)
+    gradients = [torch.autograd.grad(f(theta), theta)[0] for f in (compiled, value)]
+    torch.testing.assert_close(*gradients, rtol=0.0, atol=0.0)
+
+
+TWO = torch.zeros(3, 2, dtype=torch.float64)
+BAD_STEPS = [
+    ((TWO.int(),), {}, TypeError, "theta must be of float64 or float32, got torch.int32"),
+    ((TWO, TWO.float()), {}, TypeError, "omega must have the dtype and device of theta"),
+    ((TWO.numpy(),), {}, TypeError, "theta must be a tensor of torch"),
+    ((TWO.to("meta"),), {}, ValueError, "theta must be on the processor or an NVIDIA GPU"),
+    ((TWO[:, :1],), {}, ValueError, r"theta must have the shape \(\.\.\., 2\), got \(3, 1\)"),
+    ((TWO, TWO[:2]), {}, ValueError, "leading axes must fit"),
+    ((TWO, 0.0, TWO), {}, ValueError, r"torque must have the shape \(\.\.\., 1\)"),
+    ((TWO * np.nan,), {}, ValueError, "theta must be finite"),
+    ((TWO + 1e6,), {}, ValueError, "theta must lie within"),
+    ((TWO,), {"parameters": {"mass": TWO}}, ValueError, "parameter must be one of masses"),
+    ((TWO,), {"parameters": {"inertias": TWO + 1.0}}, ValueError, "begin with a chain that"),
+    ((TWO,), {"joints": (2,)}, ValueError, "joint must be between 0 and 1"),
+    ((TWO,), {"dt": 0.0}, ValueError, "dt must be greater than zero"),
+]
+
+
+@pytest.mark.parametrize(("given", "keywords", "error", "text"), BAD_STEPS)
+def test_bad_tensors_are_refused_by_name(given, keywords, error, text):
+    with pytest.raises(error, match=text):
+        step(Chain.uniform(2), *given, **({"dt": 0.05} | keywords))
+
+
+def test_parameters_that_an_optimiser_drives_out_of_bounds_are_named_with_their_lane():
+    masses = torch.ones(3, 2, dtype=torch.float64)
+    masses[1, 0] = -0.1
+    with pytest.raises(ValueError, match=r"masses of lane 1 .* greater than zero.*log_masses"):
+        step(Chain.uniform(2), TWO, parameters={"masses": masses}, dt=0.05)
+
+
+def test_gradients_that_are_nan_are_named_where_they_arrive():
+    theta = inputs(2, 3)[0]
+    after = step(Chain.uniform(2), theta, dt=0.05)[0]
+    with pytest.raises(FloatingPointError, match=r"NaN in lanes \[2\]"):
+        (after[:2].sum() + np.nan * after[2].sum()).backward()
+
+
+def test_a_horizon_that_is_detached_has_no_gradient_by_what_came_before():
+    env = DifferentiableVectorEnv(2, n=2)
+    env.reset(seed=0)
+    actions = torch.zeros(4, 2, 1, dtype=torch.float64, requires_grad=True)
+    for k, action in enumerate(actions):
+        if k == 2:
+            env.detach()
+        reward = env.step(action)[1]
+    reward.sum().backward()
+    assert torch.all(actions.grad[:2] == 0.0)
+    assert torch.all(actions.grad[2:] != 0.0)
+
+
+BAD_ENVIRONMENTS = [
+    ({"base": "cart"}, "base must be"),
+    ({"mode": "transition", "goal_env": True, "reward_type": "sparse"}, "goal_env must be False"),
+    ({"angle_noise": 0.1}, "angle_noise must be left out"),
+    ({"randomize": {"action_delay": {"low": 0.0, "high": 2.0}}}, "action_delay must be left out"),
+]
+
+
+@pytest.mark.parametrize(("keywords", "text"), BAD_ENVIRONMENTS)
+def test_what_has_no_gradient_is_refused_by_the_environment(keywords, text):
+    with pytest.raises(ValueError, match=text):
+        DifferentiableVectorEnv(2, **keywords)
+
+
+def test_bad_actions_change_nothing():
+    env = DifferentiableVectorEnv(2, n=2)
+    env.reset(seed=0)
+    before = torch.cat(env.state)
+    for action, error in (
+        (torch.zeros(2, 1), TypeError),
+        (torch.zeros(2, dtype=torch.float64), ValueError),
+        (torch.full((2, 1), np.nan, dtype=torch.float64), ValueError),
+        (np.zeros((2, 1)), TypeError),
+    ):
+        with pytest.raises(error, match="action must"):
+            env.step(action)
+    torch.testing.assert_close(torch.cat(env.state), before, rtol=0.0, atol=0.0)
+
+
+@pytest.mark.parametrize("task", [{"observation": "sincos"}, {"mode": "passive"}])
+def test_torchrl_takes_the_environment_with_gradients_through_rollouts(task):
+    pytest.importorskip("torchrl")
+    from torchrl.envs.utils import check_env_specs
+
+    from npend_gym.torch import TorchRLEnv
+
+    env = TorchRLEnv(4, max_episode_steps=15, **task)
+    with torch.enable_grad():
+        check_env_specs(env)
+    env.set_seed(3)
+    rollout = env.rollout(40, break_when_any_done=False)
+    assert rollout["next", "truncated"].sum() == 8
+    native = NPendulumVectorEnv(4, max_episode_steps=15, autoreset_mode="DISABLED", **task)
+    np.testing.assert_array_equal(
+        rollout["observation"][:, 0].to(torch.float32), native.reset(seed=3)[0]
+    )
+    if "mode" in task:
+        return
+    gain = torch.full((6, 1), 0.5, dtype=torch.float64, requires_grad=True)
+
+    def policy(tensordict):
+        return tensordict.set("action", torch.tanh(tensordict["observation"] @ gain))
+
+    env.set_seed(3)
+    env.rollout(10, policy)["next", "reward"].sum().backward()
+    direct = DifferentiableVectorEnv(4, **task)
+    observation, total = direct.reset(seed=3)[0], 0.0
+    for _ in range(10):
+        observation, reward, *_ = direct.step(torch.tanh(observation @ gain))
+        total = total + reward.sum()
+    (expected,) = torch.autograd.grad(total, gain)
+    torch.testing.assert_close(gain.grad, expected)

@@ -189,22 +189,24 @@ class DifferentiableEnsemble(Ensemble):
         names, memory, c = check_names(parameters, self._kind), self._intact, self._coordinates
         bars, reached = memory.new_rows(3), memory.new_rows(2)
         chain_bars = memory.new_rows(len(ChainParameters._fields) if names else 0)
-        place, view = memory.place(np.arange(self.size)), memory.lanes_of(bars)
+        view = memory.lanes_of(bars)
         for row, (name, bar) in enumerate((("theta_bar", theta_bar), ("omega_bar", omega_bar))):
-            view[:, :, row, :c][place] = _checks.broadcast(name, bar, (self.size, c))
+            memory.fill(view[:, :, row, :c], _checks.broadcast(name, bar, (self.size, c)))
         self._write_loads(*loads)
         slots = max(1, min(plan.substeps, _TAPE // (8 * STEP_ROWS * (self.n + 2) * memory.width)))
         rows = adjoint_rows(plan.substeps, slots)
         self._differentiate(adjoint_many, (bars, chain_bars, reached, slots), plan, rows, names)
-        by_theta, by_omega, by_torque = (view[:, :, row][place] for row in range(3))
+        by_theta, by_omega, by_torque = (memory.gather(view[:, :, row]) for row in range(3))
+        gradients: dict[str, FloatArray] = {}
+        if names:
+            rows_of = memory.gather(memory.lanes_of(chain_bars))[..., : self.n]
+            gradients = by_names(rows_of, names, self._centres_at_ends)
         return StepGradient(
             *self._states(reached),
             by_theta[:, :c],
             by_omega[:, :c],
             by_torque[:, self._inputs_at],
-            by_names(
-                memory.lanes_of(chain_bars)[place][..., : self.n], names, self._centres_at_ends
-            ),
+            gradients,
         )
 
     @property
@@ -264,7 +266,7 @@ class DifferentiableEnsemble(Ensemble):
     def _states(self, reached: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return theta and omega, (B, c) each, from the rows that a kernel has left."""
         memory, c = self._memory, self._coordinates
-        after = memory.lanes_of(reached)[memory.place(np.arange(self.size))][..., :c]
+        after = memory.gather(memory.lanes_of(reached))[..., :c]
         lost = ~(np.abs(after[:, 1]) <= MAX_SPEED) | ~(np.abs(after[:, 0]) <= MAX_ANGLE)
         if np.any(lost):
             members = np.flatnonzero(lost.any(axis=1)).tolist()

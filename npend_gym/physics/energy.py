@@ -59,26 +59,28 @@ def kinetic_energy(
     v_i is the velocity of a centre of mass, and rotor_i that of `Chain.gear`. The paper's T leaves
     the masses out.
     """
-    return kinetic_from(chain, *_sincos(theta), omega)
+    bobs = bool(np.all(chain.has_bobs))
+    return kinetic_from(chain, *_sincos(theta), omega, bobs=bobs)
 
 
-def kinetic_from(chain: Chain | ChainParameters, s: Any, c: Any, omega: Any) -> Any:
+def kinetic_from(chain: Chain | ChainParameters, s: Any, c: Any, omega: Any, *, bobs: bool) -> Any:
     """Return the kinetic energy [J], as `kinetic_energy`, from sines and cosines of the angles.
 
-    All may be arrays or tensors: whatever has the arithmetic and the methods of both.
+    All may be arrays or tensors: whatever has the arithmetic and the methods of both. `bobs` says
+    whether all is point masses on massless rods.
     """
     horizontal = (chain.lengths * c * omega).cumsum(-1)
     vertical = (chain.lengths * s * omega).cumsum(-1)
-    back = chain.centres - chain.lengths
-    if back.any():
+    if not bobs:
+        back = chain.centres - chain.lengths
         horizontal, vertical = horizontal + back * omega * c, vertical + back * omega * s
     energy = 0.5 * (chain.masses * (horizontal**2 + vertical**2)).sum(-1)
-    if chain.inertias.any() or chain.armature.any():
-        above = 0.0 * omega
-        above[..., 1:] = omega[..., :-1]
-        rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
-        energy = energy + 0.5 * ((chain.inertias * omega**2).sum(-1) + rotors.sum(-1))
-    return energy
+    if bobs:
+        return energy
+    above = 0.0 * omega
+    above[..., 1:] = omega[..., :-1]
+    rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
+    return energy + 0.5 * ((chain.inertias * omega**2).sum(-1) + rotors.sum(-1))
 
 
 def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:

@@ -200,10 +200,10 @@ class Ensemble(Members):
 
     def _write_loads(self, torque: FloatArray, force: FloatArray) -> None:
         memory = self._memory
-        place = memory.place(np.arange(self.size))
-        memory.of_base(Rod.TORQUE)[place] = force
+        memory.fill(memory.of_base(Rod.TORQUE), force)
+        on_joints = memory.per_rod(Rod.TORQUE)
         for joint, column in zip(self.joints, torque.T, strict=True):
-            memory.per_rod(Rod.TORQUE)[(*place, joint)] = column
+            memory.fill(on_joints[..., joint], column)
 
     def rollout(
         self, torques: ArrayLike, dt: float, substeps: int | None = None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
@@ -13,6 +14,8 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.sincos import sincos_all
 from npend_gym.torch import device_steps
 from npend_gym.torch.compiled_steps import CompiledSteps
+
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 _TWICE = (
     "a step can be differentiated once, not twice: the kernels have no second derivatives. Leave "
@@ -24,6 +27,16 @@ _FORWARD_MODE = (
     "jacfwd or hessian, or npend_gym.physics.DifferentiableEnsemble.step_jacobian, which is exact "
     "and gives whole Jacobians"
 )
+
+
+def uncompiled(function: _F) -> _F:
+    """Let torch.compile leave `function` as it is, and compile what stands around its calls."""
+    return torch.compiler.disable(function)  # type: ignore[return-value]
+
+
+def applied(function: Any, *inputs: Any) -> Any:
+    """Return ``function.apply(*inputs)``, whose type torch leaves open."""
+    return function.apply(*inputs)
 
 
 class Call:
@@ -85,7 +98,7 @@ class Step(Function):
     def backward(ctx: Any, *bars: Tensor) -> tuple[Tensor | None, ...]:
         """Take a gradient back through the step."""
         needed = tuple(ctx.needs_input_grad[4:])
-        return None, *StepBack.apply(ctx.call, needed, *bars, *ctx.saved_tensors)
+        return None, *applied(StepBack, ctx.call, needed, *bars, *ctx.saved_tensors)
 
     @staticmethod
     def jvp(ctx: Any, *tangents: Tensor) -> Any:
@@ -93,10 +106,11 @@ class Step(Function):
         raise NotImplementedError(_FORWARD_MODE)
 
     @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], call: Call, *inputs: Tensor) -> Any:
+    def vmap(info: Any, in_dims: tuple[Any, ...], *args: Any) -> Any:
         """Take the steps of all samples at once, side by side."""
+        call, *inputs = args
         folded = _folded(info.batch_size, in_dims[1:], inputs)
-        return _unfolded(info.batch_size, Step.apply(call, *folded))
+        return _unfolded(info.batch_size, applied(Step, call, *folded))
 
 
 class StepBack(Function):
@@ -137,12 +151,11 @@ class StepBack(Function):
         raise NotImplementedError(_TWICE)
 
     @staticmethod
-    def vmap(
-        info: Any, in_dims: tuple[Any, ...], call: Call, needed: tuple[bool, ...], *inputs: Tensor
-    ) -> Any:
+    def vmap(info: Any, in_dims: tuple[Any, ...], *args: Any) -> Any:
         """Take the gradients of all samples back at once, side by side."""
+        call, needed, *inputs = args
         folded = _folded(info.batch_size, in_dims[2:], inputs)
-        return _unfolded(info.batch_size, StepBack.apply(call, needed, *folded))
+        return _unfolded(info.batch_size, applied(StepBack, call, needed, *folded))
 
 
 class SinCos(Function):
@@ -170,6 +183,11 @@ class SinCos(Function):
         """Return the gradient by the angles."""
         s, c = ctx.saved_tensors
         return bars[0] * c - bars[1] * s
+
+
+# torch asks for the signature in every call, and to find it takes as long as a short step
+for _function in (Step, StepBack, SinCos):
+    _function.forward.__signature__ = inspect.signature(_function.forward)  # type: ignore[attr-defined]
 
 
 def _folded(size: int, dims: Sequence[int | None], inputs: Sequence[Tensor]) -> list[Tensor]:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics import DifferentiableEnsemble, StepGradient
+from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
 from npend_gym.physics.memory import Plan
 
 _MAX_ENSEMBLES = 16  # of different sizes, that are kept
@@ -57,6 +59,14 @@ class _Lanes(DifferentiableEnsemble):
         if key not in self._plans:
             self._plans = {key: self._memory.plan(*key)}
         return self._plans[key]
+
+    def put(self, theta: FloatArray, omega: FloatArray) -> None:
+        """Put all members into states, as `set_state` does, but begin no measurements."""
+        memory, bounds = self._intact, ((theta, MAX_ANGLE), (omega, MAX_SPEED))
+        if not all(np.abs(x).max(initial=0.0) <= limit for x, limit in bounds):  # NaN is not
+            self.set_state(slice(None), theta, omega)  # which says what is wrong
+        for field, values in ((Rod.THETA, theta), (Rod.OMEGA, omega)):
+            memory.fill(memory.per_rod(field), values)
 
 
 class CompiledSteps:
@@ -134,6 +144,7 @@ class CompiledSteps:
                 raise
             lost: list[int] = np.flatnonzero(ensemble.diverged).tolist()
             if lost:
+                self._ensembles.clear()  # it would remain so
                 raise DivergedError(lost)
             return ensemble.theta, ensemble.omega
 
@@ -176,7 +187,7 @@ class CompiledSteps:
             each = np.resize(np.arange(lanes), size)
             ensemble.set_chain(slice(None), ChainParameters(*(field[each] for field in rows)))
             ensemble.rows = rows
-        ensemble.set_state(slice(None), theta, omega)
+        ensemble.put(theta, omega)
         return ensemble
 
     def __getstate__(self) -> dict[str, Any]:

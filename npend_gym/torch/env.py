@@ -12,7 +12,6 @@ from torch import Tensor
 from typing_extensions import Unpack
 
 from npend_gym import _checks
-from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvKeywords
 from npend_gym.envs.config import EnvConfig, make_config
 from npend_gym.envs.episodes import Episodes
@@ -28,9 +27,9 @@ from npend_gym.envs.options import checked_options
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
 from npend_gym.physics.substeps import chain_of
-from npend_gym.torch.autograd import Call, Step
+from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.compiled_steps import CompiledSteps, DivergedError
-from npend_gym.torch.judging import Lanes, State, judge, lanes_of, observe, quantities
+from npend_gym.torch.judging import Lanes, State, judge, observe, quantities
 from npend_gym.torch.steps import check_device, check_tensor
 
 
@@ -95,7 +94,8 @@ class DifferentiableVectorEnv:
         self._steps = CompiledSteps(richest, joints, threads, timing)
         self._progress = Progress.NEW
         size = self.num_envs
-        self._theta = self._omega = self._zeros(size, config.n)
+        self._theta: Tensor = self._zeros(size, config.n)
+        self._omega: Tensor = self._theta
         self._start_energy = self._zeros(size)
         self._age = self._held = self._zeros(size, dtype=torch.int64)
         self._done = self._zeros(size, dtype=torch.bool)
@@ -106,6 +106,7 @@ class DifferentiableVectorEnv:
 
     # -- episodes ---------------------------------------------------------------------------
 
+    @uncompiled
     def reset(
         self,
         *,
@@ -148,27 +149,25 @@ class DifferentiableVectorEnv:
         self._episodes.start(mask.cpu().numpy(), options)
         began = self._episodes.beginnings()
         alike = not config.randomization.names and not self._episodes.some_altered
-        self._rows = (
-            ChainParameters(*(field[:1] for field in began.chains)) if alike else began.chains
+        self._lanes = lanes = Lanes.of(began, config, self.device, alike=alike)
+        self._theta, self._omega = self._replaced(
+            mask, torch.from_numpy(began.state).to(self.device)
         )
-        context = config.randomization.normalised(began.context)
-        lanes = lanes_of(began.chains, began.limits, began.goals, context, alike=alike)
-        self._lanes: Lanes = lanes.to(self.device)
-        start = torch.from_numpy(began.state).to(self.device)
-        self._theta, self._omega = self._replaced(mask, start)
-        state = State.of(self._theta, self._omega, self._lanes)
-        energy = state.energy(self._lanes).detach()
+        state = State.of(self._theta, self._omega, lanes)
+        energy = state.energy.detach()
+        energy = torch.where(energy > 0.0, energy, lanes.lifting_energy)
         self._start_energy = torch.where(mask, energy, self._start_energy)
-        zeros = torch.zeros_like(energy)
-        judged = quantities(state, self._lanes, self._start_energy, zeros)
-        achieved = judge(config.mode, judged, sparse=False)[2]
+        with torch.no_grad():
+            judged = quantities(state, lanes, self._start_energy, torch.zeros_like(energy))
+            achieved = judge(config.mode, judged, sparse=False)[2]
         self._age = torch.where(mask, 0, self._age)
         self._held = torch.where(mask, achieved.to(torch.int64), self._held)
         return state
 
     def _replaced(self, mask: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
         """Return theta and omega with new ones, (B, 2n), in the lanes of `mask`."""
-        theta, omega = start.split(self.config.n, dim=1)
+        n = self.config.n
+        theta, omega = start[:, :n], start[:, n:]
         if mask.all():  # what came before is no part of the graph then
             return theta, omega
         column = mask[:, None]
@@ -176,7 +175,7 @@ class DifferentiableVectorEnv:
 
     # -- stepping ---------------------------------------------------------------------------
 
-    @torch.compiler.disable
+    @uncompiled
     def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Advance every lane by `dt`; actions beyond the box are clipped.
 
@@ -217,9 +216,10 @@ class DifferentiableVectorEnv:
         began = self._theta, self._omega
         self._advance(clipped)
         if resets:
-            self._theta = torch.where(waiting[:, None], began[0], self._theta)
-            self._omega = torch.where(waiting[:, None], began[1], self._omega)
-        result = self._outcome(clipped, waiting if resets else torch.zeros_like(waiting))
+            column = waiting[:, None]
+            self._theta = torch.where(column, began[0], self._theta)
+            self._omega = torch.where(column, began[1], self._omega)
+        result = self._outcome(clipped, waiting if resets else None)
         self._progress = Progress.READY
         return result
 
@@ -229,34 +229,38 @@ class DifferentiableVectorEnv:
             torque = self._zeros(self.num_envs, 1)
         self._taken += 1
         try:
-            call = Call(self._steps, self.config.dt, rows=self._rows)
-            self._theta, self._omega = Step.apply(call, self._theta, self._omega, torque)
+            call = Call(self._steps, self.config.dt, rows=self._lanes.rows)
+            after = applied(Step, call, self._theta, self._omega, torque)
         except DivergedError as error:
             raise error.in_step(self._taken) from None
+        self._theta, self._omega = after
 
     def _outcome(
-        self, clipped: Tensor, fresh: Tensor
+        self, clipped: Tensor, fresh: Tensor | None
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Return what `step` does; lanes that are `fresh` have only begun."""
         config, lanes = self.config, self._lanes
         state = State.of(self._theta, self._omega, lanes)
-        squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._start_energy * 0.0
+        squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._zeros(self.num_envs)
         judged = quantities(state, lanes, self._start_energy, squares)
-        reward, failed, achieved = judge(config.mode, judged, sparse=config.reward_type == "sparse")
-        self._age = torch.where(fresh, 0, self._age + 1)
-        self._held = torch.where(achieved, torch.where(fresh, 1, self._held + 1), 0)
-        reward, terminated = torch.where(fresh, 0.0, reward), failed & ~fresh
-        truncated = torch.zeros_like(fresh)
+        reward, terminated, achieved = judge(
+            config.mode, judged, sparse=config.reward_type == "sparse"
+        )
+        self._age, held = self._age + 1, self._held + 1
+        if fresh is not None:
+            self._age, held = torch.where(fresh, 0, self._age), torch.where(fresh, 1, held)
+            reward, terminated = torch.where(fresh, 0.0, reward), terminated & ~fresh
+        self._held = held * achieved
+        truncated = torch.zeros_like(terminated)
         if self.max_episode_steps is not None:
             truncated = self._age >= self.max_episode_steps
         self._done = terminated | truncated
-        info = self._info(state)
-        observation = self._observation(state)
+        info, observation = self._info(state), self._observation(state)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             info["final_obs"] = observation
             if self._done.any():
                 observation = self._observation(self._begin(self._done))
-                self._done = torch.zeros_like(fresh)
+                self._done = torch.zeros_like(terminated)
         return observation, reward.to(self.dtype), terminated, truncated, info
 
     def _clipped(self, action: Tensor) -> Tensor:
@@ -308,7 +312,7 @@ class DifferentiableVectorEnv:
         info = {
             "theta": state.theta,
             "omega": state.omega,
-            "energy": state.energy(self._lanes),
+            "energy": state.energy,
             "time": self._age * self.config.dt,
             "success": self._held > self.config.hold_steps,
         }

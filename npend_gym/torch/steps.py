@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import functools
-import numbers
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
 from npend_gym.compiled.gpu import require_device
-from npend_gym.torch.autograd import Call, Step
+from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.compiled_steps import CompiledSteps
 
 _DTYPES = (torch.float64, torch.float32)
+_DEVICES = ("cpu", "cuda")
 
 
-@torch.compiler.disable
+@uncompiled
 def step(
     chain: Chain,
     theta: Tensor,
@@ -85,7 +86,7 @@ def step(
     sizes |= {name: 0 if name == "gravity" else chain.n for name in given}
     leading, flat = _broadcast(sizes, wide)
     call = Call(steps, dt, substeps, tuple(given))
-    after = cast("tuple[Tensor, Tensor]", Step.apply(call, *flat))
+    after = applied(Step, call, *flat)
     reached, velocity = (x.reshape(*leading, chain.n).to(dtype) for x in after)
     return reached, velocity
 
@@ -109,7 +110,7 @@ def as_tensors(values: Mapping[str, Any]) -> list[Tensor]:
     tensors: list[Tensor] = []
     for name, given in values.items():
         value = given
-        if tensors and isinstance(given, numbers.Real) and not isinstance(given, bool):
+        if tensors and type(given) in (int, float):
             value = tensors[0].new_tensor(float(given))
         tensors.append(check_tensor(name, value))
         if value.dtype != first[1].dtype or value.device != first[1].device:
@@ -124,6 +125,11 @@ def check_tensor(name: str, value: Any) -> Tensor:
     """Return a tensor of floating numbers, refused if it is something else."""
     if not isinstance(value, Tensor):
         raise TypeError(f"{name} must be a tensor of torch, got {_checks.show(value)}")
+    if value.device.type not in _DEVICES:
+        raise ValueError(
+            f"{name} must be on the processor or an NVIDIA GPU, got {value.device}: convert it "
+            "with .cpu() or .cuda()"
+        )
     if value.dtype not in _DTYPES:
         raise TypeError(
             f"{name} must be of float64 or float32, got {value.dtype}, which has no gradients "
@@ -147,13 +153,13 @@ def _broadcast(
         leads.append(rods.shape[:-1] if size > 0 else rods.shape)
         shaped.append(rods)
     try:
-        leading = torch.broadcast_shapes(*leads)
-    except RuntimeError as error:
+        leading = torch.Size(np.broadcast_shapes(*leads))
+    except ValueError as error:
         shapes = ", ".join(
             f"{name} {tuple(x.shape)}" for name, x in zip(sizes, shaped, strict=True)
         )
         raise ValueError(f"leading axes must fit each other, got {shapes}") from error
-    axes = [() if size == 0 else (size,) for size in sizes.values()]
+    axes: list[tuple[int, ...]] = [() if size == 0 else (size,) for size in sizes.values()]
     return leading, [
         x.expand(*leading, *own).reshape(-1, *own).contiguous()
         for x, own in zip(shaped, axes, strict=True)
@@ -171,7 +177,7 @@ def check_device(device: str | torch.device) -> torch.device:
         If there is no GPU, or torch or Numba cannot use it.
     """
     chosen = torch.device(device)
-    _checks.choice("device", chosen.type, ("cpu", "cuda"))
+    _checks.choice("device", chosen.type, _DEVICES)
     if chosen.type == "cuda":
         require_device()
         if not torch.cuda.is_available():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import torch
 from gymnasium.vector import AutoresetMode
@@ -47,20 +47,21 @@ class TorchRLEnv(EnvBase):
             autoreset_mode=AutoresetMode.DISABLED, **keywords,
         )  # fmt: skip
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([env.num_envs]))
-        batch = (env.num_envs,)
-        bound = torch.from_numpy(env.config.observation_space.high).to(dtype).expand(*batch, -1)
-        self.observation_spec = Composite(
-            observation=Bounded(-bound, bound, dtype=dtype), shape=batch
-        )
-        if env.config.action_space.shape == ():
-            self.action_spec = Categorical(int(env.config.action_space.n), shape=batch)
+        batch, column = torch.Size([env.num_envs]), torch.Size([env.num_envs, 1])
+        space: Any = env.config.observation_space
+        bound = torch.from_numpy(space.high).to(dtype).expand(env.num_envs, -1)
+        observation = Bounded(-bound, bound, dtype=dtype)
+        self.observation_spec = Composite(observation=observation, shape=batch)
+        actions: Any = env.config.action_space
+        if actions.shape == ():
+            self.action_spec = Categorical(int(actions.n), shape=batch)
         else:
-            self.action_spec = Bounded(-1.0, 1.0, (*batch, env.action_size), dtype=dtype)
-        self.reward_spec = Unbounded((*batch, 1), dtype=dtype)
-        flag = Categorical(2, shape=(*batch, 1), dtype=torch.bool)
-        self.done_spec = Composite(
-            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=batch
-        )
+            shape = torch.Size([env.num_envs, env.action_size])
+            self.action_spec = Bounded(-1.0, 1.0, shape, dtype=dtype)
+        self.reward_spec = Unbounded(column, dtype=dtype)
+        flag = Categorical(2, shape=column, dtype=torch.bool)
+        flags = {"done": flag, "terminated": flag.clone(), "truncated": flag.clone()}
+        self.done_spec = Composite(flags, shape=batch)
         self._seed: int | None = None
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
@@ -75,7 +76,8 @@ class TorchRLEnv(EnvBase):
         return TensorDict({"observation": observation, **flags}, batch_size=self.batch_size)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        observation, reward, terminated, truncated, _ = self.env.step(tensordict["action"])
+        action = cast("torch.Tensor", tensordict["action"])
+        observation, reward, terminated, truncated, _ = self.env.step(action)
         told = {
             "reward": reward, "terminated": terminated, "truncated": truncated,
             "done": terminated | truncated,
