@@ -5,8 +5,8 @@ already is not trained again, so it can be interrupted. `--tasks` and `--seeds` 
 It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
 them into `docs/` and the best policies into the package.
 
-`--again` trains nothing: it renews those rows of the table in `docs/` that need no training, which
-are chance, the controllers and the policies of the package.
+`--again` trains nothing: it renews the rows in `docs/` that need no training, which are those of
+chance, of the controllers and of the policies of the package.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 import train_cleanrl
 import train_es
 import train_imitation
+import train_shac
 from evaluate import PLANS, controller_of
 from training import env_of_task, keep, read_rows
 
@@ -29,11 +30,11 @@ from npend_gym.report import write_csv
 from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate, pretrained_names
 
 DOCS = Path(__file__).parents[1] / "docs"
-TRAINERS = {"PPO": train_cleanrl, "ES": train_es, "imitation": train_imitation}
+TRAINERS = {"PPO": train_cleanrl, "SHAC": train_shac, "ES": train_es, "imitation": train_imitation}
 CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "balance", "calm")
 LABELS = {
-    "LQR": "LQR", "damping": "modal damping", "energy": "energy, then LQR",
+    "damping": "modal damping", "LQR": "LQR", "energy": "energy, then LQR",
     "plan": "plan, then LQR", "MPC": "MPC",
 }  # fmt: skip
 CHOICE = 900_000  # first seed of the episodes that choose what is published, and judge nothing
@@ -111,10 +112,11 @@ def recorded(name: str = "learning") -> list[dict[str, Any]]:
 
 
 def merged(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
-    """Return new rows together with those that `docs/` has of other tasks, in order."""
-    new = {row["task"] for row in rows}
-    kept = [row for row in recorded(name) if row["task"] not in new]
-    return sorted([*kept, *rows], key=lambda row: place(row["task"]))
+    """Return new rows together with those that `docs/` has of others, in order."""
+    new = {(row["task"], row["agent"]) for row in rows}
+    order = ["random", *LABELS.values(), *sorted(TRAINERS)]
+    kept = [row for row in recorded(name) if (row["task"], row["agent"]) not in new]
+    return sorted([*kept, *rows], key=lambda r: (*place(r["task"]), order.index(r["agent"])))
 
 
 def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -179,7 +181,7 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
             axes.plot(
                 [float(row["steps"]) / 1e6 for row in line],
                 [float(row["success"]) for row in line],
-                {"PPO": "-", "ES": "--", "imitation": ":"}[agent],
+                {"PPO": "-", "SHAC": "-.", "ES": "--", "imitation": ":"}[agent],
                 color=colors[task],
                 label=f"N = {', '.join(task.split('-')[1:])}, {agent}" if seed == 0 else None,
                 lw=1,

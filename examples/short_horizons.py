@@ -1,0 +1,115 @@
+"""What `train_shac.py` learns from: short horizons, simulated with the Jacobians of their steps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import nn
+
+from npend_gym.chain import ChainParameters
+from npend_gym.envs import EnvConfig
+from npend_gym.envs.modes import Quantities
+from npend_gym.physics import DifferentiableEnsemble
+from npend_gym.physics.energy import kinetic_from, lift_from
+
+
+class Task:
+    """Observations and rewards of an environment as functions of states and actions, in torch.
+
+    States (..., 2n) are angles, then angular velocities.
+    """
+
+    def __init__(self, config: EnvConfig, gamma: float, obs_scale: tuple[float, ...]) -> None:
+        self.n, self.mode, self.gamma = config.n, config.mode, gamma
+        self.obs_scale = torch.tensor(obs_scale).repeat_interleave(self.n)
+        # of the states: near pi a sine is its angle
+        self.state_scale = torch.tensor([1.0, obs_scale[2]]).repeat_interleave(self.n)
+        chain = config.chain.repeated(1)
+        self.chain: Any = ChainParameters(*(torch.from_numpy(x.copy()).float() for x in chain))
+        self.lift, self.unit = torch.tensor(config.chain.lift).float(), config.chain.lifting_energy
+
+    def observe(self, states: torch.Tensor) -> torch.Tensor:
+        """Return the observations, (..., 3n), over their scale."""
+        theta, omega = states.split(self.n, dim=-1)
+        return torch.cat([theta.sin(), theta.cos(), omega], dim=-1) / self.obs_scale
+
+    def reward(self, states: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Return the rewards (...) of steps to `states`, times 1 - gamma: values are below 1."""
+        theta, omega = states.split(self.n, dim=-1)
+        lifted = lift_from(self.lift, (0.5 * theta).sin())
+        quantities: Any = dict.fromkeys(Quantities._fields) | {
+            "height": 0.5 * lifted / self.lift.sum(),
+            "kinetic_energy": kinetic_from(self.chain, theta.sin(), theta.cos(), omega) / self.unit,
+            "mean_squared_action": actions.square().mean(-1),
+        }
+        return (1.0 - self.gamma) * self.mode.reward(Quantities(**quantities))
+
+
+class Horizons(NamedTuple):
+    """Steps that were simulated, float32; the leading axes are horizon and step."""
+
+    states: torch.Tensor  # (..., 2n), one more than steps
+    actions: torch.Tensor  # (..., m)
+    jacobians: torch.Tensor  # of the state after a step by state and action, (..., 2n, 2n + m)
+
+
+class Collector:
+    """Simulates many lanes with the actor and noise, and keeps the Jacobians of all steps.
+
+    Parameters
+    ----------
+    config : EnvConfig
+    task : Task
+    settings : Settings
+        Those of `train_shac.py`.
+    """
+
+    def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:
+        self.config, self.task, self.settings = config, task, settings
+        self.rng, size = np.random.default_rng(settings.seed), settings.num_envs
+        self.lanes = DifferentiableEnsemble(config.chain, size, joints=config.joints.tolist())
+        self.noise = np.zeros((size, config.joints.size))
+        self.restart(np.arange(size))
+        self.age = self.rng.integers(0, settings.episode, size)
+
+    def restart(self, lanes: np.ndarray) -> None:
+        """Begin new episodes: a quarter as the task does, a quarter upright, half anywhere."""
+        n, rng = self.config.n, self.rng
+        for lane in lanes.tolist():
+            theta, omega = rng.uniform(-math.pi, math.pi, n), rng.normal(0.0, 2.5, n)
+            kind = rng.integers(4)
+            if kind == 0:
+                start = self.config.amplitude, self.config.spread
+                theta, omega = self.config.mode.start(rng, n, *start)
+            elif kind == 1:
+                theta, omega = rng.normal(math.pi, 0.3, n), rng.normal(0.0, 1.0, n)
+            self.lanes.set_state([lane], theta, omega)
+        self.noise[lanes] = 0.0
+
+    @torch.no_grad()
+    def collect(self, actor: nn.Module, exploration: float) -> Horizons:
+        """Return a horizon of every lane; `exploration` is the deviation of the noise."""
+        states, actions, jacobians = [self.states()], [], []
+        limits = self.config.action_limits
+        for _ in range(self.settings.horizon):
+            self.noise = 0.8 * self.noise + 0.6 * self.rng.normal(size=self.noise.shape)
+            action = torch.tanh(actor(self.task.observe(states[-1]))).double().numpy()
+            action = np.clip(action + exploration * self.noise, -1.0, 1.0)
+            step = self.lanes.step_jacobian(action * limits, self.config.dt)
+            self.lanes.set_state(slice(None), step.theta, step.omega)
+            states.append(self.states())
+            actions.append(torch.from_numpy(action).float())
+            jacobian = np.concatenate([step.A, step.B * limits], axis=-1)
+            jacobians.append(torch.from_numpy(jacobian).float())
+        self.age += self.settings.horizon
+        over = self.age >= self.settings.episode
+        self.age[over] = 0
+        self.restart(np.flatnonzero(over))
+        return Horizons(*(torch.stack(part, 1) for part in (states, actions, jacobians)))
+
+    def states(self) -> torch.Tensor:
+        """Return the states of all lanes, (lanes, 2n)."""
+        return torch.from_numpy(np.hstack([self.lanes.theta, self.lanes.omega])).float()

@@ -1,0 +1,228 @@
+"""SHAC: a short-horizon actor-critic that learns through the simulation's exact derivatives.
+
+Run it with `python examples/train_shac.py swingup-2`: it writes `swingup-2.npz`, a policy of plain
+numbers for `examples/evaluate.py`, and `swingup-2.csv`, its learning curve. The actor climbs the
+gradient of the discounted rewards of a short horizon and of the critic's value at its end, as in
+J. Xu et al., "Accelerated policy learning with parallel differentiable simulation", ICLR 2022. It
+differs from that paper in three things, all of which save steps:
+
+- A horizon that was simulated is taken again and again, along the Jacobians of its steps. It ends
+  where the actor as it is now leads too far away from the states of these Jacobians.
+- The critic learns slopes of the values too, which the way back through a horizon gives.
+- Half the episodes start anywhere and a quarter upright; a quarter starts as the task says.
+"""
+
+from __future__ import annotations
+
+import copy
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from short_horizons import Collector, Horizons, Task
+from torch import nn
+from tqdm import tqdm
+from training import Curve, env_of_task, main, network, policy_of
+
+from npend_gym.envs import EnvConfig
+from npend_gym.rl import Policy, evaluate
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of a training run; its result depends on nothing else."""
+
+    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of the environment
+    seed: int = 0
+    total_timesteps: int = 96_000
+    num_envs: int = 32
+    horizon: int = 10  # steps
+    updates: int = 12  # for each horizon of all environments
+    batch_size: int = 64  # horizons of an update; a quarter of them are drawn from the newest
+    critic_batch_size: int = 512  # states of an update
+    memory: int = 40_000  # the last steps, whose horizons are taken again
+    trust: float = 1.0  # how far from its state a Jacobian is used [rad, obs_scale rad/s]
+    actor_learning_rate: float = 4e-3  # both fall linearly in the last two thirds
+    critic_learning_rate: float = 4e-3
+    gamma: float = 0.98
+    tau: float = 0.05  # how far the target's parameters move to the critic's in an update
+    slope_coef: float = 0.02
+    max_grad_norm: float = 1.0
+    hidden: int = 64
+    critic_hidden: int = 128
+    obs_scale: tuple[float, float, float] = (1.0, 1.0, 5.0)  # of sines, cosines, speeds [rad/s]
+    exploration: float = 0.3  # deviation of the first actions' noise; it falls linearly to zero
+    saturation_coef: float = 0.01  # of the actor's output beyond 1.5, where tanh has no slope
+    episode: int = 64  # steps in training
+
+
+class Learner:
+    """The actor, the critic and the critic's target, with what has been simulated lately."""
+
+    def __init__(self, task: Task, actions: int, settings: Settings) -> None:
+        self.task, self.settings = task, settings
+        self.actor = network(3 * task.n, actions, settings.hidden, last_gain=0.1)
+        self.critic = network(3 * task.n, 1, settings.critic_hidden, last_gain=1.0)
+        self.target = copy.deepcopy(self.critic)
+        self.discounts = settings.gamma ** torch.arange(settings.horizon + 1.0)
+        self.optimizers = [
+            torch.optim.Adam(self.actor.parameters(), betas=(0.9, 0.95), fused=True),
+            torch.optim.Adam(self.critic.parameters(), betas=(0.9, 0.98), fused=True),
+        ]
+
+    def sample(self, memory: Horizons) -> Horizons:
+        """Return some horizons; a quarter of them are of the last call of the collector."""
+        size, count = self.settings.batch_size, len(memory.states)
+        chosen = torch.randint(count, (size,))
+        newest = count - self.settings.num_envs
+        chosen[: size // 4] = torch.randint(newest, count, (size // 4,))
+        return Horizons(*(part[chosen] for part in memory))
+
+    def retake(self, old: Horizons) -> tuple[list[torch.Tensor], torch.Tensor, torch.Tensor]:
+        """Take horizons again with the actor as it is now, along the Jacobians of their steps.
+
+        Returns
+        -------
+        states : list of Tensor, shape (horizons, 2n)
+            One more than steps.
+        outputs : Tensor, shape (horizons, steps, actions)
+            Of the actor, before tanh.
+        near : Tensor, shape (horizons, steps + 1)
+            1 where the Jacobians hold up to this state, else 0.
+        """
+        deviation = torch.zeros_like(old.states[:, 0]).requires_grad_()
+        states, outputs = [old.states[:, 0] + deviation], []
+        near = [torch.ones(len(deviation))]
+        for t in range(self.settings.horizon):
+            outputs.append(self.actor(self.task.observe(states[-1])))
+            change = outputs[-1].tanh() - old.actions[:, t]
+            change = torch.cat([states[-1] - old.states[:, t], change], 1)
+            deviation = (old.jacobians[:, t] @ change[..., None])[..., 0]
+            states.append(old.states[:, t + 1] + deviation)
+            size = (deviation.detach() / self.task.state_scale).abs().amax(-1)
+            near.append(near[-1] * (size < self.settings.trust))
+        return states, torch.stack(outputs, 1), torch.stack(near, 1)
+
+    def update(self, memory: Horizons) -> dict[str, float]:
+        """Improve actor and critic with some horizons."""
+        settings, parameters = self.settings, [*self.actor.parameters()]
+        states, outputs, near = self.retake(self.sample(memory))
+        reached, taken = torch.stack(states[1:], 1), near[:, :-1]
+        last = taken - nn.functional.pad(near[:, 1:-1], (0, 1))  # the value stands for what follows
+        rewards = self.task.reward(reached, outputs.tanh())
+        values = self.target(self.task.observe(reached)).squeeze(-1)
+        gain = (taken * self.discounts[:-1] * rewards + last * self.discounts[1:] * values).sum()
+        excess = (outputs.abs() - 1.5).clamp(min=0.0).square().sum()
+        gradients = torch.autograd.grad(
+            gain - settings.saturation_coef * excess, parameters + states[:-1]
+        )
+        for parameter, gradient in zip(parameters, gradients, strict=False):
+            parameter.grad = -gradient / len(taken)
+        self.improve(self.actor, self.optimizers[0])
+        with torch.no_grad():
+            slopes = torch.stack(gradients[len(parameters) :], 1) / self.discounts[:-1, None]
+            returns, following = torch.empty_like(rewards), torch.zeros(len(rewards))
+            for t in reversed(range(settings.horizon)):
+                following = torch.where(last[:, t] > 0, values[:, t], following)
+                following = returns[:, t] = rewards[:, t] + settings.gamma * following
+            chosen = taken.flatten().nonzero()[:, 0]
+            chosen = chosen[torch.randperm(len(chosen))[: settings.critic_batch_size]]
+            begun = torch.stack(states[:-1], 1).detach().flatten(0, 1)[chosen]
+        error = self.fit(begun, returns.flatten()[chosen], slopes.flatten(0, 1)[chosen])
+        return {"value": float(returns.mean()), "critic_error": error}
+
+    def fit(self, states: torch.Tensor, returns: torch.Tensor, slopes: torch.Tensor) -> float:
+        """Fit the critic to returns (B,) and slopes (B, 2n); return its mean squared error."""
+        states.requires_grad_()
+        values = self.critic(self.task.observe(states)).squeeze(-1)
+        (own,) = torch.autograd.grad(values.sum(), states, create_graph=True)
+        away = ((own - slopes) * self.task.state_scale).square().sum(-1)
+        error = (values - returns).square().mean()
+        # a square for small errors, and no more than proportional to large ones
+        loss = error + self.settings.slope_coef * ((1.0 + 10.0 * away).sqrt() - 1.0).mean()
+        self.optimizers[1].zero_grad()
+        loss.backward()
+        self.improve(self.critic, self.optimizers[1])
+        with torch.no_grad():
+            pairs = zip(self.target.parameters(), self.critic.parameters(), strict=True)
+            for parameter, latest in pairs:
+                parameter.lerp_(latest, self.settings.tau)
+        return float(error.detach())
+
+    def improve(self, net: nn.Module, optimizer: torch.optim.Optimizer) -> None:
+        """Change a network along its gradients, which are clipped."""
+        nn.utils.clip_grad_norm_(net.parameters(), self.settings.max_grad_norm)
+        optimizer.step()
+
+    def policy(self, last: dict[str, Any]) -> Policy:
+        """Return the actor as a policy: its last tanh is that of a hidden layer there."""
+        actions = self.actor[-1].out_features
+        same = nn.Linear(actions, actions)
+        with torch.no_grad():
+            same.weight.copy_(torch.eye(actions))
+            same.bias.zero_()
+        net = nn.Sequential(*self.actor, nn.Tanh(), same)
+        return policy_of(net, self.task.obs_scale, "train_shac.py", self.settings, last)
+
+
+def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
+    """Return old horizons and new ones, without the oldest beyond so many steps."""
+    if memory is None:
+        return new
+    most = steps // new.actions.shape[1]
+    return Horizons(*(torch.cat(pair)[-most:] for pair in zip(memory, new, strict=True)))
+
+
+def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
+    """Return the trained policy and its learning curve, a row for every tenth.
+
+    Its seconds are processor time. The episodes that it tells of are played without noise and teach
+    nothing; neither their steps nor their time are counted.
+    """
+    torch.set_num_threads(1)  # two are slower for networks this small
+    torch.manual_seed(settings.seed)
+    config = EnvConfig(**settings.env)
+    task = Task(config, settings.gamma, settings.obs_scale)
+    collector = Collector(config, task, settings)
+    learner = Learner(task, config.joints.size, settings)
+    collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where that has not been done
+    batch_size = settings.num_envs * settings.horizon
+    num_iterations = max(1, settings.total_timesteps // batch_size)
+    memory: Horizons | None = None
+    curve: Curve = []
+    seconds = 0.0
+    for k in tqdm(range(num_iterations), progress, disable=None, unit="horizon"):
+        began, left = time.process_time(), 1.0 - k / num_iterations
+        rates = settings.actor_learning_rate, settings.critic_learning_rate
+        for optimizer, rate in zip(learner.optimizers, rates, strict=True):
+            optimizer.param_groups[0]["lr"] = rate * min(1.0, 1.5 * left + 0.02)
+        new = collector.collect(learner.actor, settings.exploration * left)
+        memory = remembered(memory, new, settings.memory)
+        told = [learner.update(memory) for _ in range(settings.updates)][-1]
+        seconds += time.process_time() - began
+        if (k + 1) % max(1, num_iterations // 10) == 0 or k + 1 == num_iterations:
+            curve.append({"steps": (k + 1) * batch_size, "seconds": round(seconds, 2)})
+            trial = evaluate(learner.policy({}), settings.env, episodes=20, seed=0)
+            shown = {"return": float(trial.returns.mean()), "success": trial.success_rate} | told
+            curve[-1] |= {name: round(value, 6) for name, value in shown.items()}
+    return learner.policy(curve[-1]), curve
+
+
+TASKS: dict[str, dict[str, Any]] = {
+    "swingup-1": {"total_timesteps": 20_000},
+    "swingup-2": {"total_timesteps": 96_000},
+}
+STEPS_OPTION = ("--steps", "environment steps in total")
+
+
+def settings_of(task: str, **changes: Any) -> Settings:
+    """Return the settings for a task such as "swingup-2"."""
+    env = env_of_task(task)
+    if env["mode"] != "swingup" or "randomize" in env:
+        raise ValueError(f'task must be the swing-up of one chain, like "swingup-2", got {task!r}')
+    return Settings(env=env, **(TASKS.get(task, {}) | changes))
+
+
+if __name__ == "__main__":
+    main(__doc__, settings_of, train, total_timesteps=STEPS_OPTION)

@@ -1,0 +1,116 @@
+"""examples/train_shac.py: its gradients are those of the environment, and it learns from them."""
+
+import csv
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scripts import run_script
+from test_examples import ROOT
+
+from npend_gym.envs import EnvConfig
+from npend_gym.rl import Policy, evaluate
+
+torch = pytest.importorskip("torch")
+SCRIPT = ROOT / "examples" / "train_shac.py"
+
+
+def made(**changes):
+    """Return settings, configuration, task, collector and learner of a small run."""
+    from short_horizons import Collector, Task
+    from train_shac import Learner, settings_of
+
+    small = {"num_envs": 4, "horizon": 6, "batch_size": 8, "total_timesteps": 48}
+    settings = settings_of("swingup-2", **(small | changes))
+    torch.manual_seed(settings.seed)
+    config = EnvConfig(**settings.env)
+    task = Task(config, settings.gamma, settings.obs_scale)
+    collector = Collector(config, task, settings)
+    return settings, config, task, collector, Learner(task, 1, settings)
+
+
+def test_rewards_and_observations_in_torch_are_those_of_the_environment():
+    settings, _, task, _, _ = made()
+    envs = gym.make_vec("NPendulum-v0", num_envs=5, **settings.env)
+    rng = np.random.default_rng(1)
+    start = {"theta": rng.uniform(-3.0, 3.0, (5, 2)), "omega": rng.normal(0.0, 3.0, (5, 2))}
+    envs.reset(options=start)
+    action = rng.uniform(-1.0, 1.0, (5, 1)).astype(np.float32)
+    observation, reward, _, _, info = envs.step(action)
+    states = torch.from_numpy(np.hstack([info["theta"], info["omega"]])).float()
+    in_torch = task.reward(states, torch.from_numpy(action)) / (1.0 - settings.gamma)
+    np.testing.assert_allclose(in_torch, reward, rtol=1e-4)
+    np.testing.assert_allclose(task.observe(states) * task.obs_scale, observation, atol=1e-5)
+
+
+def test_the_gradient_along_the_jacobians_is_that_through_the_environment():
+    """Taken again by the actor that took it, a horizon and its gradient are the simulated ones."""
+    from npend_gym.torch import DifferentiableVectorEnv
+
+    settings, _, task, collector, learner = made()
+    horizons = collector.collect(learner.actor, exploration=0.0)
+    states, outputs, near = learner.retake(horizons)
+    np.testing.assert_allclose(torch.stack(states, 1).detach(), horizons.states, atol=1e-5)
+    assert near.all()
+    parameters = [*learner.actor.parameters()]
+    rewards = task.reward(torch.stack(states[1:], 1), outputs.tanh())
+    along = torch.autograd.grad(rewards.sum() / (1.0 - settings.gamma), parameters)
+    envs = DifferentiableVectorEnv(4, **settings.env)
+    theta, omega = horizons.states[:, 0].double().numpy().reshape(4, 2, 2).swapaxes(0, 1)
+    observation, _ = envs.reset(options={"theta": theta, "omega": omega})
+    total = torch.zeros(())
+    for _ in range(settings.horizon):
+        action = learner.actor((observation / task.obs_scale).float()).tanh()
+        observation, reward, _, _, _ = envs.step(action.double())
+        total = total + reward.sum()
+    through = torch.autograd.grad(total, parameters)
+    for one, other in zip(along, through, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-3 * float(other.abs().max()))
+
+
+def test_a_horizon_ends_where_its_jacobians_no_longer_hold():
+    _, _, _, collector, learner = made(trust=0.05)
+    horizons = collector.collect(learner.actor, exploration=0.5)
+    states, _, near = learner.retake(horizons)
+    away = (torch.stack(states, 1) - horizons.states).abs() / learner.task.state_scale
+    within = away.amax(-1) < 0.05
+    assert 0.0 < near.mean() < 1.0
+    np.testing.assert_array_equal(near > 0, within.cummin(1).values)
+
+
+def test_the_newest_horizons_take_the_place_of_the_oldest():
+    from train_shac import remembered
+
+    _, _, _, collector, learner = made()
+    first, second, third = (collector.collect(learner.actor, 0.3) for _ in range(3))
+    memory = remembered(remembered(remembered(None, first, 48), second, 48), third, 48)
+    assert len(memory.states) == 8
+    np.testing.assert_array_equal(memory.actions, torch.cat([second.actions, third.actions]))
+
+
+def test_train_shac_writes_a_policy_and_its_learning_curve(tmp_path):
+    run_script(SCRIPT, "swingup-2", "--steps", 960, "--seed", 3, cwd=tmp_path)
+    policy = Policy.load(tmp_path / "swingup-2.npz")
+    assert [w.shape for w in policy.weights] == [(64, 6), (64, 64), (1, 64), (1, 1)]
+    assert policy.env == {"n": 2, "mode": "swingup", "observation": "sincos"}
+    assert policy.provenance["training"]["steps"] == 960
+    assert policy.provenance["trained_by"] == "examples/train_shac.py"
+    with (tmp_path / "swingup-2.csv").open() as file:
+        assert [int(row["steps"]) for row in csv.DictReader(file)] == [320, 640, 960]
+
+
+@pytest.mark.parametrize("task", ["balance-2", "calm-1", "swingup-2-robust"])
+def test_train_shac_refuses_what_it_cannot_learn(task):
+    from train_shac import settings_of
+
+    with pytest.raises(ValueError, match="task must be the swing-up of one chain"):
+        settings_of(task)
+
+
+@pytest.mark.long
+def test_shac_learns_to_swing_up_one_rod_in_a_tenth_of_the_steps_of_ppo():
+    from train_shac import settings_of, train
+
+    policy, curve = train(settings_of("swingup-1"))
+    assert curve[-1]["steps"] <= 20_000
+    assert evaluate(policy, policy.env).success_rate == 1.0
