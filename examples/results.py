@@ -60,8 +60,7 @@ def references(task: str) -> dict[str, Controller]:
 def tasks() -> list[str]:
     """Return all tasks for which there are settings or plans, in order."""
     named = {task for trainer in TRAINERS.values() for task in trainer.TASKS}
-    named |= {f"swingup-{n}" for n in PLANS}
-    return sorted(named, key=place)
+    return sorted(named | {f"swingup-{n}" for n in PLANS}, key=place)
 
 
 def place(task: str) -> tuple[int, int, str]:
