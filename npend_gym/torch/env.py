@@ -11,11 +11,9 @@ from gymnasium.vector import AutoresetMode
 from torch import Tensor
 from typing_extensions import Unpack
 
-from npend_gym import _checks
 from npend_gym.envs import EnvKeywords
-from npend_gym.envs.config import EnvConfig, make_config
+from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
-from npend_gym.envs.hardware import HARDWARE
 from npend_gym.envs.inputs import (
     checked_autoreset_mode,
     checked_episode_steps,
@@ -27,6 +25,7 @@ from npend_gym.envs.options import checked_options
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
 from npend_gym.physics.substeps import chain_of
+from npend_gym.torch.actions import check_config, check_place, clipped_action
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.compiled_steps import CompiledSteps, DivergedError
 from npend_gym.torch.judging import Lanes, State, judge, observe, quantities
@@ -77,7 +76,7 @@ class DifferentiableVectorEnv:
         device: str | torch.device = "cpu",
         **keywords: Unpack[EnvKeywords],
     ) -> None:
-        config = _check_config(make_config(DifferentiableVectorEnv, keywords))
+        config = check_config(make_config(DifferentiableVectorEnv, keywords))
         self.num_envs = checked_num_envs(num_envs, config.chain.n)
         self.max_episode_steps = checked_episode_steps(max_episode_steps)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
@@ -140,6 +139,8 @@ class DifferentiableVectorEnv:
         begun = torch.from_numpy(chosen).to(self.device)
         state = self._begin(begun, checked)
         self._done = self._done & ~begun
+        if chosen.all():
+            self._taken = 0
         self._progress = Progress.READY
         return self._observation(state), self._info(state)
 
@@ -198,7 +199,7 @@ class DifferentiableVectorEnv:
         TypeError, ValueError
             If the actions break their rule; no lane has then changed.
         DivergedError
-            If a lane leaves all bounds, with the number of the step.
+            If a lane leaves all bounds, with the number of the step since all lanes were reset.
         ResetNeeded
             As for `NPendulumVectorEnv.step`.
         """
@@ -208,7 +209,7 @@ class DifferentiableVectorEnv:
         resets = mode is AutoresetMode.NEXT_STEP and bool(waiting.any())
         if mode is AutoresetMode.DISABLED and waiting.any():
             raise lanes_are_done(waiting.cpu().numpy())
-        clipped = self._clipped(action)
+        clipped = clipped_action(action, self)
         self._progress = Progress.UNFINISHED
         if resets:
             self._begin(waiting)
@@ -263,48 +264,6 @@ class DifferentiableVectorEnv:
                 self._done = torch.zeros_like(terminated)
         return observation, reward.to(self.dtype), terminated, truncated, info
 
-    def _clipped(self, action: Tensor) -> Tensor:
-        """Return the actions, (B, joints) float64 within +-1, or say what is wrong with them."""
-        table, joints = self.config.action_table, self.action_size
-        if joints == 0 or len(table) > 0:
-            return self._chosen(action)
-        given = check_tensor("action", action)
-        if given.dtype != self.dtype:
-            raise TypeError(
-                f"action must be of the environment's dtype {self.dtype}, got {given.dtype}: make "
-                "the environment with dtype=..., or convert with .to(...)"
-            )
-        self._check_place("action", given)
-        if given.shape != (self.num_envs, joints):
-            wanted = (self.num_envs, joints)
-            raise ValueError(f"action must have the shape {wanted}, got {tuple(given.shape)}")
-        if not torch.isfinite(given).all():
-            raise ValueError(f"action must be finite, got {_checks.show(given)}")
-        return given.to(torch.float64).clamp(-1.0, 1.0)
-
-    def _chosen(self, action: Any) -> Tensor:
-        """Return what discrete actions, integers (B,), stand for."""
-        table = torch.from_numpy(self.config.action_table).to(self.device)
-        if not isinstance(action, Tensor) or action.is_floating_point():
-            raise TypeError(f"action must be a tensor of integers, got {_checks.show(action)}")
-        self._check_place("action", action)
-        most = max(1, len(table))
-        if action.shape != (self.num_envs,) or ((action < 0) | (action >= most)).any():
-            raise ValueError(
-                f"action must have the shape ({self.num_envs},) and lie between 0 and {most - 1}, "
-                f"got {_checks.show(action)}"
-            )
-        if len(table) == 0:
-            return self._zeros(self.num_envs, 0)
-        return table[action.long()]
-
-    def _check_place(self, name: str, given: Tensor) -> None:
-        if given.device.type != self.device.type:
-            raise TypeError(
-                f"{name} must be on the environment's device {self.device}, got {given.device}: "
-                "make the environment with device=..., or convert with .to(...)"
-            )
-
     def _observation(self, state: State) -> Tensor:
         return observe(self.config, state, self._lanes).to(self.dtype)
 
@@ -343,23 +302,8 @@ class DifferentiableVectorEnv:
         wanted, checked = (self.num_envs, self.config.n), []
         for name, given in zip(("theta", "omega"), value, strict=True):
             tensor = check_tensor(name, given).to(torch.float64)
-            self._check_place(name, tensor)
+            check_place(name, tensor, self.device)
             if tensor.shape != wanted:
                 raise ValueError(f"{name} must have the shape {wanted}, got {tuple(tensor.shape)}")
             checked.append(tensor)
         self._theta, self._omega = checked
-
-
-def _check_config(config: EnvConfig) -> EnvConfig:
-    """Return the settings, refused where they ask for what has no gradient here."""
-    if config.has_cart:
-        raise ValueError('base must be "pivot" in an environment of tensors, got "cart"')
-    if config.goal_env:
-        raise ValueError("goal_env must be False in an environment of tensors, got True")
-    for name in HARDWARE:
-        if name != "ripple_cycles" and config.largest.get(name, 0.0) > 0.0:
-            raise ValueError(
-                f"{name} must be left out in an environment of tensors, whose motors and sensors "
-                f"are ideal; got {config.largest[name]:g}"
-            )
-    return config
