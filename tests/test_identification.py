@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,8 @@ from npend_gym.identification.regression import regress, smooth
 from npend_gym.identification.segments import side_by_side
 from npend_gym.identification.shooting import Shooting
 from npend_gym.physics import accelerations
+from npend_gym.physics.derivatives import DifferentiableEnsemble
+from npend_gym.physics.motions import Motions
 
 DATA = Path(__file__).parent.parent / "examples" / "data"
 TRUE = Chain(
@@ -197,8 +200,9 @@ def test_simulated_segments_and_their_derivatives_are_those_of_an_adaptive_integ
         chain = model.chain_of(model.unpack(fitted))
         return simulate(chain, state[:2], state[2:], times, torque=torque).theta.ravel()
 
-    residuals, by_fitted, by_state = shooting.linearise(fitted, states)
-    assert residuals[0] == pytest.approx(angles(fitted, states[0]), abs=1e-6)
+    simulated = shooting.simulate(fitted, states)
+    by_fitted, by_state = simulated.linearise()
+    assert simulated.residuals[0] == pytest.approx(angles(fitted, states[0]), abs=1e-6)
     steps = 2e-4 * np.append(model.scale(values_of(TRUE)), np.ones(4))
     both = np.append(fitted, states)
     slopes = np.concatenate([by_fitted, by_state], axis=2)[0]
@@ -206,6 +210,62 @@ def test_simulated_segments_and_their_derivatives_are_those_of_an_adaptive_integ
         above, below = (both + sign * step * np.eye(both.size)[k] for sign in (1.0, -1.0))
         change = angles(above[:-4], above[-4:]) - angles(below[:-4], below[-4:])
         assert slopes[:, k] * step == pytest.approx(0.5 * change, rel=1e-3, abs=1e-3 * step)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_the_derivatives_of_segments_are_those_of_the_steps_that_are_taken(n):
+    rng = np.random.default_rng(n)
+    chain = Chain(
+        rng.uniform(0.1, 0.3, n), rng.uniform(0.2, 0.4, n), centres=rng.uniform(0.1, 0.2, n),
+        inertias=2e-3, damping=2e-3, friction=3e-3, drag=1e-3, quadratic_drag=2e-3, armature=1e-3,
+        gear=5.0,
+    )  # fmt: skip
+    times = np.sort(rng.uniform(0.0, 1.0, 60))
+    motion = check_motion(
+        times, np.cumsum(rng.normal(size=(60, n)), axis=0), np.full((60, n), 0.02)
+    )
+    model = new_model(chain, QUANTITIES, driven=True)
+    segments = side_by_side(motion, [slice(0, 25), slice(25, 60)], 0.01)
+    shooting = Shooting(model, segments, 300.0)
+    fitted, states = model.pack(values_of(chain)), rng.normal(size=(2, 2 * n))
+    by_fitted, by_state = shooting.simulate(fitted, states).linearise()
+    assert by_fitted.shape == (2, 35 * n, len(model.names))
+    steps = 1e-4 * model.scale(values_of(chain))
+    for k, step in enumerate(steps):
+        differences = 0.0
+        for times_step, weight in ((1.0, 8.0), (2.0, -1.0)):  # of the fourth order
+            change = times_step * step * np.eye(fitted.size)[k]
+            above, below = (shooting.simulate(fitted + sign * change, states) for sign in (1, -1))
+            differences = differences + weight * (above.residuals - below.residuals)
+        largest = np.abs(by_fitted[..., k]).max()
+        assert np.abs(by_fitted[..., k] - differences / (12.0 * step)).max() <= 1e-6 * largest, k
+    for k, change in enumerate(1e-3 * np.eye(2 * n)):
+        above, below = (shooting.simulate(fitted, states + sign * change) for sign in (1, -1))
+        twice = [shooting.simulate(fitted, states + sign * change) for sign in (2, -2)]
+        differences = 8.0 * (above.residuals - below.residuals)
+        differences -= twice[0].residuals - twice[1].residuals
+        assert by_state[..., k] == pytest.approx(differences / 0.012, rel=1e-7, abs=1e-7)
+
+
+def test_motions_have_the_bits_of_an_ensemble_and_the_derivatives_of_its_steps():
+    rng = np.random.default_rng(5)
+    torques, first = 0.01 * rng.normal(size=(7, 5, 2)), rng.normal(size=(5, 2, 2))
+    motions = Motions(TRUE.repeated(1), 0.01, 2)
+    states = motions.states(first, torques)
+    direction = {"centres": [[1.0, -0.5]], "quadratic_drag": [[0.1, 0.2]]}
+    found = motions.sensitivities(states, torques, direction)
+    ensemble = DifferentiableEnsemble(TRUE, 5, joints=range(2))
+    ensemble.set_state(slice(None), first[:, 0], first[:, 1])
+    expected = np.concatenate([np.tile(np.eye(4), (5, 1, 1)), np.zeros((5, 4, 1))], axis=2)
+    for k, torque in enumerate(torques):
+        step = ensemble.step_jacobian(torque, 0.01, 2, parameters=direction)
+        expected = step.A @ expected
+        expected[..., 4:] += step.C
+        ensemble.advance(torque, 0.01, 2)
+        np.testing.assert_array_equal(states[k + 1, :, 0], ensemble.theta)
+        np.testing.assert_array_equal(states[k + 1, :, 1], ensemble.omega)
+        own = found[k + 1].reshape(5, 5, 4).swapaxes(1, 2)
+        assert own == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
 
 
 def test_chains_of_equal_values_move_alike_whatever_their_masses():
@@ -242,20 +302,21 @@ def test_the_solver_finds_what_scipys_least_squares_finds():
     def residuals(p, s):
         return s * np.exp(-p[0] * x) + p[1] * x - y
 
-    def linearise(p, s):
+    def evaluate(p, s):
         decay = np.exp(-p[0] * x)
         common = np.stack([-x * s * decay, np.tile(x, (3, 1))], axis=-1)
-        return residuals(p, s), common, np.tile(decay[:, None], (3, 1, 1))
+        slopes = common, np.tile(decay[:, None], (3, 1, 1))
+        return SimpleNamespace(residuals=residuals(p, s), linearise=lambda: slopes)
 
     start = np.array([0.3, 0.0]), np.ones((3, 1))
-    found = solve(residuals, linearise, start, np.ones((3, 30)), np.full(2, -np.inf))
+    found = solve(evaluate, start, np.ones((3, 30)), np.full(2, -np.inf))
     c = 3.0 * 1.4826 * np.median(np.abs(found.residuals))
     expected = least_squares(
         lambda v: residuals(v[:2], v[2:, None]).ravel(), np.ones(5), loss="soft_l1", f_scale=c,
         xtol=1e-12, ftol=1e-12, gtol=1e-12,
     )  # fmt: skip
     assert np.append(found.fitted, found.states) == pytest.approx(expected.x, rel=1e-4)
-    bounded = solve(residuals, linearise, start, np.ones((3, 30)), np.array([0.75, 0.0]))
+    bounded = solve(evaluate, start, np.ones((3, 30)), np.array([0.75, 0.0]))
     assert bounded.fitted[0] == 0.75
 
 

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from npend_gym._checks import FloatArray
 
-Residuals = Callable[[FloatArray, FloatArray], FloatArray | None]
-Linearise = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray, FloatArray] | None]
+
+class Point(Protocol):
+    """Residuals (S, M), for some values of the unknowns, and their derivatives."""
+
+    @property
+    def residuals(self) -> FloatArray:
+        """The residuals, shape (S, M)."""
+        ...
+
+    def linearise(self) -> tuple[FloatArray, FloatArray]:
+        """Return their derivatives by the unknowns, (S, M, k) and (S, M, r)."""
+        ...
+
 
 _OUTLYING = 3.0  # times the scatter of the residuals: from there on they count less
-_CONVERGED = 1e-6  # relative decrease of the cost in a step
+CONVERGED = 1e-6  # relative decrease of the cost, in two steps
 _MAX_DAMPING = 1e10
 
 
@@ -60,12 +72,12 @@ def deviation(errors: FloatArray) -> FloatArray:
 
 
 def solve(
-    residuals: Residuals,
-    linearise: Linearise,
+    evaluate: Callable[[FloatArray, FloatArray], Point | None],
     start: tuple[FloatArray, FloatArray],
     counted: FloatArray,
     lower: FloatArray,
     iterations: int = 50,
+    converged: float = CONVERGED,
 ) -> Solution | None:
     """Minimise sum rho(residual^2), rho(z) = 2 c^2 (sqrt(1 + z / c^2) - 1), by damped Gauss-Newton.
 
@@ -76,9 +88,8 @@ def solve(
 
     Parameters
     ----------
-    residuals, linearise : callable
-        Of the unknowns, shapes (k,) and (S, r): the residuals, (S, M), and with them their
-        derivatives, (S, M, k) and (S, M, r). None where there is no motion.
+    evaluate : callable
+        Takes the unknowns, shapes (k,) and (S, r). Returns None where there is no motion.
     start : tuple of ndarray
         First values of the unknowns.
     counted : ndarray, shape (S, M)
@@ -87,6 +98,8 @@ def solve(
         Least values of the common unknowns.
     iterations : int
         Steps at most.
+    converged : float
+        Relative decrease of the cost in a step after which there is no other.
 
     Returns
     -------
@@ -94,34 +107,33 @@ def solve(
         None if there is no motion at the start.
     """
     fitted, states = start
-    linear = linearise(fitted, states)
+    point = evaluate(fitted, states)
     damping, small = 1e-3, 0
     for _ in range(iterations):
-        if linear is None:
+        if point is None:
             return None
-        f, by_fitted, by_state = linear
+        f = point.residuals
         c = _OUTLYING * scatter(f, counted)
         cost = _cost(f, c)
-        system = _Normal(f, by_fitted, by_state, counted * _weights(f, c))
+        system = _Normal(f, *point.linearise(), counted * _weights(f, c))
         while damping < _MAX_DAMPING:
             change, changes = system.step(damping, lower - fitted)
             new = np.maximum(fitted + change, lower), states + changes
-            f_new = residuals(*new)
-            if f_new is not None and _cost(f_new, c) < cost:
+            there = evaluate(*new)
+            if there is not None and _cost(there.residuals, c) < cost:
                 break
             damping *= 8.0
         else:
             break
-        gain = 1.0 - _cost(f_new, c) / cost
-        fitted, states = new
+        gain = 1.0 - _cost(there.residuals, c) / cost
+        (fitted, states), point = new, there
         damping = max(damping / 8.0, 1e-9)
-        linear = linearise(fitted, states)
-        small = small + 1 if gain < _CONVERGED else 0
-        if small == 2:
+        small = small + 1 if gain < converged else 0
+        if small == (2 if converged <= CONVERGED else 1):
             break
-    if linear is None:
+    if point is None:
         return None
-    f, by_fitted, by_state = linear
+    f, (by_fitted, by_state) = point.residuals, point.linearise()
     weights = counted * _weights(f, _OUTLYING * scatter(f, counted))
     projected = _Normal(f, by_fitted, by_state, weights).project()
     return Solution(fitted, states, f, weights, by_state, projected)
@@ -146,7 +158,8 @@ class _Normal:
         self._by_fitted, self._by_state = by_fitted, by_state
         self._weighted = by_state * weights[..., None]
         weighted = by_fitted * weights[..., None]
-        self.pp = np.einsum("smi,smj->ij", weighted, by_fitted)
+        rows = weights.size, by_fitted.shape[2]
+        self.pp = weighted.reshape(rows).T @ by_fitted.reshape(rows)
         self.ss = self._weighted.swapaxes(1, 2) @ by_state
         self.sp = self._weighted.swapaxes(1, 2) @ by_fitted
         self.gradient = np.einsum("smi,sm->i", weighted, f)

@@ -20,7 +20,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters
+from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.chain.inertia import link_inertia
 
 UNITS = {
@@ -36,6 +36,7 @@ UNITS = {
 QUANTITIES = tuple(UNITS)
 INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, OFFSET = range(len(QUANTITIES))
 _RESISTING = QUANTITIES[DAMPING:OFFSET]  # they are parameters of `Chain` too
+CHAIN_PARAMETERS = ("centres", "inertias", *_RESISTING)  # of `Chain`, that change in a fit
 DEFAULT_FIT = ("inertia", "lift", "damping", "friction", "quadratic_drag")
 _LEAST = 1e-9  # inertia of a link, of the largest one
 _MARGIN = 1e-3  # by which a mass exceeds the smallest one that its link can have
@@ -110,41 +111,54 @@ class Model:
         sizes[QUADRATIC_DRAG] = inertia / self.chain.lengths**3
         return sizes[self.free]
 
-    def parameters(self, values: FloatArray, around: FloatArray) -> ChainParameters | None:
-        """Return the parameters of chains whose `values`, (B, 8, n), are close to `around`, (8, n).
+    def possible_chain(self, values: FloatArray) -> Chain | None:
+        """Return the chain that has `values`, (8, n), with the masses of `chain` where possible.
 
         None if no masses give the links positive inertias.
         """
-        masses = possible_masses(self.chain, around)
+        masses = possible_masses(self.chain, values)
         if masses is None:
             return None
-        size = len(values)
         below = np.cumsum(masses[::-1])[::-1] - masses
-        centres = (values[:, LIFT] - self.chain.lengths * below) / masses
-        inertias = values[:, INERTIA] - masses * centres**2 - below * self.chain.lengths**2
-        inertias[np.abs(inertias) < 1e-12 * values[:, INERTIA]] = 0.0  # rounding
+        centres = (values[LIFT] - self.chain.lengths * below) / masses
+        inertias = values[INERTIA] - masses * centres**2 - below * self.chain.lengths**2
+        inertias[np.abs(inertias) < 1e-12 * values[INERTIA]] = 0.0  # rounding
         if np.any(inertias < 0.0):
             return None
-        resisting = values[:, DAMPING:OFFSET]
-        resisting = np.where(resisting < _checks.SMALLEST, 0.0, resisting).swapaxes(0, 1)
-        return self.chain.repeated(
-            size,
-            masses=np.tile(masses, (size, 1)),
-            centres=centres,
-            inertias=inertias,
-            **dict(zip(_RESISTING, resisting, strict=True)),
-        )
+        resisting = values[DAMPING:OFFSET]
+        resisting = np.where(resisting < _checks.SMALLEST, 0.0, resisting)
+        given = {"masses": masses, "centres": centres, "inertias": inertias}
+        given |= dict(zip(_RESISTING, resisting, strict=True))
+        kept = ("lengths", "gravity", "friction_speed", "gear")
+        return Chain(**given, **{name: getattr(self.chain, name) for name in kept})
+
+    def directions(self, chain: Chain) -> dict[str, FloatArray]:
+        """Return how parameters of `chain` change with what is fitted, by name, (K, n) each.
+
+        The K values are those of `names`, but for the offsets at their end. Masses do not change:
+        the motion does not depend on them where inertias and lifts are given.
+        """
+        places = np.argwhere(self.free[:OFFSET])
+        out = {name: np.zeros((len(places), chain.n)) for name in CHAIN_PARAMETERS}
+        for k, (row, link) in enumerate(places):
+            if row == LIFT:
+                out["centres"][k, link] = 1.0 / chain.masses[link]
+                out["inertias"][k, link] = -2.0 * chain.centres[link]
+            else:
+                name = "inertias" if row == INERTIA else QUANTITIES[row]
+                out[name][k, link] = 1.0
+        return out
 
     def chain_of(self, values: FloatArray) -> Chain:
-        """Return the chain that has `values`, (8, n), with the masses of `chain` where possible."""
-        rows = self.parameters(values[None], values)
-        if rows is None:
+        """Return the `possible_chain`; ValueError if there is none."""
+        chain = self.possible_chain(values)
+        if chain is None:
             raise ValueError(
                 "chain must have lengths that fit the motion: with those given no links of "
                 f"positive inertia have inertia {values[INERTIA]} kg m^2 and lift {values[LIFT]} "
                 "kg m"
             )
-        return Chain(**{name: row[0] for name, row in rows._asdict().items()})
+        return chain
 
 
 def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:

@@ -23,9 +23,6 @@ _PERIODS = 4.0  # typical periods of the motion in the longest segments, by defa
 _MANY = 12  # iterations: more are needed only where the given chain is hopeless
 _POOR = 0.05  # scatter of the errors, of that of the angles, from which on there is a warning
 _OUTLIER = 6.0  # times the scatter
-_CHAIN_PARAMETERS = (
-    "centres", "inertias", "damping", "friction", "drag", "quadratic_drag", "armature",
-)  # fmt: skip
 
 
 class Problem:
@@ -106,7 +103,7 @@ def _result(problem: Problem, fitted: Fit, judged: Sequence[slice]) -> Identific
     values = model.unpack(solution.fitted)
     own = stages.judge(values, judged) if judged else None
     given = stages.judge(model.known, judged, _MANY) if judged else None
-    errors = uncertainty(solution, model)
+    errors, chain = uncertainty(solution, model), model.chain_of(values)
     held_out = np.zeros(motion.times.size, np.bool_)
     for rows in judged:
         held_out[rows] = True
@@ -114,13 +111,13 @@ def _result(problem: Problem, fitted: Fit, judged: Sequence[slice]) -> Identific
     fits = [(fitted, False, None)] + ([] if own is None else [(own, True, given)])
     residuals = _residuals(motion, [fit for fit, _, _ in fits])
     return Identification(
-        chain=model.chain_of(values),
+        chain=chain,
         names=tuple(model.names),
         units=tuple(model.units),
         values=solution.fitted,
         standard_errors=errors.errors,
         correlation=errors.correlation,
-        chain_errors=_chain_errors(model, values, errors.covariance),
+        chain_errors=_chain_errors(model, chain, errors.covariance),
         offsets=values[OFFSET],
         held_out_rmse=np.nan if own is None else own.rmse,
         given_rmse=np.nan if given is None else given.rmse,
@@ -162,21 +159,11 @@ def _residuals(motion: Motion, fits: Sequence[Fit]) -> FloatArray:
     return out
 
 
-def _chain_errors(
-    model: Model, values: FloatArray, covariance: FloatArray
-) -> dict[str, FloatArray]:
+def _chain_errors(model: Model, chain: Chain, covariance: FloatArray) -> dict[str, FloatArray]:
     """Return standard errors of parameters of the chain, of those without an infinite one."""
-    fitted = model.pack(values)
-    steps = 1e-6 * model.scale(values)
-    changed = np.vstack([fitted, fitted + np.diag(steps)])
-    rows = model.parameters(model.unpack(changed), values)
-    if rows is None:
-        return {}
-    slopes = {
-        name: (getattr(rows, name)[1:] - getattr(rows, name)[0]) / steps[:, None]
-        for name in _CHAIN_PARAMETERS
-    }
     return {
-        name: np.sqrt(np.einsum("ki,kl,li->i", slope, covariance, slope))
-        for name, slope in slopes.items()
+        name: np.sqrt(
+            np.einsum("ki,kl,li->i", slope, covariance[: len(slope), : len(slope)], slope)
+        )
+        for name, slope in model.directions(chain).items()
     }

@@ -16,7 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.interpolate import BSpline
+from scipy.linalg import solveh_banded
 from scipy.optimize import lsq_linear
 
 from npend_gym._checks import FloatArray
@@ -76,13 +77,23 @@ def smooth(motion: Motion, width: float) -> Smooth:
 
 def _robust_spline(times: FloatArray, measured: FloatArray, knots: FloatArray) -> BSpline:
     """Return the spline with these knots that fits best, where outliers lose their weight."""
-    weights = np.ones_like(measured)
+    matrix = BSpline.design_matrix(times, knots, _DEGREE)
+    size, order = matrix.shape[1], _DEGREE + 1
+    values, columns = (one.reshape(-1, order) for one in (matrix.data, matrix.indices))
+    # products of two splines, and where they are added up in the band of the normal equations
+    a, b = np.triu_indices(order)
+    products, places = values[:, a] * values[:, b], (_DEGREE - (b - a)) * size + columns[:, b]
+    weights, coefficients = np.ones_like(measured), np.zeros(size)
     for _ in range(_REWEIGHTED):
-        spline = make_lsq_spline(times, measured, knots, _DEGREE, w=weights)
-        away = spline(times) - measured
+        squares = weights[:, None] ** 2
+        band = np.bincount(places.ravel(), (squares * products).ravel(), order * size)
+        right = values * (squares * measured[:, None])
+        right = np.bincount(columns.ravel(), right.ravel(), size)
+        coefficients = solveh_banded(band.reshape(order, size), right)
+        away = (values * coefficients[columns]).sum(axis=1) - measured
         usual = max(3.0 * float(deviation(away)), 1e-12)
         weights = 1.0 / (1.0 + (away / usual) ** 2)
-    return spline  # pyright: ignore[reportPossiblyUnboundVariable]
+    return BSpline(knots, coefficients, _DEGREE)
 
 
 def regress(
@@ -116,13 +127,19 @@ def regress(
         rows = (unknown * weights[..., None]).reshape(-1, fitted.size)
         size = np.linalg.norm(rows, axis=0)
         size = np.where(size > 0.0, size, 1.0)
-        bounds = lower * size, np.inf
-        fitted = lsq_linear(rows / size, (vector * weights).ravel(), bounds).x / size
+        fitted = _bounded(rows / size, (vector * weights).ravel(), lower * size) / size
         away = unknown @ fitted - vector
         spread = np.maximum(deviation(away), least)
         weights = (1.0 + (away / (3.0 * spread)) ** 2) ** -0.25 / spread
     known[wanted] = fitted
     return known
+
+
+def _bounded(matrix: FloatArray, right: FloatArray, lower: FloatArray) -> FloatArray:
+    """Return the solution of least squares that is not below its bounds."""
+    factor, reduced = np.linalg.qr(np.column_stack([matrix, right]), mode="r"), matrix.shape[1]
+    least = factor[:reduced, :reduced], factor[:reduced, reduced]
+    return lsq_linear(*least, (lower, np.inf), method="bvls").x
 
 
 def _equations(

@@ -9,17 +9,22 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.identification.parameters import OFFSET, Model
 from npend_gym.identification.segments import Segments
-from npend_gym.physics import Ensemble
+from npend_gym.physics.kernels.layout import MAX_SPEED
+from npend_gym.physics.kernels.motions import angles_between
+from npend_gym.physics.motions import Motions
 from npend_gym.physics.substeps import default_substeps
 
-_LANES = 4096  # chains that are simulated side by side
-_STEP = 1e-6  # of the size of a value, for differences
+_NUMBERS = 4_000_000  # of the derivatives at all nodes, that are kept at a time
 
 
 class Shooting:
-    """The residuals of segments: simulated less measured angles, as functions of what is fitted.
+    """Simulated motions of segments, as functions of what is fitted.
+
+    Between the nodes of the grid angles are those of the cubic that has the angles and angular
+    velocities of both.
 
     Parameters
     ----------
@@ -31,12 +36,16 @@ class Shooting:
 
     def __init__(self, model: Model, segments: Segments, rate: float) -> None:
         self.model, self.segments, self._least = model, segments, segments.step * rate
+        self._values, self._chain, self._motions = np.empty(0), None, None  # of the last motions
         at = segments.times / segments.step
         self._node = np.minimum(at.astype(np.int64), len(segments.torque) - 1)
-        self._fraction = (at - self._node)[..., None, None]
+        x = at - self._node
+        fallen, h = x * x * (3.0 - 2.0 * x), segments.step
+        slopes = h * x * (1.0 - x) ** 2, h * x * x * (x - 1.0)
+        self._weights = np.stack([1.0 - fallen, slopes[0], fallen, slopes[1]], axis=-1)
 
-    def residuals(self, fitted: FloatArray, states: FloatArray) -> FloatArray | None:
-        """Return simulated less measured angles [rad], shape (S, M n); zero where none is measured.
+    def simulate(self, fitted: FloatArray, states: FloatArray) -> Simulated | None:
+        """Return the motions of all segments.
 
         Parameters
         ----------
@@ -47,94 +56,83 @@ class Shooting:
 
         Returns
         -------
-        ndarray or None
-            None where no chain has these values.
+        Simulated or None
+            None where no chain has these values, or one leaves all bounds.
         """
-        angles = self._angles(self.model.unpack(fitted)[None], states[None])
-        return None if angles is None else self._compare(angles)[0]
+        values = self.model.unpack(fitted)
+        if not np.array_equal(values, self._values):
+            self._values, self._chain = values, self.model.possible_chain(values)
+            self._motions = None if self._chain is None else self._motions_of(self._chain)
+        chain, motions = self._chain, self._motions
+        if chain is None or motions is None:
+            return None
+        nodes = motions.states(states.reshape(len(states), 2, -1), self.segments.torque)
+        largest = np.abs(nodes).max(axis=(0, 1, 3))
+        if not (largest[0] <= MAX_ANGLE and largest[1] <= MAX_SPEED):  # or NaN
+            return None
+        return Simulated(self, chain, motions, nodes, values[OFFSET])
 
-    def linearise(
-        self, fitted: FloatArray, states: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Return residuals and their derivatives by what is fitted and by the first states.
+    def _motions_of(self, chain: Chain) -> Motions:
+        substeps = max(math.ceil(self._least), default_substeps(chain, self.segments.step))
+        # with some friction, however small, one kind of kernel is compiled for all models
+        some = chain.friction + _checks.SMALLEST
+        return Motions(chain.repeated(1, friction=some[None]), self.segments.step, substeps)
+
+    def angles(self, nodes: FloatArray, span: slice = slice(None)) -> FloatArray:
+        """Return angles at the measured times, or D changes of them, (S, M, n, D).
+
+        `nodes` (T + 1, S, D, 2, n) are states at the nodes of the grid, of some segments.
+        """
+        node, weights = self._node[span], self._weights[span]
+        out = np.empty((*node.shape, nodes.shape[4], nodes.shape[2]))
+        angles_between(nodes, node, weights, out)
+        return out
+
+
+class Simulated:
+    """Simulated motions of the segments of a `Shooting`.
+
+    Attributes
+    ----------
+    residuals : ndarray, shape (S, M n)
+        Simulated less measured angles [rad]; zero where none is measured.
+    """
+
+    def __init__(
+        self,
+        shooting: Shooting,
+        chain: Chain,
+        motions: Motions,
+        nodes: FloatArray,
+        offsets: FloatArray,
+    ) -> None:
+        self._shooting, self._chain, self._motions, self._nodes = shooting, chain, motions, nodes
+        segments = shooting.segments
+        away = shooting.angles(nodes[:, :, None])[..., 0] + offsets - segments.theta
+        self.residuals = np.where(segments.measured[..., None], away, 0.0).reshape(len(away), -1)
+
+    def linearise(self) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of the residuals by what is fitted and by the first states.
 
         Returns
         -------
-        tuple of ndarray, shapes (S, M n), (S, M n, k) and (S, M n, 2n)
-            None where no chain has these values.
-
-        Notes
-        -----
-        This is the one place that knows how derivatives are made: by forward differences, all
-        side by side. Exact sensitivities of the motion would replace its body.
+        tuple of ndarray, shapes (S, M n, k) and (S, M n, 2n)
+            Exact ones of the Runge-Kutta steps that were taken.
         """
-        k, numbers = fitted.size, states.shape[1]
-        values = self.model.unpack(fitted)
-        steps = np.concatenate([_STEP * self.model.scale(values), np.full(numbers, _STEP)])
-        changed = np.tile(fitted, (1 + k + numbers, 1))
-        changed[1 : k + 1] += np.diag(steps[:k])
-        first = np.tile(states, (1 + k + numbers, 1, 1))
-        first[k + 1 :] += np.diag(steps[k:])[:, None]
-        angles = self._angles(self.model.unpack(changed), first)
-        if angles is None:
-            return None
-        out = self._compare(angles)
-        slopes = np.moveaxis((out[1:] - out[0]) / steps[:, None, None], 0, -1)
-        return out[0], slopes[..., :k].copy(), slopes[..., k:].copy()
-
-    def _compare(self, angles: FloatArray) -> FloatArray:
-        """Return simulated less measured angles, shape (V, S, M n)."""
-        segments = self.segments
-        out = np.where(segments.measured[..., None], angles - segments.theta, 0.0)
-        return out.reshape(*out.shape[:2], -1)
-
-    def _angles(self, values: FloatArray, states: FloatArray) -> FloatArray | None:
-        """Return the simulated angles of V variants at the measured times, (V, S, M, n).
-
-        `values`, (V, 8, n), are close to the first of them; `states` has the shape (V, S, 2n).
-        """
-        if states.shape[:2] == (1, 1):  # two lanes, for the kernel that is compiled anyway
-            angles = self._angles(np.tile(values, (2, 1, 1)), np.tile(states, (2, 1, 1)))
-            return None if angles is None else angles[:1]
-        rows = self.model.parameters(values, values[0])
-        if rows is None:
-            return None
-        chain = self.model.chain_of(values[0])
-        substeps = max(math.ceil(self._least), default_substeps(chain, self.segments.step))
-        # An Ensemble takes chains that need no more than its first one. With some friction, however
-        # small, that has room for all values, and one kind of kernel is compiled for all models.
-        roomy = chain.as_dict() | {"friction": (chain.friction + _checks.SMALLEST).tolist()}
-        variants, size = states.shape[:2]
-        chunk = max(1, _LANES // variants)
-        parts: list[FloatArray] = []
+        shooting, segments, model = self._shooting, self._shooting.segments, self._shooting.model
+        directions = model.directions(self._chain)
+        (steps, size, n), rows = segments.torque.shape, segments.times.shape[1]
+        count = len(model.names) + 2 * n
+        out = np.empty((size, rows, n, count))
+        moving = 2 * n + len(directions["inertias"])  # what follows are offsets
+        out[..., moving:] = np.eye(n)[:, model.free[OFFSET]]
+        chunk = max(1, _NUMBERS // ((steps + 1) * count * 2 * n))
         for begin in range(0, size, chunk):
             span = slice(begin, begin + chunk)
-            count = min(size, begin + chunk) - begin
-            ensemble = Ensemble(Chain.from_dict(roomy), variants * count, joints=range(chain.n))
-            lanes = (np.repeat(row, count, axis=0) for row in rows)
-            ensemble.set_chain(slice(None), type(rows)(*lanes))
-            parts.append(self._run(ensemble, states[:, span], span, substeps))
-        return np.concatenate(parts, axis=1) + values[:, None, None, OFFSET]
-
-    def _run(
-        self, ensemble: Ensemble, states: FloatArray, span: slice, substeps: int
-    ) -> FloatArray:
-        """Return the angles of some segments at their measured times, (V, S, M, n).
-
-        Between the nodes of the grid angles are those of the cubic that has the angles and
-        angular velocities of both.
-        """
-        variants, size, n = *states.shape[:2], ensemble.n
-        step, torque = self.segments.step, self.segments.torque[:, span]
-        ensemble.set_state(
-            slice(None), states[..., :n].reshape(-1, n), states[..., n:].reshape(-1, n)
-        )
-        both = ensemble.rollout(np.tile(torque, (1, variants, 1)), step, substeps)
-        theta, omega = (one.reshape(-1, variants, size, n) for one in both)
-        node, x = self._node[span], self._fraction[span]
-        segment = np.arange(size, dtype=np.int64)[:, None]
-        a, b = (theta[node + end, :, segment] for end in (0, 1))  # (S, M, V, n)
-        u, v = (step * omega[node + end, :, segment] for end in (0, 1))
-        rise = b - a
-        angles = a + x * (u + x * ((3.0 * rise - 2.0 * u - v) + x * (u + v - 2.0 * rise)))
-        return np.moveaxis(angles, 2, 0)
+            nodes = np.ascontiguousarray(self._nodes[:, span])
+            torque = np.ascontiguousarray(segments.torque[:, span])
+            changes = self._motions.sensitivities(nodes, torque, directions)
+            out[span, :, :, :moving] = shooting.angles(changes, span)
+        out[~segments.measured] = 0.0
+        flat = out.reshape(size, rows * n, count)
+        return flat[..., 2 * n :].copy(), flat[..., : 2 * n].copy()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym.identification.least_squares import Solution, scatter, solve
+from npend_gym.identification.least_squares import CONVERGED, Solution, scatter, solve
 from npend_gym.identification.motion import MIN_ROWS, Motion
 from npend_gym.identification.parameters import Model
 from npend_gym.identification.regression import regress, smooth
@@ -20,6 +20,7 @@ from npend_gym.physics.substeps import MAX_ROTATION, default_substeps
 _FIRST = 0.25  # typical periods in the shortest segments
 _WIDTHS = 6  # of bumps, tried by the regression
 _ROUGH = 3  # iterations that tell which first values are best
+_PASSING = 1e-2  # decrease of the cost in a step that ends a stage before the last one
 _NODES = 2  # substeps between two nodes of the grid
 _SENSITIVE = 0.2  # growth of the scatter to so many rad: a chaotic motion has many solutions
 _TOO_MUCH = 8.0  # a fit whose error grows by this factor when segments are twice as long ...
@@ -85,7 +86,12 @@ class Stages:
         self._step = _NODES / max(default_substeps(model.chain, 1.0), self._rate)
 
     def _fit(
-        self, model: Model, parts: Sequence[slice], before: Fit | FloatArray, iterations: int = 50
+        self,
+        model: Model,
+        parts: Sequence[slice],
+        before: Fit | FloatArray,
+        iterations: int = 50,
+        converged: float = CONVERGED,
     ) -> Fit | None:
         """Return the fit of `model` to parts of the motion; None where nothing moves.
 
@@ -99,17 +105,16 @@ class Stages:
         start = before.solution.fitted if isinstance(before, Fit) else before, states
         shooting = Shooting(model, segments, self._rate)
         counted = np.repeat(segments.measured, self.motion.links, axis=1).astype(np.float64)
-        solution = solve(
-            shooting.residuals, shooting.linearise, start, counted, model.lower, iterations
-        )
+        solution = solve(shooting.simulate, start, counted, model.lower, iterations, converged)
         return None if solution is None else Fit(segments, solution)
 
     def judge(self, values: FloatArray, parts: Sequence[slice], iterations: int = 50) -> Fit | None:
         """Return the fit of the first states alone, with the values (8, n), in stages."""
-        model, fit = self.model.fixed(values), None
-        for duration in self._durations(parts):
-            cuts = cut(self.motion, parts, duration)
-            fit = self._fit(model, cuts, np.zeros(0) if fit is None else fit, iterations)
+        model, fit, durations = self.model.fixed(values), None, self._durations(parts)
+        for duration in durations:
+            cuts, before = cut(self.motion, parts, duration), np.zeros(0) if fit is None else fit
+            converged = CONVERGED if duration == durations[-1] else _PASSING
+            fit = self._fit(model, cuts, before, iterations, converged)
         return fit
 
     def start(self, parts: Sequence[slice]) -> FloatArray:
@@ -146,19 +151,20 @@ class Stages:
     def lengthen(self, parts: Sequence[slice], values: FloatArray) -> tuple[Fit, float]:
         """Return the fit over the longest segments that are possible, and their duration [s]."""
         durations = self._durations(parts)
-        short = cut(self.motion, parts, durations[0])
-        best, reached = self._fit(self.model, short, self.model.pack(values)), durations[0]
+        cuts, reached = cut(self.motion, parts, durations[0]), durations[0]
+        best = self._fit(self.model, cuts, self.model.pack(values), converged=_PASSING)
         if best is None:
             raise RuntimeError("the fit left all chains that can move: fit fewer quantities")
         for duration in durations[1:]:
             longer = cut(self.motion, parts, duration)
-            new = self._fit(self.model, longer, best)
+            new = self._fit(self.model, longer, best, converged=_PASSING)
             if new is None or new.rmse > max(_SMALL, _TOO_MUCH * best.rmse):
                 break
             if new.growth * new.scatter > _SENSITIVE:
                 break
             best, reached = new, duration
-        return best, reached
+        final = self._fit(self.model, best.segments.rows, best)
+        return final or best, reached
 
     def _durations(self, parts: Sequence[slice]) -> list[float]:
         """Return how long segments are in each stage [s]: twice as long each time."""

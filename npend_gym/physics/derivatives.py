@@ -13,7 +13,13 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.physics.directions import Kind, by_names, check_directions, check_names
+from npend_gym.physics.directions import (
+    Kind,
+    by_names,
+    check_directions,
+    check_names,
+    kind_of,
+)
 from npend_gym.physics.ensemble import Ensemble
 from npend_gym.physics.kernels.derivatives import (
     STEP_ROWS,
@@ -24,13 +30,9 @@ from npend_gym.physics.kernels.derivatives import (
     tangents_many,
 )
 from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
-from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
-from npend_gym.physics.kernels.tensions import ChainArrays
 from npend_gym.physics.memory import Plan
 
 _TAPE = 2**22  # bytes of the tapes that are kept for the way back: more would leave the cache
-# The kinds of chains, by the number of arrays in their models
-_KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
 
 
 class StepJacobian(NamedTuple):
@@ -220,7 +222,7 @@ class DifferentiableEnsemble(Ensemble):
 
     @property
     def _kind(self) -> Kind:
-        return _KINDS[len(self._memory.arrays[2] or ())]
+        return kind_of(self._memory.arrays[2])
 
     def _inputs(self, parameters: Mapping[str, ArrayLike] | None) -> tuple[FloatArray, ...]:
         """Return unit changes of all states, then of all torques, and of the parameters as given.
@@ -228,17 +230,15 @@ class DifferentiableEnsemble(Ensemble):
         They are in the form of `tangents_many`: changes, pushed, changed.
         """
         c = self._coordinates
-        directions = check_directions(parameters, self.n, self._kind, self._centres_at_ends)
-        count, rows, _ = directions.shape
-        total = 2 * c + len(self._inputs_at) + count
+        changed = check_directions(parameters, self.n, self._kind, self._centres_at_ends)
+        count, inputs = len(changed), len(self._inputs_at)
+        total = 2 * c + inputs + count
         changes, pushed = self._intact.new_rows(total, 2), np.zeros((total, self.n + 1))
-        changed = np.zeros((total, rows, self.n))
         view = self._memory.lanes_of(changes)
         for k in range(c):
             view[:, :, k, 0, k] = view[:, :, c + k, 1, k] = 1.0
-        pushed[range(2 * c, total - count), self._inputs_at] = 1.0
-        changed[total - count :] = directions
-        return changes, pushed, changed
+        pushed[range(2 * c, 2 * c + inputs), self._inputs_at] = 1.0
+        return changes, pushed, changed if count else np.zeros((1, 0, self.n))
 
     @property
     def _centres_at_ends(self) -> BoolArray:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
+from npend_gym.physics.kernels.layout import Model
 from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, Parameter
 from npend_gym.physics.kernels.tensions import ChainArrays
 
@@ -20,6 +21,13 @@ _DIFFERENTIABLE: dict[Any, tuple[str, ...]] = {
     LinkArrays: ("masses", "lengths", "gravity", "damping", "centres", "inertias"),
     MachineArrays: ChainParameters._fields,
 }
+# by the number of arrays in the model
+_KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
+
+
+def kind_of(model: Model) -> Kind:
+    """Return the kind of chains that have this model."""
+    return _KINDS[len(model or ())]
 
 
 def check_names(names: Iterable[str], kind: Kind) -> list[str]:

@@ -160,12 +160,20 @@ def _count_parts(group: Group, timing: FloatArray, rest: FloatArray) -> Any:
     return substep_parts(omega, group.velocity.size, whole, timing[Timing.PER_ROTATION])
 
 
+@inlined_kernel
+def _directions(changed: FloatArray, d: int, first: int) -> FloatArray:
+    """Return how direction `d` changes parameters; empty before the first that does."""
+    return changed[max(0, d - first)][: changed.shape[1] if d >= first else 0]
+
+
 @spliced_kernel
-def _tangents_of_group(
+def tangents_of_group(
     group: Group, timing: FloatArray, changes: FloatArray, pushed: FloatArray,
     changed: FloatArray, reached: FloatArray, rest: FloatArray,
 ) -> None:  # fmt: skip
+    """See `tangents_many`; without any `changes` it is a step alone."""
     size, poses, tape = group.theta.size, rest[_POSES:], rest[TAPE:]
+    count, first = changes.shape[0], changes.shape[0] - changed.shape[0]
     copy(group.theta, rest[_THETA])
     copy(group.omega, rest[_OMEGA_NOW])
     for _ in range(int(timing[Timing.SUBSTEPS])):
@@ -174,13 +182,13 @@ def _tangents_of_group(
         while part == 0 or any_of(parts > part):
             h = _part_length(parts, part, timing)
             _take_part(group, h, rest, tape)
-            for k in range(4):
+            for k in range(4 if count > 0 else 0):
                 stage = _stage(tape, k)
                 u, alpha = stage[_OMEGA][:size], stage[_ALPHA][:size]
                 pose(u, alpha, group.chain, group.mass, stage, poses[k * POSE_ROWS :])
-            for d in range(changes.shape[0]):
+            for d in range(count):
                 _rk4_tangent(
-                    h, group, tape, poses, changes[d], pushed[d], changed[d],
+                    h, group, tape, poses, changes[d], pushed[d], _directions(changed, d, first),
                     rest[_ANSWER_ROWS:], rest[_FIRST:],
                 )  # fmt: skip
             part += 1
@@ -196,16 +204,16 @@ def tangents_many(
     """Carry changes of the members' states, torques and parameters through a step of `timing`.
 
     `changes` (groups, D, 2, row) has those of theta and omega, before and after; `pushed`
-    (D, n + 1) those of the torques and `changed` (D, len(Parameter) or 0, n) those of the
-    parameters, the same for all members. The states after the step are left in `reached`
-    (groups, 2, row). The members stay as they are; arrays as in `layout`.
+    (D, n + 1) those of the torques and `changed` (K, len(Parameter) or 0, n) those of the
+    parameters, the same for all members, in the last K of the D. The states after the step are
+    left in `reached` (groups, 2, row). The members stay as they are; arrays as in `layout`.
     """
     members, rods, changes, reached = bare(members), bare(rods), bare(changes), bare(reached)
     pushed, changed, rest = bare(pushed), bare(changed), packs(bare(scratch))
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         group = group_of(packs(members), packs(rods), packs(model), g)
         rows, end = packs(changes)[g], packs(reached)[g]
-        _tangents_of_group(group, timing, rows, pushed, changed, end, rest)
+        tangents_of_group(group, timing, rows, pushed, changed, end, rest)
 
 
 @spliced_kernel
@@ -217,10 +225,11 @@ def _rates_of_group(
     alpha, force = stage[_ALPHA][:size], rest[_FIRST + _FORCE][:size]
     accelerations_kept(group.theta, group.omega, group.torque, group.chain, stage, alpha)
     pose(group.omega, alpha, group.chain, group.mass, stage, poses)
+    first = changes.shape[0] - changed.shape[0]
     for d in range(changes.shape[0]):
-        change = changes[d]
+        change, directions = changes[d], _directions(changed, d, first)
         tangent(
-            group.omega, alpha, change[0][:size], change[1][:size], pushed[d], changed[d],
+            group.omega, alpha, change[0][:size], change[1][:size], pushed[d], directions,
             group.chain, group.mass, poses, rest[_FIRST + _OUT :], force,
         )  # fmt: skip
         respond(force, group.chain, stage, rest[_ANSWER_ROWS:], change[1][:size])

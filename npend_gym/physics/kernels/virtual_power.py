@@ -62,9 +62,11 @@ ADJOINT_ROWS = 8
 # Rows that are kept for the tangents of one state, in which a change of theta moves the tip by
 # N = l n times as much, and its acceleration by X = -l (alpha e + omega^2 n); one of omega by
 # Y = -2 l omega e. The moment of the forces changes by -PULL. What follows is for parameters: T, A,
-# the parts across of A and of the force F on the tip; and the velocity of the tip for drag
+# the parts across of A and of the force F on the tip. Then the velocity of the tip for drag, what
+# `drag_slopes` says of it and `_friction_slopes` of the joint, and c / l
 _NX, _NY, _XX, _XY, _YX, _YY, _PULL, _TX, _TY, _AAX, _AAY, _AN, _FN, _UUX, _UUY = range(15)
-POSE_ROWS = 15
+_SPEED, _DRAG, _GROWTH, _TURN, _SLOPE, _ARM = range(15, 21)
+POSE_ROWS = 21
 
 
 @inlined_kernel
@@ -412,6 +414,12 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
             if links:
                 centre = chain.terms[Link.CENTRE, i]
                 rows[_AAX][i], rows[_AAY][i] = jx + centre * tx, jy + centre * ty
+                rows[_ARM][i] = centre / l
+            if machine:
+                relative = u[i]
+                if i > 0:
+                    relative = relative - u[i - 1]
+                rows[_TURN][i], rows[_SLOPE][i] = _friction_slopes(chain.joints, i, relative)
             jx, jy = jx + l * tx, jy + l * ty
             if not links:
                 rows[_AAX][i], rows[_AAY][i] = jx, jy
@@ -422,6 +430,8 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
             if resisted:
                 ux, uy = ux + nx * u[i], uy + ny * u[i]
                 rows[_UUX][i], rows[_UUY][i] = ux, uy
+                speed, factor, growth = drag_slopes(chain, i, ux, uy)
+                rows[_SPEED][i], rows[_DRAG][i], rows[_GROWTH][i] = speed, factor, growth
             if links:
                 rows[_AN][i], rows[_FN][i] = ce, se  # until the way back
             else:
@@ -437,7 +447,7 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
         for i in range(chain.length.size - 1, -1, -1):
             l, m, ax, ay = chain.length[i], mass[i], rows[_AAX][i], rows[_AAY][i]
             if machine:
-                factor = drag_slopes(chain, i, rows[_UUX][i], rows[_UUY][i])[1]
+                factor = rows[_DRAG][i]
                 fx, fy = fx + factor * rows[_UUX][i], fy + factor * rows[_UUY][i]
             arm = m * chain.terms[Link.CENTRE, i]
             ce, se = rows[_AN][i], rows[_FN][i]
@@ -464,46 +474,47 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
             tx, ty = rows[_XX][i] * dt + rows[_YX][i] * dw, rows[_XY][i] * dt + rows[_YY][i] * dw
             ax, ay = jx, jy
             if links:
-                share = chain.terms[Link.CENTRE, i] / chain.length[i]
+                share = rows[_ARM][i]
                 ax, ay = jx + share * tx, jy + share * ty
             jx, jy = jx + tx, jy + ty
             if changed.size > 0:
                 longer = changed[Parameter.lengths, i]
                 if links:
                     shifted = changed[Parameter.centres, i]
-                    ax, ay = ax + shifted * rows[_TX][i], ay + shifted * rows[_TY][i]
-                jx, jy = jx + longer * rows[_TX][i], jy + longer * rows[_TY][i]
+                    if shifted != 0.0:
+                        ax, ay = ax + shifted * rows[_TX][i], ay + shifted * rows[_TY][i]
+                if longer != 0.0:
+                    jx, jy = jx + longer * rows[_TX][i], jy + longer * rows[_TY][i]
             if not links:
                 ax, ay = jx, jy
             out[0][i], out[1][i] = ax, ay
             if resisted:
                 ux = ux + (rows[_NX][i] * dw + 0.5 * (rows[_YX][i] * dt))
                 uy = uy + (rows[_NY][i] * dw + 0.5 * (rows[_YY][i] * dt))
-                if changed.size > 0:
+                if changed.size > 0 and changed[Parameter.lengths, i] != 0.0:
                     faster = changed[Parameter.lengths, i] * u[i] / chain.length[i]
                     ux, uy = ux + faster * rows[_NX][i], uy + faster * rows[_NY][i]
                 out[2][i], out[3][i] = ux, uy
 
     @inlined_kernel
     def joint_torque(
-        i: int, u: FloatArray, sped: FloatArray, pushed: FloatArray, changed: FloatArray, chain: Any
-    ) -> Any:
+        i: int, u: FloatArray, sped: FloatArray, pushed: FloatArray, changed: FloatArray,
+        chain: Any, rows: FloatArray,
+    ) -> Any:  # fmt: skip
         """Return the change of the torque at joint `i`, damping and friction included."""
         speed, change = u[i], sped[i]
         if i > 0:
             speed, change = speed - u[i - 1], change - sped[i - 1]
         slope = chain.damping[i]
-        share, rubbing = 0.0 * speed, 0.0 * speed
         if machine:
-            share, rubbing = _friction_slopes(chain.joints, i, speed)
-            slope = slope + rubbing
+            slope = slope + rows[_SLOPE][i]
         torque = pushed[i] - slope * change
         if changed.size > 0:
             torque = torque - changed[Parameter.damping, i] * speed
             if machine:
                 scaled = speed * chain.joints[Joint.PER_SPEED, i]
-                torque = torque - changed[Parameter.friction, i] * share
-                torque = torque + changed[Parameter.friction_speed, i] * (rubbing * scaled)
+                torque = torque - changed[Parameter.friction, i] * rows[_TURN][i]
+                torque = torque + changed[Parameter.friction_speed, i] * (rows[_SLOPE][i] * scaled)
         return torque
 
     @inlined_kernel
@@ -522,28 +533,33 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
             m = mass[i]
             if resisted:
                 ux, uy, dux, duy = rows[_UUX][i], rows[_UUY][i], out[2][i], out[3][i]
-                speed, factor, growth = drag_slopes(chain, i, ux, uy)
-                along = growth * (ux * dux + uy * duy)
+                factor, along = rows[_DRAG][i], rows[_GROWTH][i] * (ux * dux + uy * duy)
                 if changed.size > 0:
                     along = along + changed[Parameter.drag, i]
-                    along = along + changed[Parameter.quadratic_drag, i] * speed
+                    along = along + changed[Parameter.quadratic_drag, i] * rows[_SPEED][i]
                 fx, fy = fx + (factor * dux + along * ux), fy + (factor * duy + along * uy)
             gx, gy = m * out[0][i], m * out[1][i]
             if changed.size > 0:
                 heavier = changed[Parameter.masses, i]
-                gx, gy = gx + heavier * rows[_AAX][i], gy + heavier * rows[_AAY][i]
+                if heavier != 0.0:  # most parameters stay as they are in one direction
+                    gx, gy = gx + heavier * rows[_AAX][i], gy + heavier * rows[_AAY][i]
             px, py = fx + gx, fy + gy
             if links:
-                share = chain.terms[Link.CENTRE, i] / chain.length[i]
+                share = rows[_ARM][i]
                 px, py = fx + share * gx, fy + share * gy
             fx, fy = fx + gx, fy + gy
             moment = (rows[_NX][i] * px + rows[_NY][i] * py) - rows[_PULL][i] * turned[i]
             if changed.size > 0:
-                moment = moment + changed[Parameter.lengths, i] * rows[_FN][i]
+                longer = changed[Parameter.lengths, i]
+                if longer != 0.0:
+                    moment = moment + longer * rows[_FN][i]
                 if links:
-                    moment = moment + (changed[Parameter.centres, i] * m) * rows[_AN][i]
-                    moment = moment + changed[Parameter.inertias, i] * alpha[i]
-            torque = joint_torque(i, u, sped, pushed, changed, chain)
+                    shifted, fuller = changed[Parameter.centres, i], changed[Parameter.inertias, i]
+                    if shifted != 0.0:
+                        moment = moment + (shifted * m) * rows[_AN][i]
+                    if fuller != 0.0:
+                        moment = moment + fuller * alpha[i]
+            torque = joint_torque(i, u, sped, pushed, changed, chain, rows)
             force[i] = (torque - torque_below) - moment
             torque_below = torque
         if machine:
@@ -560,6 +576,8 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
         joints = bare(chain.joints)
         for i in range(chain.length.size):
             grown = changed[Parameter.armature, i]
+            if grown == 0.0 and changed[Parameter.gear, i] == 0.0:
+                continue
             if i == 0:
                 force[0] = force[0] - grown * alpha[0]
             else:
