@@ -54,8 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "acceleration of gravity (default 9.81)"
     parser.add_argument("--gravity", type=float, metavar="M/S2", help=text)
     text = (
-        "what to fit: inertia, lift, damping, friction, drag, quadratic_drag, armature, offset "
-        "(default the first four and quadratic_drag; with torques armature)"
+        "what to fit: inertia, lift, damping, friction, drag, quadratic_drag, armature, length, "
+        "offset (default the first four and quadratic_drag; with torques armature)"
     )
     parser.add_argument("--fit", type=_names, metavar="NAME,...", help=text)
     text = "longest time that is simulated from one first state (default: four periods)"

@@ -42,8 +42,9 @@ def identify(
         Which recording each row is from; all from one by default.
     fit : sequence of str, optional
         What to fit, of each link: "inertia", "lift", "damping", "friction", "drag",
-        "quadratic_drag", "armature", "offset" (a measured angle less the true one). By default the
-        first four and "quadratic_drag"; with torques "armature" too.
+        "quadratic_drag", "armature", "length" (of all links but the last), "offset" (a measured
+        angle less the true one). By default the first four and "quadratic_drag"; with torques
+        "armature" too.
     segment : float, optional
         Longest time [s] that is simulated from one first state, which is fitted. By default four
         typical periods of the motion. Less is taken where the motion is too sensitive.

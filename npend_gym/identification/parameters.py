@@ -31,22 +31,24 @@ UNITS = {
     "drag": "N s/m",
     "quadratic_drag": "N s^2/m^2",
     "armature": "kg m^2",
+    "length": "m",
     "offset": "rad",
 }
 QUANTITIES = tuple(UNITS)
-INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, OFFSET = range(len(QUANTITIES))
-_RESISTING = QUANTITIES[DAMPING:OFFSET]  # they are parameters of `Chain` too
-CHAIN_PARAMETERS = ("centres", "inertias", *_RESISTING)  # of `Chain`, that change in a fit
+INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, LENGTH, OFFSET = range(
+    len(QUANTITIES)
+)
+_RESISTING = QUANTITIES[DAMPING:LENGTH]  # they are parameters of `Chain` too
 DEFAULT_FIT = ("inertia", "lift", "damping", "friction", "quadratic_drag")
 _LEAST = 1e-9  # inertia of a link, of the largest one
 _MARGIN = 1e-3  # by which a mass exceeds the smallest one that its link can have
 
 
 def values_of(chain: Chain) -> FloatArray:
-    """Return the values of a chain, rows as in `QUANTITIES`, shape (8, n); offsets are zero."""
+    """Return the values of a chain, rows as in `QUANTITIES`, shape (9, n); offsets are zero."""
     inertia = np.diag(link_inertia(chain))
     resisting = [getattr(chain, name) for name in _RESISTING]
-    return np.array([inertia, chain.lift, *resisting, np.zeros(chain.n)])
+    return np.array([inertia, chain.lift, *resisting, chain.lengths, np.zeros(chain.n)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +58,11 @@ class Model:
     Attributes
     ----------
     chain : Chain
-        Has the lengths, gravity, friction speed and gears, and the masses as far as they are
+        Has the gravity, friction speed and gears, and the masses as far as they are
         possible.
-    known : ndarray, shape (8, n)
+    known : ndarray, shape (9, n)
         The values that are not fitted, rows as in `QUANTITIES`.
-    free : ndarray, bool, shape (8, n)
+    free : ndarray, bool, shape (9, n)
         Which values are fitted.
     """
 
@@ -79,17 +81,17 @@ class Model:
         return [UNITS[QUANTITIES[row]] for row, _ in np.argwhere(self.free)]
 
     def pack(self, values: FloatArray) -> FloatArray:
-        """Return the fitted ones of values (..., 8, n), shape (..., k)."""
+        """Return the fitted ones of values (..., 9, n), shape (..., k)."""
         return values[..., self.free]
 
     def unpack(self, fitted: FloatArray) -> FloatArray:
-        """Return all values, those that are not fitted as they are known, shape (..., 8, n)."""
+        """Return all values, those that are not fitted as they are known, shape (..., 9, n)."""
         out = np.tile(self.known, (*fitted.shape[:-1], 1, 1))
         out[..., self.free] = fitted
         return out
 
     def fixed(self, values: FloatArray) -> Model:
-        """Return the model that has `values`, (8, n), and fits none."""
+        """Return the model that has `values`, (9, n), and fits none."""
         return Model(self.chain, values, np.zeros_like(self.free))
 
     @property
@@ -109,27 +111,28 @@ class Model:
         sizes[DAMPING], sizes[FRICTION] = inertia * rate, inertia * rate**2
         sizes[DRAG] = sizes[DAMPING] / self.chain.lengths**2
         sizes[QUADRATIC_DRAG] = inertia / self.chain.lengths**3
+        sizes[LENGTH] = self.chain.lengths
         return sizes[self.free]
 
     def possible_chain(self, values: FloatArray) -> Chain | None:
-        """Return the chain that has `values`, (8, n), with the masses of `chain` where possible.
+        """Return the chain that has `values`, (9, n), with the masses of `chain` where possible.
 
         None if no masses give the links positive inertias.
         """
-        masses = possible_masses(self.chain, values)
+        masses, lengths = possible_masses(self.chain, values), values[LENGTH]
         if masses is None:
             return None
-        below = np.cumsum(masses[::-1])[::-1] - masses
-        centres = (values[LIFT] - self.chain.lengths * below) / masses
-        inertias = values[INERTIA] - masses * centres**2 - below * self.chain.lengths**2
+        below = _carried(masses)
+        centres = (values[LIFT] - lengths * below) / masses
+        inertias = values[INERTIA] - masses * centres**2 - below * lengths**2
         inertias[np.abs(inertias) < 1e-12 * values[INERTIA]] = 0.0  # rounding
         if np.any(inertias < 0.0):
             return None
-        resisting = values[DAMPING:OFFSET]
+        resisting = values[DAMPING:LENGTH]
         resisting = np.where(resisting < _checks.SMALLEST, 0.0, resisting)
-        given = {"masses": masses, "centres": centres, "inertias": inertias}
+        given = {"masses": masses, "lengths": lengths, "centres": centres, "inertias": inertias}
         given |= dict(zip(_RESISTING, resisting, strict=True))
-        kept = ("lengths", "gravity", "friction_speed", "gear")
+        kept = ("gravity", "friction_speed", "gear")
         return Chain(**given, **{name: getattr(self.chain, name) for name in kept})
 
     def directions(self, chain: Chain) -> dict[str, FloatArray]:
@@ -139,11 +142,19 @@ class Model:
         the motion does not depend on them where inertias and lifts are given.
         """
         places = np.argwhere(self.free[:OFFSET])
-        out = {name: np.zeros((len(places), chain.n)) for name in CHAIN_PARAMETERS}
+        names = "centres", "inertias", *_RESISTING, *["lengths"] * bool(self.free[LENGTH].any())
+        out = {name: np.zeros((len(places), chain.n)) for name in names}
+        below = _carried(chain.masses)
         for k, (row, link) in enumerate(places):
             if row == LIFT:
                 out["centres"][k, link] = 1.0 / chain.masses[link]
                 out["inertias"][k, link] = -2.0 * chain.centres[link]
+            elif row == LENGTH:
+                out["lengths"][k, link] = 1.0
+                out["centres"][k, link] = -below[link] / chain.masses[link]
+                out["inertias"][k, link] = (
+                    2.0 * below[link] * (chain.centres[link] - chain.lengths[link])
+                )
             else:
                 name = "inertias" if row == INERTIA else QUANTITIES[row]
                 out[name][k, link] = 1.0
@@ -161,8 +172,13 @@ class Model:
         return chain
 
 
+def _carried(masses: FloatArray) -> FloatArray:
+    """Return the mass below each link."""
+    return np.cumsum(masses[::-1])[::-1] - masses
+
+
 def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
-    """Return masses for which no link with these values, (8, n), has a negative inertia.
+    """Return masses for which no link with these values, (9, n), has a negative inertia.
 
     Those of the chain if they are possible; otherwise the same factor reduces all of them, but
     none below the least that its link can have. None if nothing is possible.
@@ -172,16 +188,18 @@ def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
     I_i >= 0 is m_i >= (h_i - l_i b)^2 / (J_i - l_i^2 b), b being the mass below link i, and
     J_i > l_i^2 b. The least masses, found from the last link up, leave the most room above.
     """
-    inertia, lift = values[INERTIA], values[LIFT]
-    smallest = _LEAST * max(inertia.max(), np.abs(lift * chain.lengths).max())
+    inertia, lift, lengths = values[INERTIA], values[LIFT], values[LENGTH]
+    if np.any(lengths < _checks.SMALLEST):
+        return None
+    smallest = _LEAST * max(inertia.max(), np.abs(lift * lengths).max())
 
     def masses(factor: float) -> FloatArray | None:
         out, below = np.empty(chain.n), 0.0
         for i in reversed(range(chain.n)):
-            room = inertia[i] - below * chain.lengths[i] ** 2 * (1.0 + _MARGIN)
+            room = inertia[i] - below * lengths[i] ** 2 * (1.0 + _MARGIN)
             if not room > smallest:
                 return None
-            least = (lift[i] - chain.lengths[i] * below) ** 2 / room * (1.0 + _MARGIN)
+            least = (lift[i] - lengths[i] * below) ** 2 / room * (1.0 + _MARGIN)
             out[i] = max(factor * chain.masses[i], least, _checks.SMALLEST)
             below += out[i]
         return out
@@ -200,8 +218,9 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model
     """Return the model that fits the quantities `fit` of all links, as far as data can tell them.
 
     Without torques one value sets the scale and is kept: the lift of link 0, or its inertia
-    where there is no gravity. The armature of joint 0 adds to the inertia of link 0 alone. Without
-    gravity no angle tells an offset.
+    where there is no gravity. The armature of joint 0 adds to the inertia of link 0 alone, and the
+    length of the last link changes nothing but drag. Without gravity no angle tells an offset, and
+    no torque a length.
     """
     names = list(DEFAULT_FIT + ("armature",) * driven if fit is None else fit)
     free = np.zeros((len(QUANTITIES), chain.n), np.bool_)
@@ -209,9 +228,10 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model
         free[QUANTITIES.index(_checks.choice("fit", name, QUANTITIES))] = True
     free[ARMATURE, 0] &= not free[INERTIA, 0]
     if chain.gravity == 0.0:
-        free[OFFSET] = free[LIFT, 0] = False
+        free[OFFSET] = free[LENGTH] = free[LIFT, 0] = False
         free[INERTIA, 0] &= driven
     free[LIFT, 0] &= driven
+    free[LENGTH, -1] = False
     if not free.any():
         raise ValueError(
             f"fit must name something that the data can tell, of {', '.join(QUANTITIES)}; got "

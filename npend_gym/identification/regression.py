@@ -29,6 +29,7 @@ from npend_gym.identification.parameters import (
     DRAG,
     FRICTION,
     INERTIA,
+    LENGTH,
     LIFT,
     OFFSET,
     QUADRATIC_DRAG,
@@ -99,7 +100,7 @@ def _robust_spline(times: FloatArray, measured: FloatArray, knots: FloatArray) -
 def regress(
     model: Model, motion: Motion, curves: Smooth, parts: Sequence[slice]
 ) -> FloatArray | None:
-    """Return the values, (8, n), that solve the equations of motion best; None if nothing does.
+    """Return the values, (9, n), that solve the equations of motion best; None if nothing does.
 
     Parameters
     ----------
@@ -112,10 +113,10 @@ def regress(
     """
     pairs = [_equations(model, motion, curves, rows) for rows in parts]
     columns, right = zip(*pairs, strict=True)
-    matrix, vector = np.concatenate(columns), np.concatenate(right)  # (b, n, 8, n), (b, n)
+    matrix, vector = np.concatenate(columns), np.concatenate(right)  # (b, n, 9, n), (b, n)
     known = model.known.copy()
     wanted = model.free.copy()
-    wanted[OFFSET] = False
+    wanted[[LENGTH, OFFSET]] = False
     unknown = matrix[..., wanted]
     vector = vector - np.einsum("bijk,jk->bi", matrix, np.where(wanted, 0.0, known))
     if not vector.any() or vector.size < unknown.shape[-1]:
@@ -145,7 +146,7 @@ def _bounded(matrix: FloatArray, right: FloatArray, lower: FloatArray) -> FloatA
 def _equations(
     model: Model, motion: Motion, curves: Smooth, rows: slice
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the matrix, (b, n, 8, n), and the right side, (b, n), of a part with b bumps."""
+    """Return the matrix, (b, n, 9, n), and the right side, (b, n), of a part with b bumps."""
     n, times, width = motion.links, motion.times[rows], curves.width
     count = int(_OVERLAP * ((times[-1] - times[0]) / width - 1.0) + 1e-9) + 1
     centres = times[0] + 0.5 * width + np.arange(max(0, count)) * (width / _OVERLAP)
@@ -162,7 +163,7 @@ def _equations(
 
 
 def _terms(model: Model, theta: FloatArray, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what multiplies the values in the momenta and in the forces, (T, n, 8, n).
+    """Return what multiplies the values in the momenta and in the forces, (T, n, 9, n).
 
     Entry (t, i, q, k) belongs to the equation of link i and to quantity q of link k.
     """

@@ -109,7 +109,7 @@ class Stages:
         return None if solution is None else Fit(segments, solution)
 
     def judge(self, values: FloatArray, parts: Sequence[slice], iterations: int = 50) -> Fit | None:
-        """Return the fit of the first states alone, with the values (8, n), in stages."""
+        """Return the fit of the first states alone, with the values (9, n), in stages."""
         model, fit, durations = self.model.fixed(values), None, self._durations(parts)
         for duration in durations:
             cuts, before = cut(self.motion, parts, duration), np.zeros(0) if fit is None else fit
@@ -118,7 +118,7 @@ class Stages:
         return fit
 
     def start(self, parts: Sequence[slice]) -> FloatArray:
-        """Return the values, (8, n), that fit best: those given, or those of several regressions.
+        """Return the values, (9, n), that fit best: those given, or those of several regressions.
 
         The splines of the best regression give the first states from now on.
 

@@ -13,6 +13,7 @@ from npend_gym.identification.parameters import (
     DAMPING,
     DRAG,
     INERTIA,
+    LENGTH,
     LIFT,
     OFFSET,
     Model,
@@ -105,7 +106,9 @@ def undetermined(model: Model, fitted: FloatArray, errors: FloatArray, driven: b
             "where they leave no negative inertia"
         )
     taken = f"gravity {chain.gravity:g} m/s^2"
-    if chain.n > 1:
+    if free[LENGTH].any():
+        taken += ", which sets their scale, and the last one"
+    elif chain.n > 1:
         taken += ", and all lengths but the last,"
     out.append(
         f"lengths: {taken} were taken from the given chain; the length of the last link changes "
