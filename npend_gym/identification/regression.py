@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 from scipy.optimize import lsq_linear
@@ -80,7 +81,8 @@ def _robust_spline(times: FloatArray, measured: FloatArray, knots: FloatArray) -
     """Return the spline with these knots that fits best, where outliers lose their weight."""
     matrix = BSpline.design_matrix(times, knots, _DEGREE)
     size, order = matrix.shape[1], _DEGREE + 1
-    values, columns = (one.reshape(-1, order) for one in (matrix.data, matrix.indices))
+    values: FloatArray = np.asarray(matrix.data, np.float64).reshape(-1, order)
+    columns: NDArray[np.int64] = np.asarray(matrix.indices, np.int64).reshape(-1, order)
     # products of two splines, and where they are added up in the band of the normal equations
     a, b = np.triu_indices(order)
     products, places = values[:, a] * values[:, b], (_DEGREE - (b - a)) * size + columns[:, b]
@@ -138,7 +140,8 @@ def regress(
 
 def _bounded(matrix: FloatArray, right: FloatArray, lower: FloatArray) -> FloatArray:
     """Return the solution of least squares that is not below its bounds."""
-    factor, reduced = np.linalg.qr(np.column_stack([matrix, right]), mode="r"), matrix.shape[1]
+    _, factor = np.linalg.qr(np.column_stack([matrix, right]))
+    reduced = matrix.shape[1]
     least = factor[:reduced, :reduced], factor[:reduced, reduced]
     return lsq_linear(*least, (lower, np.inf), method="bvls").x
 
