@@ -145,7 +145,7 @@ class Model:
         names = "centres", "inertias", *_RESISTING, *["lengths"] * bool(self.free[LENGTH].any())
         out = {name: np.zeros((len(places), chain.n)) for name in names}
         below = _carried(chain.masses)
-        for k, (row, link) in enumerate(places):
+        for k, (row, link) in enumerate(places.tolist()):
             if row == LIFT:
                 out["centres"][k, link] = 1.0 / chain.masses[link]
                 out["inertias"][k, link] = -2.0 * chain.centres[link]
