@@ -24,6 +24,7 @@ class Task:
 
     def __init__(self, config: EnvConfig, gamma: float, obs_scale: tuple[float, ...]) -> None:
         self.n, self.mode, self.gamma = config.n, config.mode, gamma
+        self.bobs = config.chain.has_bobs
         self.obs_scale = torch.tensor(obs_scale).repeat_interleave(self.n)
         # of the states: near pi a sine is its angle
         self.state_scale = torch.tensor([1.0, obs_scale[2]]).repeat_interleave(self.n)
@@ -40,9 +41,10 @@ class Task:
         """Return the rewards (...) of steps to `states`, times 1 - gamma: values are below 1."""
         theta, omega = states.split(self.n, dim=-1)
         lifted = lift_from(self.lift, (0.5 * theta).sin())
+        kinetic = kinetic_from(self.chain, theta.sin(), theta.cos(), omega, bobs=self.bobs)
         quantities: Any = dict.fromkeys(Quantities._fields) | {
             "height": 0.5 * lifted / self.lift.sum(),
-            "kinetic_energy": kinetic_from(self.chain, theta.sin(), theta.cos(), omega) / self.unit,
+            "kinetic_energy": kinetic / self.unit,
             "mean_squared_action": actions.square().mean(-1),
         }
         return (1.0 - self.gamma) * self.mode.reward(Quantities(**quantities))
