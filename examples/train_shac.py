@@ -38,7 +38,7 @@ class Settings:
     total_timesteps: int = 96_000
     num_envs: int = 32
     horizon: int = 10  # steps
-    updates: int = 12  # for each horizon of all environments
+    updates: int = 15  # for each horizon of all environments
     batch_size: int = 64  # horizons of an update; a quarter of them are drawn from the newest
     critic_batch_size: int = 512  # states of an update
     memory: int = 40_000  # the last steps, whose horizons are taken again
