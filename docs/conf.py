@@ -69,3 +69,5 @@ napoleon_custom_sections = [
 
 # Names of our own must be found; types in docstrings are words, and nothing is fetched
 nitpick_ignore_regex = [("py:.*", r"(?!npend_gym\.).*")]
+# The letters of shapes, as in (A, C), are names of fields elsewhere
+suppress_warnings = ["ref.python"]
