@@ -116,8 +116,7 @@ class DifferentiableEnsemble(Ensemble):
             tangents_many, (*inputs, reached), plan, tangent_rows(), parameters or ()
         )
         theta, omega = self._states(reached)
-        columns = np.concatenate([self._column(inputs[0], 0), self._column(inputs[0], 1)], axis=1)
-        states = 2 * theta.shape[1]
+        columns, states = self._columns(inputs[0]), 2 * theta.shape[1]
         last = states + self.joints.size + self._has_cart
         parts = columns[..., :states], columns[..., states:last], columns[..., last:]
         return StepJacobian(theta, omega, *parts)
@@ -150,7 +149,7 @@ class DifferentiableEnsemble(Ensemble):
         inputs = self._inputs(parameters)
         self._write_loads(*loads)
         self._differentiate(rates_many, inputs, plan, tangent_rows(), parameters or ())
-        return self._column(inputs[0], 1)
+        return self._columns(inputs[0])[:, self._coordinates :]
 
     def step_vjp(
         self,
@@ -230,7 +229,9 @@ class DifferentiableEnsemble(Ensemble):
         They are in the form of `tangents_many`: changes, pushed, changed.
         """
         c = self._coordinates
-        changed = check_directions(parameters, self.n, self._kind, self._centres_at_ends)
+        changed = np.zeros((0, 0, self.n))
+        if parameters:  # to read where all centres are takes longer than the rest of this
+            changed = check_directions(parameters, self.n, self._kind, self._centres_at_ends)
         count, inputs = len(changed), len(self._inputs_at)
         total = 2 * c + inputs + count
         changes, pushed = self._intact.new_rows(total, 2), np.zeros((total, self.n + 1))
@@ -276,8 +277,7 @@ class DifferentiableEnsemble(Ensemble):
             )
         return after[:, 0], after[:, 1]
 
-    def _column(self, changes: FloatArray, row: int) -> FloatArray:
-        """Return a row of all changes as columns, (B, c, D)."""
-        memory, c = self._memory, self._coordinates
-        chosen = memory.lanes_of(changes)[memory.place(np.arange(self.size))]
-        return np.ascontiguousarray(chosen[:, :, row, :c].swapaxes(1, 2))
+    def _columns(self, changes: FloatArray) -> FloatArray:
+        """Return the changes of theta and omega as columns, (B, 2c, D)."""
+        rows = self._memory.gather(self._memory.lanes_of(changes))[..., : self._coordinates]
+        return np.ascontiguousarray(rows.reshape(*rows.shape[:2], -1).swapaxes(1, 2))

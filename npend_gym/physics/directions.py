@@ -38,7 +38,8 @@ def check_names(names: Iterable[str], kind: Kind) -> list[str]:
         if name not in known:
             raise ValueError(
                 f"{name} cannot be differentiated for this kind of chain, which has "
-                f"{', '.join(known)}: make it of links, or with friction, if only of 1e-300"
+                f"{', '.join(known)}: make it of links, or with friction, "
+                f"if only of {_checks.SMALLEST:g}"
             )
     return chosen
 
