@@ -10,6 +10,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import any_of, where
+from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
 from npend_gym.physics.kernels.dynamics import (
     ANSWER_ROWS,
     WORK_ROWS,
@@ -20,7 +21,7 @@ from npend_gym.physics.kernels.dynamics import (
 )
 from npend_gym.physics.kernels.ensemble import MAX_PARTS, substep_parts
 from npend_gym.physics.kernels.layout import Group, Model, Timing, group_of
-from npend_gym.physics.kernels.virtual_power import ADJOINT_ROWS, POSE_ROWS, adjoint, pose, tangent
+from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
 
 # Rows that a stage keeps: those of `accelerations_kept`, then its accelerations and velocities
 _ALPHA, _OMEGA = WORK_ROWS + 1, WORK_ROWS + 2

@@ -6,7 +6,7 @@ A step of an explicit Runge-Kutta method begins at y and has the stages and the 
 
 and what lies within the step by dense output is linear in the same k_s, with weights of its own.
 Lengths of steps are held fixed. A change dy then goes the same way, with d k_s = (df/dy) d y_s from
-`virtual_power.tangent`; the gradient goes the way back, by `virtual_power.adjoint`. Both serve any
+`tangent.tangent`; the gradient goes the way back, by `adjoint.adjoint`. Both serve any
 such method: its a_sj and weights are arguments.
 """
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
+from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
 from npend_gym.physics.kernels.dynamics import (
     ANSWER_ROWS,
     WORK_ROWS,
@@ -28,7 +29,7 @@ from npend_gym.physics.kernels.dynamics import (
     copy,
     respond,
 )
-from npend_gym.physics.kernels.virtual_power import ADJOINT_ROWS, POSE_ROWS, adjoint, pose, tangent
+from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
 
 # Rows that a stage keeps: those of `accelerations_kept`, its accelerations and velocities, its pose
 _ALPHA, _OMEGA, _POSE = WORK_ROWS + 1, WORK_ROWS + 2, WORK_ROWS + 3
