@@ -30,6 +30,15 @@ def accelerations(masses, lengths, gravity, damping, theta, omega, torque):
     return np.linalg.solve(mass_matrix(masses, lengths, theta), force)
 
 
+def rk4_step(rates, y, h):
+    """The classical Runge-Kutta method; y may be complex."""
+    k1 = rates(y)
+    k2 = rates(y + 0.5 * h * k1)
+    k3 = rates(y + 0.5 * h * k2)
+    k4 = rates(y + h * k3)
+    return y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
 def trajectory(chain, theta, omega, times, torque=None, tolerance=1e-12):
     """SciPy's DOP853 on the dense system."""
     n = chain.n

@@ -47,11 +47,7 @@ def dense_step(chain, theta, omega, torque, dt, substeps):
 
     h = dt / substeps
     for _ in range(substeps):
-        k1 = rates(y)
-        k2 = rates(y + 0.5 * h * k1)
-        k3 = rates(y + 0.5 * h * k2)
-        k4 = rates(y + h * k3)
-        y = y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        y = oracle.rk4_step(rates, y, h)
     return y
 
 
