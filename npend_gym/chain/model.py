@@ -169,7 +169,7 @@ class Chain:
     @property
     def has_drag(self) -> bool:
         """Whether air resists any bob."""
-        return bool(np.any(self.drag) or np.any(self.quadratic_drag))
+        return self.repeated(1).has_drag
 
     def repeated(self, size: int, **changes: FloatArray) -> ChainParameters:
         """Return the parameters of `size` chains like this one but for some `changes`.

@@ -60,6 +60,11 @@ class ChainParameters(NamedTuple):
         return bool(np.all(self.has_bobs)) and not np.any(self.friction)
 
     @property
+    def has_drag(self) -> bool:
+        """Whether air resists any bob of any chain."""
+        return bool(np.any(self.drag) or np.any(self.quadratic_drag))
+
+    @property
     def carried_masses(self) -> FloatArray:
         """Mass hanging on each rod [kg], shape (B, n)."""
         return np.cumsum(self.masses[:, ::-1], axis=1)[:, ::-1]

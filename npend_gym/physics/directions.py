@@ -21,13 +21,13 @@ _DIFFERENTIABLE: dict[Any, tuple[str, ...]] = {
     LinkArrays: ("masses", "lengths", "gravity", "damping", "centres", "inertias"),
     MachineArrays: ChainParameters._fields,
 }
-# by the number of arrays in the model
-_KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
+# by the number of arrays in the model, `count_terms`
+KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
 
 
 def kind_of(model: Model) -> Kind:
     """Return the kind of chains that have this model."""
-    return _KINDS[len(model or ())]
+    return KINDS[len(model or ())]
 
 
 def check_names(names: Iterable[str], kind: Kind) -> list[str]:

@@ -14,15 +14,14 @@ from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.gpu import DeviceKernel, require_device, simulated
 from npend_gym.physics.arguments import check_chains
+from npend_gym.physics.directions import KINDS
 from npend_gym.physics.kernels import ensemble, layout, threads
-from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, count_terms
-from npend_gym.physics.kernels.tensions import ChainArrays
+from npend_gym.physics.kernels.link_terms import count_terms
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, substeps_of
 
 # Rods up to which a thread has its chain in its own memory, and is compiled for their number: two
 # rods take 142 of the 255 registers that it may have, five all of them, in float32 half as many
 SHORT = 8
-KINDS = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
 
 
 class DeviceChains:
@@ -74,7 +73,7 @@ class DeviceChains:
         self.n, self.dtype = self.parameters.masses.shape[1], np.dtype(dtype)
         _checks.choice("dtype", self.dtype.name, ("float64", "float32"))
         self._rows = self.cuda.to_device(self.parameters.stacked().astype(self.dtype))
-        self._resisted = drag or _have_drag(self.parameters)
+        self._resisted = drag or self.parameters.has_drag
         self._kernel = kernel_for(self.parameters, self.dtype, drag=drag)
         self._storage: list[Any] = []
         if self.n > SHORT:
@@ -195,13 +194,9 @@ def kernel_for(
     chains: ChainParameters, dtype: DTypeLike = np.float64, *, drag: bool = False
 ) -> DeviceKernel:
     """Return the kernel that advances chains of this kind and number of rods, one a thread."""
-    resisted = drag or _have_drag(chains)
+    resisted = drag or chains.has_drag
     short = min(chains.masses.shape[1], SHORT + 1)
     return _kernel(short, count_terms(chains), resisted, np.dtype(dtype).name)
-
-
-def _have_drag(chains: ChainParameters) -> bool:
-    return bool(np.any(chains.drag) or np.any(chains.quadratic_drag))
 
 
 @cache

@@ -7,7 +7,8 @@ from typing import Any
 
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.gpu import DeviceKernel
-from npend_gym.physics.gpu import KINDS, DeviceChains
+from npend_gym.physics.directions import KINDS
+from npend_gym.physics.gpu import DeviceChains
 from npend_gym.physics.kernels import layout, threads
 from npend_gym.physics.kernels.link_terms import count_terms
 

@@ -47,8 +47,7 @@ class MotionGradient(NamedTuple):
 def rods_of(motion: Replay, names: Sequence[str] = ()) -> Rods:
     """Return the chain of a replay for kernels that differentiate by the named parameters."""
     parameters, chain = motion.parameters, motion.chain
-    resisted = np.any(parameters.drag) or np.any(parameters.quadratic_drag)
-    if not resisted and {"drag", "quadratic_drag"}.intersection(names):
+    if not parameters.has_drag and {"drag", "quadratic_drag"}.intersection(names):
         # kernels leave out drag where there is none
         least = np.full_like(parameters.drag, _checks.SMALLEST)
         chain = arrays_of(parameters._replace(drag=least))

@@ -15,8 +15,7 @@ from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.gpu import DeviceKernel, simulated
 from npend_gym.physics import DifferentiableDeviceChains
-from npend_gym.physics.directions import check_names
-from npend_gym.physics.gpu import KINDS
+from npend_gym.physics.directions import KINDS, check_names
 from npend_gym.physics.kernels import threads
 from npend_gym.physics.kernels.link_terms import Parameter, count_terms
 from npend_gym.torch.compiled_steps import DivergedError, check_bars
@@ -120,12 +119,11 @@ class DeviceSteps:
         return stacked.repeat(len(like) // len(stacked), 1, 1)
 
     def _chains(self, rows: ChainParameters, like: Tensor) -> DifferentiableDeviceChains:
-        drag = bool(np.any(rows.drag) or np.any(rows.quadratic_drag))
-        key = len(like), like.device, drag
+        key = len(like), like.device, rows.has_drag
         if key not in self._kept:
             if len(self._kept) == _MAX_KEPT:
                 self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = DifferentiableDeviceChains(self.chain, len(like), drag=drag)
+            self._kept[key] = DifferentiableDeviceChains(self.chain, len(like), drag=rows.has_drag)
         return self._kept[key]
 
     def __getstate__(self) -> dict[str, Any]:

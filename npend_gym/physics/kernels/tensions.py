@@ -61,7 +61,7 @@ class ChainArrays(NamedTuple):
 
 def chain_arrays(chains: ChainParameters) -> ChainArrays:
     """Return the parameters of B chains in the form that the kernels take, the lane innermost."""
-    resisted = slice(None if np.any(chains.drag) or np.any(chains.quadratic_drag) else 0)
+    resisted = slice(None if chains.has_drag else 0)
     pivot = np.zeros((len(chains.masses), 1))
     return ChainArrays(
         innermost(np.hstack([pivot, 1.0 / chains.masses])),
