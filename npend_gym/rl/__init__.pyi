@@ -3,7 +3,6 @@ from npend_gym.rl.controllers import energy_swing_up as energy_swing_up
 from npend_gym.rl.controllers import lqr as lqr
 from npend_gym.rl.controllers import modal_damping as modal_damping
 from npend_gym.rl.evaluation import HELD_OUT as HELD_OUT
-from npend_gym.rl.evaluation import Controller as Controller
 from npend_gym.rl.evaluation import Evaluation as Evaluation
 from npend_gym.rl.evaluation import evaluate as evaluate
 from npend_gym.rl.mpc import MPC as MPC
@@ -12,3 +11,7 @@ from npend_gym.rl.planning import planned_swing_up as planned_swing_up
 from npend_gym.rl.policies import PRETRAINED as PRETRAINED
 from npend_gym.rl.policies import Policy as Policy
 from npend_gym.rl.policies import pretrained_names as pretrained_names
+from npend_gym.rl.protocol import Outcome as Outcome
+from npend_gym.rl.protocol import Robustness as Robustness
+from npend_gym.rl.protocol import robustness as robustness
+from npend_gym.rl.rollouts import Controller as Controller

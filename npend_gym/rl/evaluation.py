@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,31 +12,10 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
-from npend_gym.envs.registration import ENV_ID, register_envs
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.rl.rollouts import Controller, make_envs, rollout
 
 HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
-
-
-class Controller(Protocol):
-    """Anything that chooses actions: a `Policy`, a regulator, or a function of one's own."""
-
-    def __call__(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
-        """Return the actions of all environments.
-
-        Parameters
-        ----------
-        observation : ndarray, float32, shape (B, k)
-        info : dict
-            The info of the vector environment, with the exact state in ``info["theta"]`` and
-            ``info["omega"]``.
-
-        Returns
-        -------
-        ndarray, shape (B, joints)
-            Torques divided by their limit; values outside [-1, 1] are clipped. With discrete
-            actions (`torque_levels`) their numbers, shape (B,).
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -126,18 +104,15 @@ def evaluate(
     ValueError, TypeError
         If a keyword breaks its rule.
     """
-    register_envs()
-    envs: Any = gym.make_vec(env_id, num_envs=_checks.count("episodes", episodes), **keywords)
+    envs = make_envs(env_id, _checks.count("episodes", episodes), keywords)
     config = envs.unwrapped.config
     shape = (episodes, config.joints.size)
-    observation, info = envs.reset(seed=seed)
-    angles, limit = _motor_places(info, config.joints), _motor_limits(config, info)
+    observation, first = envs.reset(seed=seed)
+    angles, limit = _motor_places(first, config.joints), _motor_limits(config, first)
     returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
-    success, running = np.zeros(episodes, np.bool_), np.ones(episodes, np.bool_)
-    while running.any():
-        action = controller(observation, info)
+    success = np.zeros(episodes, np.bool_)
+    for running, action, reward, info in rollout(controller, envs, observation, first):
         taken = checked_action(action, shape, config.action_table)
-        observation, reward, terminated, truncated, info = envs.step(action)
         before, angles = angles, _motor_places(info, config.joints)
         torque = limit * np.clip(0.0 if taken is None else taken, -1.0, 1.0)
         step_work = np.abs(torque * (angles - before)).sum(axis=1)
@@ -145,7 +120,6 @@ def evaluate(
         work += np.where(running, step_work, 0.0)
         success = np.where(running, info["success"], success)
         last_failure = np.where(running & ~info["success"], info["time"], last_failure)
-        running &= ~(terminated | truncated)
     envs.close()
     return Evaluation(returns, success, np.where(success, last_failure, np.nan), work)
 

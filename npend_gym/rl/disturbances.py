@@ -1,0 +1,174 @@
+"""Disturbances: torques at all joints, beside or in place of those of a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.special import ndtr
+
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.inputs import checked_action
+from npend_gym.rl.rollouts import make_envs
+
+# Over the torque limit, which was 6 N m there: RealAIGym, `robustness_v2/benchmark_controller.py`
+# and `simulation/perturbations.py` of dfki-ric-underactuated-lab/double_pendulum
+_PULSES = 6
+_AMPLITUDE = (0.5 / 6.0, 5.0 / 6.0)
+_WIDTH = (0.05, 0.1)  # standard deviation [s]
+# The same, `controller/global_policy_testing_controller.py`: N m/rad and N m s/rad over the limit
+_STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0
+
+
+class Disturbance(Protocol):
+    """What acts on the joints during a step."""
+
+    def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
+        """Return torques [N m], (B, n), and in which lanes the controller acts as well, (B,).
+
+        Parameters
+        ----------
+        step : int
+            Number of the step, from 0.
+        info : dict
+            Of the vector environment, before the step.
+        """
+        ...
+
+
+class DisturbedEnvs:
+    """A vector environment whose joints all take a disturbance beside the controller's torques.
+
+    To a controller it is the environment of the same keywords. That behind it has a motor at every
+    joint, with twice the torque limit, so that a disturbance can exceed the controller's limit.
+
+    Parameters
+    ----------
+    env_id : str
+    num_envs : int
+    keywords : dict
+        Of the environment.
+    config : EnvConfig
+        What follows from them.
+    disturbance : callable
+    """
+
+    def __init__(
+        self,
+        env_id: str,
+        num_envs: int,
+        keywords: Mapping[str, Any],
+        config: EnvConfig,
+        disturbance: Disturbance,
+    ) -> None:
+        self.num_envs, self.config, self._disturbance = num_envs, config, disturbance
+        every = {"actuated": tuple(range(config.n)), "max_torque": 2.0 * config.max_torque}
+        every |= {"difficulty": None, "torque_levels": None}
+        if config.has_cart:
+            every["max_force"] = config.max_force
+        self._envs = make_envs(env_id, num_envs, dict(keywords) | every)
+        behind: EnvConfig = self._envs.unwrapped.config
+        self._joints = behind.joints < config.n
+        self._columns = [behind.joints.tolist().index(joint) for joint in config.joints]
+        self._ratio = config.action_limits / behind.action_limits[self._columns]
+        self._limit = behind.max_torque
+        self._step, self._info = 0, dict[str, Any]()
+
+    def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode in every lane."""
+        observation, self._info = self._envs.reset(**arguments)
+        self._step = 0
+        return observation, self._info
+
+    def step(self, action: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
+        """Step all lanes."""
+        config, shape = self.config, (self.num_envs, self.config.joints.size)
+        taken = np.clip(np.asarray(checked_action(action, shape, config.action_table)), -1.0, 1.0)
+        torque, active = self._disturbance(self._step, self._info)
+        whole = np.zeros((self.num_envs, self._joints.size))
+        whole[:, self._columns] = np.where(active[:, None], taken * self._ratio, 0.0)
+        whole[:, self._joints] += torque / self._limit
+        result = self._envs.step(whole)
+        self._step, self._info = self._step + 1, result[-1]
+        return result
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._envs.close()
+
+
+class Pulses:
+    """Six short torques in every lane, in a random order of the joints, at random times.
+
+    Each is a Gaussian in time, with a standard deviation of 0.05 to 0.1 s and a peak of 1/12 to 5/6
+    of the torque limit in either direction. The first begins after a tenth of the time, there is a
+    tenth or more between any two, and at the end.
+
+    Attributes
+    ----------
+    torques : ndarray, shape (steps, lanes, n)
+        Mean torque in each step [N m].
+    """
+
+    def __init__(self, config: EnvConfig, steps: int, lanes: int, seed: int) -> None:
+        rng = np.random.default_rng([seed, 1])
+        time = steps * config.dt
+        least, spare = 0.1 * time, time * (0.9 - 0.1 * _PULSES) / _PULSES
+        centres = np.cumsum(least + spare * rng.random((lanes, _PULSES)), axis=1)
+        widths = rng.uniform(*_WIDTH, centres.shape)
+        peaks = config.max_torque * rng.uniform(*_AMPLITUDE, centres.shape)
+        peaks *= rng.choice([-1.0, 1.0], centres.shape)
+        every = np.resize(np.arange(config.n), centres.shape)
+        joints = rng.permuted((every + rng.integers(config.n, size=(lanes, 1))) % config.n, axis=1)
+        edges = config.dt * np.arange(steps + 1)[:, None, None]
+        passed = ndtr((edges - centres) / widths)  # share of each pulse before an edge
+        means = peaks * widths * np.sqrt(2.0 * np.pi) * np.diff(passed, axis=0) / config.dt
+        acts = joints[:, :, None] == np.arange(config.n)
+        self.torques: FloatArray = np.einsum("tbp,bpi->tbi", means, acts)
+        self._all = np.ones(lanes, np.bool_)
+
+    def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
+        """Return the torques of a step, beside which the controller always acts."""
+        del info
+        return self.torques[step], self._all
+
+
+class KnockDowns:
+    """For short times, motors at all joints turn them to random angles, in place of the controller.
+
+    A proportional-differential controller with compensation of gravity: it knows the exact state.
+
+    Attributes
+    ----------
+    acts : ndarray, bool, shape (steps, lanes)
+        In which steps.
+    """
+
+    def __init__(
+        self, config: EnvConfig, steps: int, lanes: int, count: int, seconds: float, seed: int
+    ) -> None:
+        rng = np.random.default_rng([seed, 2])
+        time = steps * config.dt
+        regular = np.linspace(time / (count + 1), time, count)
+        begins = regular + rng.uniform(-1.0, 1.0, (lanes, count)) * time / 60.0
+        now = config.dt * np.arange(steps)[:, None, None] + 1e-9
+        on: BoolArray = (begins <= now) & (now < begins + seconds)
+        self.acts: BoolArray = np.any(on, axis=2)
+        self._which = np.where(on, np.arange(count), 0).max(axis=2)
+        self._goals = rng.uniform(-np.pi, np.pi, (lanes, count, config.n))
+        self._config, self._lanes = config, np.arange(lanes)
+
+    def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
+        """Return the torques of a step, zero in lanes where the controller acts."""
+        config, acts = self._config, self.acts[step]
+        goal = self._goals[self._lanes, self._which[step]]
+        angle = np.diff(info["theta"], axis=1, prepend=0.0)
+        speed = np.diff(info["omega"], axis=1, prepend=0.0)
+        error = np.remainder(goal - angle + np.pi, 2.0 * np.pi) - np.pi
+        drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
+        weight = config.chain.gravity * config.chain.lift * np.sin(info["theta"])
+        drive += np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
+        torque = np.clip(drive, -config.max_torque, config.max_torque)
+        return np.where(acts[:, None], torque, 0.0), ~acts

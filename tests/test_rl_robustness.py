@@ -1,0 +1,198 @@
+"""The protocol of robustness: what it changes, what it hides, and whom it lets survive."""
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import npend_gym  # noqa: F401 - registers the environments
+from npend_gym import Chain, simulate
+from npend_gym.rl import HELD_OUT, lqr, robustness
+from npend_gym.rl.criteria import Group
+from npend_gym.rl.disturbances import Pulses
+
+TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
+LINK = Chain.rods([1.0, 0.5], [1.0, 0.8], friction=[0.0, 0.1])
+
+
+class Recorder:
+    """Torques that vary in time; every call is recorded, by criterion."""
+
+    def __init__(self, joints=1):
+        self.joints, self.resets, self.observations, self.infos = joints, [], [], []
+
+    def reset(self, num_envs):
+        self.resets.append(num_envs)
+        self.observations.append([])
+        self.infos.append([])
+
+    def __call__(self, observation, info):
+        self.observations[-1].append(observation)
+        self.infos[-1].append(info)
+        return np.tile(np.sin(3.0 * info["time"])[:, None], self.joints)
+
+
+def recorded(keywords, seconds=0.5, **arguments):
+    recorder = Recorder(len(keywords.get("actuated", (0,))))
+    result = robustness(recorder, keywords, seconds=seconds, repetitions=1, **arguments)
+    return dict(zip(result.outcomes, recorder.observations, strict=True)), result, recorder
+
+
+def alone(keywords, seed, steps):
+    """Return what a single environment shows under the recorder's torques."""
+    env = gym.make("NPendulum-v0", **keywords)
+    observation, info = env.reset(seed=seed)
+    shown = []
+    for _ in range(steps):
+        shown.append(observation)
+        observation, _, _, _, info = env.step(np.sin(3.0 * np.array([info["time"]])))
+    return np.array(shown)
+
+
+def test_a_strong_motor_at_every_joint_survives_everything_and_none_nothing():
+    strong = TWO | {"actuated": (0, 1), "max_torque": 60.0, "dt": 0.02}
+    config = gym.make("NPendulum-v0", **strong).unwrapped.config
+    perfect = robustness(lqr(config, action_weight=10.0), strong, values=3, seconds=5.0)
+    assert perfect.score == 1.0
+    idle = robustness(lambda seen, _: np.zeros((len(seen), 2)), strong, values=3, seconds=5.0)
+    assert idle.survived == dict.fromkeys(perfect.survived, 0.0)
+
+
+def test_without_noise_lag_and_delay_all_is_as_in_the_nominal_environment():
+    shown, _, _ = recorded(TWO, values=3)
+    nominal = alone(TWO, HELD_OUT, 10)
+    for criterion in ("velocity_noise", "torque_noise", "motor_lag", "delay"):
+        np.testing.assert_array_equal([each[0] for each in shown[criterion]], nominal)
+
+
+@pytest.mark.parametrize(
+    ("criterion", "changed"),
+    [
+        ("velocity_noise", {"velocity_noise": 0.5}),
+        ("torque_noise", {"torque_noise": 1.1 / 6.0 * 3.0}),
+        ("motor_lag", {"motor_lag": 0.02}),
+        ("delay", {"observation_delay": 0.04 / 0.05}),
+    ],
+)
+def test_the_largest_error_is_that_of_an_environment_made_with_it(criterion, changed):
+    keywords = TWO | {"max_torque": 3.0}
+    shown, _, _ = recorded(keywords, values=3)
+    lane = len(shown[criterion][0]) - 1
+    own = np.array([each[lane] for each in shown[criterion]])
+    expected = alone(keywords | changed, HELD_OUT + lane, 10)
+    np.testing.assert_allclose(own, expected, rtol=1e-5, atol=1e-6)
+    assert np.abs(own - alone(keywords, HELD_OUT + lane, 10)).max() > 1e-4
+
+
+@pytest.mark.parametrize("chain", [Chain.uniform(2), LINK], ids=["bobs", "links"])
+def test_wrong_models_are_chains_made_with_that_parameter(chain):
+    keywords = {"chain": chain, "mode": "swingup", "observation": "sincos", "max_torque": 5.0}
+    shown, result, _ = recorded(keywords, values=3)
+    outcome = result.outcomes["model"]
+    expected = {"masses", "lengths", "damping", "friction"}
+    expected |= set() if chain.has_bobs else {"centres", "inertias"}
+    assert set(outcome.parameters) == {f"{name}[{i}]" for name in expected for i in range(2)}
+    for lane, (name, value) in enumerate(zip(outcome.parameters, outcome.values, strict=True)):
+        parameter, rod = name[:-3], int(name[-2])
+        changed = np.array(getattr(chain, parameter))
+        assert abs(value - changed[rod]) <= 0.2500001 * max(changed[rod], 0.8)
+        changed[rod] = value
+        given = {"masses": chain.masses, "lengths": chain.lengths, "friction": chain.friction}
+        if not chain.has_bobs:
+            given |= {"centres": chain.centres, "inertias": chain.inertias}
+        made = keywords | {"chain": Chain(**given | {parameter: changed})}
+        own = [each[lane] for each in shown["model"]]
+        np.testing.assert_allclose(own, alone(made, HELD_OUT + lane, 10), rtol=2e-5, atol=2e-5)
+
+
+def test_pushes_are_torques_at_the_joints_beside_those_of_the_controller():
+    keywords = TWO | {"actuated": (1,)}
+    shown, _, _ = recorded(keywords, seconds=3.0)
+    config = gym.make("NPendulum-v0", **keywords).unwrapped.config
+    torques = Pulses(config, 60, 50, HELD_OUT).torques
+    lane = int(np.abs(torques[:, :, 0]).sum(axis=0).argmax())
+    env = gym.make("NPendulum-v0", **keywords)
+    info = env.reset(seed=HELD_OUT + lane)[1]
+    theta, omega = info["theta"], info["omega"]
+    for k in range(60):
+        own = shown["pushes"][k][lane]
+        np.testing.assert_allclose(own[:2], np.sin(theta), atol=2e-4)
+        np.testing.assert_allclose(own[4:], omega, atol=1e-3)
+        torque = torques[k, lane] + [0.0, config.max_torque * np.sin(3.0 * 0.05 * k)]
+        motion = simulate(config.chain, theta, omega, [0.0, 0.05], torque=torque)
+        theta, omega = motion.theta[-1], motion.omega[-1]
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_six_pulses_of_bounded_strength_push_every_lane(n):
+    config = gym.make("NPendulum-v0", n=n).unwrapped.config
+    pulses = Pulses(config, 10_000, 50, seed=3)
+    assert pulses.torques.shape == (10_000, 50, n)
+    peaks = np.abs(pulses.torques).max(axis=0)  # the largest at each joint
+    assert peaks.max() <= 5.0 / 6.0 * config.max_torque
+    impulse = config.dt * np.abs(pulses.torques).sum(axis=(0, 2))
+    least, most = (6.0 * np.sqrt(2.0 * np.pi) * config.max_torque * x for x in (0.05 / 12, 0.5 / 6))
+    assert np.all((impulse > least) & (impulse < most))
+    wide = Pulses(config, 200, 50, seed=3).torques
+    assert np.abs(wide[:10]).max() < 1e-3 * config.max_torque
+    assert np.abs(wide[190:]).max() < 1e-3 * config.max_torque  # time to recover
+
+
+def test_the_controller_is_told_the_state_as_observed():
+    keywords = TWO | {"observation": "scaled"}
+    _, _, recorder = recorded(keywords, seconds=4.0, values=2)
+    scale = gym.make("NPendulum-v0", **keywords).unwrapped.config.speed_scale
+    for observations, infos in zip(recorder.observations, recorder.infos, strict=True):
+        for seen, info in zip(observations, infos, strict=True):
+            assert set(info) == {"time", "theta", "omega", "energy"}
+            np.testing.assert_allclose(np.sin(info["theta"]), seen[:, :2], atol=1e-6)
+            np.testing.assert_allclose(info["omega"], seen[:, 4:] * scale, rtol=1e-6)
+        paths = np.array([info["theta"] for info in infos])
+        assert np.abs(np.diff(paths, axis=0)).max() <= np.pi
+
+
+def test_a_memory_is_reset_before_every_criterion_with_the_number_of_its_lanes():
+    _, _, recorder = recorded(TWO, values=3)
+    assert recorder.resets == [len(each[0]) for each in recorder.observations]
+    assert recorder.resets == [2 * 4 * 3, 3, 3, 3, 3, 50]
+
+
+def test_a_value_is_survived_by_more_than_half_of_its_repetitions():
+    group = Group(["x"] * 3, np.arange(3.0), repetitions=4)
+    success = np.array([1, 1, 0, 0, 1, 0, 1, 1, 0, 0, 0, 0], bool)
+    assert group.survived(success).tolist() == [False, True, False]
+
+
+def test_the_result_can_be_written_as_json_and_adds_up():
+    _, result, _ = recorded(TWO, values=2)
+    whole = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    assert whole["provenance"]["seed"] == HELD_OUT
+    assert whole["provenance"]["arguments"]["env"]["n"] == 2
+    shares = [np.mean(each["survived"]) for each in whole["outcomes"].values()]
+    assert whole["score"] == pytest.approx(np.mean(shares), abs=1e-4)
+    assert set(result.as_row()) == {"score", *whole["outcomes"]}
+
+
+def test_a_cart_has_no_noise_of_torques_and_is_pushed_like_all():
+    keywords = {"n": 1, "mode": "balance", "base": "cart", "cart_mass": 1.0, "rail": 2.4}
+    _, result, _ = recorded(keywords | {"observation": "sincos"}, values=2)
+    assert list(result.outcomes) == ["model", "velocity_noise", "motor_lag", "delay", "pushes"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        ({"randomize": {"masses": (0.9, 1.1)}, "observe_context": True}, "observe_context"),
+        ({"goal_env": True, "mode": "transition", "reward_type": "sparse"}, "goal_env"),
+        ({"mode": "passive"}, "mode must be one with a motor"),
+    ],
+)
+def test_environments_that_the_protocol_does_not_fit_are_refused(changed, text):
+    with pytest.raises(ValueError, match=text):
+        robustness(Recorder(), TWO | changed)
+
+
+def test_arguments_are_checked():
+    with pytest.raises(ValueError, match="values must be at least 2"):
+        robustness(Recorder(), TWO, values=1)
