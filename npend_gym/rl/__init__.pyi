@@ -5,6 +5,8 @@ from npend_gym.rl.controllers import modal_damping as modal_damping
 from npend_gym.rl.evaluation import HELD_OUT as HELD_OUT
 from npend_gym.rl.evaluation import Evaluation as Evaluation
 from npend_gym.rl.evaluation import evaluate as evaluate
+from npend_gym.rl.knock_downs import Recovery as Recovery
+from npend_gym.rl.knock_downs import recovery as recovery
 from npend_gym.rl.mpc import MPC as MPC
 from npend_gym.rl.planning import PlannedSwingUp as PlannedSwingUp
 from npend_gym.rl.planning import planned_swing_up as planned_swing_up
@@ -15,3 +17,5 @@ from npend_gym.rl.protocol import Outcome as Outcome
 from npend_gym.rl.protocol import Robustness as Robustness
 from npend_gym.rl.protocol import robustness as robustness
 from npend_gym.rl.rollouts import Controller as Controller
+from npend_gym.rl.scores import Performance as Performance
+from npend_gym.rl.scores import performance as performance

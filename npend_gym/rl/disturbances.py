@@ -18,8 +18,6 @@ from npend_gym.rl.rollouts import make_envs
 _PULSES = 6
 _AMPLITUDE = (0.5 / 6.0, 5.0 / 6.0)
 _WIDTH = (0.05, 0.1)  # standard deviation [s]
-# The same, `controller/global_policy_testing_controller.py`: N m/rad and N m s/rad over the limit
-_STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0
 
 
 class Disturbance(Protocol):
@@ -133,42 +131,3 @@ class Pulses:
         """Return the torques of a step, beside which the controller always acts."""
         del info
         return self.torques[step], self._all
-
-
-class KnockDowns:
-    """For short times, motors at all joints turn them to random angles, in place of the controller.
-
-    A proportional-differential controller with compensation of gravity: it knows the exact state.
-
-    Attributes
-    ----------
-    acts : ndarray, bool, shape (steps, lanes)
-        In which steps.
-    """
-
-    def __init__(
-        self, config: EnvConfig, steps: int, lanes: int, count: int, seconds: float, seed: int
-    ) -> None:
-        rng = np.random.default_rng([seed, 2])
-        time = steps * config.dt
-        regular = np.linspace(time / (count + 1), time, count)
-        begins = regular + rng.uniform(-1.0, 1.0, (lanes, count)) * time / 60.0
-        now = config.dt * np.arange(steps)[:, None, None] + 1e-9
-        on: BoolArray = (begins <= now) & (now < begins + seconds)
-        self.acts: BoolArray = np.any(on, axis=2)
-        self._which = np.where(on, np.arange(count), 0).max(axis=2)
-        self._goals = rng.uniform(-np.pi, np.pi, (lanes, count, config.n))
-        self._config, self._lanes = config, np.arange(lanes)
-
-    def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
-        """Return the torques of a step, zero in lanes where the controller acts."""
-        config, acts = self._config, self.acts[step]
-        goal = self._goals[self._lanes, self._which[step]]
-        angle = np.diff(info["theta"], axis=1, prepend=0.0)
-        speed = np.diff(info["omega"], axis=1, prepend=0.0)
-        error = np.remainder(goal - angle + np.pi, 2.0 * np.pi) - np.pi
-        drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
-        weight = config.chain.gravity * config.chain.lift * np.sin(info["theta"])
-        drive += np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
-        torque = np.clip(drive, -config.max_torque, config.max_torque)
-        return np.where(acts[:, None], torque, 0.0), ~acts

@@ -1,0 +1,189 @@
+"""RealAIGym's performance score: how well a swing-up is done.
+
+`src/python/double_pendulum/analysis/leaderboard.py` and `leaderboard/pendubot/simulation_v2` of
+dfki-ric-underactuated-lab/double_pendulum have the definitions and the numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import Chain
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.inputs import checked_action
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.rl.evaluation import HELD_OUT
+from npend_gym.rl.protocol import nominal_env
+from npend_gym.rl.rollouts import Controller, make_envs, rollout
+
+UP = 0.9  # of the chain's length: the tip above it is up
+_SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged
+# What counts as most, for their robot
+_MOST = {
+    "swing_up_time": 20.0,  # s
+    "energy": 60.0,  # J
+    "torque_cost": 20.0,  # N^2 m^2 s
+    "smoothness": 0.1,  # N m
+    "velocity_cost": 400.0,  # rad^2/s
+}
+
+
+@dataclass(frozen=True)
+class Performance:
+    """How well each swing-up was done, arrays of shape (episodes,), see `performance`.
+
+    Attributes
+    ----------
+    success : ndarray, bool
+        Whether the tip is above 0.9 of the chain's length at the end.
+    swing_up_time : ndarray
+        Time [s] since which it has been so.
+    energy : ndarray
+        sum over steps and motors of abs(torque times turn of the joint) [J].
+    max_torque : ndarray
+        Largest torque [N m].
+    integrated_torque : ndarray
+        Integral of the absolute torque [N m s].
+    torque_cost : ndarray
+        Integral of the squared torque [N^2 m^2 s].
+    smoothness : ndarray
+        Standard deviation of the change of the torque in 0.002 s [N m], see `performance`.
+    velocity_cost : ndarray
+        Integral of the sum over all joints of the squared velocity of the joint [rad^2/s].
+    score : ndarray
+        0 to 1.
+    """
+
+    success: BoolArray
+    swing_up_time: FloatArray
+    energy: FloatArray
+    max_torque: FloatArray
+    integrated_torque: FloatArray
+    torque_cost: FloatArray
+    smoothness: FloatArray
+    velocity_cost: FloatArray
+    score: FloatArray
+
+    def as_row(self) -> dict[str, float]:
+        """Return the means over the episodes."""
+        arrays: dict[str, FloatArray] = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: round(float(values.mean()), 4) for name, values in arrays.items()}
+
+
+def performance(
+    controller: Controller,
+    keywords: dict[str, Any],
+    *,
+    env_id: str = ENV_ID,
+    seed: int = HELD_OUT,
+    episodes: int = 20,
+    seconds: float = 10.0,
+) -> Performance:
+    """Judge swing-ups by RealAIGym's performance score.
+
+    score = success (1 - sum_i tanh(pi c_i / m_i) / 5), with the swing-up time c_1 and m_1 = 20 s,
+    the energy and 60 J, the torque cost and 20 N^2 m^2 s, the smoothness and 0.1 N m, the velocity
+    cost and 400 rad^2/s. These m_i are for their robot, ``Chain.realaigym("C.1")``. For another
+    chain they are multiplied by what its lifting energy is over that robot's (for the energy and
+    the smoothness; squared for the torque cost) and by sqrt(length over that robot's) (for the
+    time and the torque cost; the velocity cost is divided by it).
+
+    The smoothness of their definition is the standard deviation of the change of the torque from
+    one step to the next, of 0.002 s. It is computed for the torque sampled as often, whatever the
+    step of the environment is, so that a coarse step does not count as a rough torque.
+
+    Parameters
+    ----------
+    controller : callable
+        See `Controller`.
+    keywords : dict
+        Keywords of ``gym.make_vec(env_id, ...)``.
+    env_id : str
+    seed : int
+        Seed of the first episode.
+    episodes : int
+    seconds : float
+        Duration of an episode.
+
+    Returns
+    -------
+    Performance
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule, or the environment has no motor or a cart.
+
+    References
+    ----------
+    F. Wiebe and others, arXiv:2503.15290 (2025), section III; constants of
+    `leaderboard/pendubot/simulation_v2/create_leaderboard.py`.
+    """
+    count = _checks.count("episodes", episodes)
+    nominal, config = nominal_env(env_id, keywords)
+    refuse_cart(config)
+    steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
+    envs = make_envs(env_id, count, nominal | {"max_episode_steps": steps})
+    start = envs.reset(seed=seed)
+    shape = (count, config.joints.size)
+    torques, angles = np.zeros((steps, *shape)), np.zeros((steps + 1, count, config.n))
+    speeds, up = np.zeros((steps + 1, count, config.n)), np.zeros((steps + 1, count), np.bool_)
+    angles[0], speeds[0] = (np.diff(start[1][k], prepend=0.0) for k in ("theta", "omega"))
+    for k, (running, action, _, info) in enumerate(rollout(controller, envs, *start)):
+        taken = np.clip(np.asarray(checked_action(action, shape, config.action_table)), -1.0, 1.0)
+        torques[k] = np.where(running[:, None], config.max_torque * taken, 0.0)
+        angles[k + 1], speeds[k + 1] = (np.diff(info[i], prepend=0.0) for i in ("theta", "omega"))
+        up[k + 1] = running & (info["tip_height"] > UP * config.chain.total_length)
+    envs.close()
+    return _judged(config, torques, angles[:, :, config.joints], speeds, up)
+
+
+def _judged(
+    config: EnvConfig, torques: FloatArray, angles: FloatArray, speeds: FloatArray, up: BoolArray
+) -> Performance:
+    """Return the criteria of trajectories, (steps, episodes, joints), and their score."""
+    dt, steps = config.dt, len(torques)
+    held = np.logical_and.accumulate(up[::-1])[::-1]  # up, and from there on to the end
+    every = max(1, round(dt / _SAMPLING))
+    changes = np.diff(torques, axis=0)
+    samples = every * steps - 1  # changes of the torque sampled, most of them zero
+    square = (changes**2).sum(axis=0) / samples - (changes.sum(axis=0) / samples) ** 2
+    found = {
+        "success": held[-1],
+        "swing_up_time": dt * np.minimum(len(held) - held.sum(axis=0), steps),
+        "energy": np.abs(torques * np.diff(angles, axis=0)).sum(axis=(0, 2)),
+        "max_torque": np.abs(torques).max(axis=(0, 2)),
+        "integrated_torque": dt * np.abs(torques).sum(axis=(0, 2)),
+        "torque_cost": dt * (torques**2).sum(axis=(0, 2)),
+        "smoothness": np.sqrt(np.maximum(square, 0.0)).sum(axis=1),
+        "velocity_cost": dt * (speeds[:-1] ** 2).sum(axis=(0, 2)),
+    }
+    most = _most(config)
+    costs = [np.tanh(np.pi * found[name] / most[name]) for name in most]
+    return Performance(**found, score=found["success"] * (1.0 - np.mean(costs, axis=0)))
+
+
+def _most(config: EnvConfig) -> dict[str, float]:
+    """Return what counts as most of each criterion, in the scale of the chain."""
+    chain, robot = config.chain, Chain.realaigym("C.1", motors=False)
+    energy = chain.lifting_energy / robot.lifting_energy
+    time = np.sqrt(chain.total_length / robot.total_length)
+    scales = {
+        "swing_up_time": time,
+        "energy": energy,
+        "torque_cost": energy**2 * time,
+        "smoothness": energy,
+        "velocity_cost": 1.0 / time,
+    }
+    return {name: _MOST[name] * float(scale) for name, scale in scales.items()}
+
+
+def refuse_cart(config: EnvConfig) -> None:
+    """Raise a ValueError where a cart carries the pivot."""
+    if config.has_cart:
+        raise ValueError('base must be "pivot": this score is defined for joints, got "cart"')

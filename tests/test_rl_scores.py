@@ -1,0 +1,139 @@
+"""RealAIGym's scores: of a swing-up, and of the time up between knock-downs."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import npend_gym  # noqa: F401 - registers the environments
+from npend_gym import Chain
+from npend_gym.physics import accelerations
+from npend_gym.rl import HELD_OUT, lqr, performance, recovery
+from npend_gym.rl.knock_downs import KnockDowns
+from npend_gym.rl.scores import _most
+
+STRONG = {"n": 2, "mode": "swingup", "actuated": (0, 1), "max_torque": 60.0, "dt": 0.02}
+
+
+def config_of(**keywords):
+    return gym.make("NPendulum-v0", **keywords).unwrapped.config
+
+
+def trajectory(controller, keywords, seconds):
+    """Return times, joint angles, joint velocities, torques and tip heights of one episode."""
+    env = gym.make("NPendulum-v0", **keywords)
+    config = env.unwrapped.config
+    observation, info = env.reset(seed=HELD_OUT)
+    rows = []
+    for _ in range(round(seconds / config.dt)):
+        batch = {key: np.asarray(value)[None] for key, value in info.items()}
+        action = np.clip(controller(observation[None], batch)[0], -1.0, 1.0)
+        rows.append((info, config.max_torque * action))
+        observation, _, _, _, info = env.step(action)
+    rows.append((info, rows[-1][1]))  # their last torque is not used
+    infos, torques = zip(*rows, strict=True)
+    joints = [np.diff([i[key] for i in infos], axis=1, prepend=0.0) for key in ("theta", "omega")]
+    return (
+        np.array([i["time"] for i in infos]), *joints, np.array(torques),
+        np.array([i["tip_height"] for i in infos]),
+    )  # fmt: skip
+
+
+def test_the_criteria_are_those_of_their_definitions():
+    controller = lqr(config_of(**STRONG), action_weight=10.0)
+    found = performance(controller, STRONG, episodes=1, seconds=4.0)
+    t, q, v, u, tip = trajectory(controller, STRONG, 4.0)
+    dt = np.diff(t)[:, None]
+    down = np.flatnonzero(tip <= 0.9 * 2.0)
+    expected = {
+        "success": 1.0,
+        "swing_up_time": t[down[-1] + 1],
+        "energy": np.abs(np.diff(q, axis=0) * u[:-1]).sum(),
+        "max_torque": np.abs(u).max(),
+        "integrated_torque": (np.abs(u[:-1]) * dt).sum(),
+        "torque_cost": (u[:-1] ** 2 * dt).sum(),
+        "smoothness": np.std(np.diff(np.repeat(u[:-1], 10, axis=0), axis=0), axis=0).sum(),
+        "velocity_cost": (v[:-1] ** 2 * dt).sum(),
+    }
+    for name, value in expected.items():
+        assert getattr(found, name)[0] == pytest.approx(value, rel=1e-6), name
+    most = _most(config_of(**STRONG))
+    costs = [np.tanh(np.pi * expected[name] / most[name]) for name in most]
+    assert found.score[0] == pytest.approx(1.0 - sum(costs) / 5.0)
+
+
+def test_their_robot_is_judged_by_their_constants_and_a_similar_chain_alike():
+    robot = Chain.realaigym("C.1", motors=False)
+    most = _most(config_of(chain=robot))
+    assert most == pytest.approx(
+        {"swing_up_time": 20.0, "energy": 60.0, "torque_cost": 20.0, "smoothness": 0.1,
+         "velocity_cost": 400.0}
+    )  # fmt: skip
+    larger = Chain(
+        robot.masses, 4.0 * robot.lengths, centres=4.0 * robot.centres,
+        inertias=16.0 * robot.inertias,
+    )  # fmt: skip
+    # four times the size: half as fast, four times the torques; all in the same proportions
+    small = {"chain": robot, "mode": "swingup", "actuated": (0, 1), "max_torque": 10.0, "dt": 0.01}
+    large = small | {"chain": larger, "max_torque": 40.0, "dt": 0.02}
+    scores = [
+        performance(lqr(config_of(**k), action_weight=1.0), k, episodes=3, seconds=s)
+        for k, s in ((small, 3.0), (large, 6.0))
+    ]
+    assert scores[0].success.all()
+    np.testing.assert_allclose(scores[1].swing_up_time, 2.0 * scores[0].swing_up_time, rtol=0.05)
+    np.testing.assert_allclose(scores[1].energy, 4.0 * scores[0].energy, rtol=0.05)
+
+
+def test_a_chain_that_falls_again_or_never_rises_scores_nothing():
+    idle = performance(lambda seen, _: np.zeros((len(seen), 2)), STRONG, episodes=2, seconds=1.0)
+    assert not idle.success.any()
+    assert idle.score.tolist() == [0.0, 0.0]
+    assert idle.swing_up_time.tolist() == [1.0, 1.0]
+
+
+def test_without_knock_downs_the_chain_is_up_from_its_swing_up_on():
+    controller = lqr(config_of(**STRONG), action_weight=10.0)
+    swung = performance(controller, STRONG, episodes=3, seconds=6.0)
+    up = recovery(controller, STRONG, episodes=3, seconds=6.0, resets=0)
+    np.testing.assert_allclose(up.uptime, 1.0 - swung.swing_up_time / 6.0 + 0.02 / 6.0)
+
+
+def test_knock_downs_cost_time_and_a_chain_that_never_rises_is_never_up():
+    controller = lqr(config_of(**STRONG), action_weight=10.0)
+    up = recovery(controller, STRONG, episodes=3, seconds=20.0, resets=5)
+    calm = recovery(controller, STRONG, episodes=3, seconds=20.0, resets=0)
+    assert np.all(up.uptime < calm.uptime)
+    assert up.score > 0.5
+    idle = recovery(lambda seen, _: np.zeros((len(seen), 2)), STRONG, episodes=2, seconds=1.0)
+    assert idle.score == 0.0
+
+
+def test_knock_downs_come_as_often_and_as_long_as_asked_for():
+    config = config_of(**STRONG)
+    knocks = KnockDowns(config, 3000, 40, count=15, seconds=0.2, seed=0)
+    begins = np.diff(knocks.acts.astype(int), axis=0) == 1
+    assert set(begins.sum(axis=0).tolist()) <= {14, 15}  # the last may come after the end
+    assert np.all(knocks.acts.sum(axis=0) <= 150)
+    first = knocks.acts.argmax(axis=0) * config.dt
+    assert np.all(np.abs(first - 60.0 / 16.0) <= 1.0 + config.dt)
+
+
+def test_knock_downs_hold_the_chain_against_gravity_at_their_goal():
+    config = config_of(n=3, max_torque=1e4)
+    knocks = KnockDowns(config, 100, 2, count=1, seconds=1.0, seed=0)
+    step = int(knocks.acts[:, 0].argmax())
+    theta = np.cumsum(knocks._goals[:, 0], axis=1)
+    info = {"theta": theta, "omega": np.zeros((2, 3))}
+    torque, controlled = knocks(step, info)
+    assert not controlled[0]
+    held = accelerations(config.chain, theta[0], np.zeros(3), torque[0])
+    np.testing.assert_allclose(held, 0.0, atol=1e-9)
+    past = int(np.flatnonzero(~knocks.acts[:, 0])[0])
+    assert not knocks(past, info)[0][0].any()
+
+
+@pytest.mark.parametrize("judge", [performance, recovery])
+def test_carts_are_refused(judge):
+    keywords = {"n": 1, "mode": "balance", "base": "cart", "cart_mass": 1.0, "rail": 2.4}
+    with pytest.raises(ValueError, match='base must be "pivot"'):
+        judge(lambda seen, _: np.zeros((len(seen), 1)), keywords)
