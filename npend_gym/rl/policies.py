@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._files import read_arrays, replacing
 from npend_gym.chain import plain_keywords
+from npend_gym.rl.history import History
 
 MAX_BYTES = 10_000_000  # of a policy's file once unpacked
 PRETRAINED = Path(__file__).parent / "pretrained"
@@ -25,10 +27,13 @@ Float32Array = NDArray[np.float32]
 class Policy:
     """A network of tanh layers from observations to the mean action, in NumPy.
 
+    A policy with memory acts on its last observations, each with the action that it took before
+    it. It acts in the environments of one vector environment at a time: `reset` makes it forget.
+
     Attributes
     ----------
-    scale : ndarray, float32, shape (k,)
-        The observations are divided by it.
+    scale : ndarray, float32, shape (k,), or (length, k + joints) with memory
+        What the network is given is divided by it: observations, or the frames of a `History`.
     weights : list of ndarray, float32, shapes (outputs, inputs)
     biases : list of ndarray, float32, shapes (outputs,)
     env : dict
@@ -42,11 +47,72 @@ class Policy:
     biases: list[Float32Array]
     env: dict[str, Any] = field(default_factory=dict[str, Any])
     provenance: dict[str, Any] = field(default_factory=dict[str, Any])
+    _history: History | None = field(init=False, repr=False, compare=False)
 
-    def __call__(self, observation: Float32Array, info: Any = None) -> Float32Array:
-        """Return the actions (..., joints), within [-1, 1], for observations (..., k)."""
-        del info
-        signal = observation / self.scale
+    def __post_init__(self) -> None:
+        history = None
+        if self.scale.ndim == 2:
+            length, entries = self.scale.shape
+            joints = len(self.biases[-1])
+            history = History(length, entries - joints, joints)
+        object.__setattr__(self, "_history", history)
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether it acts on more than the present observation."""
+        return self._history is not None
+
+    def reset(self, num_envs: int) -> None:
+        """Forget what was observed: the next call begins episodes in `num_envs` environments."""
+        if self._history is not None:
+            self._history.reset(num_envs)
+
+    def __call__(
+        self, observation: Float32Array, info: Mapping[str, Any] | None = None
+    ) -> Float32Array:
+        """Return the actions within [-1, 1].
+
+        Parameters
+        ----------
+        observation : ndarray, shape (..., k)
+            With memory (B, k), of the same B environments as in the call before.
+        info : mapping, optional
+            Where ``info["time"]`` is 0 an episode begins, and a policy with memory forgets what was
+            before. Without `info` that is left to `reset`. One without memory does not look at it.
+
+        Returns
+        -------
+        ndarray, float32, shape (..., joints)
+
+        Raises
+        ------
+        ValueError
+            If a policy with memory is called with other environments than before.
+        """
+        if self._history is None:
+            return self._act(observation / self.scale)
+        frames = self._remembered(self._history, observation, info)
+        action = self._act((frames / self.scale).reshape(len(frames), self.scale.size))
+        self._history.act(action)
+        return action
+
+    def _remembered(
+        self, history: History, observation: Float32Array, info: Mapping[str, Any] | None
+    ) -> Float32Array:
+        """Return the frames of all environments, (B, length, k + joints)."""
+        begins = None if info is None else np.asarray(info["time"]) == 0.0
+        if begins is not None and begins.all():
+            history.reset(begins.size)
+        expected = (len(history.frames), self.scale.shape[1] - len(self.biases[-1]))
+        if np.shape(observation) != expected:
+            raise ValueError(
+                f"observation must have the shape {expected}, because the policy remembers so many "
+                f"environments; got {np.shape(observation)}: call reset(num_envs) before others"
+            )
+        return history.observe(observation, begins)
+
+    def _act(self, signal: Float32Array) -> Float32Array:
+        """Return the actions for what the network is given, over its scale."""
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             signal = np.tanh(signal @ weight.T + bias)
         return np.clip(signal @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
@@ -104,7 +170,13 @@ def _read_layers(path: Path) -> tuple[list[Float32Array], list[Float32Array], Fl
         raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
     weights = [arrays[f"weight{k}"] for k in range(depth)]
     biases = [arrays[f"bias{k}"] for k in range(depth)]
-    inputs = arrays["scale"].shape
+    scale, last = arrays["scale"], arrays[f"bias{depth - 1}"]
+    if scale.ndim == 2 and not (len(scale) > 0 and scale.shape[1] > last.size):
+        raise ValueError(
+            f"{path} is no policy: frames of shape {scale.shape} have no room for observations and "
+            f"{last.size} actions"
+        )
+    inputs = (scale.size,) if scale.ndim == 2 else scale.shape
     for weight, bias in zip(weights, biases, strict=True):
         if bias.ndim != 1 or weight.shape != bias.shape + inputs:
             raise ValueError(
@@ -112,7 +184,7 @@ def _read_layers(path: Path) -> tuple[list[Float32Array], list[Float32Array], Fl
                 f"shape {weight.shape} and biases of shape {bias.shape}"
             )
         inputs = bias.shape
-    return weights, biases, arrays["scale"]
+    return weights, biases, scale
 
 
 def pretrained_names() -> tuple[str, ...]:

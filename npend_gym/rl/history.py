@@ -1,0 +1,57 @@
+"""What a policy with memory acts on: the last observations, and the actions between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym._checks import BoolArray
+
+Float32Array = NDArray[np.float32]
+
+
+class History:
+    """The last observations of B environments, each with the action before it.
+
+    Parameters
+    ----------
+    length : int
+        Number of observations that are kept.
+    observed, joints : int
+        Entries of an observation, and of an action.
+
+    Attributes
+    ----------
+    frames : ndarray, float32, shape (B, length, observed + joints)
+        The newest first: an observation, then the action that was taken before it. Before the
+        start of an episode the observation was that of the start, and the action 0.
+    """
+
+    def __init__(self, length: int, observed: int, joints: int) -> None:
+        self._shape, self._observed = (length, observed + joints), observed
+        self.reset(0)
+
+    def reset(self, num_envs: int) -> None:
+        """Forget everything: the next observations begin episodes of `num_envs` environments."""
+        length, entries = self._shape
+        self.frames: Float32Array = np.zeros((num_envs, length, entries), np.float32)
+        self._action: Float32Array = np.zeros((num_envs, entries - self._observed), np.float32)
+        self._begins: BoolArray = np.ones(num_envs, np.bool_)
+
+    def observe(self, observation: Float32Array, begins: BoolArray | None = None) -> Float32Array:
+        """Return the frames, (B, length, entries), with the newest observations, (B, observed).
+
+        `begins`, (B,), says in which environments an episode begins: what was before is forgotten.
+        """
+        frames, size = self.frames, self._observed
+        first = self._begins if begins is None else self._begins | begins
+        frames[:, 1:] = frames[:, :-1].copy()
+        frames[:, 0, :size], frames[:, 0, size:] = observation, self._action
+        frames[first, :, :size] = observation[first, None]
+        frames[first, :, size:] = 0.0
+        self._begins[:] = False
+        return frames
+
+    def act(self, action: Float32Array) -> None:
+        """Keep the actions, (B, joints), that will lead to the next observations."""
+        self._action[:] = action

@@ -1,0 +1,124 @@
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import npend_gym  # noqa: F401  registers the environments
+from npend_gym.rl import Policy, evaluate
+
+K, LENGTH = 6, 3
+
+
+def policy_with_memory():
+    rng = np.random.default_rng(0)
+    sizes = [(8, LENGTH * (K + 1)), (1, 8)]
+    return Policy(
+        scale=rng.uniform(0.5, 2.0, (LENGTH, K + 1)).astype(np.float32),
+        weights=[rng.normal(size=size).astype(np.float32) for size in sizes],
+        biases=[rng.normal(size=size[:1]).astype(np.float32) for size in sizes],
+        env={"n": 2, "mode": "swingup", "observation": "sincos"},
+    )
+
+
+def action_for(policy, observations, actions):
+    """Return what a policy does after the observations and the actions of one episode."""
+    observations = [observations[0]] * (LENGTH - 1) + list(observations)
+    actions = [np.zeros(1)] * LENGTH + list(actions)
+    frames = [
+        np.concatenate([observations[-1 - j], actions[-1 - j]]) / policy.scale[j]
+        for j in range(LENGTH)
+    ]
+    hidden = np.tanh(policy.weights[0] @ np.concatenate(frames) + policy.biases[0])
+    return np.clip(policy.weights[1] @ hidden + policy.biases[1], -1.0, 1.0)
+
+
+def test_a_policy_with_memory_acts_on_its_last_observations_and_actions():
+    policy, rng = policy_with_memory(), np.random.default_rng(1)
+    policy.reset(4)
+    observations = rng.normal(size=(7, 4, K)).astype(np.float32)
+    actions = []
+    for step, observation in enumerate(observations):
+        actions.append(policy(observation))
+        for lane in range(4):
+            before = [action[lane] for action in actions[:-1]]
+            expected = action_for(policy, observations[: step + 1, lane], before)
+            np.testing.assert_allclose(actions[-1][lane], expected, atol=1e-5)
+    assert policy.has_memory
+    assert 0.1 < np.mean(np.abs(actions) < 1.0) < 1.0  # some are clipped, some are not
+
+
+@pytest.mark.parametrize("autoreset_mode", ["NEXT_STEP", "SAME_STEP"])
+def test_an_episode_begins_without_memory_of_the_one_before(autoreset_mode):
+    policy, fresh = policy_with_memory(), policy_with_memory()
+    envs = gym.make_vec(
+        "NPendulum-v0", num_envs=2, max_episode_steps=5, autoreset_mode=autoreset_mode, **policy.env
+    )
+    observation, info = envs.reset(seed=0)
+    starts = 0
+    for _ in range(13):
+        action = policy(observation, info)
+        if (info["time"] == 0.0).all():
+            fresh.reset(2)
+            starts += 1
+        np.testing.assert_array_equal(action, fresh(observation))
+        observation, _, _, _, info = envs.step(action)
+    assert starts == 3
+
+
+def test_one_environment_of_many_begins_alone():
+    policy, rng = policy_with_memory(), np.random.default_rng(2)
+    observations = rng.normal(size=(4, 2, K)).astype(np.float32)
+    times = np.array([[0.0, 0.0], [0.05, 0.05], [0.0, 0.1], [0.05, 0.15]])
+    actions = [policy(o, {"time": t}) for o, t in zip(observations, times, strict=True)]
+    for lane, first in ((0, 2), (1, 0)):
+        before = [action[lane] for action in actions[first:-1]]
+        expected = action_for(policy, observations[first:, lane], before)
+        np.testing.assert_allclose(actions[-1][lane], expected, atol=1e-5)
+
+
+def test_two_evaluations_of_a_policy_with_memory_agree():
+    policy = policy_with_memory()
+    keywords = policy.env | {"max_episode_steps": 20}
+    first, second = (evaluate(policy, keywords, episodes=4).returns for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_policy_with_memory_refuses_environments_that_it_does_not_remember():
+    policy = policy_with_memory()
+    with pytest.raises(ValueError, match=r"shape \(0, 6\).*got \(2, 6\): call reset"):
+        policy(np.zeros((2, K), np.float32))
+    policy.reset(2)
+    policy(np.zeros((2, K), np.float32))
+    with pytest.raises(ValueError, match=r"shape \(2, 6\).*got \(3, 6\)"):
+        policy(np.zeros((3, K), np.float32), {"time": np.array([0.0, 0.0, 0.1])})
+
+
+def test_a_saved_policy_with_memory_remembers_as_long_when_it_is_loaded(tmp_path):
+    policy = policy_with_memory()
+    policy.save(tmp_path / "a.npz")
+    again = Policy.load(tmp_path / "a.npz")
+    observations = np.random.default_rng(3).normal(size=(5, 2, K)).astype(np.float32)
+    for each in (policy, again):
+        each.reset(2)
+    for observation in observations:
+        np.testing.assert_array_equal(policy(observation), again(observation))
+
+
+@pytest.mark.parametrize("shape", [(LENGTH, 1), (0, K + 1), (LENGTH, K + 2), (1, LENGTH, K + 1)])
+def test_frames_that_do_not_fit_the_network_are_refused(shape, tmp_path):
+    replace(policy_with_memory()).save(tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as file:
+        arrays = dict(file) | {"scale": np.ones(shape, np.float32)}
+    np.savez(tmp_path / "b.npz", **arrays)
+    with pytest.raises(ValueError, match="is no policy"):
+        Policy.load(tmp_path / "b.npz")
+
+
+def test_a_policy_without_memory_needs_no_reset():
+    memory = policy_with_memory()
+    first = memory.weights[0][:, :K]
+    policy = Policy(memory.scale[0, :K], [first, memory.weights[1]], memory.biases)
+    assert not policy.has_memory
+    policy.reset(3)
+    assert policy(np.zeros((2, 5, K), np.float32)).shape == (2, 5, 1)
