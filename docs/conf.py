@@ -45,7 +45,8 @@ def short(number: float) -> str:
     return f"{number:.2g}" if number < 10 else f"{number:.0f}"
 
 
-myst_substitutions = {suite: benchmark(suite) for suite in ("dynamics", "environments")}
+SUITES = "dynamics", "environments", "episodes", "derivatives"
+myst_substitutions = {suite: benchmark(suite) for suite in SUITES}
 
 default_role = "autolink"
 autosummary_generate = False
