@@ -1,6 +1,7 @@
-"""Evaluate a policy or a controller in held-out episodes, and film it.
+"""Evaluate a policy, a controller or a run of `train_sb3.py` in held-out episodes, and film it.
 
-Run it with `python examples/evaluate.py --pretrained swingup-2 --video swingup-2.gif`.
+Run it with `python examples/evaluate.py --pretrained swingup-2 --video swingup-2.gif`. Without a
+film, `npend evaluate swingup-2` does the same.
 """
 
 from __future__ import annotations
@@ -13,46 +14,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
-from training import env_of_task, evaluation_env
 
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl import (
-    HELD_OUT,
-    MPC,
-    Controller,
-    Evaluation,
-    Policy,
-    energy_swing_up,
-    evaluate,
-    lqr,
-    modal_damping,
-    planned_swing_up,
-    pretrained_names,
-)
-
-CONTROLLERS = ("LQR", "MPC", "damping", "energy", "plan")
-# arguments of planned_swing_up by the number of rods
-PLANS: dict[int, dict[str, Any]] = {
-    2: {},
-    3: {},
-    4: {"seconds": 8.0},
-    5: {"seconds": 12.0, "settle": 10.0},
-    6: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
-}
-
-
-def controller_of(name: str, keywords: dict[str, Any]) -> Controller:
-    """Return a reference controller for the environment of these keywords."""
-    config = gym.make("NPendulum-v0", **keywords).unwrapped.config
-    if name == "energy":
-        return energy_swing_up(config)
-    if name == "plan":
-        progress = partial(tqdm, desc="plans", leave=False, disable=None)
-        return planned_swing_up(config, **PLANS.get(config.chain.n, {}), progress=progress)
-    if name == "damping":
-        return modal_damping(config)
-    angle = 0.0 if keywords["mode"] == "calm" else np.pi
-    return MPC(config, angle) if name == "MPC" else lqr(config, angle)
+from npend_gym.report.robustness_report import evaluation_text
+from npend_gym.rl import HELD_OUT, Controller, Policy, evaluate, pretrained_names
+from npend_gym.rl.references import CONTROLLERS, reference_controller
+from npend_gym.rl.training.tasks import env_of_task, evaluation_env
 
 
 def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
@@ -65,7 +32,8 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
         return train_sb3.controller_of(model), evaluation_env(settings.get("env_kwargs", {}))
     if arguments.controller:
         keywords = env_of_task(arguments.task)
-        return controller_of(arguments.controller, keywords), keywords
+        progress = partial(tqdm, desc="plans", leave=False, disable=None)
+        return reference_controller(arguments.controller, keywords, progress), keywords
     policy = (
         Policy.load(arguments.policy)
         if arguments.policy
@@ -108,24 +76,6 @@ def film(
     imageio.imwrite(path, np.stack(frames), **timing)
 
 
-def report(evaluation: Evaluation, env_id: str) -> str:
-    """Return the results as text, with the return for which the environment counts as solved."""
-    threshold = gym.spec(env_id).reward_threshold
-    solved = "" if threshold is None else f", solved from {threshold:g} on"
-    successes, returns = evaluation.success, evaluation.returns
-    low, high = evaluation.success_interval
-    interval = f"95 % confidence {low:.1%} to {high:.1%} (Wilson)"
-    lines = [
-        f"success  {successes.sum()}/{successes.size} = {successes.mean():.1%}, {interval}",
-        f"return   {returns.mean():.2f} +- {returns.std():.2f} over episodes{solved}",
-        f"work     {evaluation.motor_work.mean():.2f} J done by or on the motors in an episode",
-    ]
-    if successes.any():
-        settled = np.nanmean(evaluation.settling_time)
-        lines.insert(1, f"goal met from {settled:.2f} s on, in successful episodes")
-    return "\n".join(lines)
-
-
 def main() -> None:
     """Evaluate what the command line names."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -153,7 +103,7 @@ def main() -> None:
         seed=arguments.seed,
         env_id=arguments.env,
     )
-    print(report(evaluation, arguments.env))
+    print(evaluation_text(evaluation.as_row(), gym.spec(arguments.env).reward_threshold))
     if arguments.video:
         seed, seconds, path = arguments.seed, arguments.seconds, arguments.video
         film(controller, keywords, seed, seconds, path, env_id=arguments.env)

@@ -19,18 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import train_cleanrl
-import train_es
-import train_imitation
-import train_shac
-from evaluate import PLANS, controller_of
-from training import env_of_task, keep, read_rows
 
 from npend_gym.report import write_csv
 from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate, pretrained_names
+from npend_gym.rl.references import PLANS, reference_controller
+from npend_gym.rl.training import es, imitation, ppo, shac
+from npend_gym.rl.training.tasks import env_of_task
 
 DOCS = Path(__file__).parents[1] / "docs"
-TRAINERS = {"PPO": train_cleanrl, "SHAC": train_shac, "ES": train_es, "imitation": train_imitation}
+TRAINERS = {"PPO": ppo, "SHAC": shac, "ES": es, "imitation": imitation}
 CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "balance", "calm")
 LABELS = {
@@ -54,7 +51,7 @@ def references(task: str) -> dict[str, Controller]:
     found: dict[str, Controller] = {
         "random": lambda observation, _: rng.uniform(-1.0, 1.0, (len(observation), 1))
     }
-    return found | {LABELS[name]: controller_of(name, keywords) for name in names}
+    return found | {LABELS[name]: reference_controller(name, keywords) for name in names}
 
 
 def tasks() -> list[str]:
@@ -77,7 +74,8 @@ def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     policy, curve = trainer.train(trainer.settings_of(task, seed=seed), path.stem)
     held_out = evaluate(policy, env_of_task(task)).as_row()
     policy.provenance["evaluation"] = held_out
-    keep(policy, curve, path)
+    write_csv(path.with_suffix(".csv"), curve)
+    policy.save(path)
     print(f"{path.stem}: {held_out}", flush=True)
 
 
@@ -94,8 +92,7 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
         known |= {(task, name, None): agent for name, agent in references(task).items()}
         if task in pretrained_names():
             policy = Policy.pretrained(task)
-            script = Path(policy.provenance["trained_by"]).stem
-            (name,) = (name for name, trainer in TRAINERS.items() if trainer.__name__ == script)
+            name = trainer_of(policy)
             settings = policy.provenance.get("settings", policy.provenance)  # of older files
             known[task, name, settings["seed"]] = policy
     keys = [(row["task"], row["agent"], row["seed"]) for row in rows]
@@ -103,6 +100,26 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
         row | evaluate(known[key], env_of_task(key[0])).as_row() if key in known else row
         for key, row in zip(keys, rows, strict=True)
     ]
+
+
+def trainer_of(policy: Policy) -> str:
+    """Return which of `TRAINERS` a policy comes from; older ones name a script."""
+    own = Path(policy.provenance["trained_by"]).stem.removeprefix("train_")
+    return {name.lower(): name for name in TRAINERS}.get(own.replace("cleanrl", "ppo"), own)
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a CSV file; an empty cell is None."""
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return [{name: value_of(text) for name, text in row.items()} for row in rows]
+
+
+def value_of(text: str) -> int | float | str | None:
+    """Return the value of a cell in a CSV file."""
+    if text.isdigit():
+        return int(text)
+    return float(text) if re.fullmatch(r"-?[\d.]+", text) else text or None
 
 
 def recorded(name: str = "learning") -> list[dict[str, Any]]:

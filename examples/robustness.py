@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from results import DOCS
+from results import DOCS, read_rows
 from tqdm import tqdm
-from training import ROBUST, env_of_task, read_rows
 
 from npend_gym._palette import BLUE, FAINT, ORANGE
 from npend_gym.report import styled, write_csv
 from npend_gym.rl import Policy, evaluate
+from npend_gym.rl.training.tasks import ROBUST, env_of_task
 
 TASKS = ("swingup-1", "calm-2")
 FACTORED = ("masses", "lengths", "gravity", "max_torque")  # of ROBUST; damping has values

@@ -27,10 +27,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
-from training import evaluation_env
 
 import npend_gym
 from npend_gym.rl import Controller, SB3VecEnv, evaluate
+from npend_gym.rl.training.tasks import evaluation_env
 
 CONFIGS = Path(__file__).parent / "configs"
 

@@ -1,11 +1,14 @@
 """PPO by TorchRL, on the native vector environment.
 
 Run it with `python examples/train_torchrl.py swingup-1`: it writes `swingup-1.npz`, a policy of
-plain numbers for `examples/evaluate.py`, and `swingup-1.csv`, its learning curve. It needs
+plain numbers for `npend evaluate`, and `swingup-1.csv`, its learning curve. It needs
 `pip install "npend-gym[rl]" torchrl`.
 """
 
 from __future__ import annotations
+
+import argparse
+from pathlib import Path
 
 import gymnasium as gym
 import torch
@@ -25,10 +28,11 @@ from torchrl.modules import IndependentNormal, ProbabilisticActor, ValueOperator
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 from tqdm import tqdm
-from train_cleanrl import STEPS_OPTION, Settings, settings_of
-from training import Curve, main, network, policy_of
 
+from npend_gym.report import write_csv
 from npend_gym.rl import Policy
+from npend_gym.rl.training.ppo import Settings, settings_of
+from npend_gym.rl.training.tasks import Curve, network, policy_of
 
 
 def make_env(settings: Settings) -> TransformedEnv:
@@ -107,8 +111,26 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
         mean_return = round(float(returns.mean()), 4) if len(returns) > 0 else mean_return
         curve.append({"steps": (len(curve) + 1) * batch_size, "return": mean_return})
     collector.shutdown()
-    return policy_of(mean, obs_scale(settings), "train_torchrl.py", settings, curve[-1]), curve
+    return policy_of(mean, obs_scale(settings), "torchrl", settings, curve[-1]), curve
+
+
+def main() -> None:
+    """Train one policy as the command line says, and write it to a file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", help='mode and number of rods, as in "swingup-2"')
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path(), help="folder of the files")
+    parser.add_argument("--steps", type=int, help="environment steps in total")
+    arguments = parser.parse_args()
+    changes = {"total_timesteps": arguments.steps} if arguments.steps else {}
+    settings = settings_of(arguments.task, seed=arguments.seed, **changes)
+    policy, curve = train(settings, arguments.task)
+    path = arguments.out / f"{arguments.task}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_csv(path.with_suffix(".csv"), curve)
+    policy.save(path)
+    print(f"{path}: {curve[-1]}")
 
 
 if __name__ == "__main__":
-    main(__doc__, settings_of, train, total_timesteps=STEPS_OPTION)
+    main()

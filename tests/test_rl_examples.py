@@ -1,4 +1,4 @@
-"""Every training script runs for a short time, and examples/evaluate.py takes what it writes."""
+"""Every training script runs for a short time, and `npend evaluate` takes what it writes."""
 
 import csv
 import inspect
@@ -12,7 +12,7 @@ import pytest
 from scripts import run_python, run_script
 from test_examples import ROOT
 
-from npend_gym.rl import Policy, evaluate
+from npend_gym.rl import Policy
 
 EXAMPLES = ROOT / "examples"
 
@@ -27,47 +27,12 @@ def successes_in(text):
     return re.search(r"success  (\d+)/(\d+) = \S+, 95 % confidence", text).groups()
 
 
-def test_train_cleanrl_writes_a_policy_that_can_be_evaluated_and_filmed(script, tmp_path):
-    pytest.importorskip("torch")
+def test_evaluate_films_a_policy(script, tmp_path):
     pytest.importorskip("pygame")
-    script("train_cleanrl.py", "swingup-1", "--steps", 4096)
-    policy = Policy.load(tmp_path / "swingup-1.npz")
-    assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
-    assert policy.env == {"n": 1, "mode": "swingup", "observation": "sincos"}
-    assert policy.provenance["training"]["steps"] == 4096
-    assert policy.provenance["arguments"]["total_timesteps"] == 4096
-    with (tmp_path / "swingup-1.csv").open() as file:
-        assert [int(row["steps"]) for row in csv.DictReader(file)] == [4096]
     arguments = ["--episodes", 5, "--video", "a.gif", "--seconds", 0.5]
-    printed = script("evaluate.py", "--policy", "swingup-1.npz", *arguments)
+    printed = script("evaluate.py", "--pretrained", "swingup-1", *arguments)
     assert successes_in(printed)[1] == "5"
     assert (tmp_path / "a.gif").read_bytes()[:6] == b"GIF89a"
-
-
-def test_train_es_finds_a_policy_that_calms_better_than_no_torque(script, tmp_path):
-    out = script("train_es.py", "calm-2", "--updates", 20)
-    policy = Policy.load(tmp_path / "calm-2.npz")
-    assert [weight.shape for weight in policy.weights] == [(1, 6)]
-    with (tmp_path / "calm-2.csv").open() as file:
-        returns = [float(row["return"]) for row in csv.DictReader(file)]
-    assert len(returns) == 2
-    idle = Policy(policy.scale, [0.0 * policy.weights[0]], policy.biases)
-    trained, untrained = (evaluate(each, policy.env, episodes=10) for each in (policy, idle))
-    assert trained.returns.mean() > 2.0 * untrained.returns.mean()
-    assert trained.success_rate == 1.0 > untrained.success_rate
-    assert "'steps': 1280000" in out
-
-
-@pytest.mark.long
-def test_imitation_teaches_the_planned_swing_up_to_a_policy_without_a_clock():
-    pytest.importorskip("torch")
-    from train_imitation import settings_of, train
-
-    quick = {"guesses": 2, "num_envs": 64, "rounds": 3, "hidden": 64}
-    policy, curve = train(settings_of("swingup-1", **quick))
-    assert len(curve) == 3
-    assert curve[-1]["distance"] < 0.1
-    assert evaluate(policy, policy.env, episodes=20).success_rate > 0.9
 
 
 @pytest.mark.long
@@ -137,7 +102,7 @@ def test_rl_zoo_trains_what_the_config_is_named_after(config):
 def test_the_configs_of_robust_policies_draw_what_the_policies_of_the_package_were_shown(task):
     yaml = pytest.importorskip("yaml")
     pytest.importorskip("torch")
-    from train_cleanrl import settings_of
+    from npend_gym.rl.training.ppo import settings_of
 
     by_id = yaml.safe_load((EXAMPLES / "configs" / f"{task}.yml").read_text())
     env = settings_of(task).env
@@ -146,13 +111,6 @@ def test_the_configs_of_robust_policies_draw_what_the_policies_of_the_package_we
     trained = Policy.pretrained(task)
     assert trained.env["randomize"] == trained.provenance["arguments"]["env"]["randomize"]
     assert trained.env["randomize"] == env["randomize"]
-
-
-def test_a_task_with_an_unknown_ending_is_refused():
-    from training import env_of_task
-
-    with pytest.raises(ValueError, match='task must be like "swingup-2" or "swingup-2-robust"'):
-        env_of_task("swingup-2-fast")
 
 
 @pytest.mark.parametrize("config", CONFIGS)
@@ -177,22 +135,12 @@ def test_evaluate_runs_as_a_script_with_a_controller(tmp_path):
     assert successes_in(printed) == ("10", "10")
 
 
-def test_model_predictive_control_aims_at_what_the_task_asks_for():
-    from evaluate import controller_of
-
-    for task, goal in (("swingup-1", np.pi), ("calm-1", 0.0)):
-        keywords = {"n": 1, "mode": task[:-2]}
-        controller = controller_of("MPC", keywords)
-        at_rest = {"theta": np.full((1, 1), goal), "omega": np.zeros((1, 1)), "time": np.zeros(1)}
-        np.testing.assert_allclose(controller(None, at_rest), 0.0, atol=1e-12)
-
-
 @pytest.mark.long
 def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, monkeypatch):
     pytest.importorskip("torch")
     import results
 
-    monkeypatch.setitem(results.train_cleanrl.TASKS, "balance-1", {"total_timesteps": 4096})
+    monkeypatch.setitem(results.ppo.TASKS, "balance-1", {"total_timesteps": 4096})
     monkeypatch.setattr("sys.argv", ["results.py", "--out", str(tmp_path), "--tasks", "balance-1",
                                      "--seeds", "0", "1"])  # fmt: skip
     results.main()

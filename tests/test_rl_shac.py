@@ -1,24 +1,19 @@
-"""examples/train_shac.py: its gradients are those of the environment, and it learns from them."""
-
-import csv
+"""SHAC: its gradients are those of the environment, and it learns from them."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from scripts import run_script
-from test_examples import ROOT
 
 from npend_gym.envs import EnvConfig
-from npend_gym.rl import Policy, evaluate
+from npend_gym.rl import evaluate
 
 torch = pytest.importorskip("torch")
-SCRIPT = ROOT / "examples" / "train_shac.py"
 
 
 def made(**changes):
     """Return settings, configuration, task, collector and learner of a small run."""
-    from short_horizons import Collector, Task
-    from train_shac import Learner, settings_of
+    from npend_gym.rl.training.shac import Learner, settings_of
+    from npend_gym.rl.training.short_horizons import Collector, Task
 
     small = {"num_envs": 4, "horizon": 6, "batch_size": 8, "total_timesteps": 48}
     settings = settings_of("swingup-2", **(small | changes))
@@ -79,7 +74,7 @@ def test_a_horizon_ends_where_its_jacobians_no_longer_hold():
 
 
 def test_the_newest_horizons_take_the_place_of_the_oldest():
-    from train_shac import remembered
+    from npend_gym.rl.training.shac import remembered
 
     _, _, _, collector, learner = made()
     first, second, third = (collector.collect(learner.actor, 0.3) for _ in range(3))
@@ -88,20 +83,20 @@ def test_the_newest_horizons_take_the_place_of_the_oldest():
     np.testing.assert_array_equal(memory.actions, torch.cat([second.actions, third.actions]))
 
 
-def test_train_shac_writes_a_policy_and_its_learning_curve(tmp_path):
-    run_script(SCRIPT, "swingup-2", "--steps", 960, "--seed", 3, cwd=tmp_path)
-    policy = Policy.load(tmp_path / "swingup-2.npz")
+def test_shac_returns_a_policy_and_its_learning_curve():
+    from npend_gym.rl.training.shac import settings_of, train
+
+    policy, curve = train(settings_of("swingup-2", total_timesteps=960, seed=3))
     assert [w.shape for w in policy.weights] == [(64, 6), (64, 64), (1, 64), (1, 1)]
     assert policy.env == {"n": 2, "mode": "swingup", "observation": "sincos"}
     assert policy.provenance["training"]["steps"] == 960
-    assert policy.provenance["trained_by"] == "examples/train_shac.py"
-    with (tmp_path / "swingup-2.csv").open() as file:
-        assert [int(row["steps"]) for row in csv.DictReader(file)] == [320, 640, 960]
+    assert policy.provenance["trained_by"] == "shac"
+    assert [row["steps"] for row in curve] == [320, 640, 960]
 
 
 @pytest.mark.parametrize("task", ["balance-2", "calm-1", "swingup-2-robust"])
-def test_train_shac_refuses_what_it_cannot_learn(task):
-    from train_shac import settings_of
+def test_shac_refuses_what_it_cannot_learn(task):
+    from npend_gym.rl.training.shac import settings_of
 
     with pytest.raises(ValueError, match="task must be the swing-up of one chain"):
         settings_of(task)
@@ -109,7 +104,7 @@ def test_train_shac_refuses_what_it_cannot_learn(task):
 
 @pytest.mark.long
 def test_shac_learns_to_swing_up_one_rod_in_a_tenth_of_the_steps_of_ppo():
-    from train_shac import settings_of, train
+    from npend_gym.rl.training.shac import settings_of, train
 
     policy, curve = train(settings_of("swingup-1"))
     assert curve[-1]["steps"] <= 20_000

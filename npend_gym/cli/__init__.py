@@ -28,6 +28,8 @@ COMMANDS = {
     "campaign": "sweep the release experiment over anything, on one machine or many",
     "analyse": "fit the law of the pseudo-period to a campaign, list outliers, write a report",
     "identify": "fit a chain to measured motion, with standard errors and held-out data",
+    "train": "train a policy for a task, by one of several algorithms",
+    "evaluate": "evaluate a policy or a controller, and what it survives",
     "bench": "measure speed and accuracy beside the peers that are installed",
     "verify": "check that this machine computes the very same bits",
 }

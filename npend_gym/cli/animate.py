@@ -92,22 +92,14 @@ def _episode(
 ) -> Recording:
     """Record an episode that a policy controls, given by its name or its file."""
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
-    from npend_gym.rl import Policy, pretrained_names
+    from npend_gym.rl.policies import find_policy
 
     if inapplicable:
         raise ValueError(
             f"--{next(iter(inapplicable))} is for releases: with --policy the chain is the one "
             "that the policy was trained on"
         )
-    names = pretrained_names()
-    if policy not in names and not Path(policy).is_file():
-        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {policy}")
-    loaded = Policy.pretrained(policy) if policy in names else Policy.load(Path(policy))
-    if not loaded.env:
-        raise ValueError(
-            f'{policy} must have a .json file beside it whose "env" holds the keywords of the '
-            "environment"
-        )
+    loaded = find_policy(policy)
     return record_episode(
         loaded,
         loaded.env,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -60,6 +60,31 @@ def chain_argument(text: str) -> Any:
         return json.loads(Path(text).read_text("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise argparse.ArgumentTypeError(f"{rule}; {text} cannot be read: {error}") from error
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Return name and value of NAME=VALUE: a value of JSON, or else a text."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, got {text}")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
+
+
+def add_env_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option for keywords of the environment; `with_settings` takes what it gives."""
+    text = "a keyword of the environment, such as damping=0.05; may be repeated"
+    parser.add_argument("--env", dest="settings", type=setting, action="append",
+                        metavar="KEY=VALUE", help=text)  # fmt: skip
+
+
+def with_settings(
+    keywords: Mapping[str, Any], settings: Sequence[tuple[str, Any]] | None
+) -> dict[str, Any]:
+    """Return keywords of an environment with those that the user gave."""
+    return {**keywords, **dict(settings or ())}
 
 
 numbers.__name__, integers.__name__ = "number or list", "list of integers"  # for error messages
@@ -124,10 +149,10 @@ def can_draw() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def show_written(written: Sequence[Path]) -> None:
-    """Print which files were written, and why there are no figures."""
+def show_written(written: Sequence[Path], *, figures: bool = True) -> None:
+    """Print which files were written, and why there are no `figures`."""
     print("\nwritten:", *(printable(str(path)) for path in written), sep="\n  ")
-    if not can_draw():
+    if figures and not can_draw():
         from npend_gym._extras import missing
 
         warn(str(missing("matplotlib", "plot", "figures")))

@@ -190,3 +190,25 @@ def _read_layers(path: Path) -> tuple[list[Float32Array], list[Float32Array], Fl
 def pretrained_names() -> tuple[str, ...]:
     """Return the names of the policies that come with the package."""
     return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
+
+
+def find_policy(name: str) -> Policy:
+    """Return a policy of the package by its name, or that in a file, with its environment.
+
+    Raises
+    ------
+    ValueError
+        If there is neither, or the file does not say which environment the policy is made for.
+    """
+    names = pretrained_names()
+    if name in names:
+        return Policy.pretrained(name)
+    if not Path(name).is_file():
+        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}")
+    policy = Policy.load(name)
+    if not policy.env:
+        raise ValueError(
+            f'{name} must have a .json file beside it whose "env" holds the keywords of the '
+            "environment"
+        )
+    return policy

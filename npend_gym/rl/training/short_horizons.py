@@ -1,5 +1,7 @@
-"""What `train_shac.py` learns from: short horizons, simulated with the Jacobians of their steps."""
+"""What `shac` learns from: short horizons, simulated with the Jacobians of their steps."""
 
+# torch's stubs leave parts unknown
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
 import math
@@ -29,7 +31,8 @@ class Task:
         # of the states: near pi a sine is its angle
         self.state_scale = torch.tensor([1.0, obs_scale[2]]).repeat_interleave(self.n)
         chain = config.chain.repeated(1)
-        self.chain: Any = ChainParameters(*(torch.from_numpy(x.copy()).float() for x in chain))
+        tensors: list[Any] = [torch.from_numpy(values.copy()).float() for values in chain]
+        self.chain: Any = ChainParameters(*tensors)
         self.lift, self.unit = torch.tensor(config.chain.lift).float(), config.chain.lifting_energy
 
     def observe(self, states: torch.Tensor) -> torch.Tensor:
@@ -66,7 +69,7 @@ class Collector:
     config : EnvConfig
     task : Task
     settings : Settings
-        Those of `train_shac.py`.
+        Those of `shac`.
     """
 
     def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:

@@ -1,14 +1,14 @@
 """Imitation: a network that swings up three or four rods learns from a planned swing-up.
 
-Run it with `python examples/train_imitation.py swingup-3`: it writes `swingup-3.npz`, a policy of
-plain numbers for `examples/evaluate.py`, and `swingup-3.csv`, its learning curve. The expert
-(`npend_gym.rl.planned_swing_up`) plans a trajectory, knows the clock and tracks the trajectory by
-time-varying feedback; the student sees the chain alone. In DAgger (Ross, Gordon, Bagnell,
-arXiv:1011.0686) the student acts and the expert says what it would have done. Noise on the actions
-shows more of the neighbourhood of the trajectory (Laskey, Lee, Fox, Dragan, Goldberg,
+The expert (`npend_gym.rl.planned_swing_up`) plans a trajectory, knows the clock and tracks the
+trajectory by time-varying feedback; the student sees the chain alone. In DAgger (Ross, Gordon,
+Bagnell, arXiv:1011.0686) the student acts and the expert says what it would have done. Noise on the
+actions shows more of the neighbourhood of the trajectory (Laskey, Lee, Fox, Dragan, Goldberg,
 arXiv:1703.09327).
 """
 
+# torch's stubs leave parts unknown
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
 import math
@@ -17,15 +17,16 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
-from training import Curve, env_of_task, main, network, policy_of
 
-import npend_gym  # noqa: F401  registers the environments
-from npend_gym.rl import PlannedSwingUp, Policy, planned_swing_up
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.rl.planning import PlannedSwingUp, planned_swing_up
+from npend_gym.rl.policies import Policy
+from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Dataset(NamedTuple):
     actions: torch.Tensor  # (states, joints), within [-1.5, 1.5]
 
 
-def most_robust(settings: Settings, envs: gym.vector.VectorEnv) -> list[PlannedSwingUp]:
+def most_robust(settings: Settings, envs: Any) -> list[PlannedSwingUp]:
     """Return the experts that most often stand in spite of noise, the most robust first.
 
     The mistakes of a student are like noise on the actions.
@@ -88,7 +89,7 @@ def most_robust(settings: Settings, envs: gym.vector.VectorEnv) -> list[PlannedS
     return [expert for _, expert in found[: settings.experts]]
 
 
-def robustness(expert: PlannedSwingUp, settings: Settings, envs: gym.vector.VectorEnv) -> float:
+def robustness(expert: PlannedSwingUp, settings: Settings, envs: Any) -> float:
     """Return the fraction of the environments in which the chain stands in spite of noise."""
     rng = np.random.default_rng(settings.seed)
     observation, info = envs.reset(seed=100_000 * settings.seed)
@@ -102,9 +103,7 @@ def robustness(expert: PlannedSwingUp, settings: Settings, envs: gym.vector.Vect
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
-    def __init__(
-        self, settings: Settings, envs: gym.vector.VectorEnv, expert: PlannedSwingUp
-    ) -> None:
+    def __init__(self, settings: Settings, envs: Any, expert: PlannedSwingUp) -> None:
         self.settings, self.envs, self.expert = settings, envs, expert
         config = envs.unwrapped.config
         self.obs_scale = torch.tensor(settings.obs_scale).repeat_interleave(config.chain.n)
@@ -192,9 +191,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
     start_time = time.perf_counter()
-    envs = gym.make_vec(
-        "NPendulum-v0", num_envs=settings.num_envs, max_episode_steps=None, **settings.env
-    )
+    envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"max_episode_steps": None})
     pairs = [DAgger(settings, envs, expert) for expert in most_robust(settings, envs)]
     trials = [pair.play(settings.demonstrations, settings.expert_fraction) for pair in pairs]
     best = max(range(len(trials)), key=lambda k: (trials[k][1]["success"], trials[k][1]["return"]))
@@ -211,14 +208,4 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
         curve.append(counts | score | {"distance": round(distance, 4)})
     envs.close()
     student, scale = dagger.student, dagger.obs_scale
-    return policy_of(student, scale, "train_imitation.py", settings, curve[-1]), curve
-
-
-if __name__ == "__main__":
-    main(
-        __doc__,
-        settings_of,
-        train,
-        rounds=("--rounds", "rounds of DAgger"),
-        num_envs=("--num-envs", "environments side by side"),
-    )
+    return policy_of(student, scale, "imitation", settings, curve[-1]), curve

@@ -1,8 +1,7 @@
 """Evolution strategies: a linear policy from the returns of whole episodes, without gradients.
 
-Run it with `python examples/train_es.py calm-20`: it writes `calm-20.npz`, a policy of plain
-numbers for `examples/evaluate.py`, and `calm-20.csv`, its learning curve. Salimans, Ho, Chen,
-Sidor, Sutskever, arXiv:1703.03864, with all candidates side by side in one vector environment.
+Salimans, Ho, Chen, Sidor, Sutskever, arXiv:1703.03864, with all candidates side by side in one
+vector environment.
 
 A long chain is slow and its motor is strong. Noise that is new in every step, as in PPO, whips the
 rods and hides what an action does to the energy seconds later; noise on the weights of the policy
@@ -16,13 +15,14 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
-from training import Curve, env_of_task, evaluation_env, made_by, main
 
-import npend_gym  # noqa: F401  registers the environments
-from npend_gym.rl import Policy
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.rl.policies import Policy
+from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.training.tasks import Curve, env_of_task, evaluation_env, made_by
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,8 @@ def settings_of(task: str, **changes: Any) -> Settings:
 def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth update."""
     rng = np.random.default_rng(settings.seed)
-    envs = gym.make_vec(
-        "NPendulum-v0", num_envs=2 * settings.pairs, max_episode_steps=None, **settings.env
-    )
+    keywords = settings.env | {"max_episode_steps": None}
+    envs = make_envs(ENV_ID, 2 * settings.pairs, keywords)
     weights = np.zeros(envs.single_observation_space.shape[0])
     odd = np.repeat([1.0, 0.0, 1.0], weights.size // 3)  # sines, cosines, speeds
     first_moment, second_moment = np.zeros((2, weights.size))  # of Adam
@@ -86,9 +85,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
     return policy_of(weights, settings, curve[-1]), curve
 
 
-def play(
-    envs: gym.vector.VectorEnv, weights: np.ndarray, steps: int, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+def play(envs: Any, weights: FloatArray, steps: int, seed: int) -> tuple[FloatArray, BoolArray]:
     """Play an episode with each candidate; return the returns and successes, (candidates,)."""
     observation, info = envs.reset(seed=[seed] * len(weights))
     returns = np.zeros(len(weights))
@@ -99,16 +96,12 @@ def play(
     return returns, info["success"]
 
 
-def policy_of(weights: np.ndarray, settings: Settings, last: dict[str, Any]) -> Policy:
+def policy_of(weights: FloatArray, settings: Settings, last: dict[str, Any]) -> Policy:
     """Return the linear policy as plain arrays, with what made it."""
     return Policy(
         scale=np.ones(weights.size, np.float32),
         weights=[weights[None].astype(np.float32)],
         biases=[np.zeros(1, np.float32)],
         env=evaluation_env(settings.env),
-        provenance=made_by("train_es.py", settings, last),
+        provenance=made_by("es", settings, last),
     )
-
-
-if __name__ == "__main__":
-    main(__doc__, settings_of, train, updates=("--updates", "number of updates"))

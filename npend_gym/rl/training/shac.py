@@ -1,10 +1,8 @@
 """SHAC: a short-horizon actor-critic that learns through the simulation's exact derivatives.
 
-Run it with `python examples/train_shac.py swingup-2`: it writes `swingup-2.npz`, a policy of plain
-numbers for `examples/evaluate.py`, and `swingup-2.csv`, its learning curve. The actor climbs the
-gradient of the discounted rewards of a short horizon and of the critic's value at its end, as in
-J. Xu et al., "Accelerated policy learning with parallel differentiable simulation", ICLR 2022. It
-differs from that paper in three things, all of which save steps:
+The actor climbs the gradient of the discounted rewards of a short horizon and of the critic's value
+at its end, as in J. Xu et al., "Accelerated policy learning with parallel differentiable
+simulation", ICLR 2022. It differs from that paper in three things, all of which save steps:
 
 - A horizon that was simulated is taken again and again, along the Jacobians of its steps. It ends
   where the actor as it is now leads too far away from the states of these Jacobians.
@@ -12,6 +10,8 @@ differs from that paper in three things, all of which save steps:
 - Half the episodes start anywhere and a quarter upright; a quarter starts as the task says.
 """
 
+# torch's stubs leave parts unknown
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
 import copy
@@ -20,13 +20,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from short_horizons import Collector, Horizons, Task
 from torch import nn
 from tqdm import tqdm
-from training import Curve, env_of_task, main, network, policy_of
 
 from npend_gym.envs import EnvConfig
-from npend_gym.rl import Policy, evaluate
+from npend_gym.rl.evaluation import evaluate
+from npend_gym.rl.policies import Policy
+from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
+from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
 
 @dataclass(frozen=True)
@@ -157,13 +158,14 @@ class Learner:
 
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the actor as a policy: its last tanh is that of a hidden layer there."""
-        actions = self.actor[-1].out_features
+        last_layer: Any = self.actor[-1]
+        actions: int = last_layer.out_features
         same = nn.Linear(actions, actions)
         with torch.no_grad():
             same.weight.copy_(torch.eye(actions))
             same.bias.zero_()
         net = nn.Sequential(*self.actor, nn.Tanh(), same)
-        return policy_of(net, self.task.obs_scale, "train_shac.py", self.settings, last)
+        return policy_of(net, self.task.obs_scale, "shac", self.settings, last)
 
 
 def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
@@ -213,7 +215,6 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 96_000},
 }
-STEPS_OPTION = ("--steps", "environment steps in total")
 
 
 def settings_of(task: str, **changes: Any) -> Settings:
@@ -222,7 +223,3 @@ def settings_of(task: str, **changes: Any) -> Settings:
     if env["mode"] != "swingup" or "randomize" in env:
         raise ValueError(f'task must be the swing-up of one chain, like "swingup-2", got {task!r}')
     return Settings(env=env, **(TASKS.get(task, {}) | changes))
-
-
-if __name__ == "__main__":
-    main(__doc__, settings_of, train, total_timesteps=STEPS_OPTION)

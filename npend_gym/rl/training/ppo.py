@@ -1,12 +1,12 @@
 """PPO in one file, in PyTorch, straight on the native vector environment.
 
-Run it with `python examples/train_cleanrl.py swingup-2`: it writes `swingup-2.npz`, a policy of
-plain numbers for `examples/evaluate.py`, and `swingup-2.csv`, its learning curve. The names are
-those of CleanRL's `ppo_continuous_action.py`, to be compared line by line. It differs in that
-observations are divided by fixed numbers, that an episode out of time is bootstrapped with the
-value of its last observation, and that values are not clipped.
+The names are those of CleanRL's `ppo_continuous_action.py`, to be compared line by line. It differs
+in that observations are divided by fixed numbers, that an episode out of time is bootstrapped with
+the value of its last observation, and that values are not clipped.
 """
 
+# torch's stubs leave parts unknown
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
 import math
@@ -14,16 +14,17 @@ import time
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 import torch
 from torch import nn
 from torch.distributions.normal import Normal
 from tqdm import tqdm
-from training import Curve, env_of_task, main, network, policy_of
 
-import npend_gym  # noqa: F401  registers the environments
-from npend_gym.rl import Policy
+from npend_gym._checks import BoolArray
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.rl.policies import Policy
+from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class Rollout(NamedTuple):
 class Collector:
     """Steps the environments, and records the episodes that end."""
 
-    def __init__(self, envs: gym.vector.VectorEnv, settings: Settings) -> None:
+    def __init__(self, envs: Any, settings: Settings) -> None:
         self.envs, self.settings = envs, settings
         self.returns = np.zeros(envs.num_envs)
         self.finished: list[tuple[float, float]] = []  # return and success of each episode
@@ -94,7 +95,7 @@ class Collector:
     @torch.no_grad()
     def collect(self, agent: Agent) -> Rollout:
         """Return the next rollout."""
-        gamma, steps = self.settings.gamma, []
+        gamma, steps = self.settings.gamma, list[Any]()
         for _ in range(self.settings.num_steps):
             obs = torch.from_numpy(self.obs)
             dist = agent.get_action_dist(obs)
@@ -112,9 +113,10 @@ class Collector:
                 reward[truncated] += gamma * agent.get_value(final_obs).numpy()
             log_prob = dist.log_prob(action).sum(-1)
             steps.append((obs, action, log_prob, torch.from_numpy(reward), torch.from_numpy(done)))
-        return Rollout(*map(torch.stack, zip(*steps, strict=True)), torch.from_numpy(self.obs))
+        parts: list[Any] = [torch.stack(part) for part in zip(*steps, strict=True)]
+        return Rollout._make([*parts, torch.from_numpy(self.obs)])
 
-    def record(self, done: np.ndarray, success: np.ndarray) -> None:
+    def record(self, done: BoolArray, success: BoolArray) -> None:
         """Record return and success of the episodes that have ended."""
         self.finished += zip(self.returns[done], success[done].astype(float), strict=True)
         self.returns[done] = 0.0
@@ -125,9 +127,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
     shuffler = torch.Generator().manual_seed(settings.seed)
-    envs = gym.make_vec(
-        "NPendulum-v0", num_envs=settings.num_envs, autoreset_mode="SAME_STEP", **settings.env
-    )
+    envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"autoreset_mode": "SAME_STEP"})
     agent = Agent(
         envs.single_observation_space.shape[0], envs.single_action_space.shape[0], settings
     )
@@ -153,7 +153,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
             })  # fmt: skip
     envs.close()
     mean, scale = agent.actor_mean, agent.obs_scale
-    return policy_of(mean, scale, "train_cleanrl.py", settings, curve[-1]), curve
+    return policy_of(mean, scale, "ppo", settings, curve[-1]), curve
 
 
 def update(
@@ -218,7 +218,6 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-1-robust": {"total_timesteps": 200_000},
     "calm-2-robust": {"total_timesteps": 200_000, "gamma": 0.99},
 }
-STEPS_OPTION = ("--steps", "environment steps in total")
 
 
 def settings_of(task: str, **changes: Any) -> Settings:
@@ -226,7 +225,3 @@ def settings_of(task: str, **changes: Any) -> Settings:
     env = env_of_task(task)
     env["max_episode_steps"] = LONGER.get(task, EPISODE[env["mode"]])
     return Settings(env=env, **(TASKS.get(task, {}) | changes))
-
-
-if __name__ == "__main__":
-    main(__doc__, settings_of, train, total_timesteps=STEPS_OPTION)

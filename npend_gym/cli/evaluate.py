@@ -1,0 +1,129 @@
+"""`npend evaluate`: how well a policy or a controller does, and what it survives."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from npend_gym.cli.common import (
+    OK,
+    add_env_option,
+    can_draw,
+    progress,
+    show_written,
+    with_settings,
+)
+
+if TYPE_CHECKING:
+    from npend_gym.rl import Controller
+
+ABOUT = """\
+Plays held-out episodes, whose seeds no training uses. With --robust a policy must also survive a
+wrong model, noise, delay, a slow motor and pushes; see docs/howto/robustness.md.
+"""
+EXAMPLES = """\
+examples:
+  npend evaluate swingup-2                    a policy of the package
+  npend evaluate mine.npz --episodes 500
+  npend evaluate swingup-2 --robust --out results
+  npend evaluate swingup-2 --env damping=0.05 --env "masses=[1.0, 1.1]"
+  npend evaluate --controller plan --task swingup-3 --scores
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `npend evaluate`."""
+    text = "the name of a policy in the package, or a file (.npz)"
+    parser.add_argument("policy", nargs="?", metavar="POLICY", help=text)
+    text = "a controller in place of a policy: LQR, MPC, damping, energy or plan"
+    parser.add_argument("--controller", metavar="NAME", help=text)
+    text = 'task of the controller, such as "balance-3" (default swingup-2)'
+    parser.add_argument("--task", metavar="TASK", help=text)
+    parser.add_argument("--episodes", type=int, metavar="COUNT", help="(default 100)")
+    parser.add_argument("--seed", type=int, help="of the first episode (default 1000000)")
+    add_env_option(parser)
+    text = 'id of the environment, "npend/SwingUp-v1" say (default NPendulum-v0)'
+    parser.add_argument("--env-id", metavar="ID", help=text)
+    text = "try wrong models, noise, delay, lag and pushes, and print the share survived"
+    parser.add_argument("--robust", action="store_true", help=text)
+    text = "print RealAIGym's score of the swing-up, and that of the time up between knock-downs"
+    parser.add_argument("--scores", action="store_true", help=text)
+    parser.add_argument("--json", action="store_true", help="print everything as JSON")
+    text = "write evaluation.json, and with --robust robustness.json and a figure, there"
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+
+
+def run(options: dict[str, Any]) -> int:
+    """Evaluate and report; return the exit code."""
+    import gymnasium as gym
+
+    from npend_gym import rl
+    from npend_gym._provenance import provenance
+    from npend_gym.chain import plain_keywords
+    from npend_gym.envs.registration import ENV_ID, register_envs
+    from npend_gym.report import outputs
+    from npend_gym.report import robustness_report as report
+
+    out: Path | None = options.pop("out", None)
+    as_json, episodes = options.pop("json", False), options.pop("episodes", 100)
+    robust, scores = options.pop("robust", False), options.pop("scores", False)
+    place = {"seed": options.pop("seed", rl.HELD_OUT), "env_id": options.pop("env_id", ENV_ID)}
+    if out is not None:
+        outputs.prepare_folder(out)
+    name, controller, keywords = _chosen(**options)
+    row = rl.evaluate(controller, keywords, episodes=episodes, **place).as_row()
+    made = {"env": plain_keywords(keywords), "env_id": place["env_id"], "episodes": episodes}
+    about = {"name": name, "provenance": provenance(made, place["seed"])}
+    result: dict[str, Any] = about | {"evaluation": row}
+    register_envs()
+    text = [report.evaluation_text(row, gym.spec(place["env_id"]).reward_threshold)]
+    if scores:
+        for score in (rl.performance, rl.recovery):
+            result[score.__name__] = score(controller, keywords, **place).as_row()
+            text.append(_line(score.__name__, result[score.__name__]))
+    written: list[Path] = []
+    if robust:
+        tried = rl.robustness(controller, keywords, **place).as_dict()
+        result["robustness"] = tried
+        text.append(report.robustness_text(tried))
+        if out is not None:
+            written += report.write_robustness(tried, out, title=name, figure=can_draw())
+    print(json.dumps(result, indent=2, allow_nan=False) if as_json else "\n\n".join(text))
+    if out is not None:
+        plain = {key: value for key, value in result.items() if key != "robustness"}
+        written.append(outputs.write_json(out / "evaluation.json", plain))
+        if not as_json:
+            show_written(written)
+    return OK
+
+
+def _line(name: str, row: dict[str, float]) -> str:
+    """Return a score and what it is made of."""
+    rest = ", ".join(f"{key} {value:g}" for key, value in row.items() if key != "score")
+    return f"{name} {row['score']:.3f}: {rest}"
+
+
+def _chosen(
+    policy: str | None = None,
+    controller: str | None = None,
+    task: str | None = None,
+    settings: list[tuple[str, Any]] | None = None,
+) -> tuple[str, Controller, dict[str, Any]]:
+    """Return name, controller and keywords of the environment."""
+    from npend_gym.rl.policies import find_policy
+    from npend_gym.rl.references import reference_controller
+    from npend_gym.rl.training.tasks import env_of_task
+
+    if (policy is None) == (controller is None):
+        raise ValueError("give either a policy, or --controller with its --task")
+    if controller is not None:
+        task = task or "swingup-2"
+        keywords = with_settings(env_of_task(task), settings)
+        made = reference_controller(controller, keywords, progress("plan"))
+        return f"{controller} in {task}", made, keywords
+    if task is not None:
+        raise ValueError("--task is for a --controller: a policy knows its environment")
+    loaded = find_policy(str(policy))
+    return Path(str(policy)).stem, loaded, with_settings(loaded.env, settings)

@@ -1,0 +1,112 @@
+"""`npend train`: a policy for a task, by one of several algorithms."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from npend_gym.cli.common import (
+    OK,
+    add_env_option,
+    printable,
+    setting,
+    show_written,
+    warn,
+    with_settings,
+)
+
+ALGORITHMS = ("ppo", "es", "imitation", "shac")
+ABOUT = """\
+Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
+100 held-out episodes, and writes OUT/TASK.npz, its description TASK.json and its learning curve
+TASK.csv. One seed gives the same policy again. Needs the extra "rl".
+"""
+EXAMPLES = """\
+examples:
+  npend train swingup-1                       half a minute
+  npend train swingup-2 --seed 3 --out runs
+  npend train swingup-2 --algorithm shac
+  npend train calm-2 --env damping=0.02 --set total_timesteps=100000
+  npend train swingup-1 --env "randomize={\\"masses\\": [0.8, 1.2]}" --out heavy
+  npend evaluate runs/swingup-2.npz --robust
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `npend train`."""
+    text = "mode and number of rods, such as swingup-2; swingup-2-robust draws a chain each episode"
+    parser.add_argument("task", metavar="TASK", help=text)
+    text = f"one of {', '.join(ALGORITHMS)} (default: the one that has settings for the task)"
+    parser.add_argument("--algorithm", metavar="NAME", help=text)
+    parser.add_argument("--seed", type=int, help="(default 0)")
+    add_env_option(parser)
+    text = "a setting of the algorithm, such as total_timesteps=300000; may be repeated"
+    parser.add_argument("--set", dest="changes", type=setting, action="append",
+                        metavar="NAME=VALUE", help=text)  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="(default: here)")
+    text = "train again where OUT has a policy of this name"
+    parser.add_argument("--overwrite", action="store_true", help=text)
+
+
+def run(options: dict[str, Any]) -> int:
+    """Train, evaluate and write; return the exit code."""
+    from npend_gym.report import outputs, write_csv
+    from npend_gym.report.robustness_report import evaluation_text
+    from npend_gym.rl import evaluate
+
+    task: str = options["task"]
+    algorithm = _algorithm(task, options.get("algorithm"))
+    path = options.get("out", Path()) / f"{task}.npz"
+    outputs.prepare_folder(path.parent)
+    if path.exists() and not options.get("overwrite", False):
+        raise ValueError(f"{path} exists: give --overwrite to train it again, or another --out")
+    trainer = _trainer(algorithm)
+    settings = _settings(trainer, task, options)
+    try:
+        policy, curve = trainer.train(settings, task)
+    except KeyboardInterrupt:
+        warn("nothing was written: training begins again when it is run again")
+        raise
+    row = evaluate(policy, policy.env).as_row()
+    policy.provenance["evaluation"] = row
+    written = [write_csv(path.with_suffix(".csv"), curve), path, path.with_suffix(".json")]
+    policy.save(path)
+    print(f"{printable(str(task))} by {algorithm}, {curve[-1]['steps']} steps")
+    print(evaluation_text(row))
+    show_written(written, figures=False)
+    return OK
+
+
+def _algorithm(task: str, name: str | None) -> str:
+    """Return the algorithm asked for, or the first with settings for the task."""
+    from npend_gym import _checks
+    from npend_gym._extras import require
+    from npend_gym.rl.training.tasks import env_of_task
+
+    env_of_task(task)  # refuses what is no task
+    if name is not None:
+        _checks.choice("algorithm", name, ALGORITHMS)
+    if name != "es":
+        require("torch", "rl", "trainers")
+    known = [each for each in ALGORITHMS if name is None and task in _trainer(each).TASKS]
+    return name or next(iter(known), ALGORITHMS[0])
+
+
+def _trainer(algorithm: str) -> Any:
+    return import_module(f"npend_gym.rl.training.{algorithm}")
+
+
+def _settings(trainer: Any, task: str, options: dict[str, Any]) -> Any:
+    """Return the settings of the trainer, with the user's changes."""
+    changes = dict(options.get("changes", []))
+    names = [field.name for field in fields(trainer.Settings) if field.name not in ("env", "seed")]
+    for name in changes:
+        if name not in names:
+            raise ValueError(f"--set must name one of {', '.join(names)}; got {name}")
+    if "seed" in options:
+        changes["seed"] = options["seed"]
+    settings = trainer.settings_of(task, **changes)
+    return replace(settings, env=with_settings(settings.env, options.get("settings")))

@@ -1,0 +1,59 @@
+"""The controllers that know the equations of motion, by name, with settings for every task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym.envs import EnvConfig
+from npend_gym.rl.controllers import energy_swing_up, lqr, modal_damping
+from npend_gym.rl.mpc import MPC
+from npend_gym.rl.planning import planned_swing_up
+from npend_gym.rl.rollouts import Controller
+
+CONTROLLERS = ("LQR", "MPC", "damping", "energy", "plan")
+# arguments of planned_swing_up by the number of rods
+PLANS: dict[int, dict[str, Any]] = {
+    2: {},
+    3: {},
+    4: {"seconds": 8.0},
+    5: {"seconds": 12.0, "settle": 10.0},
+    6: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
+}
+
+
+def reference_controller(
+    name: str,
+    keywords: Mapping[str, Any],
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> Controller:
+    """Return a reference controller for the environment of these keywords.
+
+    Parameters
+    ----------
+    name : str
+        One of `CONTROLLERS`.
+    keywords : mapping
+        Of the environment.
+    progress : callable
+        May wrap the iteration over the guesses of a plan, as tqdm does.
+
+    Raises
+    ------
+    ValueError
+        If there is no such controller, or it cannot control this environment.
+    """
+    _checks.choice("controller", name, CONTROLLERS)
+    known = {key: value for key, value in keywords.items() if key != "max_episode_steps"}
+    config = EnvConfig(**known)
+    if name == "energy":
+        return energy_swing_up(config)
+    if name == "plan":
+        return planned_swing_up(config, **PLANS.get(config.chain.n, {}), progress=progress)
+    if name == "damping":
+        return modal_damping(config)
+    angle = 0.0 if config.mode.name == "calm" else np.pi
+    return MPC(config, angle) if name == "MPC" else lqr(config, angle)

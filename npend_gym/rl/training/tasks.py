@@ -1,0 +1,95 @@
+"""What all trainers share: tasks by name, networks, policies with their provenance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from npend_gym._provenance import provenance
+from npend_gym.envs.modes import MODES
+from npend_gym.rl.policies import Policy
+
+if TYPE_CHECKING:
+    from torch import Tensor, nn  # an extra
+
+Curve = list[dict[str, Any]]  # the learning curve, a row for every few updates
+
+# Of a "robust" task: a new chain in every episode, 20 % about the default, with damped joints
+ROBUST: dict[str, Any] = {
+    "masses": [0.8, 1.2],
+    "lengths": [0.8, 1.2],
+    "gravity": [0.8, 1.2],
+    "max_torque": [0.8, 1.2],
+    "damping": {"low": 0.0, "high": 0.05},  # N m s/rad
+}
+
+
+def env_of_task(task: str) -> dict[str, Any]:
+    """Return the keywords of the environment of a task such as "swingup-2" or "calm-2-robust".
+
+    Raises
+    ------
+    ValueError
+        If it is no such name.
+    """
+    mode, n, *variant = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
+    if mode not in MODES or not n.isdecimal() or variant not in ([], ["robust"]):
+        raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
+    env: dict[str, Any] = {"n": int(n), "mode": mode, "observation": "sincos"}
+    return env | {"randomize": ROBUST} if variant else env
+
+
+def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> nn.Sequential:
+    """Return a PyTorch network of two hidden tanh layers with orthogonal weights."""
+    from torch import nn
+
+    layers: list[nn.Module] = []
+    for width_in, width_out, gain in (
+        (inputs, hidden, 2**0.5), (hidden, hidden, 2**0.5), (hidden, outputs, last_gain)
+    ):  # fmt: skip
+        layer = nn.Linear(width_in, width_out)
+        nn.init.orthogonal_(layer.weight, gain)
+        nn.init.zeros_(layer.bias)
+        layers += [layer, nn.Tanh()]
+    return nn.Sequential(*layers[:-1])
+
+
+def policy_of(
+    mean: nn.Sequential, obs_scale: Tensor, algorithm: str, settings: Any, last: dict[str, Any]
+) -> Policy:
+    """Return the network of the mean action as plain arrays, with what made it.
+
+    Parameters
+    ----------
+    mean : torch.nn.Sequential
+        Made by `network`.
+    obs_scale : torch.Tensor
+        The observations are divided by it.
+    algorithm : str
+        Name of the algorithm, "ppo" say.
+    settings : dataclass
+        Settings of the training run, with the fields "env" and "seed".
+    last : dict
+        Last row of the learning curve.
+    """
+    import torch
+
+    linear = [layer for layer in mean if isinstance(layer, torch.nn.Linear)]
+    return Policy(
+        scale=obs_scale.numpy(),
+        weights=[layer.weight.detach().numpy() for layer in linear],
+        biases=[layer.bias.detach().numpy() for layer in linear],
+        env=evaluation_env(settings.env),
+        provenance=made_by(algorithm, settings, last) | {"torch": torch.__version__},
+    )
+
+
+def evaluation_env(env: dict[str, Any]) -> dict[str, Any]:
+    """Return the keywords for evaluation: episodes have the environment's own length."""
+    return {name: value for name, value in env.items() if name != "max_episode_steps"}
+
+
+def made_by(algorithm: str, settings: Any, last: dict[str, Any]) -> dict[str, Any]:
+    """Return the provenance of a policy that `algorithm` trained with `settings`."""
+    about = {"trained_by": algorithm, "training": last}
+    return about | provenance(asdict(settings), settings.seed)

@@ -1,0 +1,159 @@
+"""`npend train` and `npend evaluate`, and the trainers and controllers that they call."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from interrupt import Interrupt
+
+from npend_gym.cli import main
+from npend_gym.rl import Policy, evaluate, robustness
+from npend_gym.rl.references import CONTROLLERS, reference_controller
+from npend_gym.rl.training.tasks import env_of_task
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """The folder into which a command has trained swingup-1, for a very short time."""
+    pytest.importorskip("torch")
+    out = tmp_path_factory.mktemp("trained")
+    arguments = ["--seed", "3", "--set", "total_timesteps=4096", "--env", "damping=0.02"]
+    assert main(["train", "swingup-1", *arguments, "--out", str(out)]) == 0
+    return out
+
+
+def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
+    policy = Policy.load(trained / "swingup-1.npz")
+    assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
+    assert policy.env == env_of_task("swingup-1") | {"damping": 0.02}
+    about = policy.provenance
+    assert (about["trained_by"], about["training"]["steps"]) == ("ppo", 4096)
+    assert (about["seed"], about["arguments"]["total_timesteps"]) == (3, 4096)
+    assert about["evaluation"] == evaluate(policy, policy.env).as_row()
+    with (trained / "swingup-1.csv").open() as file:
+        assert [int(row["steps"]) for row in csv.DictReader(file)] == [4096]
+
+
+def test_training_is_the_same_again_and_overwrites_nothing_unasked(trained, capsys):
+    arguments = ["--seed", "3", "--set", "total_timesteps=4096", "--env", "damping=0.02"]
+    command = ["train", "swingup-1", *arguments, "--out", str(trained)]
+    first = Policy.load(trained / "swingup-1.npz")
+    with pytest.raises(SystemExit) as left:
+        main(command)
+    assert left.value.code == 2
+    assert "give --overwrite to train it again" in capsys.readouterr().err
+    assert main([*command, "--overwrite"]) == 0
+    again = Policy.load(trained / "swingup-1.npz")
+    for one, other in zip(first.weights, again.weights, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_evaluate_tells_what_evaluate_and_robustness_return(trained, tmp_path, capsys):
+    path = trained / "swingup-1.npz"
+    options = ["--episodes", "5", "--seed", "7", "--env", "max_torque=6.0"]
+    arguments = [*options, "--robust", "--json", "--out", str(tmp_path)]
+    assert main(["evaluate", str(path), *arguments]) == 0
+    told = json.loads(capsys.readouterr().out)
+    policy = Policy.load(path)
+    keywords = policy.env | {"max_torque": 6.0}
+    assert told["evaluation"] == evaluate(policy, keywords, episodes=5, seed=7).as_row()
+    assert told["robustness"] == robustness(policy, keywords, seed=7).as_dict()
+    assert told["provenance"]["arguments"]["env"]["max_torque"] == 6.0
+    assert json.loads((tmp_path / "robustness.json").read_text()) == told["robustness"]
+    assert (tmp_path / "robustness.png").read_bytes()[:4] == b"\x89PNG"
+    assert json.loads((tmp_path / "evaluation.json").read_text())["evaluation"]["episodes"] == 5
+
+
+def test_evaluate_takes_controllers_by_name_and_prints_the_scores(capsys):
+    arguments = ["--controller", "LQR", "--task", "balance-2", "--episodes", "10"]
+    assert main(["evaluate", *arguments, "--env", "max_episode_steps=300"]) == 0
+    assert "success  10/10 = 100.0%" in capsys.readouterr().out
+    assert main(["evaluate", "swingup-1", "--episodes", "5", "--scores"]) == 0
+    printed = capsys.readouterr().out
+    assert "performance 0.58" in printed
+    assert "recovery 0.9" in printed
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        (["evaluate"], "give either a policy, or --controller"),
+        (["evaluate", "swingup-1", "--controller", "LQR"], "give either a policy"),
+        (["evaluate", "swingup-1", "--task", "calm-1"], "--task is for a --controller"),
+        (["evaluate", "swingup-99"], "policy must be a file or one of"),
+        (["evaluate", "--controller", "PID"], "controller must be one of LQR, MPC"),
+        (["evaluate", "swingup-1", "--env", "dampign=1"], "did you mean 'damping'"),
+        (["evaluate", "swingup-1", "--env", "damping"], "must be NAME=VALUE, got damping"),
+        (["train", "swingup-2-fast"], 'task must be like "swingup-2" or "swingup-2-robust"'),
+        (["train", "swing-2"], 'task must be like "swingup-2"'),
+        (["train", "calm"], 'task must be like "swingup-2"'),
+        (["train", "calm-2", "--algorithm", "dqn"], "algorithm must be one of ppo, es"),
+        (["train", "calm-2", "--set", "gama=0.9"], "--set must name one of total_timesteps"),
+    ],
+)
+def test_what_is_wrong_is_named(command, text, capsys, tmp_path, monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as left:
+        main(command)
+    assert left.value.code == 2
+    assert text in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_training_says_that_nothing_was_written(tmp_path, capsys):
+    pytest.importorskip("torch")
+    with Interrupt():
+        assert main(["train", "swingup-2", "--out", str(tmp_path)]) == 130
+    assert "nothing was written" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_task_chooses_the_algorithm():
+    pytest.importorskip("torch")
+    from npend_gym.cli.train import _algorithm
+
+    tasks = ("swingup-2", "calm-20", "swingup-3", "swingup-7", "calm-5")
+    assert [_algorithm(task, None) for task in tasks] == ["ppo", "es", "imitation", "ppo", "ppo"]
+    assert _algorithm("swingup-2", "shac") == "shac"
+
+
+def test_evolution_strategies_find_a_policy_that_calms_better_than_no_torque():
+    from npend_gym.rl.training.es import settings_of, train
+
+    policy, curve = train(settings_of("calm-2", updates=20))
+    assert [weight.shape for weight in policy.weights] == [(1, 6)]
+    assert [row["steps"] for row in curve] == [640_000, 1_280_000]
+    idle = Policy(policy.scale, [0.0 * policy.weights[0]], policy.biases)
+    trained, untrained = (evaluate(each, policy.env, episodes=10) for each in (policy, idle))
+    assert trained.returns.mean() > 2.0 * untrained.returns.mean()
+    assert trained.success_rate == 1.0 > untrained.success_rate
+
+
+@pytest.mark.long
+def test_imitation_teaches_the_planned_swing_up_to_a_policy_without_a_clock():
+    pytest.importorskip("torch")
+    from npend_gym.rl.training.imitation import settings_of, train
+
+    quick = {"guesses": 2, "num_envs": 64, "rounds": 3, "hidden": 64}
+    policy, curve = train(settings_of("swingup-1", **quick))
+    assert len(curve) == 3
+    assert curve[-1]["distance"] < 0.1
+    assert evaluate(policy, policy.env, episodes=20).success_rate > 0.9
+
+
+def test_model_predictive_control_aims_at_what_the_task_asks_for():
+    for mode, goal in (("swingup", np.pi), ("calm", 0.0)):
+        controller = reference_controller("MPC", {"n": 1, "mode": mode})
+        at_rest = {"theta": np.full((1, 1), goal), "omega": np.zeros((1, 1)), "time": np.zeros(1)}
+        np.testing.assert_allclose(controller(None, at_rest), 0.0, atol=1e-12)
+
+
+def test_every_reference_controller_acts():
+    for name in CONTROLLERS:
+        keywords = {"n": 2, "mode": "calm" if name == "damping" else "swingup"}
+        controller = reference_controller(name, keywords)
+        state = {"theta": np.full((3, 2), 0.1), "omega": np.zeros((3, 2))}
+        info = state | {"time": np.zeros(3), "energy": np.ones(3)}
+        assert controller(np.zeros((3, 4)), info).shape == (3, 1)
