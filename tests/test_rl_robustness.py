@@ -174,6 +174,35 @@ def test_the_result_can_be_written_as_json_and_adds_up():
     assert set(result.as_row()) == {"score", *whole["outcomes"]}
 
 
+def test_the_figure_shows_every_share_and_every_value():
+    pytest.importorskip("matplotlib")
+    from npend_gym.report.robustness_figures import robustness_figure
+
+    _, result, _ = recorded(TWO, values=3)
+    plain = result.as_dict()
+    plain["model"], plain["outcomes"]["model"]["survived"][:2] = 0.25, [True, False]
+    bars, strips = robustness_figure(plain, "mine").axes
+    shares = [bar.get_width() for bar in bars.patches[len(bars.patches) // 2 :]]
+    assert shares == [plain[name] for name in plain["outcomes"]]
+    assert bars.texts[0].get_text() == "25%"
+    assert len(strips.patches) == sum(len(each["values"]) for each in plain["outcomes"].values())
+    first, second = (cell.get_facecolor()[:3] for cell in strips.patches[:2])
+    assert first == (0.0, 114 / 255, 178 / 255)  # survived: the palette's blue
+    assert second == (1.0, 1.0, 1.0)
+    labels = [label.get_text() for label in strips.get_yticklabels()]
+    assert "masses[1], 0.75 to 1.25 kg" in labels
+    assert "velocity noise, 0 to 0.5 rad/s" in labels
+
+
+def test_progress_may_be_shown():
+    shown = []
+    robustness(
+        Recorder(), TWO, values=2, seconds=0.1,
+        progress=lambda items: [shown.append(item) or item for item in items],
+    )  # fmt: skip
+    assert len(shown) == 6
+
+
 def test_a_cart_has_no_noise_of_torques_and_is_pushed_like_all():
     keywords = {"n": 1, "mode": "balance", "base": "cart", "cart_mass": 1.0, "rail": 2.4}
     _, result, _ = recorded(keywords | {"observation": "sincos"}, values=2)

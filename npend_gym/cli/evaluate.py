@@ -85,7 +85,8 @@ def run(options: dict[str, Any]) -> int:
             text.append(_line(score.__name__, result[score.__name__]))
     written: list[Path] = []
     if robust:
-        tried = rl.robustness(controller, keywords, **place).as_dict()
+        show = progress("criterion")
+        tried = rl.robustness(controller, keywords, **place, progress=show).as_dict()
         result["robustness"] = tried
         text.append(report.robustness_text(tried))
         if out is not None:

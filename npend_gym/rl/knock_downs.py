@@ -17,9 +17,8 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.disturbances import DisturbedEnvs
 from npend_gym.rl.evaluation import HELD_OUT
-from npend_gym.rl.protocol import nominal_env
-from npend_gym.rl.rollouts import Controller, rollout
-from npend_gym.rl.scores import UP, refuse_cart
+from npend_gym.rl.rollouts import Controller, nominal_env, rollout
+from npend_gym.rl.scores import UP
 
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit, 6 N m
 
@@ -137,12 +136,9 @@ def recovery(
     controller has an integral part too, which in 0.2 s adds 1 % of the torque limit at most.
     """
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
-    nominal, config = nominal_env(env_id, keywords)
-    refuse_cart(config)
-    steps = max(1, round(_checks.positive_number("seconds", seconds) / config.dt))
+    nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)
     length = _checks.positive_number("reset_seconds", reset_seconds)
     knocks = KnockDowns(config, steps, count, times, length, seed)
-    nominal |= {"max_episode_steps": steps}
     envs = DisturbedEnvs(env_id, count, nominal, config, knocks)
     up = np.zeros(count)  # steps
     for running, _, _, info in rollout(controller, envs, *envs.reset(seed=seed)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,7 +19,14 @@ from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.criteria import CRITERIA, Group, groups_of
 from npend_gym.rl.disturbances import DisturbedEnvs
 from npend_gym.rl.evaluation import HELD_OUT
-from npend_gym.rl.rollouts import Controller, Lanes, Observer, make_envs, rollout
+from npend_gym.rl.rollouts import (
+    Controller,
+    Lanes,
+    Observer,
+    make_envs,
+    nominal_env,
+    rollout,
+)
 
 
 class Outcome(NamedTuple):
@@ -102,6 +109,7 @@ def robustness(
     values: int = 21,
     repetitions: int = 10,
     seconds: float = 10.0,
+    progress: Callable[[Iterable[str]], Iterable[str]] = iter,
 ) -> Robustness:
     """Try a controller with a wrong model, noise, delay, a slow motor and pushes.
 
@@ -138,6 +146,8 @@ def robustness(
         Rollouts with each value of noise, of which more than half must succeed.
     seconds : float
         Duration of a rollout.
+    progress : callable
+        May wrap the iteration over the criteria, as tqdm does.
 
     Returns
     -------
@@ -157,14 +167,13 @@ def robustness(
     """
     _checks.count("values", values, low=2)
     _checks.count("repetitions", repetitions)
-    nominal, config = nominal_env(env_id, keywords)
-    steps = max(1, round(_checks.positive_number("seconds", seconds) / config.dt))
+    nominal, config, steps = nominal_env(env_id, keywords, seconds)
     at_the_end = copy.copy(config.mode)
     vars(at_the_end)["hold"] = 0.0  # the goal is to be met at the end
-    nominal |= {"mode": at_the_end, "max_episode_steps": steps}
+    nominal["mode"] = at_the_end
     observer = Observer(controller, config)
     outcomes: dict[str, Outcome] = {}
-    for criterion in CRITERIA:
+    for criterion in progress(CRITERIA):
         groups = groups_of(criterion, config, values, repetitions, steps, seed)
         if groups:
             outcomes[criterion] = _try(observer, env_id, nominal, config, groups, seed)
@@ -176,23 +185,6 @@ def robustness(
         "seconds": seconds,
     }
     return Robustness(outcomes, provenance(arguments, seed))
-
-
-def nominal_env(env_id: str, keywords: Mapping[str, Any]) -> tuple[dict[str, Any], EnvConfig]:
-    """Return keywords without `randomize`, and their config, or say why no protocol fits."""
-    nominal = dict(keywords) | {"randomize": None}
-    if nominal.get("observe_context", False):
-        raise ValueError(
-            "observe_context must be False: robustness is to what the controller is not told"
-        )
-    if nominal.get("goal_env", False):
-        raise ValueError("goal_env must be False: what is observed must be one array")
-    envs = make_envs(env_id, 1, nominal)
-    config: EnvConfig = envs.unwrapped.config
-    envs.close()
-    if config.joints.size == 0:
-        raise ValueError(f"mode must be one with a motor, got {config.mode.name!r}")
-    return nominal, config
 
 
 def _try(

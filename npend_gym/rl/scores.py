@@ -18,8 +18,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation import HELD_OUT
-from npend_gym.rl.protocol import nominal_env
-from npend_gym.rl.rollouts import Controller, make_envs, rollout
+from npend_gym.rl.rollouts import Controller, make_envs, nominal_env, rollout
 
 UP = 0.9  # of the chain's length: the tip above it is up
 _SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged
@@ -125,10 +124,8 @@ def performance(
     `leaderboard/pendubot/simulation_v2/create_leaderboard.py`.
     """
     count = _checks.count("episodes", episodes)
-    nominal, config = nominal_env(env_id, keywords)
-    refuse_cart(config)
-    steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
-    envs = make_envs(env_id, count, nominal | {"max_episode_steps": steps})
+    nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)
+    envs = make_envs(env_id, count, nominal)
     start = envs.reset(seed=seed)
     shape = (count, config.joints.size)
     torques, angles = np.zeros((steps, *shape)), np.zeros((steps + 1, count, config.n))
@@ -181,9 +178,3 @@ def _most(config: EnvConfig) -> dict[str, float]:
         "velocity_cost": 1.0 / time,
     }
     return {name: _MOST[name] * float(scale) for name, scale in scales.items()}
-
-
-def refuse_cart(config: EnvConfig) -> None:
-    """Raise a ValueError where a cart carries the pivot."""
-    if config.has_cart:
-        raise ValueError('base must be "pivot": this score is defined for joints, got "cart"')
