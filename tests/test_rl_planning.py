@@ -1,4 +1,4 @@
-"""Planned swing-ups: the plan is a motion of the chain, and following it stands the chain up."""
+"""Plans: each is a motion of the chain, and following it leads to the equilibrium planned for."""
 
 import gymnasium as gym
 import numpy as np
@@ -91,7 +91,8 @@ def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
 
 @pytest.mark.parametrize("actuated", [(0,), (0, 1)])
 def test_the_band_is_that_of_the_normal_equations_of_the_residuals(actuated):
-    problem = Transcription(config_of(n=2, mode="swingup", actuated=actuated), steps=7)
+    config = config_of(n=2, mode="swingup", actuated=actuated)
+    problem = Transcription(config, 7, np.array([np.pi, 0.0]), np.array([np.pi, np.pi]))
     problem.end, z = problem.wavy_guess(np.random.default_rng(3))
     weight = 5.0
 
@@ -117,7 +118,7 @@ def test_without_feedback_the_planned_actions_fail(triple):
         k = np.rint(info["time"] / triple.dt).astype(int)
         inside = k < len(triple.nominal.actions)
         planned = triple.nominal.actions[np.minimum(k, len(triple.nominal.actions) - 1)]
-        return np.where(inside[:, None], planned, triple.stand(observation, info))
+        return np.where(inside[:, None], planned, triple.hold_goal(observation, info))
 
     keywords = {"n": 3, "mode": "swingup", "max_episode_steps": 300}
     assert evaluate(replay, keywords, episodes=20).success_rate < 0.1
@@ -128,7 +129,7 @@ def test_with_settle_the_chain_is_calmed_before_the_trajectory_begins():
     controller = planned_swing_up(config, seconds=3.0, settle=4.0, tries=1)
     info = {"theta": np.full((3, 1), 0.1), "omega": np.zeros((3, 1))}
     before = controller(None, info | {"time": np.array([0.0, 1.0, 3.9])})
-    np.testing.assert_array_equal(before, controller.hang(None, info))
+    np.testing.assert_array_equal(before, controller.hold_start(None, info))
     hanging = {"theta": np.zeros((1, 1)), "omega": np.zeros((1, 1))}
     begun = controller(None, hanging | {"time": np.full(1, 4.0)})
     np.testing.assert_allclose(begun[0], controller.nominal.actions[0])

@@ -8,8 +8,9 @@ from npend_gym.rl.evaluation import evaluate as evaluate
 from npend_gym.rl.knock_downs import Recovery as Recovery
 from npend_gym.rl.knock_downs import recovery as recovery
 from npend_gym.rl.mpc import MPC as MPC
-from npend_gym.rl.planning import PlannedSwingUp as PlannedSwingUp
+from npend_gym.rl.planning import PlannedTransition as PlannedTransition
 from npend_gym.rl.planning import planned_swing_up as planned_swing_up
+from npend_gym.rl.planning import planned_transition as planned_transition
 from npend_gym.rl.policies import PRETRAINED as PRETRAINED
 from npend_gym.rl.policies import Policy as Policy
 from npend_gym.rl.policies import pretrained_names as pretrained_names
@@ -19,3 +20,5 @@ from npend_gym.rl.protocol import robustness as robustness
 from npend_gym.rl.rollouts import Controller as Controller
 from npend_gym.rl.scores import Performance as Performance
 from npend_gym.rl.scores import performance as performance
+from npend_gym.rl.transitions import PlannedTransitions as PlannedTransitions
+from npend_gym.rl.transitions import planned_transitions as planned_transitions

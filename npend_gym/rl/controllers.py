@@ -59,7 +59,7 @@ def _with_dampers(config: EnvConfig, *, motors_rub: bool) -> Chain:
 class StateFeedback:
     """Linear feedback: the actions are -gain (theta - angle, omega), angles wrapped."""
 
-    angle: float  # rad
+    angle: float | FloatArray  # rad, of all rods or of each, (n,)
     gain: FloatArray  # (joints, 2n)
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
@@ -74,8 +74,10 @@ class StateFeedback:
         return np.concatenate([wrapped, info["omega"]], axis=-1)
 
 
-def lqr(config: EnvConfig, angle: float = np.pi, action_weight: float = 1.0) -> StateFeedback:
-    """Return the linear-quadratic regulator about rest with all rods at `angle`.
+def lqr(
+    config: EnvConfig, angle: float | FloatArray = np.pi, action_weight: float = 1.0
+) -> StateFeedback:
+    """Return the linear-quadratic regulator about rest in an equilibrium.
 
     It minimises the sum over all steps of (theta - angle)^2 + (l / g) omega^2, added up over the
     rods, plus `action_weight` times the squared actions; l is the mean length of the rods. Dry
@@ -86,8 +88,8 @@ def lqr(config: EnvConfig, angle: float = np.pi, action_weight: float = 1.0) -> 
     ----------
     config : EnvConfig
         Of the environment: ``gym.make("NPendulum-v0", ...).unwrapped.config``.
-    angle : float
-        0 for hanging, pi for upright [rad].
+    angle : float or ndarray, shape (n,)
+        0 for hanging, pi for upright [rad], for all rods or for each.
     action_weight : float
         Weight of the squared actions.
 

@@ -1,60 +1,82 @@
-"""Swing-ups that are planned: a trajectory to upright within the torque limit, tracked by LQR.
+"""Planned transitions: a trajectory to an equilibrium within the torque limit, tracked by LQR.
 
-`transcription.py` finds the trajectory. With the tracking, this is what is known for a double and a
-triple pendulum on a cart: Graichen, Treuer, Zeitz, Automatica 43 (2007), 63-71, and Glück, Eder,
-Kugi, Automatica 49 (2013), 801-808.
+`transcription.py` finds the trajectory. With the tracking, this is what is known for the swing-up
+of a double and a triple pendulum on a cart: Graichen, Treuer, Zeitz, Automatica 43 (2007), 63-71,
+and Glück, Eder, Kugi, Automatica 49 (2013), 801-808.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.rl.controllers import StateFeedback, lqr, riccati, state_weights
 from npend_gym.rl.mpc import MPC
 from npend_gym.rl.step_model import StepModel
 from npend_gym.rl.transcription import NominalTrajectory, Transcription
 
 GUESSES = "waves", "mpc"
-_START = 0.05  # rad and rad/s from hanging at rest, as far as environments start from it
+_START = 0.05  # rad and rad/s from the equilibrium, as far as environments start from it
+
+
+class Tracking(NamedTuple):
+    """What a plan says about the state of each of B environments."""
+
+    actions: FloatArray  # (B, joints)
+    deviation: FloatArray  # (B, 2n), of the state from the trajectory
+    relative_cost: FloatArray  # (B,), of the deviation, over the mean at the start of episodes
+    action_weight: FloatArray  # (B, joints): times its square, what a wrong action costs
 
 
 @dataclass(frozen=True)
-class PlannedSwingUp:
-    """Bring the chain to rest, track a nominal trajectory by time-varying LQR, stand by LQR.
+class PlannedTransition:
+    """Hold the start by LQR, track a nominal trajectory by time-varying LQR, hold the goal by LQR.
 
     While tracking, the actions are the nominal ones minus gains times the deviation of the state.
     """
 
     nominal: NominalTrajectory
     gains: FloatArray  # (steps, joints, 2n)
-    initial_cost: FloatArray  # (2n, 2n): x initial_cost x is the cost of a deviation x at the start
-    hang: StateFeedback
-    stand: StateFeedback
+    costs: FloatArray  # (steps + 1, 2n, 2n): x costs[k] x is the cost of a deviation x at step k
+    action_weights: FloatArray  # (steps, joints): of the squares of wrong actions in that cost
+    hold_start: StateFeedback
+    hold_goal: StateFeedback
     dt: float  # s
     settle: float  # time before the trajectory begins [s]
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions, shape (B, joints)."""
+        del observation
+        return self.tracking(info).actions
+
+    def tracking(self, info: dict[str, Any]) -> Tracking:
+        """Return the actions, and how far the states are from the trajectory."""
+        steps = len(self.gains)
         step = np.rint((info["time"] - self.settle) / self.dt).astype(np.int64)
-        k = np.clip(step, 0, len(self.gains) - 1)
+        k = np.clip(step, 0, steps - 1)
         state = np.concatenate([info["theta"], info["omega"]], axis=-1)
-        deviation = state - self.nominal.states[k]
+        deviation = state - self.nominal.states[np.clip(step, 0, steps)]
         track = self.nominal.actions[k] - np.einsum("bji,bi->bj", self.gains[k], deviation)
-        before, after = (step < 0)[:, None], (step >= len(self.gains))[:, None]
-        hang, stand = self.hang(observation, info), self.stand(observation, info)
-        return np.where(before, hang, np.where(after, stand, track))
+        before, after = (step < 0)[:, None], (step >= steps)[:, None]
+        start, goal = self.hold_start(None, info), self.hold_goal(None, info)
+        actions = np.where(before, start, np.where(after, goal, track))
+        s = self.costs[np.clip(step, 0, steps)]
+        cost = np.einsum("bi,bij,bj->b", deviation, s, deviation)
+        relative_cost = cost / (np.trace(self.costs[0]) * _START**2 / 3.0)
+        return Tracking(actions, deviation, relative_cost, self.action_weights[k])
 
     @property
     def sensitivity(self) -> float:
         """The cost of the worst deviation of length one at the start."""
-        return float(np.linalg.eigvalsh(self.initial_cost)[-1])
+        return float(np.linalg.eigvalsh(self.costs[0])[-1])
 
 
 def planned_swing_up(
@@ -66,24 +88,48 @@ def planned_swing_up(
     guess: str = "waves",
     seed: int = 0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-) -> PlannedSwingUp:
+) -> PlannedTransition:
     """Plan swing-ups and return the one that is least sensitive to deviations at its start.
+
+    It is `planned_transition` from hanging to upright, which explains the arguments. Of the guesses
+    "waves" about half lead to a trajectory, of "mpc" nearly all, with up to six rods.
+    """
+    return planned_transition(
+        config, 0.0, np.pi, seconds,
+        settle=settle, tries=tries, guess=guess, seed=seed, progress=progress,
+    )  # fmt: skip
+
+
+def planned_transition(
+    config: EnvConfig,
+    start: ArrayLike,
+    goal: ArrayLike,
+    seconds: float = 6.0,
+    *,
+    settle: float = 0.0,
+    tries: int = 4,
+    guess: str = "mpc",
+    seed: int = 0,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> PlannedTransition:
+    """Plan motions between equilibria; return the one least sensitive to deviations at its start.
 
     Parameters
     ----------
     config : EnvConfig
         Of the environment, ``gym.make("NPendulum-v0", ...).unwrapped.config``: the trajectory is
         made of its own steps.
+    start, goal : float or array_like, shape (n,)
+        Two different equilibria: 0 for a rod that hangs, pi for one that stands [rad].
     seconds : float
         Duration of the trajectory.
     settle : float
-        Time [s] for which LQR about hanging calms the chain before the trajectory begins.
+        Time [s] for which LQR about the start calms the chain before the trajectory begins.
     tries : int
         Number of first guesses, drawn from `seed`.
     guess : str
-        "waves", random paths that are no motions, of which about half lead to a trajectory; or
-        "mpc", swing-ups by `MPC` from starts near hanging, which take longer to guess. Nearly all
-        of them lead to a trajectory, with up to six rods.
+        "waves", random paths that are no motions; or "mpc", transitions by `MPC` from near the
+        start, which take longer to guess, but lead to a trajectory more often.
     seed : int
         Seed of the guesses.
     progress : callable
@@ -91,26 +137,30 @@ def planned_swing_up(
 
     Returns
     -------
-    PlannedSwingUp
+    PlannedTransition
 
     Raises
     ------
     RuntimeError
         If none of the guesses leads to a trajectory.
+    TypeError, ValueError
+        If an argument breaks its rule.
     """
+    begin, end = equilibrium("start", start, config.n), equilibrium("goal", goal, config.n)
+    if np.array_equal(begin, end):
+        raise ValueError(f"goal must be another equilibrium than start, got {end.tolist()}")
     steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
     settle = _checks.nonnegative_number("settle", settle)
     _checks.choice("guess", guess, GUESSES)
-    problem = Transcription(config, steps)
+    problem = Transcription(config, steps, begin, end)
     rngs = [np.random.default_rng([seed, k]) for k in range(_checks.count("tries", tries))]
-    motions = swing_ups(config, steps, rngs) if guess == "mpc" else []
+    motions = mpc_motions(config, begin, end, steps, rngs) if guess == "mpc" else []
     begun = [problem.unknowns(*each) for each in motions] or [*map(problem.wavy_guess, rngs)]
-    found: list[PlannedSwingUp] = []
+    found: list[PlannedTransition] = []
     for attempt in progress(range(tries)):
         nominal = problem.solve(*begun[attempt])
         if nominal is not None:
-            slopes = problem.model.derivatives(nominal.states[:-1], nominal.actions)
-            found.append(track(config, nominal, *slopes, settle))
+            found.append(track(config, nominal, settle))
     if not found:
         raise RuntimeError(
             f"no trajectory of {steps * config.dt:g} s was found in {tries} tries: "
@@ -119,13 +169,24 @@ def planned_swing_up(
     return min(found, key=lambda controller: controller.sensitivity)
 
 
-def swing_ups(
-    config: EnvConfig, steps: int, rngs: Sequence[np.random.Generator]
+def equilibrium(name: str, angles: ArrayLike, n: int) -> FloatArray:
+    """Return angles, 0 or pi, (n,), or say that they are none."""
+    cosines = checked_equilibrium(name, _checks.vector(name, angles, n))
+    return np.where(cosines < 0.0, np.pi, 0.0)
+
+
+def mpc_motions(
+    config: EnvConfig,
+    start: FloatArray,
+    goal: FloatArray,
+    steps: int,
+    rngs: Sequence[np.random.Generator],
 ) -> list[NominalTrajectory]:
-    """Return swing-ups by `MPC`, side by side, from starts near hanging that are drawn."""
+    """Return transitions by `MPC`, side by side, from states near `start` that are drawn."""
     n, step = config.chain.n, StepModel(config)
-    controller = MPC(config)
+    controller = MPC(config, goal)
     states = np.stack([rng.uniform(-_START, _START, 2 * n) for rng in rngs])
+    states[:, :n] += start
     motions, actions = [states], list[FloatArray]()
     for k in range(steps):
         time = np.full(len(states), k * config.dt)
@@ -137,15 +198,19 @@ def swing_ups(
     return [NominalTrajectory(*pair) for pair in pairs]
 
 
-def track(
-    config: EnvConfig, nominal: NominalTrajectory, a: FloatArray, b: FloatArray, settle: float
-) -> PlannedSwingUp:
-    """Return the controller that tracks `nominal`, along which steps have derivatives a and b."""
-    weights, action_weights = state_weights(config), np.eye(b.shape[2])
-    s = riccati(config, np.pi, 1.0)[1]
-    gains = np.empty((len(a), b.shape[2], a.shape[2]))
+def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> PlannedTransition:
+    """Return the controller that tracks `nominal`, which begins and ends in equilibria."""
+    a, b = StepModel(config).derivatives(nominal.states[:-1], nominal.actions)
+    start, goal = (np.remainder(nominal.states[k, : config.n], 2.0 * np.pi) for k in (0, -1))
+    joints, costs = b.shape[2], np.empty((len(a) + 1, *a.shape[1:]))
+    gains, hessians = np.empty((len(a), joints, a.shape[2])), np.empty((len(a), joints, joints))
+    s = costs[-1] = riccati(config, goal, 1.0)[1]
     for k in reversed(range(len(a))):
-        gains[k] = np.linalg.solve(action_weights + b[k].T @ s @ b[k], b[k].T @ s @ a[k])
-        s = weights + a[k].T @ s @ (a[k] - b[k] @ gains[k])
-        s = 0.5 * (s + s.T)
-    return PlannedSwingUp(nominal, gains, s, lqr(config, 0.0), lqr(config), config.dt, settle)
+        hessians[k] = np.eye(joints) + b[k].T @ s @ b[k]
+        gains[k] = np.linalg.solve(hessians[k], b[k].T @ s @ a[k])
+        s = state_weights(config) + a[k].T @ s @ (a[k] - b[k] @ gains[k])
+        s = costs[k] = 0.5 * (s + s.T)
+    return PlannedTransition(
+        nominal, gains, costs, np.diagonal(hessians, axis1=1, axis2=2),
+        lqr(config, start), lqr(config, goal), config.dt, settle,
+    )  # fmt: skip

@@ -13,6 +13,7 @@ from npend_gym.rl.controllers import energy_swing_up, lqr, modal_damping
 from npend_gym.rl.mpc import MPC
 from npend_gym.rl.planning import planned_swing_up
 from npend_gym.rl.rollouts import Controller
+from npend_gym.rl.transitions import planned_transitions
 
 CONTROLLERS = ("LQR", "MPC", "damping", "energy", "plan")
 # arguments of planned_swing_up by the number of rods
@@ -28,7 +29,7 @@ PLANS: dict[int, dict[str, Any]] = {
 def reference_controller(
     name: str,
     keywords: Mapping[str, Any],
-    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
 ) -> Controller:
     """Return a reference controller for the environment of these keywords.
 
@@ -39,7 +40,7 @@ def reference_controller(
     keywords : mapping
         Of the environment.
     progress : callable
-        May wrap the iteration over the guesses of a plan, as tqdm does.
+        May wrap the iteration over the guesses of a plan, or over many plans, as tqdm does.
 
     Raises
     ------
@@ -51,6 +52,8 @@ def reference_controller(
     config = EnvConfig(**known)
     if name == "energy":
         return energy_swing_up(config)
+    if name == "plan" and config.mode.has_goals:
+        return planned_transitions(config, progress=progress)
     if name == "plan":
         return planned_swing_up(config, **PLANS.get(config.chain.n, {}), progress=progress)
     if name == "damping":

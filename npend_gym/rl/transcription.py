@@ -1,4 +1,4 @@
-"""Direct transcription: trajectories to upright as solutions of a least-squares problem.
+"""Direct transcription: motions between equilibria as solutions of a least-squares problem.
 
 The states at all steps and the actions between them are unknowns, and each step of the environment
 has to lead from one state to the next. The first guess need not be a motion at all, which is why
@@ -26,7 +26,7 @@ _MAX_UNKNOWN = 60.0  # rad or rad/s; no useful trajectory exceeds it
 
 
 class NominalTrajectory(NamedTuple):
-    """A motion from hanging to standing at rest, in steps of the environment."""
+    """A motion from one equilibrium to another, in steps of the environment."""
 
     states: FloatArray  # (steps + 1, 2n): theta [rad], omega [rad/s]
     actions: FloatArray  # (steps, joints), torques divided by their limit
@@ -38,13 +38,23 @@ class Transcription:
     A defect is by how much a step of the environment misses the next state. The unknowns z are, in
     the order of time, the state before each step and v, where the actions are MAX_ACTION tanh v.
     The first state is known: z has (steps - 1) (2n + joints) + joints entries.
+
+    Parameters
+    ----------
+    config : EnvConfig
+    steps : int
+        Of the trajectory.
+    start, goal : ndarray, shape (n,)
+        Equilibria: the angles at the start, and those at the end but for whole turns [rad].
     """
 
-    def __init__(self, config: EnvConfig, steps: int) -> None:
+    def __init__(self, config: EnvConfig, steps: int, start: FloatArray, goal: FloatArray) -> None:
         self.n, self.joints, self.steps, self.dt = (
             config.chain.n, config.joints.size, steps, config.dt
         )  # fmt: skip
         self.model = StepModel(config)
+        self.begin = np.append(start, np.zeros(self.n))  # the state in which the trajectory begins
+        self.goal = goal
         self.end = np.zeros(2 * self.n)  # the state in which the trajectory ends
         self.scale = np.repeat([1.0, 0.3], self.n)
 
@@ -94,30 +104,31 @@ class Transcription:
         return z, defects, 0.0, 1e-4
 
     def wavy_guess(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw an end, each rod turned up in one sense or the other, and a wavy path to it.
+        """Draw an end, to which rods turn in one sense or the other, and a wavy path to it.
 
         The actions of the path are small; nothing makes it a motion of the chain.
         """
         s = np.linspace(0.0, 1.0, self.steps + 1)[:, None]
-        end = np.zeros(2 * self.n)
-        end[: self.n] = np.pi * rng.choice([1.0, 1.0, 1.0, -1.0], self.n)
+        turn = rng.choice([1.0, 1.0, 1.0, -1.0], self.n) * (self.goal - self.begin[: self.n])
         k = np.arange(1, _HALF_WAVES + 1)[:, None]
         waves = np.sin(np.pi * k * s[:, None]) * rng.normal(0.0, 0.6, (_HALF_WAVES, self.n))
-        theta = (3.0 - 2.0 * s) * s**2 * end[: self.n] + np.sin(np.pi * s) * waves.sum(axis=1)
+        theta = (3.0 - 2.0 * s) * s**2 * turn + np.sin(np.pi * s) * waves.sum(axis=1)
+        theta += self.begin[: self.n]
         states = np.hstack([theta, np.gradient(theta, self.dt, axis=0)])
         v = rng.normal(0.0, 0.1, (self.steps, self.joints))
+        end = self.begin + np.append(turn, np.zeros(self.n))
         return end, np.hstack([states[:-1], v]).ravel()[2 * self.n :]
 
     def unknowns(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the nearest end and z of a motion that ends near upright, as a guess."""
-        end = np.zeros(2 * self.n)
-        end[: self.n] = np.pi * (2.0 * np.rint(0.5 * states[-1, : self.n] / np.pi - 0.5) + 1.0)
+        """Return the nearest end and z of a motion that ends near the goal, as a guess."""
+        turns = np.rint((states[-1, : self.n] - self.goal) / (2.0 * np.pi))
+        end = np.append(self.goal + 2.0 * np.pi * turns, np.zeros(self.n))
         v = np.arctanh(np.clip(actions / MAX_ACTION, -_MAX_GUESS, _MAX_GUESS))
         return end, np.hstack([states[:-1], v]).ravel()[2 * self.n :]
 
     def rows(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the state before each step, (steps, 2n), and v, (steps, joints)."""
-        rows = np.concatenate([np.zeros(2 * self.n), z]).reshape(self.steps, -1)
+        rows = np.concatenate([self.begin, z]).reshape(self.steps, -1)
         return rows[:, : 2 * self.n], rows[:, 2 * self.n :]
 
     def trajectory(self, z: FloatArray) -> NominalTrajectory:

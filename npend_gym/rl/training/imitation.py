@@ -23,7 +23,7 @@ from torch import nn
 from tqdm import tqdm
 
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.planning import PlannedSwingUp, planned_swing_up
+from npend_gym.rl.planning import PlannedTransition, planned_swing_up
 from npend_gym.rl.policies import Policy
 from npend_gym.rl.rollouts import make_envs
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
@@ -72,12 +72,12 @@ class Dataset(NamedTuple):
     actions: torch.Tensor  # (states, joints), within [-1.5, 1.5]
 
 
-def most_robust(settings: Settings, envs: Any) -> list[PlannedSwingUp]:
+def most_robust(settings: Settings, envs: Any) -> list[PlannedTransition]:
     """Return the experts that most often stand in spite of noise, the most robust first.
 
     The mistakes of a student are like noise on the actions.
     """
-    found: list[tuple[float, PlannedSwingUp]] = []
+    found: list[tuple[float, PlannedTransition]] = []
     for guess in range(settings.guesses):
         seed = settings.guesses * settings.seed + guess
         with suppress(RuntimeError):  # this guess leads to no trajectory
@@ -89,7 +89,7 @@ def most_robust(settings: Settings, envs: Any) -> list[PlannedSwingUp]:
     return [expert for _, expert in found[: settings.experts]]
 
 
-def robustness(expert: PlannedSwingUp, settings: Settings, envs: Any) -> float:
+def robustness(expert: PlannedTransition, settings: Settings, envs: Any) -> float:
     """Return the fraction of the environments in which the chain stands in spite of noise."""
     rng = np.random.default_rng(settings.seed)
     observation, info = envs.reset(seed=100_000 * settings.seed)
@@ -103,7 +103,7 @@ def robustness(expert: PlannedSwingUp, settings: Settings, envs: Any) -> float:
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
-    def __init__(self, settings: Settings, envs: Any, expert: PlannedSwingUp) -> None:
+    def __init__(self, settings: Settings, envs: Any, expert: PlannedTransition) -> None:
         self.settings, self.envs, self.expert = settings, envs, expert
         config = envs.unwrapped.config
         self.obs_scale = torch.tensor(settings.obs_scale).repeat_interleave(config.chain.n)

@@ -1,0 +1,109 @@
+"""Transitions between all equilibria: plan them, or take a policy, and judge each pair.
+
+    python examples/transitions.py 3 --plans plans-3.npz --csv transitions-3.csv
+    python examples/transitions.py 2 --pretrained transition-2
+
+The plans are kept in the file `--plans`, and read from it where it exists. Each pair is judged in
+100 episodes of seeds that no plan and no training has seen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from tqdm import tqdm
+
+import npend_gym  # noqa: F401  registers the environments
+from npend_gym.report import write_csv
+from npend_gym.rl import (
+    HELD_OUT,
+    Controller,
+    PlannedTransitions,
+    Policy,
+    planned_transitions,
+    pretrained_names,
+)
+
+EPISODES = 100
+
+
+def name_of(equilibrium: Any) -> str:
+    """Return a name such as "hang stand" of angles 0 and pi."""
+    return " ".join("stand" if angle > 0.0 else "hang" for angle in equilibrium)
+
+
+def plans_of(keywords: dict[str, Any], path: Path | None, tries: int) -> PlannedTransitions:
+    """Return the plans that `path` holds, or new ones, which are written there."""
+    config = gym.make("NPendulum-v0", **keywords).unwrapped.config
+    if path is not None and path.exists():
+        return PlannedTransitions.load(path, config)
+    start = time.process_time()
+    progress = partial(tqdm, desc="plans", disable=None)
+    plans = planned_transitions(config, tries=tries, progress=progress)
+    print(f"{len(plans.plans)} plans in {time.process_time() - start:.0f} s of processor time")
+    if path is not None:
+        plans.save(path)
+    return plans
+
+
+def judge(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return a row for every pair of equilibria, with the success in its episodes."""
+    n, rows = keywords["n"], list[dict[str, Any]]()
+    equilibria = np.pi * np.array(list(itertools.product([0.0, 1.0], repeat=n)))
+    envs = gym.make_vec("NPendulum-v0", num_envs=EPISODES, **keywords)
+    for start, goal in tqdm(list(itertools.permutations(equilibria, 2)), "pairs", disable=None):
+        options = {"start": np.tile(start, (EPISODES, 1)), "goal": np.tile(goal, (EPISODES, 1))}
+        observation, info = envs.reset(seed=HELD_OUT, options=options)
+        begin = getattr(controller, "reset", None)
+        if begin is not None:
+            begin(EPISODES)
+        truncated, last_failure = np.zeros(EPISODES, bool), np.zeros(EPISODES)
+        while not truncated.all():  # all at once: episodes never terminate
+            observation, _, _, truncated, info = envs.step(controller(observation, info))
+            last_failure = np.where(info["success"], last_failure, info["time"])
+        success = info["success"]
+        settled = round(float(last_failure[success].mean()), 2) if success.any() else None
+        row = {"from": name_of(start), "to": name_of(goal), "success": int(success.sum())}
+        rows.append(row | {"episodes": EPISODES, "settling_time": settled})
+    envs.close()
+    return rows
+
+
+def main() -> None:
+    """Judge what the command line names."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("n", type=int, help="number of rods")
+    parser.add_argument("--pretrained", choices=pretrained_names(), help="policy of the package")
+    parser.add_argument("--policy", type=Path, help=".npz that a training script has written")
+    parser.add_argument("--plans", type=Path, help=".npz of plans, written where it is missing")
+    parser.add_argument("--tries", type=int, default=4, help="guesses for each plan")
+    parser.add_argument("--csv", type=Path, help="file of the table")
+    arguments = parser.parse_args()
+    keywords = {"n": arguments.n, "mode": "transition", "observation": "sincos"}
+    controller: Controller
+    if arguments.pretrained:
+        controller = Policy.pretrained(arguments.pretrained)
+    elif arguments.policy:
+        controller = Policy.load(arguments.policy)
+    else:
+        controller = plans_of(keywords, arguments.plans, arguments.tries)
+    rows = judge(controller, keywords)
+    for row in rows:
+        print(f"{row['from']} -> {row['to']}: {row['success']} of {EPISODES}")
+    share = np.array([row["success"] for row in rows]) / EPISODES
+    print(
+        f"{np.sum(share >= 0.95)} of {share.size} pairs with 95 % or more, mean {share.mean():.1%}"
+    )
+    if arguments.csv:
+        write_csv(arguments.csv, rows)
+
+
+if __name__ == "__main__":
+    main()

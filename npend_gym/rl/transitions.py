@@ -1,0 +1,204 @@
+"""Plans for many pairs of equilibria, played by one controller, and kept in a file."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym._files import read_arrays, replacing
+from npend_gym._provenance import provenance
+from npend_gym.envs import EnvConfig
+from npend_gym.rl.planning import PlannedTransition, Tracking, planned_transition, track
+from npend_gym.rl.step_model import StepModel
+from npend_gym.rl.transcription import NominalTrajectory
+
+MAX_BYTES = 100_000_000  # of a file of plans once unpacked
+_MAX_RODS = 8  # 65 280 pairs
+_DEFECT = 1e-6  # rad and rad/s by which a step of a plan may miss the next state
+
+Pair = tuple[tuple[bool, ...], tuple[bool, ...]]  # which rods stand at the start, and at the goal
+
+
+class PlannedTransitions:
+    """In each environment, the plan for the start and the goal of its episode.
+
+    An episode begins where an environment is seen for the first time or its time has gone back; its
+    start is the equilibrium nearest to the state seen then, its goal ``info["goal"]``.
+
+    Parameters
+    ----------
+    plans : mapping
+        A `PlannedTransition` for each pair: which rods stand at the start, and which at the goal,
+        ``plans[(False, False), (True, True)]`` for the swing-up of two rods.
+    arguments : mapping, optional
+        What the plans were made with, for the record that `save` keeps.
+    """
+
+    def __init__(
+        self, plans: Mapping[Pair, PlannedTransition], arguments: Mapping[str, Any] | None = None
+    ) -> None:
+        self.plans, self.arguments = dict(plans), dict(arguments or {})
+        self._numbers = {pair: number for number, pair in enumerate(self.plans)}
+        self.reset()
+
+    def reset(self, num_envs: int = 0) -> None:
+        """Take what is seen next as the beginning of episodes; `num_envs` changes nothing."""
+        del num_envs
+        self._time = np.empty(0)
+        self._number = np.empty(0, np.int64)  # of the plan of each environment
+        self._origin = np.empty((0, 0))  # whole turns of the rods at the beginning [rad]
+
+    def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
+        """Return the actions, shape (B, joints)."""
+        del observation
+        return self.tracking(info).actions
+
+    def tracking(self, info: dict[str, Any]) -> Tracking:
+        """Return the actions, and how far the states are from the trajectories of the plans."""
+        self._begin(info)
+        plans = list(self.plans.values())
+        theta: FloatArray = info["theta"] - self._origin
+        parts: list[Tracking] = []
+        order = np.argsort(self._number, kind="stable")
+        numbers, first = np.unique(self._number[order], return_index=True)
+        for number, lanes in zip(numbers, np.split(order, first[1:]), strict=True):
+            known: dict[str, Any] = {key: np.asarray(info[key])[lanes] for key in ("omega", "time")}
+            known["theta"] = theta[lanes]
+            parts.append(plans[int(number)].tracking(known))
+        whole = (np.concatenate(values) for values in zip(*parts, strict=True))
+        return Tracking(*(values[np.argsort(order)] for values in whole))
+
+    def _begin(self, info: dict[str, Any]) -> None:
+        """Find the plans of the environments whose episode begins."""
+        theta, time = np.asarray(info["theta"]), np.asarray(info["time"])
+        if time.shape != self._time.shape:
+            self._number, self._origin = np.empty(len(time), np.int64), np.zeros(theta.shape)
+            new: NDArray[np.bool_] = np.ones(len(time), np.bool_)
+        else:
+            new = time < self._time
+        for lane in np.flatnonzero(new):
+            half_turns = np.rint(theta[lane] / np.pi)
+            self._origin[lane] = 2.0 * np.pi * np.floor(0.5 * half_turns)
+            start = np.remainder(half_turns, 2.0) == 1.0
+            pair = _pair(start, np.cos(info["goal"][lane]) < 0.0)
+            if pair not in self._numbers:
+                raise ValueError(f"there is no plan from {pair[0]} to {pair[1]} (True: stands)")
+            self._number[lane] = self._numbers[pair]
+        self._time = time.copy()
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the trajectories to `path` (.npz), and what made them beside it (.json)."""
+        path, plans = Path(path), list(self.plans.values())
+        pairs = np.array(list(self.plans), np.bool_)
+        with replacing(path, binary=True) as file:
+            np.savez_compressed(
+                file,
+                pairs=pairs,
+                states=np.stack([plan.nominal.states for plan in plans]),
+                actions=np.stack([plan.nominal.actions for plan in plans]),
+                settle=np.array([plan.settle for plan in plans]),
+            )
+        with replacing(path.with_suffix(".json")) as file:
+            file.write(json.dumps(provenance(self.arguments), indent=2, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], config: EnvConfig) -> PlannedTransitions:
+        """Read what `save` wrote; the feedback is computed anew.
+
+        Parameters
+        ----------
+        path : path
+        config : EnvConfig
+            Of the environment that the plans were made for: see `planned_transition`.
+
+        Raises
+        ------
+        ValueError
+            If the file holds no plans, or the motions are none of this environment.
+        """
+        try:
+            arrays = read_arrays(Path(path), MAX_BYTES)
+            pairs, states, actions, settle = (
+                arrays[name] for name in ("pairs", "states", "actions", "settle")
+            )
+        except (KeyError, ValueError) as error:
+            raise ValueError(f"{path} holds no plans: {error}") from error
+        n, joints, count = config.n, config.joints.size, len(settle)
+        shapes = (
+            (count, 2, n),
+            (count, actions.shape[1] + 1, 2 * n),
+            (count, states.shape[1] - 1, joints),
+        )
+        if (pairs.shape, states.shape, actions.shape) != shapes:
+            raise ValueError(f"{path} holds no plans for {n} rods and {joints} motors")
+        plans: dict[Pair, PlannedTransition] = {}
+        for k in range(count):
+            nominal = NominalTrajectory(states[k], actions[k])
+            _check_motion(path, nominal, config)
+            plans[_pair(*pairs[k])] = track(config, nominal, float(settle[k]))
+        return cls(plans)
+
+
+def planned_transitions(
+    config: EnvConfig,
+    seconds: float = 6.0,
+    *,
+    settle: float = 2.0,
+    tries: int = 4,
+    guess: str = "mpc",
+    seed: int = 0,
+    progress: Callable[[Iterable[Pair]], Iterable[Pair]] = iter,
+) -> PlannedTransitions:
+    """Plan the transitions between all pairs of different equilibria, 2^n (2^n - 1) of them.
+
+    Parameters
+    ----------
+    config, seconds, settle, tries, guess, seed
+        As for `planned_transition`, which makes each of the plans. Chains that stand start up to
+        0.05 rad from rest, and amplify that along a trajectory unless LQR calms them before.
+    progress : callable
+        May wrap the iteration over the pairs, as tqdm does.
+
+    Returns
+    -------
+    PlannedTransitions
+        A controller for mode "transition".
+
+    Raises
+    ------
+    RuntimeError
+        If none of the guesses for a pair leads to a trajectory.
+    """
+    n = _checks.count("the number of rods", config.n, high=_MAX_RODS)
+    equilibria = list(itertools.product([False, True], repeat=n))
+    plans: dict[Pair, PlannedTransition] = {}
+    settings: dict[str, Any] = {"settle": settle, "tries": tries, "guess": guess, "seed": seed}
+    for start, goal in progress(list(itertools.permutations(equilibria, 2))):
+        ends = np.pi * np.array(start), np.pi * np.array(goal)
+        plans[start, goal] = planned_transition(config, *ends, seconds, **settings)
+    arguments = {"chain": config.chain.as_dict(), "max_torque": config.max_torque, "dt": config.dt}
+    return PlannedTransitions(plans, arguments | {"seconds": seconds} | settings)
+
+
+def _pair(start: Iterable[Any], goal: Iterable[Any]) -> Pair:
+    return tuple(bool(stands) for stands in start), tuple(bool(stands) for stands in goal)
+
+
+def _check_motion(path: object, nominal: NominalTrajectory, config: EnvConfig) -> None:
+    """Raise a ValueError where steps of the environment do not lead along the trajectory."""
+    states, actions = nominal
+    missed = np.abs(StepModel(config)(states[:-1], actions) - states[1:]).max()
+    if not missed < _DEFECT:
+        raise ValueError(
+            f"{path} holds plans of another environment: a step misses the next state by "
+            f"{missed:.2g}, at most {_DEFECT:g}"
+        )

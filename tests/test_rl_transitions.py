@@ -1,0 +1,152 @@
+"""Planned transitions between equilibria: one pair, and a controller for all of them."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from test_rl_planning import check_motion, config_of
+
+from npend_gym.rl import (
+    PlannedTransitions,
+    evaluate,
+    lqr,
+    planned_transition,
+    planned_transitions,
+)
+from npend_gym.rl.controllers import state_weights
+from npend_gym.rl.step_model import StepModel
+
+FOLDED, UNFOLDED = np.array([np.pi, 0.0]), np.array([0.0, np.pi])
+ONE_ROD = {"n": 1, "mode": "transition"}
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return planned_transition(config_of(n=2, mode="transition"), FOLDED, UNFOLDED, 4.0, tries=1)
+
+
+@pytest.fixture(scope="module")
+def both():
+    return planned_transitions(config_of(**ONE_ROD), 3.0, tries=1)
+
+
+def test_a_plan_leads_from_one_equilibrium_to_the_other_by_the_equations_of_motion(pair):
+    states, _ = pair.nominal
+    np.testing.assert_array_equal(states[0], [np.pi, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.cos(states[-1, :2]), [1.0, -1.0])
+    np.testing.assert_array_equal(states[-1, 2:], 0.0)
+    check_motion(config_of(n=2, mode="transition"), pair.nominal)
+
+
+def test_a_chain_that_stands_folded_is_led_to_the_other_fold(pair):
+    keywords = {"n": 2, "mode": "transition", "max_episode_steps": 220}
+    envs = gym.make_vec("NPendulum-v0", num_envs=20, **keywords)
+    info = envs.reset(
+        seed=0, options={"start": np.tile(FOLDED, (20, 1)), "goal": np.tile(UNFOLDED, (20, 1))}
+    )[1]
+    for _ in range(220):
+        info = envs.step(pair(None, info))[4]
+    assert info["success"].mean() > 0.9
+
+
+def test_the_cost_of_deviations_is_what_tracking_them_costs(pair):
+    config = config_of(n=2, mode="transition")
+    states, actions = pair.nominal
+    model, weights = StepModel(config), state_weights(config)
+
+    def cost_of(deviation, wrong, first):
+        """Sum what the deviation costs that the steps themselves make of it."""
+        x, total = deviation, 0.0
+        for k in range(first, len(actions)):
+            change = -pair.gains[k] @ x + (wrong if k == first else 0.0)
+            total += x @ weights @ x + change @ change
+            x = model((states[k] + x)[None], (actions[k] + change)[None])[0] - states[k + 1]
+        return total + x @ pair.costs[-1] @ x
+
+    for first in (0, 30, 60):
+        x = 1e-4 * np.random.default_rng(first).normal(size=4)
+        expected = x @ pair.costs[first] @ x
+        assert cost_of(x, 0.0, first) == pytest.approx(expected, rel=1e-2)
+        at_rest = np.zeros(4)
+        assert cost_of(at_rest, 1e-4, first) == pytest.approx(
+            1e-8 * pair.action_weights[first, 0], rel=1e-2
+        )
+
+
+def test_every_environment_is_led_from_its_own_start_to_its_own_goal(both):
+    assert set(both.plans) == {((False,), (True,)), ((True,), (False,))}
+    evaluation = evaluate(both, ONE_ROD | {"max_episode_steps": 200}, episodes=40)
+    assert evaluation.success_rate == 1.0
+
+
+def test_episodes_begin_anew_where_time_goes_back(both):
+    theta, omega = np.array([[0.0], [np.pi]]), np.zeros((2, 1))
+    info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.pi - theta}
+    both.reset()
+    first = both(None, info)
+    both(None, info | {"time": np.full(2, 0.05)})
+    swapped = {name: value[::-1] for name, value in info.items()}
+    np.testing.assert_array_equal(both(None, swapped), first[::-1])
+
+
+def test_rods_may_have_turned_before_an_episode_begins(both):
+    theta, omega = np.array([[0.01], [np.pi + 0.01]]), np.zeros((2, 1))
+    info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.array([[np.pi], [0.0]])}
+    both.reset()
+    expected = both(None, info)
+    both.reset()
+    turned = info | {"theta": theta + 2.0 * np.pi * np.array([[3.0], [-2.0]])}
+    np.testing.assert_allclose(both(None, turned), expected, atol=1e-12)
+
+
+def test_plans_that_were_saved_give_the_same_actions(both, tmp_path):
+    both.save(tmp_path / "plans.npz")
+    assert '"tries": 1' in (tmp_path / "plans.json").read_text()
+    again = PlannedTransitions.load(tmp_path / "plans.npz", config_of(**ONE_ROD))
+    rng = np.random.default_rng(0)
+    info = {"theta": rng.normal(0.0, 0.3, (6, 1)), "omega": rng.normal(0.0, 0.3, (6, 1))}
+    info |= {"goal": np.full((6, 1), np.pi), "time": np.linspace(0.0, 4.0, 6)}
+    both.reset()
+    np.testing.assert_array_equal(again(None, info), both(None, info))
+
+
+def test_files_that_hold_no_plans_for_the_environment_are_refused(both, tmp_path):
+    path = tmp_path / "plans.npz"
+    both.save(path)
+    with pytest.raises(ValueError, match="plans of another environment: a step misses"):
+        PlannedTransitions.load(path, config_of(**ONE_ROD, damping=0.1))
+    with pytest.raises(ValueError, match="no plans for 2 rods and 1 motors"):
+        PlannedTransitions.load(path, config_of(n=2, mode="transition"))
+    np.savez(path, states=np.zeros(3))
+    with pytest.raises(ValueError, match="holds no plans"):
+        PlannedTransitions.load(path, config_of(**ONE_ROD))
+
+
+def test_the_regulator_holds_a_chain_whose_rods_hang_and_stand():
+    keywords = {"n": 2, "mode": "transition", "max_episode_steps": 200}
+    hold = lqr(config_of(**keywords), UNFOLDED)
+    envs = gym.make_vec("NPendulum-v0", num_envs=10, **keywords)
+    near = np.random.default_rng(0).uniform(-0.02, 0.02, (10, 2))
+    info = envs.reset(seed=0, options={"theta": UNFOLDED + near, "omega": 0.0})[1]
+    for _ in range(200):
+        info = envs.step(hold(None, info))[4]
+    np.testing.assert_allclose(info["theta"], np.tile(UNFOLDED, (10, 1)), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "message"),
+    [
+        (0.0, 0.0, "goal must be another equilibrium than start"),
+        (0.1, np.pi, "start must be an equilibrium"),
+        (0.0, [0.0, 2.0], "goal must be an equilibrium"),
+    ],
+)
+def test_what_is_no_pair_of_equilibria_is_an_error(start, goal, message):
+    with pytest.raises(ValueError, match=message):
+        planned_transition(config_of(n=2, mode="transition"), start, goal)
+
+
+def test_a_pair_without_a_plan_is_an_error(both):
+    only_up = PlannedTransitions({pair: both.plans[pair] for pair in [((False,), (True,))]})
+    info = {"theta": np.array([[np.pi]]), "omega": np.zeros((1, 1)), "time": np.zeros(1)}
+    with pytest.raises(ValueError, match=r"no plan from \(True,\) to \(False,\)"):
+        only_up(None, info | {"goal": np.zeros((1, 1))})
