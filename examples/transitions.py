@@ -30,6 +30,7 @@ from npend_gym.rl import (
     planned_transitions,
     pretrained_names,
 )
+from npend_gym.rl.rollouts import rollout
 
 EPISODES = 100
 
@@ -61,12 +62,9 @@ def judge(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, An
     for start, goal in tqdm(list(itertools.permutations(equilibria, 2)), "pairs", disable=None):
         options = {"start": np.tile(start, (EPISODES, 1)), "goal": np.tile(goal, (EPISODES, 1))}
         observation, info = envs.reset(seed=HELD_OUT, options=options)
-        begin = getattr(controller, "reset", None)
-        if begin is not None:
-            begin(EPISODES)
-        truncated, last_failure = np.zeros(EPISODES, bool), np.zeros(EPISODES)
-        while not truncated.all():  # all at once: episodes never terminate
-            observation, _, _, truncated, info = envs.step(controller(observation, info))
+        last_failure = np.zeros(EPISODES)
+        for step in rollout(controller, envs, observation, info):
+            info = step.info
             last_failure = np.where(info["success"], last_failure, info["time"])
         success = info["success"]
         settled = round(float(last_failure[success].mean()), 2) if success.any() else None
