@@ -120,7 +120,7 @@ def performance(
 
     References
     ----------
-    F. Wiebe and others, arXiv:2503.15290 (2025), section III; constants of
+    F. Wiebe and others, arXiv:2503.15290 (2025); constants of
     `leaderboard/pendubot/simulation_v2/create_leaderboard.py`.
     """
     count = _checks.count("episodes", episodes)
