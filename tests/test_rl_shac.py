@@ -33,7 +33,8 @@ def test_rewards_and_observations_in_torch_are_those_of_the_environment():
     action = rng.uniform(-1.0, 1.0, (5, 1)).astype(np.float32)
     observation, reward, _, _, info = envs.step(action)
     states = torch.from_numpy(np.hstack([info["theta"], info["omega"]])).float()
-    in_torch = task.reward(states, torch.from_numpy(action)) / (1.0 - settings.gamma)
+    in_torch = task.reward(states, torch.from_numpy(action), torch.zeros(5, 0))
+    in_torch = in_torch / (1.0 - settings.gamma)
     np.testing.assert_allclose(in_torch, reward, rtol=1e-4)
     np.testing.assert_allclose(task.observe(states) * task.obs_scale, observation, atol=1e-5)
 
@@ -48,7 +49,7 @@ def test_the_gradient_along_the_jacobians_is_that_through_the_environment():
     np.testing.assert_allclose(torch.stack(states, 1).detach(), horizons.states, atol=1e-5)
     assert near.all()
     parameters = [*learner.actor.parameters()]
-    rewards = task.reward(torch.stack(states[1:], 1), outputs.tanh())
+    rewards = task.reward(torch.stack(states[1:], 1), outputs.tanh(), horizons.context)
     along = torch.autograd.grad(rewards.sum() / (1.0 - settings.gamma), parameters)
     envs = DifferentiableVectorEnv(4, **settings.env)
     theta, omega = horizons.states[:, 0].double().numpy().reshape(4, 2, 2).swapaxes(0, 1)

@@ -18,7 +18,7 @@ from npend_gym.cli.common import (
     with_settings,
 )
 
-ALGORITHMS = ("ppo", "es", "imitation", "shac")
+ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac")
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
 100 held-out episodes, and writes OUT/TASK.npz, its description TASK.json and its learning curve
@@ -30,6 +30,7 @@ examples:
   npend train swingup-1                       half a minute
   npend train swingup-2 --seed 3 --out runs
   npend train swingup-2 --algorithm shac
+  npend train swingup-2-robust                survives wrong chains, noise, delay, pushes
   npend train calm-2 --env damping=0.02 --set total_timesteps=100000
   npend train swingup-1 --env "randomize={\\"masses\\": [0.8, 1.2]}" --out heavy
   npend evaluate runs/swingup-2.npz --robust

@@ -63,8 +63,9 @@ class Learner:
 
     def __init__(self, task: Task, actions: int, settings: Settings) -> None:
         self.task, self.settings = task, settings
-        self.actor = network(3 * task.n, actions, settings.hidden, last_gain=0.1)
-        self.critic = network(3 * task.n, 1, settings.critic_hidden, last_gain=1.0)
+        self.actor = network(task.inputs, actions, settings.hidden, last_gain=0.1)
+        judged = 3 * task.n + task.contexts
+        self.critic = network(judged, 1, settings.critic_hidden, last_gain=1.0)
         self.target = copy.deepcopy(self.critic)
         self.discounts = settings.gamma ** torch.arange(settings.horizon + 1.0)
         self.optimizers = [
@@ -108,11 +109,13 @@ class Learner:
     def update(self, memory: Horizons) -> dict[str, float]:
         """Improve actor and critic with some horizons."""
         settings, parameters = self.settings, [*self.actor.parameters()]
-        states, outputs, near = self.retake(self.sample(memory))
+        horizons = self.sample(memory)
+        states, outputs, near = self.retake(horizons)
         reached, taken = torch.stack(states[1:], 1), near[:, :-1]
         last = taken - nn.functional.pad(near[:, 1:-1], (0, 1))  # the value stands for what follows
-        rewards = self.task.reward(reached, outputs.tanh())
-        values = self.target(self.task.observe(reached)).squeeze(-1)
+        context = horizons.context[:, None].expand(-1, settings.horizon, -1)
+        rewards = self.task.reward(reached, outputs.tanh(), context)
+        values = self.target(self.task.judge(reached, context)).squeeze(-1)
         gain = (taken * self.discounts[:-1] * rewards + last * self.discounts[1:] * values).sum()
         excess = (outputs.abs() - 1.5).clamp(min=0.0).square().sum()
         gradients = torch.autograd.grad(
@@ -129,14 +132,21 @@ class Learner:
                 following = returns[:, t] = rewards[:, t] + settings.gamma * following
             chosen = taken.flatten().nonzero()[:, 0]
             chosen = chosen[torch.randperm(len(chosen))[: settings.critic_batch_size]]
-            begun = torch.stack(states[:-1], 1).detach().flatten(0, 1)[chosen]
-        error = self.fit(begun, returns.flatten()[chosen], slopes.flatten(0, 1)[chosen])
+            steps = torch.stack(states[:-1], 1).detach(), context, returns, slopes
+            steps = [part.flatten(0, 1)[chosen] for part in steps]
+        error = self.fit(*steps)
         return {"value": float(returns.mean()), "critic_error": error}
 
-    def fit(self, states: torch.Tensor, returns: torch.Tensor, slopes: torch.Tensor) -> float:
+    def fit(
+        self,
+        states: torch.Tensor,
+        context: torch.Tensor,
+        returns: torch.Tensor,
+        slopes: torch.Tensor,
+    ) -> float:
         """Fit the critic to returns (B,) and slopes (B, 2n); return its mean squared error."""
         states.requires_grad_()
-        values = self.critic(self.task.observe(states)).squeeze(-1)
+        values = self.critic(self.task.judge(states, context)).squeeze(-1)
         (own,) = torch.autograd.grad(values.sum(), states, create_graph=True)
         away = ((own - slopes) * self.task.state_scale).square().sum(-1)
         error = (values - returns).square().mean()
@@ -172,23 +182,28 @@ def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
     """Return old horizons and new ones, without the oldest beyond so many steps."""
     if memory is None:
         return new
-    most = steps // new.actions.shape[1]
+    most = steps // new.jacobians.shape[1]
     return Horizons(*(torch.cat(pair)[-most:] for pair in zip(memory, new, strict=True)))
 
 
 def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
-    """Return the trained policy and its learning curve, a row for every tenth.
+    """Return the trained policy and its learning curve, a row for every tenth; see `learn`."""
+    torch.manual_seed(settings.seed)
+    config = EnvConfig(**settings.env)
+    task = Task(config, settings.gamma, settings.obs_scale)
+    collector = Collector(config, task, settings)
+    return learn(collector, Learner(task, config.joints.size, settings), progress)
+
+
+def learn(collector: Any, learner: Learner, progress: str | None) -> tuple[Policy, Curve]:
+    """Let the learner learn from what the collector simulates.
 
     Its seconds are processor time. The episodes that it tells of are played without noise and teach
     nothing; neither their steps nor their time are counted.
     """
     torch.set_num_threads(1)  # two are slower for networks this small
-    torch.manual_seed(settings.seed)
-    config = EnvConfig(**settings.env)
-    task = Task(config, settings.gamma, settings.obs_scale)
-    collector = Collector(config, task, settings)
-    learner = Learner(task, config.joints.size, settings)
-    collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where that has not been done
+    settings = learner.settings
+    collector.lanes.step_jacobian(0.0, collector.config.dt)  # compiles, where not done yet
     batch_size = settings.num_envs * settings.horizon
     num_iterations = max(1, settings.total_timesteps // batch_size)
     memory: Horizons | None = None
@@ -205,7 +220,8 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
         seconds += time.process_time() - began
         if (k + 1) % max(1, num_iterations // 10) == 0 or k + 1 == num_iterations:
             curve.append({"steps": (k + 1) * batch_size, "seconds": round(seconds, 2)})
-            trial = evaluate(learner.policy({}), settings.env, episodes=20, seed=0)
+            policy = learner.policy({})
+            trial = evaluate(policy, policy.env, episodes=20, seed=0)
             shown = {"return": float(trial.returns.mean()), "success": trial.success_rate} | told
             curve[-1] |= {name: round(value, 6) for name, value in shown.items()}
     return learner.policy(curve[-1]), curve

@@ -33,32 +33,52 @@ class Task:
         chain = config.chain.repeated(1)
         tensors: list[Any] = [torch.from_numpy(values.copy()).float() for values in chain]
         self.chain: Any = ChainParameters(*tensors)
-        self.lift, self.unit = torch.tensor(config.chain.lift).float(), config.chain.lifting_energy
+        self.lift = torch.tensor(config.chain.lift).float()
+        self.unit = config.chain.lifting_energy
+        self.inputs, self.contexts = 3 * self.n, 0  # of the actor; of the critic, beside these
 
     def observe(self, states: torch.Tensor) -> torch.Tensor:
         """Return the observations, (..., 3n), over their scale."""
         theta, omega = states.split(self.n, dim=-1)
         return torch.cat([theta.sin(), theta.cos(), omega], dim=-1) / self.obs_scale
 
-    def reward(self, states: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+    def judge(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
+        """Return what the critic is given, (..., 3n + contexts)."""
+        return torch.cat([self.observe(states), context], dim=-1)
+
+    def reward(
+        self, states: torch.Tensor, actions: torch.Tensor, context: torch.Tensor
+    ) -> torch.Tensor:
         """Return the rewards (...) of steps to `states`, times 1 - gamma: values are below 1."""
+        del context  # the chain is always the same
+        return self._reward(self.chain, self.lift, self.unit, states, actions)
+
+    def _reward(
+        self, chain: Any, lift: Any, unit: Any, states: torch.Tensor, actions: torch.Tensor
+    ) -> torch.Tensor:
+        """Return the rewards of chains with this `Chain.lift` and `Chain.lifting_energy`."""
         theta, omega = states.split(self.n, dim=-1)
-        lifted = lift_from(self.lift, (0.5 * theta).sin())
-        kinetic = kinetic_from(self.chain, theta.sin(), theta.cos(), omega, bobs=self.bobs)
+        lifted = lift_from(lift, (0.5 * theta).sin())
+        kinetic = kinetic_from(chain, theta.sin(), theta.cos(), omega, bobs=self.bobs)
         quantities: Any = dict.fromkeys(Quantities._fields) | {
-            "height": 0.5 * lifted / self.lift.sum(),
-            "kinetic_energy": kinetic / self.unit,
+            "height": 0.5 * lifted / lift.sum(-1),
+            "kinetic_energy": kinetic / unit,
             "mean_squared_action": actions.square().mean(-1),
         }
         return (1.0 - self.gamma) * self.mode.reward(Quantities(**quantities))
 
 
 class Horizons(NamedTuple):
-    """Steps that were simulated, float32; the leading axes are horizon and step."""
+    """Steps that were simulated, float32; the leading axes are horizon and step.
 
-    states: torch.Tensor  # (..., 2n), one more than steps
-    actions: torch.Tensor  # (..., m)
+    States and actions begin with those of `past` steps before the horizon, for an actor that
+    remembers them; for others `past` is 0.
+    """
+
+    states: torch.Tensor  # (..., 2n), one more than past and steps
+    actions: torch.Tensor  # (..., m), those of past and steps
     jacobians: torch.Tensor  # of the state after a step by state and action, (..., 2n, 2n + m)
+    context: torch.Tensor  # what was drawn for the episode, (horizons, contexts)
 
 
 class Collector:
@@ -113,7 +133,8 @@ class Collector:
         over = self.age >= self.settings.episode
         self.age[over] = 0
         self.restart(np.flatnonzero(over))
-        return Horizons(*(torch.stack(part, 1) for part in (states, actions, jacobians)))
+        nothing = torch.zeros(len(self.noise), 0)
+        return Horizons(*(torch.stack(p, 1) for p in (states, actions, jacobians)), context=nothing)
 
     def states(self) -> torch.Tensor:
         """Return the states of all lanes, (lanes, 2n)."""
