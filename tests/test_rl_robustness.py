@@ -9,7 +9,7 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, simulate
 from npend_gym.rl import HELD_OUT, lqr, robustness
-from npend_gym.rl.criteria import Group
+from npend_gym.rl.criteria import Group, pushed_joints
 from npend_gym.rl.disturbances import Pulses
 
 TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
@@ -108,9 +108,9 @@ def test_wrong_models_are_chains_made_with_that_parameter(chain):
 
 def test_pushes_are_torques_at_the_joints_beside_those_of_the_controller():
     keywords = TWO | {"actuated": (1,)}
-    shown, _, _ = recorded(keywords, seconds=3.0)
+    shown, _, _ = recorded(keywords, seconds=3.0, pushed=(0, 1))
     config = gym.make("NPendulum-v0", **keywords).unwrapped.config
-    torques = Pulses(config, 60, 50, HELD_OUT).torques
+    torques = Pulses(config, (0, 1), 60, 50, HELD_OUT).torques
     lane = int(np.abs(torques[:, :, 0]).sum(axis=0).argmax())
     env = gym.make("NPendulum-v0", **keywords)
     info = env.reset(seed=HELD_OUT + lane)[1]
@@ -124,19 +124,36 @@ def test_pushes_are_torques_at_the_joints_beside_those_of_the_controller():
         theta, omega = motion.theta[-1], motion.omega[-1]
 
 
-@pytest.mark.parametrize("n", [1, 2, 4])
-def test_six_pulses_of_bounded_strength_push_every_lane(n):
+@pytest.mark.parametrize(("n", "count"), [(1, 3), (2, 6), (4, 6)])
+def test_pulses_of_bounded_strength_push_every_lane_six_times_at_most(n, count):
     config = gym.make("NPendulum-v0", n=n).unwrapped.config
-    pulses = Pulses(config, 10_000, 50, seed=3)
+    pulses = Pulses(config, range(n), 10_000, 50, seed=3)
     assert pulses.torques.shape == (10_000, 50, n)
     peaks = np.abs(pulses.torques).max(axis=0)  # the largest at each joint
     assert peaks.max() <= 5.0 / 6.0 * config.max_torque
     impulse = config.dt * np.abs(pulses.torques).sum(axis=(0, 2))
-    least, most = (6.0 * np.sqrt(2.0 * np.pi) * config.max_torque * x for x in (0.05 / 12, 0.5 / 6))
+    least, most = (
+        count * np.sqrt(2.0 * np.pi) * config.max_torque * x for x in (0.05 / 12, 0.5 / 6)
+    )
     assert np.all((impulse > least) & (impulse < most))
-    wide = Pulses(config, 200, 50, seed=3).torques
+    reached = np.abs(pulses.torques).sum(axis=0) > 0.0
+    assert reached.sum(axis=1).tolist() == [min(n, count)] * 50
+    wide = Pulses(config, range(n), 200, 50, seed=3).torques
     assert np.abs(wide[:10]).max() < 1e-3 * config.max_torque
     assert np.abs(wide[190:]).max() < 1e-3 * config.max_torque  # time to recover
+
+
+def test_joints_with_a_motor_are_pushed_unless_others_are_named():
+    config = gym.make("NPendulum-v0", n=3, actuated=(1,)).unwrapped.config
+    assert pushed_joints(config, None).tolist() == [1]
+    assert pushed_joints(config, (2, 0)).tolist() == [2, 0]
+    torques = Pulses(config, pushed_joints(config, None), 200, 50, seed=0).torques
+    assert torques[:, :, 1].any()
+    assert not torques[:, :, [0, 2]].any()
+    with pytest.raises(ValueError, match="pushed must be between 0 and 2, got 3"):
+        robustness(Recorder(), {"n": 3, "mode": "swingup"}, pushed=(3,))
+    with pytest.raises(ValueError, match="pushed must name at least one joint"):
+        robustness(Recorder(), {"n": 3, "mode": "swingup"}, pushed=())
 
 
 def test_the_controller_is_told_the_state_as_observed():

@@ -7,12 +7,14 @@ dfki-ric-underactuated-lab/double_pendulum has the numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.disturbances import Pulses
@@ -66,15 +68,21 @@ class Group:
         return success.reshape(self.values.size, -1).mean(axis=1) > _MAJORITY
 
 
-def groups_of(
-    criterion: str, config: EnvConfig, values: int, repetitions: int, steps: int, seed: int
-) -> list[Group]:
-    """Return the rollouts of a criterion; none where it does not apply."""
+def pushed_joints(config: EnvConfig, given: Sequence[int] | None) -> NDArray[np.int64]:
+    """Return the joints that are pushed: by default those with a motor, or all where none has."""
+    if given is not None:
+        chosen = [_checks.count("pushed", joint, low=0, high=config.n - 1) for joint in given]
+        if not chosen or len(set(chosen)) < len(chosen):
+            raise ValueError(f"pushed must name at least one joint, and each once, got {chosen}")
+        return np.array(chosen, np.int64)
+    motors = config.joints[config.joints < config.n]
+    return motors if motors.size > 0 else np.arange(config.n)
+
+
+def groups_of(criterion: str, config: EnvConfig, values: int, repetitions: int) -> list[Group]:
+    """Return the rollouts of a criterion other than "pushes"; none where it does not apply."""
     if criterion == "model":
         return list(_model(config, values))
-    if criterion == "pushes":
-        pulses = Pulses(config, steps, PUSHED, seed)
-        return [Group(["pushes"] * PUSHED, np.arange(PUSHED, dtype=float), pulses=pulses)]
     if criterion == "torque_noise" and not np.any(config.joints < config.n):
         return []  # the force on a cart has none
     largest, repeated = {
@@ -92,6 +100,12 @@ def groups_of(
         Group([criterion], np.array([value]), repeated, change)
         for value, change in zip(tried, changes, strict=True)
     ]
+
+
+def pushes(pulses: Pulses) -> list[Group]:
+    """Return the rollouts of the criterion "pushes"."""
+    lanes = pulses.torques.shape[1]
+    return [Group(["pushes"] * lanes, np.arange(lanes, dtype=float), pulses=pulses)]
 
 
 def _model(config: EnvConfig, values: int) -> Iterator[Group]:

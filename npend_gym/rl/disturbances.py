@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from npend_gym._checks import BoolArray, FloatArray
@@ -15,7 +16,7 @@ from npend_gym.rl.rollouts import make_envs
 
 # Over the torque limit, which was 6 N m there: RealAIGym, `robustness_v2/benchmark_controller.py`
 # and `simulation/perturbations.py` of dfki-ric-underactuated-lab/double_pendulum
-_PULSES = 6
+_PLACES, _PULSES = 6, 3  # in time; for each joint
 _AMPLITUDE = (0.5 / 6.0, 5.0 / 6.0)
 _WIDTH = (0.05, 0.1)  # standard deviation [s]
 
@@ -98,11 +99,19 @@ class DisturbedEnvs:
 
 
 class Pulses:
-    """Six short torques in every lane, in a random order of the joints, at random times.
+    """Short torques in every lane, three at each of some joints but six at most, at random times.
 
     Each is a Gaussian in time, with a standard deviation of 0.05 to 0.1 s and a peak of 1/12 to 5/6
-    of the torque limit in either direction. The first begins after a tenth of the time, there is a
-    tenth or more between any two, and at the end.
+    of the torque limit in either direction. The times are six random ones, or some of these: the
+    first after a tenth of the whole or later, each a tenth or more before the next, and the end.
+
+    Parameters
+    ----------
+    config : EnvConfig
+    joints : array_like of int
+        Numbers of the joints.
+    steps, lanes : int
+    seed : int
 
     Attributes
     ----------
@@ -110,20 +119,23 @@ class Pulses:
         Mean torque in each step [N m].
     """
 
-    def __init__(self, config: EnvConfig, steps: int, lanes: int, seed: int) -> None:
-        rng = np.random.default_rng([seed, 1])
+    def __init__(
+        self, config: EnvConfig, joints: ArrayLike, steps: int, lanes: int, seed: int
+    ) -> None:
+        rng, pushed = np.random.default_rng([seed, 1]), np.asarray(joints)
         time = steps * config.dt
-        least, spare = 0.1 * time, time * (0.9 - 0.1 * _PULSES) / _PULSES
-        centres = np.cumsum(least + spare * rng.random((lanes, _PULSES)), axis=1)
+        least, spare = 0.1 * time, time * (0.9 - 0.1 * _PLACES) / _PLACES
+        places = np.cumsum(least + spare * rng.random((lanes, _PLACES)), axis=1)
+        centres = rng.permuted(places, axis=1)[:, : _PULSES * pushed.size]
         widths = rng.uniform(*_WIDTH, centres.shape)
         peaks = config.max_torque * rng.uniform(*_AMPLITUDE, centres.shape)
         peaks *= rng.choice([-1.0, 1.0], centres.shape)
-        every = np.resize(np.arange(config.n), centres.shape)
-        joints = rng.permuted((every + rng.integers(config.n, size=(lanes, 1))) % config.n, axis=1)
+        first = rng.integers(pushed.size, size=(lanes, 1))
+        dealt = pushed[(first + np.arange(centres.shape[1])) % pushed.size]
         edges = config.dt * np.arange(steps + 1)[:, None, None]
         passed = ndtr((edges - centres) / widths)  # share of each pulse before an edge
         means = peaks * widths * np.sqrt(2.0 * np.pi) * np.diff(passed, axis=0) / config.dt
-        acts = joints[:, :, None] == np.arange(config.n)
+        acts = dealt[:, :, None] == np.arange(config.n)
         self.torques: FloatArray = np.einsum("tbp,bpi->tbi", means, acts)
         self._all = np.ones(lanes, np.bool_)
 

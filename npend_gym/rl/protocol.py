@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,8 +16,8 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.criteria import CRITERIA, Group, groups_of
-from npend_gym.rl.disturbances import DisturbedEnvs
+from npend_gym.rl.criteria import CRITERIA, PUSHED, Group, groups_of, pushed_joints, pushes
+from npend_gym.rl.disturbances import DisturbedEnvs, Pulses
 from npend_gym.rl.evaluation import HELD_OUT
 from npend_gym.rl.rollouts import (
     Controller,
@@ -109,6 +109,7 @@ def robustness(
     values: int = 21,
     repetitions: int = 10,
     seconds: float = 10.0,
+    pushed: Sequence[int] | None = None,
     progress: Callable[[Iterable[str]], Iterable[str]] = iter,
 ) -> Robustness:
     """Try a controller with a wrong model, noise, delay, a slow motor and pushes.
@@ -124,7 +125,7 @@ def robustness(
     "torque_noise"      standard deviation of torques, 0 to 11/60 of their limit
     "motor_lag"         time constant with which the motor follows, 0 to 0.02 s
     "delay"             of what is observed, 0 to 0.04 s
-    "pushes"            50 rollouts with six random pulses of torque at all joints
+    "pushes"            50 rollouts with three random pulses of torque at each motor's joint
     ==================  ====================================================================
 
     The controller must know nothing of these errors: ``info["theta"]`` and ``info["omega"]`` are
@@ -146,6 +147,9 @@ def robustness(
         Rollouts with each value of noise, of which more than half must succeed.
     seconds : float
         Duration of a rollout.
+    pushed : sequence of int, optional
+        The joints that are pushed: by default those with a motor, as on RealAIGym's leaderboard.
+        Six pulses at most are dealt to them.
     progress : callable
         May wrap the iteration over the criteria, as tqdm does.
 
@@ -172,9 +176,14 @@ def robustness(
     vars(at_the_end)["hold"] = 0.0  # the goal is to be met at the end
     nominal["mode"] = at_the_end
     observer = Observer(controller, config)
+    pulses = Pulses(config, pushed_joints(config, pushed), steps, PUSHED, seed)
     outcomes: dict[str, Outcome] = {}
     for criterion in progress(CRITERIA):
-        groups = groups_of(criterion, config, values, repetitions, steps, seed)
+        groups = (
+            pushes(pulses)
+            if criterion == "pushes"
+            else groups_of(criterion, config, values, repetitions)
+        )
         if groups:
             outcomes[criterion] = _try(observer, env_id, nominal, config, groups, seed)
     arguments = {
@@ -183,6 +192,7 @@ def robustness(
         "values": values,
         "repetitions": repetitions,
         "seconds": seconds,
+        "pushed": None if pushed is None else list(pushed),
     }
     return Robustness(outcomes, provenance(arguments, seed))
 
