@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend animate`."""
     parser.add_argument("--n", type=int, help="number of pendulums (default 5)")
     add_release_options(parser, leave_out=("n_values", "trials"))
-    text = "film an episode of this policy: the name of one in the package, or a file (.npz)"
+    text = "film an episode of this policy: the name of one in the package, or its file"
     parser.add_argument("--policy", metavar="NAME|FILE", help=text)
     text = "pictures a second (default 25; with a policy one for each step, at most 25)"
     parser.add_argument("--fps", type=float, metavar="HZ", help=text)

@@ -7,6 +7,7 @@ from npend_gym.rl.evaluation import Evaluation as Evaluation
 from npend_gym.rl.evaluation import evaluate as evaluate
 from npend_gym.rl.knock_downs import Recovery as Recovery
 from npend_gym.rl.knock_downs import recovery as recovery
+from npend_gym.rl.model_card import write_repository as write_repository
 from npend_gym.rl.mpc import MPC as MPC
 from npend_gym.rl.planning import PlannedTransition as PlannedTransition
 from npend_gym.rl.planning import planned_swing_up as planned_swing_up

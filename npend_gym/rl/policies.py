@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -10,17 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym._files import read_arrays, replacing
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.history import History
+from npend_gym.rl.hub import POLICY_FILE, download
+from npend_gym.rl.policy_files import Float32Array, read_policy, write_policy
 
-MAX_BYTES = 10_000_000  # of a policy's file once unpacked
 PRETRAINED = Path(__file__).parent / "pretrained"
-
-Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -118,16 +114,25 @@ class Policy:
         return np.clip(signal @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the numbers to `path` (.npz), and `env` and `provenance` beside it (.json)."""
-        path = Path(path)
-        arrays: dict[str, Any] = {"scale": self.scale}
+        """Write the policy to a file: numbers, `env` and `provenance`.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in ".npz", for NumPy, with what describes the numbers beside it in a .json file; or
+            in ".safetensors", for all in one file, which needs the extra "hub".
+
+        Raises
+        ------
+        ValueError
+            If it ends otherwise.
+        ImportError
+            If safetensors is not installed.
+        """
+        arrays = {"scale": self.scale}
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight{k}": weight, f"bias{k}": bias}
-        with replacing(path, binary=True) as file:
-            np.savez_compressed(file, **arrays)
-        about = {"env": plain_keywords(self.env)} | self.provenance
-        with replacing(path.with_suffix(".json")) as file:
-            file.write(json.dumps(about, indent=2, allow_nan=False) + "\n")
+        write_policy(Path(path), arrays, {"env": plain_keywords(self.env)} | self.provenance)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Policy:
@@ -139,15 +144,37 @@ class Policy:
             If the file is no policy: pickled, too large, or with other names, types or shapes.
         """
         path = Path(path)
-        weights, biases, scale = _read_layers(path)
-        beside = path.with_suffix(".json")
-        text = beside.read_text(encoding="utf-8") if beside.exists() else "{}"
-        try:
-            about = dict(json.loads(text))
-            env = dict(about.pop("env", {}))
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"{beside} does not describe a policy: {error}") from error
-        return cls(scale, weights, biases, env, about)
+        arrays, about = read_policy(path)
+        env = about.pop("env", {})
+        return cls(*_layers(arrays, path), env, about)
+
+    @classmethod
+    def from_hub(
+        cls, repo_id: str, filename: str = POLICY_FILE, *, revision: str | None = None
+    ) -> Policy:
+        """Load a policy from the Hugging Face Hub; it is downloaded once and kept.
+
+        The formats hold numbers and text: whoever wrote the file, nothing of it is executed.
+
+        Parameters
+        ----------
+        repo_id : str
+            "user/name".
+        filename : str
+            Of a file that `save` wrote, in the repository.
+        revision : str, optional
+            Branch, tag or commit; by default the newest.
+
+        Raises
+        ------
+        ImportError
+            If the extra "hub" is not installed.
+        ValueError
+            If the file is no policy.
+        OSError
+            If it cannot be downloaded.
+        """
+        return cls.load(download(repo_id, filename, revision))
 
     @classmethod
     def pretrained(cls, name: str) -> Policy:
@@ -156,18 +183,14 @@ class Policy:
         return cls.load(PRETRAINED / f"{name}.npz")
 
 
-def _read_layers(path: Path) -> tuple[list[Float32Array], list[Float32Array], Float32Array]:
-    """Return the weights, the biases and the scale that `path` holds, all checked."""
-    try:
-        arrays: dict[str, Float32Array] = read_arrays(path, MAX_BYTES)
-    except ValueError as error:
-        raise ValueError(f"{path} is no policy: {error}") from error
+def _layers(
+    arrays: dict[str, Float32Array], path: Path
+) -> tuple[Float32Array, list[Float32Array], list[Float32Array]]:
+    """Return the scale, the weights and the biases that `path` holds, all checked."""
     depth = (len(arrays) - 1) // 2
     names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
     if depth == 0 or sorted(arrays) != sorted(names):
         raise ValueError(f"{path} is no policy: it holds {_checks.show(sorted(arrays))}")
-    if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
-        raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
     weights = [arrays[f"weight{k}"] for k in range(depth)]
     biases = [arrays[f"bias{k}"] for k in range(depth)]
     scale, last = arrays["scale"], arrays[f"bias{depth - 1}"]
@@ -184,7 +207,7 @@ def _read_layers(path: Path) -> tuple[list[Float32Array], list[Float32Array], Fl
                 f"shape {weight.shape} and biases of shape {bias.shape}"
             )
         inputs = bias.shape
-    return weights, biases, scale
+    return scale, weights, biases
 
 
 def pretrained_names() -> tuple[str, ...]:

@@ -1,0 +1,148 @@
+"""What a repository of the Hugging Face Hub holds: a policy, and a card that says what it does."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from npend_gym._extras import require
+from npend_gym._files import replacing
+from npend_gym._version import __version__
+from npend_gym.chain import plain_keywords
+from npend_gym.envs.registration import ENV_ID, TASKS
+from npend_gym.rl.evaluation import HELD_OUT, Evaluation, evaluate
+from npend_gym.rl.hub import POLICY_FILE
+from npend_gym.rl.policies import Policy
+
+_CARD = """---
+{about}
+---
+
+# {name}
+
+A policy for `{task}` of npend_gym {version}: {layers} tanh layers, {numbers} numbers, in one
+file of safetensors, which holds numbers and text alone.
+
+```python
+from npend_gym.rl import Policy, evaluate
+
+policy = Policy.from_hub("USER/{name}")
+print(evaluate(policy, policy.env, episodes=20).success_rate)
+```
+
+It was made for the environment `gym.make("{env_id}", **policy.env)` with these keywords:
+
+```json
+{env}
+```
+
+## Evaluation
+
+{episodes} whole episodes, with the seeds from {seed} on, which no training takes.
+
+| | |
+|---|---|
+| success | {success:.1%}, 95 % confidence interval {low:.1%} to {high:.1%} |
+| return | {mean:.1f}, standard deviation {deviation:.1f} |
+| settling time | {settling} |
+
+## What made it
+
+```json
+{provenance}
+```
+"""
+
+
+def write_repository(
+    policy: Policy,
+    folder: str | PathLike[str],
+    name: str,
+    *,
+    episodes: int = 100,
+    seed: int = HELD_OUT,
+) -> Evaluation:
+    """Evaluate a policy, and write its file and its model card into a folder.
+
+    ``hf upload USER/NAME FOLDER``, a command of the Hub's library, makes a repository of the
+    folder, from which `Policy.from_hub` loads the policy.
+
+    Parameters
+    ----------
+    policy : Policy
+    folder : path-like
+        Made where it does not exist. "policy.safetensors" and "README.md" are written.
+    name : str
+        Of the repository.
+    episodes, seed : int
+        As for `evaluate`.
+
+    Returns
+    -------
+    Evaluation
+        Whose results, with the policy's task, the card tells the Hub in its ``model-index``.
+
+    Raises
+    ------
+    ImportError
+        If the extra "hub" is not installed.
+    """
+    hub = require("huggingface_hub", "hub", "model cards")
+    found = evaluate(policy, policy.env, episodes=episodes, seed=seed)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    policy.save(folder / POLICY_FILE)
+    with replacing(folder / "README.md") as file:
+        file.write(_card(hub, policy, name, found, seed))
+    return found
+
+
+def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> str:
+    """Return the text of the card."""
+    task, row = task_of(policy.env), found.as_row()
+    low, high = found.success_interval
+    mean, deviation = float(found.returns.mean()), float(found.returns.std())
+    settling = row["settling_time"]
+    return _CARD.format(
+        about=_metadata(hub, task, name, mean, deviation, found.success_rate),
+        name=name, task=task, env_id=ENV_ID, version=__version__, layers=len(policy.weights),
+        numbers=sum(a.size for a in (*policy.weights, *policy.biases)),
+        env=json.dumps(plain_keywords(policy.env), indent=2),
+        episodes=found.returns.size, seed=seed, success=found.success_rate, low=low, high=high,
+        mean=mean, deviation=deviation,
+        settling="none" if settling is None else f"{settling:.1f} s in successful episodes",
+        provenance=json.dumps(policy.provenance, indent=2),
+    )  # fmt: skip
+
+
+def _metadata(hub: Any, task: str, name: str, mean: float, deviation: float, success: float) -> str:
+    """Return what the Hub reads, as YAML: the ``model-index`` has a result for each metric."""
+    of_task = {
+        "task_type": "reinforcement-learning", "task_name": "reinforcement-learning",
+        "dataset_type": task, "dataset_name": task,
+    }  # fmt: skip
+    metrics = {"mean_reward": f"{mean:.2f} +/- {deviation:.2f}", "success_rate": round(success, 4)}
+    results = [
+        hub.EvalResult(metric_type=metric, metric_name=metric, metric_value=value, **of_task)
+        for metric, value in metrics.items()
+    ]
+    return hub.ModelCardData(
+        library_name="npend-gym",
+        license="mit",
+        pipeline_tag="reinforcement-learning",
+        tags=["reinforcement-learning", "deep-reinforcement-learning", "gymnasium", task],
+        model_name=name,
+        eval_results=results,
+    ).to_yaml()
+
+
+def task_of(env: dict[str, Any]) -> str:
+    """Return the id of the named task that an environment of these keywords is closest to."""
+    own = {"mode": env.get("mode", "swingup"), "base": env.get("base", "pivot")}
+    for env_id, task in TASKS.items():
+        named = {"base": "pivot", **task.keywords}
+        if own == {name: named[name] for name in own}:
+            return env_id
+    return ENV_ID

@@ -1,0 +1,107 @@
+"""The files of policies: float32 arrays by name, and what describes them, checked when read.
+
+Both formats hold numbers and text alone, so that nothing is executed when a file is read: `.npz` of
+NumPy, with the description beside it as `.json`, and `.safetensors`, with the description in its
+header.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym._extras import require
+from npend_gym._files import read_arrays, replacing
+
+MAX_BYTES = 10_000_000  # of a file once unpacked
+SUFFIXES = ".npz", ".safetensors"
+_ABOUT = "npend_gym"  # the entry of a safetensors header that has the description
+
+Float32Array = NDArray[np.float32]
+
+
+def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, Any]) -> None:
+    """Write arrays, and a description of plain values, in the format that the suffix names.
+
+    Raises
+    ------
+    ValueError
+        If the suffix names no format.
+    ImportError
+        If the suffix is .safetensors and the library is not installed.
+    """
+    _check_suffix(path)
+    text = json.dumps(about, indent=2, allow_nan=False)
+    if path.suffix == ".safetensors":
+        content = _safetensors("safetensors.numpy").save(arrays, {_ABOUT: text})
+        with replacing(path, binary=True) as file:
+            file.write(content)
+        return
+    with replacing(path, binary=True) as file:
+        np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
+    with replacing(path.with_suffix(".json")) as file:
+        file.write(text + "\n")
+
+
+def read_policy(path: Path) -> tuple[dict[str, Float32Array], dict[str, Any]]:
+    """Return the arrays, all of finite float32 numbers, and the description, {} without any.
+
+    Raises
+    ------
+    ValueError
+        If it is no such file: pickled, too large, of another type, or described by no JSON object.
+    OSError
+        If it cannot be opened.
+    """
+    _check_suffix(path)
+    whence = path
+    try:
+        if path.suffix == ".safetensors":
+            arrays, text = _read_safetensors(path)
+        else:
+            whence = path.with_suffix(".json")
+            arrays = read_arrays(path, MAX_BYTES)
+            text = whence.read_text(encoding="utf-8") if whence.exists() else "{}"
+    except ValueError as error:
+        raise ValueError(f"{path} is no policy: {error}") from error
+    if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
+        raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
+    return arrays, _description(text, whence)
+
+
+def _description(text: str, whence: Path) -> dict[str, Any]:
+    try:
+        about: Any = json.loads(text)
+        described = dict(about) | {"env": dict(about.get("env", {}))}
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError(f"{whence} does not describe a policy: {error}") from error
+    return described
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix not in SUFFIXES:
+        raise ValueError(f"path must end in {' or '.join(SUFFIXES)}, got {path}")
+
+
+def _safetensors(module: str) -> Any:
+    return require(module, "hub", "policies as .safetensors")
+
+
+def _read_safetensors(path: Path) -> tuple[dict[str, Float32Array], str]:
+    library = _safetensors("safetensors")
+    if path.exists() and not path.is_file():  # a FIFO would wait for ever
+        raise ValueError("it is no file")
+    size = path.stat().st_size
+    if size > MAX_BYTES:
+        raise ValueError(f"{size} bytes, at most {MAX_BYTES}")
+    try:
+        with library.safe_open(path, framework="np") as file:
+            metadata: dict[str, str] = file.metadata() or {}
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (library.SafetensorError, TypeError) as error:  # a TypeError: of a type NumPy lacks
+        raise ValueError(str(error)) from error
+    return arrays, metadata.get(_ABOUT, "{}")

@@ -1,0 +1,180 @@
+import json
+import os
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from hashlib import sha256
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+
+from npend_gym.rl import Policy, evaluate, write_repository
+from npend_gym.rl.model_card import task_of
+
+safetensors = pytest.importorskip("safetensors.numpy")
+hub = pytest.importorskip("huggingface_hub")
+COMMIT = "0123456789" * 4
+
+
+@pytest.fixture
+def policy():
+    return Policy.pretrained("swingup-1")
+
+
+def test_one_file_of_safetensors_holds_all_of_a_policy(policy, tmp_path):
+    policy.save(tmp_path / "a.safetensors")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.safetensors"]
+    again = Policy.load(tmp_path / "a.safetensors")
+    observation = np.random.default_rng(0).normal(size=(20, policy.scale.size)).astype(np.float32)
+    np.testing.assert_array_equal(again(observation), policy(observation))
+    assert (again.env, again.provenance) == (policy.env, policy.provenance)
+
+
+def test_the_library_itself_reads_the_arrays_by_their_names(policy, tmp_path):
+    policy.save(tmp_path / "a.safetensors")
+    arrays = safetensors.load_file(tmp_path / "a.safetensors")
+    np.testing.assert_array_equal(arrays["weight0"], policy.weights[0])
+    assert len(arrays) == 1 + 2 * len(policy.weights)
+
+
+def header(**entries):
+    """The bytes of a file of safetensors with this header and no arrays."""
+    text = json.dumps(entries).encode()
+    return len(text).to_bytes(8, "little") + text
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\xff" * 100,
+        header(),
+        header(scale={"dtype": "F32", "shape": [4], "data_offsets": [0, 16]}),
+        header(scale={"dtype": "F32", "shape": [10**12], "data_offsets": [0, 4 * 10**12]}),
+        b"\xff\xff\xff\xff\xff\xff\xff\x7f{}",
+        b"0" * 11_000_000,
+    ],
+)
+def test_a_file_that_is_no_policy_is_refused_by_name(content, tmp_path):
+    (tmp_path / "a.safetensors").write_bytes(content)
+    with pytest.raises(ValueError, match=r"a\.safetensors is no policy"):
+        Policy.load(tmp_path / "a.safetensors")
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", '{"env": 3}', "[" * 100_000])
+def test_a_description_in_the_header_that_is_no_json_object_is_refused(text, policy, tmp_path):
+    arrays = {"scale": policy.scale}
+    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        arrays |= {f"weight{k}": weight, f"bias{k}": bias}
+    safetensors.save_file(arrays, tmp_path / "a.safetensors", {"npend_gym": text})
+    with pytest.raises(ValueError, match="does not describe a policy"):
+        Policy.load(tmp_path / "a.safetensors")
+
+
+def test_numbers_of_another_type_are_refused(policy, tmp_path):
+    double = replace(policy, scale=policy.scale.astype(np.float64))
+    double.save(tmp_path / "a.safetensors")
+    with pytest.raises(ValueError, match="finite float32"):
+        Policy.load(tmp_path / "a.safetensors")
+
+
+@pytest.mark.parametrize("name", ["a.pt", "a", "a.zip"])
+def test_a_path_that_names_no_format_is_refused(name, policy, tmp_path):
+    with pytest.raises(ValueError, match=r"path must end in \.npz or \.safetensors"):
+        policy.save(tmp_path / name)
+    with pytest.raises(ValueError, match=r"path must end in \.npz or \.safetensors"):
+        Policy.load(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("env", "task"),
+    [
+        ({"n": 2, "mode": "swingup", "observation": "sincos"}, "npend/SwingUp-v1"),
+        ({}, "npend/SwingUp-v1"),
+        ({"mode": "balance"}, "npend/Balance-v1"),
+        ({"mode": "balance", "base": "cart"}, "npend/CartPole-v1"),
+        ({"mode": "passive"}, "npend/Release-v1"),
+        ({"mode": "my.module:Mode"}, "NPendulum-v0"),
+    ],
+)
+def test_the_task_of_a_policy_is_the_named_one_with_its_mode_and_base(env, task):
+    assert task_of(env) == task
+
+
+def test_the_card_tells_the_hub_what_evaluate_finds(policy, tmp_path):
+    found = write_repository(policy, tmp_path / "new", "one-rod", episodes=10)
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
+        "README.md", "policy.safetensors"
+    ]  # fmt: skip
+    card = hub.ModelCard.load(tmp_path / "new" / "README.md")  # as the Hub reads it
+    result, success = card.data.eval_results
+    assert (result.dataset_type, card.data.model_name) == ("npend/SwingUp-v1", "one-rod")
+    again = evaluate(policy, policy.env, episodes=10)
+    np.testing.assert_array_equal(found.returns, again.returns)
+    mean, _, deviation = result.metric_value.split()
+    assert float(mean) == pytest.approx(again.returns.mean(), abs=0.01)
+    assert float(deviation) == pytest.approx(again.returns.std(), abs=0.01)
+    assert success.metric_value == again.success_rate
+
+
+class Repositories(BaseHTTPRequestHandler):
+    """Files in a folder under the addresses that the Hub has for them."""
+
+    def __init__(self, folder, *arguments):
+        self.folder = folder
+        super().__init__(*arguments)
+
+    def do_GET(self):
+        user, name, _, _, file = self.path.partition("?")[0].strip("/").split("/", 4)
+        path = self.folder / user / name / file
+        found = path.is_file()
+        content = path.read_bytes() if found else b""
+        self.send_response(200 if found else 404)
+        self.send_header("X-Repo-Commit", COMMIT)
+        if not found:
+            self.send_header("X-Error-Code", "EntryNotFound")
+        self.send_header("ETag", f'"{sha256(content).hexdigest()}"')
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(content)
+
+    do_HEAD = do_GET  # noqa: N815
+
+    def log_message(self, *_):
+        pass
+
+
+@contextmanager
+def stand_in(folder):
+    """A server of this machine in place of the Hub: its address."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Repositories, folder))
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def test_the_example_of_a_card_loads_the_policy_from_a_hub(policy, tmp_path):
+    write_repository(policy, tmp_path / "USER" / "one-rod", "one-rod", episodes=5)
+    card = (tmp_path / "USER" / "one-rod" / "README.md").read_text()
+    code = card.split("```python\n")[1].split("```")[0]
+    code += "try:\n    Policy.from_hub('USER/one-rod', 'another.npz')\n"
+    code += "except OSError as error:\n    print(type(error).__name__)\n"
+    with stand_in(tmp_path) as address:
+        own = {"HF_ENDPOINT": address, "HF_HOME": str(tmp_path / "kept"), "NO_PROXY": "127.0.0.1"}
+        told = subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+    assert told.stdout.splitlines()[0] == "1.0", told.stderr
+    assert "NotFound" in told.stdout.splitlines()[1]
