@@ -36,10 +36,6 @@ SHARES = {
     "one release": lambda: pseudo_periods(Chain.uniform(2), 0.1),
     "many releases": lambda: pseudo_periods(Chain.uniform(2), np.full((17, 2), 0.1)),
     "adaptive steps": lambda: simulate(*SHORT),
-    "a release on springs": lambda: pseudo_periods(Chain.uniform(2), 0.1, stiffness=1e3),
-    "adaptive steps on springs": lambda: simulate(*SHORT, stiffness=1e3),
-    "changes along a motion": lambda: simulate(*SHORT).sensitivities(),
-    "the gradient of a motion": lambda: simulate(*SHORT).gradient(1.0, 0.0),
     "fixed steps": lambda: simulate(*SHORT, method="rk4", dt=0.1),
 }
 

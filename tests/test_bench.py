@@ -99,7 +99,9 @@ def test_every_method_keeps_the_energy_at_its_tightest_tolerance():
 
 
 @pytest.mark.usefixtures("short_rounds")
-@pytest.mark.parametrize("suite", [dynamics, environments, episodes, derivatives])
+@pytest.mark.parametrize(
+    "suite", [dynamics, environments, episodes, pytest.param(derivatives, marks=pytest.mark.long)]
+)
 def test_suites_compare_positive_rates(suite, monkeypatch):
     monkeypatch.setattr(episodes, "MANY", 64)
     monkeypatch.setattr(episodes, "LANES", 8)

@@ -280,6 +280,7 @@ def test_an_episode_continues_from_its_state_and_state_can_be_set():
         other.set_state(state[0])
 
 
+@pytest.mark.long
 def test_delays_hold_for_the_cart_too():
     keywords = {"base": "cart", "n": 1, "observation": "sincos"}
     plain, late = (

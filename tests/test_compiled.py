@@ -137,6 +137,7 @@ print(*path.theta[-1], *path.stretch[-1])
 """
 
 
+@pytest.mark.long
 def test_kernels_of_every_kind_of_chain_run_without_compilation_too():
     with contextlib.redirect_stdout(io.StringIO()) as compiled:
         exec(ACCELERATIONS, {})

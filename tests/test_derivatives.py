@@ -15,6 +15,8 @@ from npend_gym.physics import (
     step_jacobian,
 )
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 TINY = 1e-30  # of a complex step: its error is of the order of its square
 
 
@@ -74,8 +76,7 @@ PARAMETERS = {
     "machine": ChainParameters._fields,
 }
 # the kernels of links and machines take a minute to compile
-long = pytest.mark.long
-KINDS = ["bobs", pytest.param("links", marks=long), pytest.param("machine", marks=long)]
+KINDS = ["bobs", "links", "machine"]
 
 
 def states(n, rng, size=None):
@@ -174,7 +175,6 @@ def test_the_state_after_a_differentiated_step_has_the_bits_of_the_step():
     np.testing.assert_array_equal(with_derivatives.theta, theta)  # it stayed where it was
 
 
-@long
 def test_chains_on_carts_have_derivatives_by_cart_and_force():
     rng, n, size = np.random.default_rng(1), 2, 3
     theta, omega, torque = states(n, rng, size)

@@ -23,7 +23,7 @@ PAGES = sorted(
 BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 
 
-TAKES_LONG = {"real_pendulum.md"}
+TAKES_LONG = {"real_pendulum.md", "extensions.md", "gradients.md", "sensitivities.md"}
 SIMULATED = {"gpu.md"}
 
 

@@ -240,6 +240,7 @@ def test_every_keyword_has_a_strategy():
     assert {"n", *KEYWORDS, *OF_CARTS, *OF_LINKS, *HARDWARE} == set(EnvKeywords.__annotations__)
 
 
+@pytest.mark.long
 @settings(max_examples=40, phases=QUICKLY)
 @given(combinations(), AUTORESET, st.integers(2, 6), st.integers(0, 2**70))
 def test_any_combination_of_keywords_keeps_every_promise(keywords, autoreset, steps, seed):

@@ -27,6 +27,8 @@ from npend_gym.physics import accelerations
 from npend_gym.physics.derivatives import DifferentiableEnsemble
 from npend_gym.physics.motions import Motions
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 DATA = Path(__file__).parent.parent / "examples" / "data"
 TRUE = Chain(
     [0.1, 0.15], [0.2, 0.25], damping=[1e-4, 1e-4], quadratic_drag=[1e-3, 1e-3],
@@ -75,7 +77,6 @@ def test_the_true_values_lie_within_their_standard_errors():
     assert result.chain.inertias == pytest.approx(TRUE.inertias, rel=0.02)
 
 
-@pytest.mark.long
 def test_standard_errors_are_neither_too_small_nor_too_large():
     scaled = []
     for seed in range(12):
@@ -165,7 +166,6 @@ def test_the_measured_double_pendulum_is_predicted_better_than_with_its_publishe
     assert plain["provenance"]["arguments"]["chain"] == Chain.multiarm(2).as_dict()
 
 
-@pytest.mark.long
 # some chains hardly move, others turn over again and again: both are warned of
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_errors():
@@ -191,7 +191,6 @@ def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_e
     assert close >= 95
 
 
-@pytest.mark.long
 def test_the_measured_driven_pendulum_is_predicted_better_than_with_its_published_parameters():
     motion = read_motion(DATA / "realaigym_c1.csv")
     result = identify(motion.times, motion.theta, motion.torque, chain="realaigym C.1", segment=1.0)

@@ -78,7 +78,12 @@ def test_a_plan_is_the_motion_of_the_environment_bit_for_bit():
 
 
 @pytest.mark.parametrize(
-    ("n", "actuated", "settled"), [(1, (0,), 3.0), (2, (0,), 4.0), (2, (0, 1), 2.0)]
+    ("n", "actuated", "settled"),
+    [
+        (1, (0,), 3.0),
+        pytest.param(2, (0,), 4.0, marks=pytest.mark.long),
+        pytest.param(2, (0, 1), 2.0, marks=pytest.mark.long),
+    ],
 )
 def test_it_swings_up_in_held_out_episodes(n, actuated, settled):
     keywords = {"n": n, "mode": "swingup", "actuated": actuated}

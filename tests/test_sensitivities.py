@@ -13,6 +13,8 @@ from npend_gym import Chain, Trajectory, simulate
 from npend_gym.physics import Pivot, accelerations
 from npend_gym.physics.replay import replay
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 TIMES = np.array([0.0, 0.05, 0.11, 0.3, 0.34])
 METHODS = {"rk4": {"method": "rk4", "dt": 0.02}, "dop853": {"rtol": 1e-8, "atol": 1e-10}}
 
@@ -172,7 +174,6 @@ def test_the_way_back_through_many_segments_is_the_way_forward(method):
     np.testing.assert_allclose(together, expected[2], rtol=1e-11)
 
 
-@pytest.mark.long
 def test_gradients_of_two_hundred_steps_of_five_rods_are_exact_to_nine_digits():
     """As an environment takes them: 0.05 s each, of nine Runge-Kutta steps, a motor at the base."""
     n, rng = 5, np.random.default_rng(5)

@@ -16,6 +16,8 @@ from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.springs import axial_start, check_springs
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 SOFT = np.array([300.0, 500.0, 200.0, 400.0])  # N/m, for the chain `uneven`
 
 
@@ -314,7 +316,6 @@ def test_periods_on_stiff_springs_come_to_those_on_rigid_rods_as_one_over_stiffn
     np.testing.assert_allclose(gaps[:, 0], gaps[:, 1], rtol=0.01)
 
 
-@pytest.mark.long
 def test_releases_on_springs_are_the_same_in_packs_and_one_by_one(uneven):
     starts = np.linspace(0.2, 0.9, 18)[:, None] * np.ones(4)
     for reading in ("bob", "height"):

@@ -11,6 +11,8 @@ from npend_gym import Chain
 from npend_gym.envs import NPendulumVectorEnv, ResetNeeded
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 torch = pytest.importorskip("torch")
 
 from npend_gym.torch import DifferentiableVectorEnv, DivergedError, step  # noqa: E402
