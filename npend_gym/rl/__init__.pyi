@@ -21,5 +21,8 @@ from npend_gym.rl.protocol import robustness as robustness
 from npend_gym.rl.rollouts import Controller as Controller
 from npend_gym.rl.scores import Performance as Performance
 from npend_gym.rl.scores import performance as performance
+from npend_gym.rl.statistics import bootstrap_interval as bootstrap_interval
+from npend_gym.rl.statistics import interquartile_mean as interquartile_mean
+from npend_gym.rl.statistics import performance_profile as performance_profile
 from npend_gym.rl.transitions import PlannedTransitions as PlannedTransitions
 from npend_gym.rl.transitions import planned_transitions as planned_transitions

@@ -1,0 +1,117 @@
+"""How sure a comparison of algorithms is that rests on a few runs of each.
+
+The definitions are those of R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare,
+"Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021, which the
+library rliable computes too. Scores stand in arrays of shape (runs, tasks), and are comparable
+between tasks: success rates, say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+
+_MAX_RESAMPLES = 1_000_000
+_AT_ONCE = 10_000_000  # scores that are drawn at once
+
+
+def interquartile_mean(scores: ArrayLike) -> float:
+    """Return the mean of the middle half of all scores, of all tasks together.
+
+    It is less moved by a single run than the mean, and less blind to the others than the median.
+
+    Parameters
+    ----------
+    scores : array_like, shape (runs, tasks)
+
+    Raises
+    ------
+    ValueError
+        If the scores are not finite, or of another shape.
+    """
+    from scipy.stats import trim_mean  # takes long to import
+
+    return float(trim_mean(_scores(scores), 0.25, axis=None))
+
+
+def bootstrap_interval(
+    scores: ArrayLike,
+    statistic: Callable[[FloatArray], float] = interquartile_mean,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Return a confidence interval of a statistic by stratified bootstrap.
+
+    Runs are drawn anew, with replacement, within each task; the interval has the percentiles of the
+    statistic of what was drawn.
+
+    Parameters
+    ----------
+    scores : array_like, shape (runs, tasks)
+    statistic : callable
+        Of an array of scores, returns a number.
+    confidence : float
+        Between 0 and 1.
+    resamples : int
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    low, high : float
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+    given = _scores(scores)
+    share = _checks.positive_number("confidence", confidence)
+    if share >= 1.0:
+        raise ValueError(f"confidence must be between 0 and 1, got {_checks.show(confidence)}")
+    count = _checks.count("resamples", resamples, high=_MAX_RESAMPLES)
+    rng = np.random.default_rng(_checks.count("seed", seed, low=0))
+    found: list[float] = []
+    while len(found) < count:
+        several = max(1, min(count - len(found), _AT_ONCE // given.size))
+        chosen = rng.integers(len(given), size=(several, *given.shape))
+        drawn = np.take_along_axis(given[None], chosen, axis=1)
+        found.extend(float(statistic(each)) for each in drawn)
+    low, high = np.quantile(found, [0.5 - 0.5 * share, 0.5 + 0.5 * share])
+    return float(low), float(high)
+
+
+def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> FloatArray:
+    """Return which share of all runs scores more than each threshold.
+
+    Parameters
+    ----------
+    scores : array_like, shape (runs, tasks)
+    thresholds : array_like, shape (k,)
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        One algorithm is better than another where its profile is higher at every threshold.
+
+    Raises
+    ------
+    ValueError
+        If the scores are not finite, or of another shape.
+    """
+    limits = _checks.array("thresholds", thresholds)
+    return (_scores(scores).ravel() > limits[:, None]).mean(axis=1)
+
+
+def _scores(scores: ArrayLike) -> FloatArray:
+    given = _checks.array("scores", scores)
+    if given.ndim != 2 or given.size == 0:
+        raise ValueError(f"scores must have the shape (runs, tasks), got {given.shape}")
+    return given
