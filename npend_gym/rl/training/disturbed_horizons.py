@@ -12,12 +12,32 @@ import torch
 from torch import nn
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs.registration import ENV_ID
 from npend_gym.envs.starts import Draw
 from npend_gym.physics import DifferentiableEnsemble
+from npend_gym.rl.policies import Policy
+from npend_gym.rl.rollouts import make_envs, rollout
 from npend_gym.rl.training.disturbed_task import OF_CHAIN, DisturbedTask
 from npend_gym.rl.training.short_horizons import Horizons
 
 _PULSE_WIDTH = 0.05, 0.1  # standard deviation in time [s]
+_DEMONSTRATED = 0.8  # share of the demonstrated states in the starts anywhere
+
+
+def demonstrated(policy: Policy, episodes: int = 16, seconds: float = 5.5) -> FloatArray:
+    """Return the states, (states, 2n), of the first seconds of a policy's episodes, and mirrored.
+
+    From them a swing-up is learned backwards, from its end on (as in T. Salimans, R. Chen,
+    "Learning Montezuma's Revenge from a single demonstration", arXiv:1812.03381).
+    """
+    envs = make_envs(ENV_ID, episodes, policy.env)
+    states: list[FloatArray] = []
+    for _, _, _, info in rollout(policy, envs, *envs.reset(seed=0)):
+        states.append(np.hstack([info["theta"], info["omega"]]))
+        if info["time"][0] >= seconds:
+            break
+    envs.close()
+    return np.concatenate([*states, *(-state for state in states)])
 
 
 class DisturbedCollector:
@@ -45,6 +65,9 @@ class DisturbedCollector:
         self.states: list[torch.Tensor] = [torch.zeros(size, 2 * config.n)] * (task.past + 1)
         self.actions: list[torch.Tensor] = [torch.zeros(size, 1)] * task.past
         self.observations: list[torch.Tensor] = [torch.zeros(size, 3 * config.n)] * task.length
+        self.demonstrated = np.zeros((0, 2 * config.n))  # states to start from
+        if settings.demonstrator:
+            self.demonstrated = demonstrated(Policy.pretrained(settings.demonstrator))
         self.noise, self.time = np.zeros(size), np.zeros(size)
         self.pulses = np.zeros((4, size))  # time of the peak, width, peak, joint
         self.restart(np.ones(size, np.bool_))
@@ -87,7 +110,10 @@ class DisturbedCollector:
         self.observations = [torch.where(mask, shown, each) for each in self.observations]
 
     def starts(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return angles and speeds: some as the task starts, some near upright, some anywhere."""
+        """Return angles and speeds: some as the task starts, some near upright, some anywhere.
+
+        With a demonstrator most of the last are near the states of its swing-ups.
+        """
         rng, n, settings = self.rng, self.config.n, self.settings
         theta, omega = rng.uniform(-math.pi, math.pi, (count, n)), rng.normal(0.0, 2.5, (count, n))
         kind, (of_task, upright) = rng.random(count), settings.starts
@@ -95,8 +121,14 @@ class DisturbedCollector:
             drawn = self.config.mode.start(rng, n, self.config.amplitude, self.config.spread)
             theta[k], omega[k] = drawn
         near = (kind >= of_task) & (kind < of_task + upright)
-        theta[near] = rng.normal(math.pi, 0.2, (near.sum(), n))
-        omega[near] = rng.normal(0.0, 0.7, (near.sum(), n))
+        angle, speed = settings.nearness
+        theta[near] = rng.normal(math.pi, angle, (near.sum(), n))
+        omega[near] = rng.normal(0.0, speed, (near.sum(), n))
+        if len(self.demonstrated) > 0:
+            on_way = (kind >= of_task + upright) & (rng.random(count) < _DEMONSTRATED)
+            shown = self.demonstrated[rng.integers(len(self.demonstrated), size=on_way.sum())]
+            theta[on_way] = shown[:, :n] + rng.normal(0.0, 0.05, (on_way.sum(), n))
+            omega[on_way] = shown[:, n:] + rng.normal(0.0, 0.2, (on_way.sum(), n))
         return theta, omega
 
     def disturbances(self, exploration: float) -> FloatArray:

@@ -44,6 +44,8 @@ class Settings(shac.Settings):
     first_level: float = 0.2  # of the disturbances at first, over those of the environment
     ramp: tuple[float, float] = (0.0, 0.5)  # from when to when they grow, of the training
     starts: tuple[float, float] = (0.25, 0.3)  # shares of the task's start and of near upright
+    nearness: tuple[float, float] = (0.2, 0.7)  # deviations near upright [rad, rad/s]
+    demonstrator: str = ""  # a policy of the package, from whose way episodes start
     pulse_rate: float = 0.25  # pulses of torque at a random joint in a second
     pulse: float = 5.0 / 6.0  # largest peak of them over the torque limit
 
