@@ -6,8 +6,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from scripts import run_script
+from test_examples import ROOT
 
 import npend_gym  # noqa: F401 - registers the environments
+from npend_gym.rl import Policy
 
 IDS = [name for name, spec in gym.registry.items() if "npend_gym:" in str(spec.entry_point)]
 every_id = pytest.mark.parametrize("env_id", IDS)
@@ -74,3 +77,39 @@ def test_minari_recovers_the_environment_of_a_dataset(env_id, tmp_path, monkeypa
         replayed += [again.step(action)[0] for action in episode.actions]
         np.testing.assert_array_equal(episode.observations, observations)
         np.testing.assert_array_equal(replayed, observations)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", [("expert", "--n", 3), ("medium",), ("random",), ("release",)])
+def test_episodes_of_a_minari_dataset_are_played_again_to_the_last_bit(kind, tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    script = ROOT / "examples" / "make_dataset.py"
+    printed = run_script(script, *kind, "--episodes", 3, "--seed", 5, cwd=tmp_path)
+    dataset = minari.load_dataset(printed.split(":")[0])
+    env = dataset.recover_environment()
+    for seed, episode in enumerate(dataset, 5):
+        shown, rewards = [env.reset(seed=seed)[0]], []
+        for action in episode.actions:
+            observation, reward, *ends, _ = env.step(action)
+            shown.append(observation)
+            rewards.append(reward)
+        assert ends == [episode.terminations[-1], episode.truncations[-1]] == [False, True]
+        np.testing.assert_array_equal(shown, episode.observations)
+        np.testing.assert_array_equal(rewards, episode.rewards)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_behaviour_is_cloned_from_a_minari_dataset(tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    pytest.importorskip("torch")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    examples = ROOT / "examples"
+    returns = {}
+    for kind in ("random", "medium"):
+        run_script(examples / "make_dataset.py", kind, "--episodes", 30, cwd=tmp_path)
+        dataset = minari.load_dataset(f"npend/swingup-2/{kind}-v0")
+        printed = run_script(examples / "clone_behaviour.py", dataset.id, 20, cwd=tmp_path)
+        returns[kind] = float(printed.split("return ")[1])
+    assert returns["medium"] > 300.0 > returns["random"]
+    assert Policy.load(tmp_path / "cloned.npz").env["n"] == 2

@@ -29,7 +29,8 @@ class Evaluation:
     success : ndarray, bool
         ``info["success"]`` of the last step.
     settling_time : ndarray, float
-        Time [s] since which the goal has held without interruption; NaN without success.
+        Time [s] from which on ``info["success"]`` was true: where the goal must hold for 5 s, these
+        are included. NaN without success.
     motor_work : ndarray, float
         Work [J] that the motors did and took up, both counted as positive.
     """

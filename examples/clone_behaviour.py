@@ -1,0 +1,42 @@
+"""Behaviour cloning: a network learns the actions of a data set, and is judged in the environment.
+
+python examples/make_dataset.py expert --n 2
+python examples/clone_behaviour.py npend/swingup-2/expert-v0
+"""
+
+import sys
+
+import minari
+import numpy as np
+import torch
+
+from npend_gym.rl import Policy, evaluate
+from npend_gym.rl.training.tasks import network
+
+torch.set_num_threads(1)
+torch.manual_seed(0)
+dataset = minari.load_dataset(sys.argv[1])
+epochs = int(sys.argv[2]) if len(sys.argv) > 2 else 40
+episodes = list(dataset)
+observations = torch.from_numpy(np.concatenate([e.observations[:-1] for e in episodes]))
+actions = torch.from_numpy(np.concatenate([e.actions for e in episodes]))
+scale = observations.std(0) + 1e-3
+net = network(observations.shape[1], actions.shape[1], 128, last_gain=0.1)
+optimizer = torch.optim.Adam(net.parameters(), lr=2e-3)
+schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs)
+for _ in range(epochs):
+    for batch in torch.randperm(len(actions)).split(512):
+        loss = (net(observations[batch] / scale) - actions[batch]).square().mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    schedule.step()
+linear = [layer for layer in net if isinstance(layer, torch.nn.Linear)]
+weights, biases = ([getattr(each, name).detach().numpy() for each in linear]
+                   for name in ("weight", "bias"))  # fmt: skip
+policy = Policy(scale.numpy(), weights, biases, dict(dataset.spec.env_spec.kwargs))
+found = evaluate(policy, policy.env)
+print(
+    f"loss {loss.item():.5f}, success {found.success_rate:.0%}, return {found.returns.mean():.0f}"
+)
+policy.save("cloned.npz")
