@@ -15,6 +15,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
+from npend_gym.cli.common import add_env_option, with_settings
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.report.robustness_report import evaluation_text
 from npend_gym.rl import HELD_OUT, Controller, Policy, evaluate, pretrained_names
@@ -28,7 +29,7 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
         import train_sb3
 
         model, config = train_sb3.load_run(arguments.run)
-        arguments.env, settings = train_sb3.section(config)
+        arguments.env_id, settings = train_sb3.section(config)
         return train_sb3.controller_of(model), evaluation_env(settings.get("env_kwargs", {}))
     if arguments.controller:
         keywords = env_of_task(arguments.task)
@@ -90,23 +91,25 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=HELD_OUT, help="of the first episode")
     parser.add_argument("--video", type=Path, help="of the first episode: .mp4, .gif or .png")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
-    parser.add_argument("--env", default=ENV_ID, help='environment, "npend/SwingUp-v1" say')
+    parser.add_argument("--env-id", default=ENV_ID, help='environment, "npend/SwingUp-v1" say')
+    add_env_option(parser)
     arguments = parser.parse_args()
     controller, keywords = chosen(arguments)
+    keywords = with_settings(keywords, arguments.settings)
     if arguments.steps:
         keywords = keywords | {"max_episode_steps": arguments.steps}
-    print(f"{arguments.env} {keywords}")
+    print(f"{arguments.env_id} {keywords}")
     evaluation = evaluate(
         controller,
         keywords,
         episodes=arguments.episodes,
         seed=arguments.seed,
-        env_id=arguments.env,
+        env_id=arguments.env_id,
     )
-    print(evaluation_text(evaluation.as_row(), gym.spec(arguments.env).reward_threshold))
+    print(evaluation_text(evaluation.as_row(), gym.spec(arguments.env_id).reward_threshold))
     if arguments.video:
         seed, seconds, path = arguments.seed, arguments.seconds, arguments.video
-        film(controller, keywords, seed, seconds, path, env_id=arguments.env)
+        film(controller, keywords, seed, seconds, path, env_id=arguments.env_id)
         print(f"written: {arguments.video}")
 
 

@@ -391,3 +391,22 @@ def test_settings_of_zero_are_none():
     ideal, plain = NPendulumEnv(**zero), NPendulumEnv()
     assert_same(ideal.reset(seed=0), plain.reset(seed=0))
     assert_same(ideal.step([0.5]), plain.step([0.5]))
+
+
+def test_a_push_is_seen_in_the_pictures_of_four_tenths_of_a_second(monkeypatch):
+    pytest.importorskip("pygame")
+    painted = []
+    monkeypatch.setattr("npend_gym.render.Painter.paint", lambda _, scene: painted.append(scene))
+    keywords = {"n": 1, "push_rate": 2.0, "push_force": 5.0, "dt": 0.1}
+    env = NPendulumEnv(**keywords, render_mode="rgb_array")
+    env.reset(seed=0)
+    since, seen = 99, set()
+    for _ in range(60):
+        env.step(np.zeros(1, np.float32))
+        env.render()
+        since = 0 if env._episodes.pushes()[0] != 0.0 else since + 1
+        (scene,) = painted
+        painted.clear()
+        assert (scene.push != 0.0) == (since < 4)
+        seen.add(scene.push != 0.0)
+    assert seen == {True, False}

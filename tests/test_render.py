@@ -98,6 +98,17 @@ def test_the_torque_turns_the_arrow_its_way_and_zero_draws_none():
     assert where(none, TORQUE) is None
 
 
+def test_a_push_is_an_arrow_that_ends_at_the_tip_from_the_side_it_comes_from():
+    painter, plain = Painter(), Painter().paint(hanging_arc(2)).astype(int)
+    tip = where(plain, TIP)
+    for push in (0.5, -1.0):
+        changed = np.abs(painter.paint(hanging_arc(2, push=push)) - plain).sum(axis=-1) > 0
+        rows, columns = np.nonzero(changed)
+        gap = np.sign(push) * (tip[0] - columns)
+        assert 0.0 < gap.min() < 25.0 < gap.max() < 130.0
+        assert abs(rows.mean() - tip[1]) < 2.0
+
+
 def test_the_arrow_is_at_the_joint_with_the_motor():
     for joint in (0, 1, 2):
         scene = hanging_arc(3, torque=-0.2, joint=joint)
@@ -179,6 +190,7 @@ def test_a_scene_keeps_its_own_positions():
         ({"pseudo_period": -1.0}, "pseudo_period must be zero or more"),
         ({"completed": 2}, "completed must be between 0 and 1"),
         ({"torque": 1.5}, "torque must be between -1 and 1"),
+        ({"push": -1.1}, "push must be between -1 and 1"),
         ({"caption": "two\nlines"}, "caption must be one printable line"),
         ({"trace": [[1.0, 2.0, 3.0]]}, "trace must have shape"),
         ({"centres": [[0.0, 1.0]] * 2}, "centres must have a place for each of the 1 links"),

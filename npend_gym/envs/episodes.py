@@ -328,6 +328,12 @@ class Episodes:
         """Return the last action of a lane, torque over its limit, (joints,)."""
         return self._actions[:, lane]
 
+    def pushes(self) -> FloatArray:
+        """Return the forces at the tips in the last step, over the largest, (B,)."""
+        if self._motors is None or self.config.largest["push_force"] == 0.0:
+            return np.zeros(self.count)
+        return self._motors.pushes[: self.count] / self.config.largest["push_force"]
+
     def chain_length(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""
         return float(1.0 / self._memory.members[Episode.PER_LENGTH, lane])

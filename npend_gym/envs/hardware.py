@@ -126,6 +126,11 @@ class Motors:
         lagged: FloatArray = self._commands[Command.LAGGED].T
         self.kept = {"past_actions": self._past, "lagged_actions": lagged}
 
+    @property
+    def pushes(self) -> FloatArray:
+        """The force at the tip of each lane in the last step [N], (lanes,)."""
+        return self._commands[Command.PUSH, 0]
+
     def drive(self, keys: Keys, actions: FloatArray) -> None:
         """Set the torques of a step, and take all of its pieces but the last."""
         run, arrays = self._memory.run, (keys, actions, self._joints, self._past, self._commands)

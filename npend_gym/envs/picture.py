@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Any
 
@@ -18,6 +19,7 @@ from npend_gym.window import Window
 
 RENDER_MODES = ("human", "rgb_array")
 _TRACE_LENGTH = 150  # frames
+_PUSH_SHOWN = 0.4  # s for which a push, which takes a step, is seen
 
 
 class DependencyNotInstalled(  # noqa: N818 - a name of Gymnasium
@@ -34,6 +36,7 @@ class Camera:
             _checks.choice("render_mode", render_mode, RENDER_MODES)
         self.mode, self.fps = render_mode, fps
         self._traces: dict[int, deque[FloatArray]] = {}
+        self._pushes: dict[int, tuple[float, int]] = {}  # with the number of pictures to come
         try:
             self._painter = None if render_mode is None else render.Painter()
             self._window = Window() if render_mode == "human" else None
@@ -44,12 +47,17 @@ class Camera:
         """Drop the traces of lanes (B,) whose episode has ended."""
         for lane in np.flatnonzero(lanes).tolist() if self._traces else ():
             self._traces.pop(lane, None)
+            self._pushes.pop(lane, None)
 
     def follow(self, episodes: Episodes) -> None:
         """Add the tips' places to the traces and, in "human" mode, show the picture."""
         for lane, tip in enumerate(episodes.positions()[:, -1]):
             trace = self._traces.setdefault(lane, deque(maxlen=_TRACE_LENGTH))
             trace.append(tip)
+        for lane, push in enumerate(episodes.pushes().tolist()):
+            before, left = self._pushes.get(lane, (0.0, 0))
+            seen = (push, math.ceil(_PUSH_SHOWN * self.fps)) if push != 0.0 else (before, left - 1)
+            self._pushes[lane] = seen if seen[1] > 0 else (0.0, 0)
         if self.mode == "human":
             self._show(episodes)
 
@@ -110,6 +118,7 @@ class Camera:
             rail=rail,
             cart=float(info["cart_position"][lane]) if "cart_position" in info else 0.0,
             force=float(forces[0]) if forces.size else 0.0,
+            push=self._pushes.get(lane, (0.0, 0))[0],
         )
 
     def close(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -41,6 +42,11 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
 
     bob = min(max(0.29 * RADIUS / len(scene.positions), 4.4 * pen.fine), 21.0 * pen.fine)
     (_draw_links if len(scene.centres) else _draw_bobs)(pen, scene, bob)
+    if scene.push:  # the arrow ends at the tip
+        length = 60.0 + 140.0 * abs(scene.push)
+        back = length + 26.0 + 1.6 * bob
+        for outline in _arrow(-back, math.copysign(length, scene.push)):
+            pen.polygon(_INK, pen.places(scene.positions[-1:])[0], outline)
     for place in pen.places(scene.marks[_thinned(len(scene.marks), _BOBS)]):
         pen.disc(_INK, place, min(0.45 * bob, 7.0 * pen.fine))
 
@@ -58,12 +64,8 @@ def _draw_cart(pen: _Pen, scene: Scene) -> None:
         pen.polygon(_ROD, end, np.array([[-3, -26], [3, -26], [3, 26], [-3, 26]]))
     box = np.array([[-46, -20], [46, -20], [46, 20], [-46, 20]])
     pen.polygon(_ROD, pen.pivot, box)
-    if scene.force:
-        side, length = np.sign(scene.force), 250.0 * abs(scene.force)
-        shaft = [[46, -5], [46 + length, -5], [46 + length, 5], [46, 5]]
-        head = [[46 + length, -15], [72 + length, 0], [46 + length, 15]]
-        for outline in (shaft, head):
-            pen.polygon(_TORQUE, pen.pivot, np.array(outline) * (side, 1.0))
+    for outline in _arrow(46.0, 250.0 * scene.force) if scene.force else ():
+        pen.polygon(_TORQUE, pen.pivot, outline)
 
 
 def _draw_bobs(pen: _Pen, scene: Scene, bob: float) -> None:
@@ -142,6 +144,15 @@ class _Pen:
     def polygon(self, color: Sequence[int], center: Any, outline: FloatArray) -> None:
         """Draw an area whose outline is given about its center."""
         self._draw.polygon(self._canvas, color, (outline * self.unit + center).tolist())
+
+
+def _arrow(start: float, length: float) -> tuple[FloatArray, FloatArray]:
+    """Return shaft and head of an arrow to the right, or to the left where `length` is negative."""
+    end = start + abs(length)
+    shaft = np.array([[start, -5], [end, -5], [end, 5], [start, 5]])
+    head = np.array([[end, -15], [end + 26, 0], [end, 15]])
+    side = (math.copysign(1.0, length), 1.0)
+    return shaft * side, head * side
 
 
 def _arc_arrow(torque: float) -> tuple[FloatArray, FloatArray]:

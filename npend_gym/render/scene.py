@@ -32,6 +32,7 @@ class Scene:
     rail: float = 0.0  #: half the length of the rail of a cart [m]; zero: there is no cart
     cart: float = 0.0  #: where the cart, and so the pivot, is on it [m]
     force: float = 0.0  #: on the cart over its limit, in [-1, 1]; to the right is positive
+    push: float = 0.0  #: on the tip over the largest one, in [-1, 1]; to the right is positive
 
     def __post_init__(self) -> None:
         for name, least in (("positions", 1), ("trace", 0), ("marks", 0), ("centres", 0)):
@@ -48,7 +49,7 @@ class Scene:
         _checks.nonnegative_number("rail", self.rail)
         _checks.number("cart", self.cart)
         _checks.count("completed", self.completed, low=0, high=len(self.positions))
-        for name in ("torque", "force"):
+        for name in ("torque", "force", "push"):
             if abs(_checks.number(name, getattr(self, name))) > 1.0:
                 raise ValueError(f"{name} must be between -1 and 1, got {getattr(self, name)!r}")
         _checks.count("joint", self.joint, low=0, high=len(self.positions) - 1)
