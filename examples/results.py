@@ -29,7 +29,7 @@ from npend_gym.rl.training.tasks import env_of_task
 DOCS = Path(__file__).parents[1] / "docs"
 TRAINERS = {"PPO": ppo, "SHAC": shac, "ES": es, "imitation": imitation}
 CURVE = ("steps", "seconds", "return", "success")
-ORDER = ("swingup", "balance", "calm")
+ORDER = ("swingup", "transition", "balance", "calm")
 LABELS = {
     "damping": "modal damping", "LQR": "LQR", "energy": "energy, then LQR",
     "plan": "plan, then LQR", "MPC": "MPC",
@@ -45,6 +45,7 @@ def references(task: str) -> dict[str, Controller]:
     names = {
         "balance": ["LQR"],
         "calm": ["damping", "LQR"],
+        "transition": ["plan"],
         # with more rods MPC takes many minutes
         "swingup": ["energy"] * (n <= 2) + ["plan"] * (n in PLANS) + ["MPC"] * (n <= 3),
     }[mode]

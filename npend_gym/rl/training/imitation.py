@@ -1,10 +1,13 @@
-"""Imitation: a network that swings up three or four rods learns from a planned swing-up.
+"""Imitation: a network learns swing-ups of three and more rods, and transitions, from plans.
 
-The expert (`npend_gym.rl.planned_swing_up`) plans a trajectory, knows the clock and tracks the
-trajectory by time-varying feedback; the student sees the chain alone. In DAgger (Ross, Gordon,
-Bagnell, arXiv:1011.0686) the student acts and the expert says what it would have done. Noise on the
-actions shows more of the neighbourhood of the trajectory (Laskey, Lee, Fox, Dragan, Goldberg,
-arXiv:1703.09327).
+The expert (`npend_gym.rl.planned_swing_up`, `planned_transitions`) plans a trajectory, knows the
+clock and tracks the trajectory by time-varying feedback; the student sees the chain alone. In
+DAgger (Ross, Gordon, Bagnell, arXiv:1011.0686) the student acts and the expert says what it would
+have done. A student that has learned little leaves the trajectory at once, and sees nothing of the
+rest. Therefore in most environments the expert takes over where the student has come too far away,
+and hands back when it has led the chain back, as in SafeDAgger (Zhang, Cho, arXiv:1605.06450). How
+far is measured by the cost that the feedback minimises. In some environments the expert alone acts,
+with noise (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the student alone.
 """
 
 # torch's stubs leave parts unknown
@@ -15,18 +18,22 @@ import math
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
 
+from npend_gym._checks import BoolArray
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.planning import PlannedTransition, planned_swing_up
+from npend_gym.rl.planning import PlannedTransition, Tracking, planned_swing_up
 from npend_gym.rl.policies import Policy
 from npend_gym.rl.rollouts import make_envs
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
+from npend_gym.rl.transitions import PlannedTransitions, planned_transitions
+
+_MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
 
 
 @dataclass(frozen=True)
@@ -35,28 +42,31 @@ class Settings:
 
     env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of gym.make_vec
     seed: int = 0
-    seconds: float = 4.5  # of the planned trajectory
-    guesses: int = 24  # from which trajectories are planned
-    experts: int = 3  # with different trajectories, each with a student until the first round
-    demonstrations: int = 4  # episodes in which the expert acts in every environment
-    rounds: int = 4  # of DAgger; the student acts in most environments
+    seconds: float = 4.5  # of a planned trajectory
+    guesses: int = 4  # that lead to trajectories: see `experts_of`
+    rounds: int = 24  # after a first one, in which the expert acts alone
     num_envs: int = 512
-    expert_fraction: float = 0.3  # of the environments in a round
+    expert_fraction: float = 0.25  # of the environments: the expert acts, with noise
+    student_fraction: float = 0.25  # of the environments: the student acts, and nobody takes over
     noise_std: float = 0.1  # largest standard deviation of the noise on the expert's actions
+    take_over: float = 3.0  # from this cost on the expert acts; 1 is the mean at the start
+    hand_back: float = 1.0  # below it the student acts again
+    lost: float = 100.0  # nothing more is learned from an environment that has been beyond
     standing: int = 120  # steps after the trajectory; success needs 100
-    tube: float = 0.6  # rad, and rad/s; states further from the trajectory are not learned
-    max_states: int = 800_000  # in the dataset
-    first_epochs: int = 24  # over the demonstrations
-    epochs: int = 6  # of a round
+    kept: float = 0.25  # fraction of the states that come into the dataset
+    max_states: int = 1_000_000  # in the dataset; then new ones take the place of old ones
+    first_updates: int = 1000  # after the first round
+    updates: int = 500  # after every other round
     minibatch_size: int = 1024
-    learning_rate: float = 2e-3  # falls to zero in every round, along a cosine
+    learning_rate: float = 2e-3  # falls to zero along a cosine
     hidden: int = 192
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
 
 
 TASKS: dict[str, dict[str, Any]] = {
-    "swingup-3": {},
-    "swingup-4": {"seconds": 8.0, "noise_std": 0.05, "rounds": 10},
+    "swingup-3": {"rounds": 15},
+    "swingup-4": {"seconds": 7.0, "rounds": 60},
+    "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
 }
 
 
@@ -65,147 +75,168 @@ def settings_of(task: str, **changes: Any) -> Settings:
     return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
 
 
-class Dataset(NamedTuple):
-    """Observations, and what the expert would have done there."""
+class Dataset:
+    """Observations, what the expert would have done there, and how much that matters."""
 
-    observations: torch.Tensor  # (states, k)
-    actions: torch.Tensor  # (states, joints), within [-1.5, 1.5]
+    def __init__(self, max_states: int, inputs: int, joints: int) -> None:
+        self.size = 0
+        self.observations = torch.empty(max_states, inputs)
+        self.actions, self.weights = torch.empty(2, max_states, joints)
 
-
-def most_robust(settings: Settings, envs: Any) -> list[PlannedTransition]:
-    """Return the experts that most often stand in spite of noise, the most robust first.
-
-    The mistakes of a student are like noise on the actions.
-    """
-    found: list[tuple[float, PlannedTransition]] = []
-    for guess in range(settings.guesses):
-        seed = settings.guesses * settings.seed + guess
-        with suppress(RuntimeError):  # this guess leads to no trajectory
-            expert = planned_swing_up(envs.unwrapped.config, settings.seconds, tries=1, seed=seed)
-            found.append((robustness(expert, settings, envs), expert))
-    if not found:
-        raise RuntimeError("no guess led to a trajectory: give it more seconds or guesses")
-    found.sort(key=lambda pair: -pair[0])
-    return [expert for _, expert in found[: settings.experts]]
-
-
-def robustness(expert: PlannedTransition, settings: Settings, envs: Any) -> float:
-    """Return the fraction of the environments in which the chain stands in spite of noise."""
-    rng = np.random.default_rng(settings.seed)
-    observation, info = envs.reset(seed=100_000 * settings.seed)
-    for _ in range(len(expert.gains) + 20):
-        action = expert(observation, info)
-        action = action + 2.0 * settings.noise_std * rng.normal(size=action.shape)
-        observation, _, _, _, info = envs.step(action.clip(-1.0, 1.0))
-    return float(np.mean(np.cos(info["theta"]).max(axis=1) < -0.9))
+    def add(
+        self, observations: Any, tracking: Tracking, chosen: BoolArray, rng: np.random.Generator
+    ) -> None:
+        """Add the states of the `chosen` environments."""
+        count, places = int(chosen.sum()), len(self.observations)
+        rows = np.arange(self.size, self.size + count)
+        if self.size + count > places:
+            rows = rng.integers(self.size, size=count)
+        else:
+            self.size += count
+        self.observations[rows] = torch.from_numpy(observations[chosen])
+        labels = tracking.actions[chosen].clip(-_MAX_LABEL, _MAX_LABEL)
+        self.actions[rows] = torch.from_numpy(labels.astype(np.float32))
+        weights = np.sqrt(tracking.action_weight[chosen])
+        self.weights[rows] = torch.from_numpy(weights.astype(np.float32))
 
 
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
-    def __init__(self, settings: Settings, envs: Any, expert: PlannedTransition) -> None:
+    def __init__(self, settings: Settings, envs: Any, expert: Any) -> None:
         self.settings, self.envs, self.expert = settings, envs, expert
         config = envs.unwrapped.config
-        self.obs_scale = torch.tensor(settings.obs_scale).repeat_interleave(config.chain.n)
-        inputs, outputs = 3 * config.chain.n, config.joints.size
-        self.student = network(inputs, outputs, settings.hidden, last_gain=0.1)
+        scale = torch.tensor(settings.obs_scale).repeat_interleave(config.n)
+        self.obs_scale = torch.cat([scale, torch.ones(config.observed - len(scale))])
+        joints = config.joints.size
+        self.student = network(config.observed, joints, settings.hidden, last_gain=0.1)
+        self.dataset = Dataset(settings.max_states, config.observed, joints)
+        self.optimizer = torch.optim.Adam(self.student.parameters(), fused=True)
         self.shuffler = torch.Generator().manual_seed(settings.seed)
-        shown = [self.play(k, 1.0)[0] for k in range(settings.demonstrations)]
-        self.dataset = Dataset(*map(torch.cat, zip(*shown, strict=True)))
-        self.fit(settings.first_epochs)
+        self.updates = 0  # so far
+        self.distance = math.inf  # mean of that from the expert's actions, in the last fit
+        self.episode_steps = round(settings.seconds / config.dt) + settings.standing
 
     @torch.no_grad()
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Return the student's actions."""
         return self.student(torch.from_numpy(observation) / self.obs_scale).numpy()
 
-    def play(self, episode: int, expert_fraction: float) -> tuple[Dataset, dict[str, float]]:
-        """Play an episode in every environment.
+    def play(self, round_: int) -> dict[str, float]:
+        """Play an episode in every environment; the expert alone acts in the first round.
 
         Returns
         -------
-        Dataset
-            The states near the trajectory, with the expert's actions.
         dict
-            "return" and "success" of the environments in which the student acted.
+            "return" and "success" of the environments in which the student alone acted, and
+            "taken_over", the fraction of the steps of the others in which the expert acted.
         """
-        settings, states = self.settings, self.expert.nominal.states
-        rng = np.random.default_rng([settings.seed, episode])
+        settings, rng = self.settings, np.random.default_rng([self.settings.seed, round_])
         # training takes seeds below 10^6, evaluation those from there on
-        seed = 100_000 * settings.seed + settings.num_envs * episode
+        seed = 100_000 * settings.seed + settings.num_envs * round_
         observation, info = self.envs.reset(seed=seed)
-        lanes, returns = np.arange(settings.num_envs), np.zeros(settings.num_envs)
-        by_expert = lanes < expert_fraction * lanes.size
-        std = (settings.noise_std * by_expert * rng.permutation(lanes) / lanes.size)[:, None]
-        near = np.ones(lanes.size, bool)
-        observations, labels = [], []
-        for step in range(len(states) + settings.standing):
-            expert_action = self.expert(observation, info)
-            theta, omega = np.split(states[min(step, len(states) - 1)], 2)
-            near &= np.abs(info["theta"] - theta).max(axis=1) < settings.tube
-            near &= np.abs(info["omega"] - omega).max(axis=1) < settings.tube
-            observations.append(observation[near])
-            labels.append(expert_action[near].clip(-1.5, 1.5))
-            action = np.where(by_expert[:, None], expert_action, self.act(observation))
+        share, returns = (
+            np.arange(settings.num_envs) / settings.num_envs,
+            np.zeros(settings.num_envs),
+        )
+        by_student = (share < settings.student_fraction) & (round_ > 0)
+        by_expert = (share >= 1.0 - settings.expert_fraction) | (round_ == 0)
+        std = (settings.noise_std * by_expert * rng.random(share.size))[:, None]
+        taken, known, steps_taken = by_expert, np.ones(share.size, np.bool_), 0.0
+        for _ in range(self.episode_steps):
+            tracking: Tracking = self.expert.tracking(info)
+            cost = tracking.relative_cost
+            known &= cost < settings.lost
+            self.dataset.add(
+                observation, tracking, known & (rng.random(share.size) < settings.kept), rng
+            )
+            limit = np.where(taken, settings.hand_back, settings.take_over)
+            taken = ((cost > limit) & ~by_student) | by_expert
+            steps_taken += taken[~by_student & ~by_expert].sum()
+            action = np.where(taken[:, None], tracking.actions, self.act(observation))
             action = action + std * rng.normal(size=action.shape)
             observation, reward, _, _, info = self.envs.step(action.clip(-1.0, 1.0))
             returns += reward
-        dataset = Dataset(
-            torch.from_numpy(np.concatenate(observations)),
-            torch.from_numpy(np.concatenate(labels).astype(np.float32)),
-        )
-        score = {"return": returns[~by_expert], "success": info["success"][~by_expert]}
-        return dataset, {name: round(float(v.mean()), 4) for name, v in score.items() if v.size}
+        if round_ == 0:
+            return {}
+        steps = self.episode_steps * max(1, np.sum(~by_student & ~by_expert))
+        score = {"return": returns, "success": info["success"]}
+        means = {name: round(float(value[by_student].mean()), 4) for name, value in score.items()}
+        return means | {"taken_over": round(float(steps_taken / steps), 4)}
 
-    def aggregate(self, new: Dataset) -> float:
-        """Add `new` to the dataset and fit the student to it; return the mean distance."""
-        observations, actions = map(torch.cat, zip(self.dataset, new, strict=True))
-        chosen = torch.randperm(len(observations), generator=self.shuffler)
-        chosen = chosen[: self.settings.max_states]
-        self.dataset = Dataset(observations[chosen], actions[chosen])
-        return self.fit(self.settings.epochs)
+    def fit(self, updates: int) -> None:
+        """Fit the student to the dataset."""
+        settings, dataset, total = self.settings, self.dataset, 0.0
+        last = settings.first_updates + settings.rounds * settings.updates
+        for _ in range(updates):
+            rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * self.updates / last))
+            self.optimizer.param_groups[0]["lr"] = rate
+            rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
+            actions, weights = dataset.actions[rows], dataset.weights[rows]
+            prediction = self.student(dataset.observations[rows] / self.obs_scale)
+            losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
+            loss = (weights * losses).mean() / weights.mean()
+            self.optimizer.zero_grad()
+            loss.backward()
+            self.optimizer.step()
+            self.updates += 1
+            total += float((prediction.detach() - actions).abs().mean())
+        self.distance = total / updates
 
-    def fit(self, epochs: int) -> float:
-        """Fit the student to the dataset; return the mean distance from the expert's actions."""
-        settings, dataset, size = self.settings, self.dataset, len(self.dataset.observations)
-        optimizer = torch.optim.Adam(self.student.parameters(), fused=True)
-        batches = math.ceil(size / settings.minibatch_size) * epochs
-        done, total = 0, 0.0
-        for _ in range(epochs):
-            order = torch.randperm(size, generator=self.shuffler)
-            for rows in order.split(settings.minibatch_size):
-                rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * done / batches))
-                optimizer.param_groups[0]["lr"] = rate
-                prediction = self.student(dataset.observations[rows] / self.obs_scale)
-                loss = nn.functional.smooth_l1_loss(prediction, dataset.actions[rows], beta=0.2)
-                optimizer.zero_grad()
-                loss.backward()
-                optimizer.step()
-                done += 1
-                total += float((prediction.detach() - dataset.actions[rows]).abs().mean())
-        return total / done
+
+def experts_of(settings: Settings, config: Any) -> list[PlannedTransition | PlannedTransitions]:
+    """Return plans for the task, each by itself an expert; with goals one has those of all pairs.
+
+    Nothing calms the chain before a plan begins: without a clock, holding looks like leaving.
+    """
+    if config.mode.has_goals:
+        options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
+        return [planned_transitions(config, settings.seconds, **options)]
+    found: list[PlannedTransition | PlannedTransitions] = []
+    for guess in range(settings.guesses):
+        seed = settings.guesses * settings.seed + guess
+        with suppress(RuntimeError):  # this guess leads to no trajectory
+            found.append(
+                planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
+            )
+    if not found:
+        raise RuntimeError("no guess led to a trajectory: give it more seconds or guesses")
+    return found
+
+
+def begin(settings: Settings, envs: Any) -> list[DAgger]:
+    """Return students after two rounds, that which is nearest to its expert first.
+
+    Some trajectories are much harder to learn than others, and nothing else tells which.
+    """
+    begun: list[DAgger] = []
+    for expert in experts_of(settings, envs.unwrapped.config):
+        dagger = DAgger(settings, envs, expert)
+        dagger.play(0)
+        dagger.fit(settings.first_updates)
+        dagger.play(1)
+        dagger.fit(settings.updates)
+        begun.append(dagger)
+    return sorted(begun, key=lambda dagger: dagger.distance)
 
 
 def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
-    """Return the trained policy and its learning curve, a row for every round."""
+    """Return the trained policy and its learning curve, a row for every round from the third on.
+
+    Its "seconds" are processor time.
+    """
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
-    start_time = time.perf_counter()
+    start_time = time.process_time()
     envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"max_episode_steps": None})
-    pairs = [DAgger(settings, envs, expert) for expert in most_robust(settings, envs)]
-    trials = [pair.play(settings.demonstrations, settings.expert_fraction) for pair in pairs]
-    best = max(range(len(trials)), key=lambda k: (trials[k][1]["success"], trials[k][1]["return"]))
-    dagger, (new, score) = pairs[best], trials[best]
-    episodes = len(pairs) * (settings.demonstrations + 1)
-    steps = (len(dagger.expert.nominal.states) + settings.standing) * settings.num_envs
+    dagger, *others = begin(settings, envs)
     curve: Curve = []
-    for round_ in tqdm(range(settings.rounds), progress, disable=None, unit="round"):
-        if round_ > 0:
-            new, score = dagger.play(settings.demonstrations + round_, settings.expert_fraction)
-        distance = dagger.aggregate(new)
-        seconds = round(time.perf_counter() - start_time, 2)
-        counts = {"steps": (episodes + round_) * steps, "seconds": seconds}
-        curve.append(counts | score | {"distance": round(distance, 4)})
+    for round_ in tqdm(range(2, settings.rounds + 1), progress, disable=None, unit="round"):
+        score = dagger.play(round_)
+        dagger.fit(settings.updates)
+        steps = (2 * len(others) + round_ + 1) * dagger.episode_steps * settings.num_envs
+        counts = {"steps": steps, "seconds": round(time.process_time() - start_time, 2)}
+        curve.append(counts | score | {"distance": round(dagger.distance, 4)})
     envs.close()
     student, scale = dagger.student, dagger.obs_scale
     return policy_of(student, scale, "imitation", settings, curve[-1]), curve
