@@ -23,7 +23,15 @@ PAGES = sorted(
 BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 
 
-TAKES_LONG = {"real_pendulum.md", "extensions.md", "gradients.md", "sensitivities.md"}
+TAKES_LONG = {
+    "extensions.md",
+    "gradients.md",
+    "mpc.md",
+    "real_pendulum.md",
+    "robustness.md",
+    "sensitivities.md",
+    "shac.md",
+}
 SIMULATED = {"gpu.md"}
 
 

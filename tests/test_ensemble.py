@@ -211,6 +211,7 @@ MACHINE = {"inertias": 0.02, "centres": 0.3, "friction": 0.05, "armature": 0.01,
 
 
 @pytest.mark.parametrize("parts", [{}, MACHINE], ids=["point masses", "machine"])
+@pytest.mark.long
 def test_chains_on_carts_follow_simulate_and_the_work_that_is_done(parts):
     rng = np.random.default_rng(3)
     chains = [Chain(rng.uniform(0.5, 2.0, 2), [0.5, 0.4], drag=0.1, **parts) for _ in range(17)]

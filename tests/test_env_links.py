@@ -14,6 +14,8 @@ from npend_gym.envs import EnvConfig, SwingUp
 from npend_gym.envs.modes import MODES
 from npend_gym.physics import Ensemble
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 # Every parameter is that of a link, and no two links are alike
 CHAIN = Chain(
     [1.0, 0.5, 0.8], [0.5, 0.4, 0.3], 9.8, [0.01, 0.02, 0.0], [0.02, 0.0, 0.01], 0.01,

@@ -34,6 +34,7 @@ def test_the_scaled_observation_is_sincos_with_speeds_over_their_scale_clipped(m
 
 
 @pytest.mark.parametrize("chain", [{"n": 4}, {"chain": "acrobot"}, {"n": 1, "gravity": 0.0}])
+@pytest.mark.long
 def test_the_scaled_observation_stays_in_its_finite_space_under_any_torque(chain):
     envs = gym.make_vec("npend/SwingUp-v1", num_envs=8, max_torque=500.0, **chain)
     assert np.isfinite(envs.observation_space.high).all()

@@ -27,6 +27,7 @@ def motion_file(tmp_path):
     return write
 
 
+@pytest.mark.long
 def test_the_command_writes_a_chain_that_environments_take(tmp_path, capsys):
     motion = read_motion(DATA / "multiarm_double.csv")
     lines = (DATA / "multiarm_double.csv").read_text().splitlines()

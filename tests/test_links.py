@@ -93,6 +93,7 @@ def test_a_step_of_the_acrobot_is_that_of_gymnasium():
             assert difference(end.ravel(), expected) <= 1e-12
 
 
+@pytest.mark.long
 def test_the_acrobot_of_dm_control_swings_alike():
     # its angles are from upright, clockwise: ours are pi minus their sums
     angles, speeds, control = np.array([0.4, -0.7]), np.array([0.5, 1.0]), 0.6

@@ -146,6 +146,7 @@ def test_the_printed_integrator_runs_and_gives_our_motion():
     np.testing.assert_allclose(np.stack([x, y], -1)[:, 1:], ours.positions(), atol=1e-6)
 
 
+@pytest.mark.long
 def test_tangent_vectors_are_differences_of_neighbours():
     chain, start = Chain([1.0, 2.0], [1.0, 0.5]), np.array([1.5, -1.0, 0.5, 0.3])
     times = np.linspace(0.0, 1.0, 11)

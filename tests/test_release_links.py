@@ -108,6 +108,7 @@ def test_fields_that_contradict_the_chain_are_refused(made, fields, message):
     assert getattr(made(chain=CHAIN, **{n_name: [2]}), n_name) == (2,)
 
 
+@pytest.mark.long
 def test_a_campaign_of_a_chain_measures_it_and_keeps_it(tmp_path):
     plan = CampaignPlan(chain=CHAIN.as_dict(), amplitude=[0.2, 0.4, 0.6, 0.8], trials=2)
     assert CampaignPlan(**json.loads(json.dumps(plan.as_dict()))) == plan

@@ -7,6 +7,8 @@ from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.planning import Tracking, planned_swing_up
 from npend_gym.rl.rollouts import make_envs
 
+pytestmark = pytest.mark.long  # plans take seconds
+
 torch = pytest.importorskip("torch")
 
 from npend_gym.rl.training import imitation  # noqa: E402

@@ -11,6 +11,8 @@ from npend_gym.rl import MPC, evaluate, lqr
 from npend_gym.rl.ilqr import ILQR, Cost, _bounded_minimum
 from npend_gym.rl.step_model import StepModel
 
+pytestmark = pytest.mark.long  # plans take seconds
+
 
 def info_of(states, time=0.0):
     theta, omega = np.split(np.atleast_2d(states), 2, axis=1)
@@ -81,8 +83,8 @@ def test_a_plan_is_the_motion_of_the_environment_bit_for_bit():
     ("n", "actuated", "settled"),
     [
         (1, (0,), 3.0),
-        pytest.param(2, (0,), 4.0, marks=pytest.mark.long),
-        pytest.param(2, (0, 1), 2.0, marks=pytest.mark.long),
+        (2, (0,), 4.0),
+        (2, (0, 1), 2.0),
     ],
 )
 def test_it_swings_up_in_held_out_episodes(n, actuated, settled):

@@ -6,6 +6,8 @@ import pytest
 
 from npend_gym.envs import EnvConfig
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 torch = pytest.importorskip("torch")
 
 

@@ -15,6 +15,8 @@ from npend_gym.rl import (
 from npend_gym.rl.controllers import state_weights
 from npend_gym.rl.step_model import StepModel
 
+pytestmark = pytest.mark.long  # plans take seconds
+
 FOLDED, UNFOLDED = np.array([np.pi, 0.0]), np.array([0.0, np.pi])
 ONE_ROD = {"n": 1, "mode": "transition"}
 

@@ -149,7 +149,8 @@ def test_the_page_of_a_task_repeats_what_the_environment_is(env_id):
         "Steps of an episode": str(spec.max_episode_steps),
         "Solved from a mean return of": threshold,
     }
-    (*actions, observations, arguments) = others
+    (*actions, observations) = [table for table in others if table[0][0] == "entry"]
+    (arguments,) = [table for table in others if table[0][0] == "argument"]
     if actions:
         limit, unit = f"{env.config.action_limits[0]:.3f}", "N" if env.config.has_cart else "N m"
         assert actions[0][2][-1] == f"-{limit} to {limit} {unit}"

@@ -130,6 +130,7 @@ def test_many_uniform_rods_swing_as_the_hanging_rope(n, tolerance):
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 40])
+@pytest.mark.long
 def test_the_modes_of_links_solve_the_linearised_system(n):
     chain = links(n)
     omega, modes = theory.normal_modes(chain)
@@ -147,6 +148,7 @@ def test_the_fastest_decay_is_an_eigenvalue_of_the_damped_system():
     assert decay_rate(chain, chain.damping, chain.drag) == pytest.approx(rates.max(), rel=1e-12)
 
 
+@pytest.mark.long
 def test_a_link_with_its_weight_above_the_joint_rests_upright():
     chain = Chain([1.0, 0.2], [1.0, 0.5], centres=[-0.5, 0.3], inertias=0.1)
     assert chain.lift[0] < 0.0 < chain.lift[1]
