@@ -18,15 +18,10 @@ def step_of(env):
 
 
 SHORT = Chain.uniform(2), 0.1, 0.0, [0.0, 0.1]
-HARDWARE = {"motor_lag": 0.1, "angle_noise": 0.1}  # any of the sensors and of the motors
 # Each compiles kernels that the others do not, the longest first
 SHARES = {
     "one env": lambda: step_of(gym.make("NPendulum-v0")),
     "many envs": lambda: step_of(gym.make_vec("NPendulum-v0", num_envs=17)),
-    "one env with hardware": lambda: step_of(gym.make("NPendulum-v0", **HARDWARE)),
-    "many envs with hardware": lambda: step_of(
-        gym.make_vec("NPendulum-v0", num_envs=17, **HARDWARE)
-    ),
     "one env of links": lambda: step_of(gym.make("NPendulum-v0", chain="realaigym C.1")),
     "many envs of links": lambda: step_of(
         gym.make_vec("NPendulum-v0", num_envs=17, chain="realaigym C.1")

@@ -27,6 +27,7 @@ TAKES_LONG = {
     "extensions.md",
     "gradients.md",
     "mpc.md",
+    "noise_and_delay.md",
     "real_pendulum.md",
     "robustness.md",
     "sensitivities.md",

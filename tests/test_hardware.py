@@ -13,6 +13,8 @@ from scipy.integrate import solve_ivp
 from npend_gym.compiled.philox import Purpose
 from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv, SwingUp
 
+pytestmark = pytest.mark.long  # kernels of their own take long to compile
+
 EVERYTHING = {
     "angle_noise": 0.01, "velocity_noise": 0.05, "angle_resolution": 2.0 * np.pi / 4096,
     "velocity_resolution": 0.01, "observation_delay": 1.5, "action_delay": 1.25,
@@ -343,7 +345,6 @@ def test_noise_leaves_the_starts_of_a_seed_as_they_are():
         assert_same(noisy.reset(seed=4)[1], plain.reset(seed=4)[1])
 
 
-@pytest.mark.long
 def test_links_with_motors_at_every_joint_can_have_them_all():
     env = NPendulumVectorEnv(17, chain="realaigym C.1", actuated=(0, 1), **EVERYTHING)
     alone = NPendulumEnv(chain="realaigym C.1", actuated=(0, 1), **EVERYTHING)

@@ -49,6 +49,7 @@ def test_training_is_the_same_again_and_overwrites_nothing_unasked(trained, caps
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.long
 def test_evaluate_tells_what_evaluate_and_robustness_return(trained, tmp_path, capsys):
     path = trained / "swingup-1.npz"
     options = ["--episodes", "5", "--seed", "7", "--env", "max_torque=6.0"]

@@ -12,6 +12,8 @@ from npend_gym.rl import HELD_OUT, lqr, robustness
 from npend_gym.rl.criteria import Group, pushed_joints
 from npend_gym.rl.disturbances import Pulses
 
+pytestmark = pytest.mark.long  # the kernels of motors and sensors take long to compile
+
 TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
 LINK = Chain.rods([1.0, 0.5], [1.0, 0.8], friction=[0.0, 0.1])
 
