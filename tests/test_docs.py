@@ -24,6 +24,7 @@ BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 
 
 TAKES_LONG = {
+    "README.md",
     "extensions.md",
     "gradients.md",
     "mpc.md",

@@ -8,6 +8,8 @@ from npend_gym import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import controllers, evaluate, planned_swing_up
 
+pytestmark = pytest.mark.long  # kernels of links take long to compile
+
 ELBOW = {"chain": "realaigym C.1", "actuated": (1,), "max_torque": 6.0, "dt": 0.02}
 
 

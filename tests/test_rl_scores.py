@@ -11,6 +11,8 @@ from npend_gym.rl import HELD_OUT, lqr, performance, recovery
 from npend_gym.rl.knock_downs import KnockDowns
 from npend_gym.rl.scores import _most
 
+pytestmark = pytest.mark.long  # kernels of links take long to compile
+
 STRONG = {"n": 2, "mode": "swingup", "actuated": (0, 1), "max_torque": 60.0, "dt": 0.02}
 
 

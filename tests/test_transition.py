@@ -140,7 +140,11 @@ def test_with_the_goal_upright_it_is_the_swing_up():
 
 
 @pytest.mark.parametrize(
-    "chain", [Chain([1.0, 0.3], [0.5, 2.0]), Chain([1.0, 1.0], 1.0, centres=[-0.9, 0.4])]
+    "chain",
+    [
+        Chain([1.0, 0.3], [0.5, 2.0]),
+        pytest.param(Chain([1.0, 1.0], 1.0, centres=[-0.9, 0.4]), marks=pytest.mark.long),
+    ],
 )
 def test_the_reward_is_that_of_the_documentation(chain):
     env = NPendulumEnv(chain=chain, mode="transition")
