@@ -18,7 +18,8 @@ from tqdm import tqdm
 from npend_gym.cli.common import add_env_option, with_settings
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.report.robustness_report import evaluation_text
-from npend_gym.rl import HELD_OUT, Controller, Policy, evaluate, pretrained_names
+from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
+from npend_gym.rl.policies import find_policy
 from npend_gym.rl.references import CONTROLLERS, reference_controller
 from npend_gym.rl.training.tasks import env_of_task, evaluation_env
 
@@ -35,11 +36,7 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
         keywords = env_of_task(arguments.task)
         progress = partial(tqdm, desc="plans", leave=False, disable=None)
         return reference_controller(arguments.controller, keywords, progress), keywords
-    policy = (
-        Policy.load(arguments.policy)
-        if arguments.policy
-        else Policy.pretrained(arguments.pretrained)
-    )
+    policy = find_policy(str(arguments.policy or arguments.pretrained))
     return policy, policy.env
 
 
