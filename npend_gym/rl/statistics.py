@@ -17,7 +17,6 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 
 _MAX_RESAMPLES = 1_000_000
-_AT_ONCE = 10_000_000  # scores that are drawn at once
 
 
 def interquartile_mean(scores: ArrayLike) -> float:
@@ -79,11 +78,9 @@ def bootstrap_interval(
     count = _checks.count("resamples", resamples, high=_MAX_RESAMPLES)
     rng = np.random.default_rng(_checks.count("seed", seed, low=0))
     found: list[float] = []
-    while len(found) < count:
-        several = max(1, min(count - len(found), _AT_ONCE // given.size))
-        chosen = rng.integers(len(given), size=(several, *given.shape))
-        drawn = np.take_along_axis(given[None], chosen, axis=1)
-        found.extend(float(statistic(each)) for each in drawn)
+    for _ in range(count):
+        chosen = rng.integers(len(given), size=given.shape)
+        found.append(float(statistic(np.take_along_axis(given, chosen, axis=0))))
     low, high = np.quantile(found, [0.5 - 0.5 * share, 0.5 + 0.5 * share])
     return float(low), float(high)
 
