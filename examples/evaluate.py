@@ -19,8 +19,8 @@ from npend_gym.cli.common import add_env_option, with_settings
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.report.robustness_report import evaluation_text
 from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
-from npend_gym.rl.policies import find_policy
-from npend_gym.rl.references import CONTROLLERS, reference_controller
+from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
+from npend_gym.rl.policies.policy import find_policy
 from npend_gym.rl.training.tasks import env_of_task, evaluation_env
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from npend_gym.report import write_csv
 from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate, pretrained_names
-from npend_gym.rl.references import PLANS, reference_controller
+from npend_gym.rl.controllers.references import PLANS, reference_controller
 from npend_gym.rl.training import es, imitation, ppo, shac
 from npend_gym.rl.training.tasks import env_of_task
 

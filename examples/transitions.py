@@ -30,7 +30,7 @@ from npend_gym.rl import (
     planned_transitions,
     pretrained_names,
 )
-from npend_gym.rl.rollouts import rollout
+from npend_gym.rl.evaluation.rollouts import rollout
 
 EPISODES = 100
 

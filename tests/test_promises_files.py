@@ -59,7 +59,7 @@ def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_r
 
 
 def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
-    from npend_gym.rl.policies import PRETRAINED, Policy, pretrained_names
+    from npend_gym.rl.policies.policy import PRETRAINED, Policy, pretrained_names
 
     for suffix in (".npz", ".json"):
         shutil.copy(PRETRAINED / f"{pretrained_names()[0]}{suffix}", tmp_path / f"a{suffix}")

@@ -9,7 +9,7 @@ from interrupt import Interrupt
 
 from npend_gym.cli import main
 from npend_gym.rl import Policy, evaluate, robustness
-from npend_gym.rl.references import CONTROLLERS, reference_controller
+from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
 from npend_gym.rl.training.tasks import env_of_task
 
 

@@ -8,7 +8,8 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
-from npend_gym.rl import Evaluation, controllers, evaluate
+from npend_gym.rl import Evaluation, evaluate
+from npend_gym.rl.controllers import regulators
 
 
 def config_of(**keywords):
@@ -23,7 +24,7 @@ def idle(observation, info):
 @pytest.mark.parametrize("angle", [0.0, np.pi])
 def test_the_discretised_map_is_the_motion_of_the_chain_in_one_step(angle):
     config = config_of(n=3, mode="balance", damping=0.3)
-    a, b = controllers.discretise(config, angle)
+    a, b = regulators.discretise(config, angle)
     rng = np.random.default_rng(0)
     small = 1e-5 * rng.normal(size=6)
     push = 1e-6
@@ -39,15 +40,15 @@ def test_the_discretised_map_is_the_motion_of_the_chain_in_one_step(angle):
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_lqr_balances_every_held_out_start(n):
     keywords = {"n": n, "mode": "balance"}
-    regulator = controllers.lqr(config_of(**keywords))
+    regulator = regulators.lqr(config_of(**keywords))
     assert evaluate(regulator, keywords, episodes=20).success_rate == 1.0
     assert evaluate(idle, keywords, episodes=20).success_rate == 0.0
 
 
 def test_the_regulators_cost_is_the_cost_of_the_linear_system():
     config = config_of(n=2, mode="balance")
-    gain, cost = controllers.riccati(config, np.pi, action_weight=2.0)
-    a, b = controllers.discretise(config, np.pi)
+    gain, cost = regulators.riccati(config, np.pi, action_weight=2.0)
+    a, b = regulators.discretise(config, np.pi)
     x = np.array([0.1, -0.2, 0.3, 0.1])
     expected, total = x @ cost @ x, 0.0
     for _ in range(3000):
@@ -60,7 +61,7 @@ def test_the_regulators_cost_is_the_cost_of_the_linear_system():
 @pytest.mark.parametrize(("n", "least"), [(1, 1.0), (2, 0.5)])
 def test_energy_shaping_swings_up_one_rod_always_and_two_rods_mostly(n, least):
     keywords = {"n": n, "mode": "swingup"}
-    evaluation = evaluate(controllers.energy_swing_up(config_of(**keywords)), keywords, episodes=20)
+    evaluation = evaluate(regulators.energy_swing_up(config_of(**keywords)), keywords, episodes=20)
     assert evaluation.success_rate >= least
     assert evaluation.settling_time[evaluation.success].max() <= 50.0
 
@@ -69,9 +70,9 @@ def test_energy_shaping_swings_up_one_rod_always_and_two_rods_mostly(n, least):
 def test_modal_damping_calms_the_chain_faster_than_brakes_of_other_strength(n):
     keywords = {"n": n, "mode": "calm", "amplitude": 0.05, "spread": 0.0}  # nearly linear
     config = config_of(**keywords)
-    best = controllers.modal_damping(config)
+    best = regulators.modal_damping(config)
     assert evaluate(best, keywords, episodes=1).success_rate == 1.0
-    a, b = controllers.discretise(config, 0.0)
+    a, b = regulators.discretise(config, 0.0)
     radius = {
         factor: np.abs(np.linalg.eigvals(a - factor * b @ best.gain)).max()
         for factor in (0.5, 1.0, 2.0)

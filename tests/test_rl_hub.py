@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from npend_gym.rl import Policy, evaluate, write_repository
-from npend_gym.rl.model_card import task_of
+from npend_gym.rl.policies.model_card import task_of
 
 safetensors = pytest.importorskip("safetensors.numpy")
 hub = pytest.importorskip("huggingface_hub")

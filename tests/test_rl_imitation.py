@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.planning import Tracking, planned_swing_up
-from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.controllers.planning import Tracking, planned_swing_up
+from npend_gym.rl.evaluation.rollouts import make_envs
 
 pytestmark = pytest.mark.long  # plans take seconds
 

@@ -6,7 +6,8 @@ import pytest
 
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
-from npend_gym.rl import controllers, evaluate, planned_swing_up
+from npend_gym.rl import evaluate, planned_swing_up
+from npend_gym.rl.controllers import regulators
 
 pytestmark = pytest.mark.long  # kernels of links take long to compile
 
@@ -51,11 +52,11 @@ def balanced(controller, spread):
 
 def test_lqr_takes_dry_friction_so_that_it_balances_from_farther_away(monkeypatch):
     config = EnvConfig(**ELBOW)
-    regulator = controllers.lqr(config)
+    regulator = regulators.lqr(config)
     assert balanced(regulator, 0.02) >= 95
     # instead as the damper that it is at rest, in all joints
-    monkeypatch.setattr(controllers, "_with_dampers", lambda config, **_: config.chain)
-    assert balanced(regulator, 0.05) >= balanced(controllers.lqr(config), 0.05) + 30
+    monkeypatch.setattr(regulators, "_with_dampers", lambda config, **_: config.chain)
+    assert balanced(regulator, 0.05) >= balanced(regulators.lqr(config), 0.05) + 30
 
 
 def test_friction_is_a_damper_as_strong_as_it_is_in_a_small_swing():
@@ -67,12 +68,12 @@ def test_friction_is_a_damper_as_strong_as_it_is_in_a_small_swing():
     speed = 0.03 * np.sqrt(chain.gravity / chain.lengths.mean())  # of a swing of 0.03 rad
     u = speed / chain.friction_speed
     torque = chain.friction * u / np.sqrt(1.0 + u**2)
-    with_friction, without = (controllers.discretise(each, 0.0)[0] for each in (config, free))
+    with_friction, without = (regulators.discretise(each, 0.0)[0] for each in (config, free))
     # joint 1 alone turns at that speed: what friction adds to the change of omega in a step
     omega = np.array([0.0, 0.0, 0.0, speed])
     change = (with_friction - without) @ omega
     both = EnvConfig(
         chain=free.chain, dt=config.dt, max_torque=1.0, actuated=(0, 1), mode="balance"
     )
-    push = controllers.discretise(both, 0.0)[1] @ np.array([0.0, -torque[1]])
+    push = regulators.discretise(both, 0.0)[1] @ np.array([0.0, -torque[1]])
     np.testing.assert_allclose(change, push, rtol=0.01, atol=1e-7)

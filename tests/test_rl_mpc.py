@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import MPC, evaluate, lqr
-from npend_gym.rl.ilqr import ILQR, Cost, _bounded_minimum
-from npend_gym.rl.step_model import StepModel
+from npend_gym.rl.controllers.ilqr import ILQR, Cost, _bounded_minimum
+from npend_gym.rl.controllers.step_model import StepModel
 
 pytestmark = pytest.mark.long  # plans take seconds
 

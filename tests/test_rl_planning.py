@@ -7,8 +7,8 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
 from npend_gym.rl import evaluate, planned_swing_up
-from npend_gym.rl.step_model import StepModel
-from npend_gym.rl.transcription import MAX_ACTION, Transcription
+from npend_gym.rl.controllers.step_model import StepModel
+from npend_gym.rl.controllers.transcription import MAX_ACTION, Transcription
 
 
 def config_of(**keywords):

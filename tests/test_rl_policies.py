@@ -10,8 +10,8 @@ import pytest
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import Policy, evaluate, pretrained_names
-from npend_gym.rl.policies import PRETRAINED
-from npend_gym.rl.policy_files import MAX_BYTES
+from npend_gym.rl.policies.files import MAX_BYTES
+from npend_gym.rl.policies.policy import PRETRAINED
 
 
 def small_policy():

@@ -9,8 +9,8 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, simulate
 from npend_gym.rl import HELD_OUT, lqr, robustness
-from npend_gym.rl.criteria import Group, pushed_joints
-from npend_gym.rl.disturbances import Pulses
+from npend_gym.rl.evaluation.criteria import Group, pushed_joints
+from npend_gym.rl.evaluation.disturbances import Pulses
 
 pytestmark = pytest.mark.long  # the kernels of motors and sensors take long to compile
 

@@ -8,8 +8,8 @@ import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain
 from npend_gym.physics import accelerations
 from npend_gym.rl import HELD_OUT, lqr, performance, recovery
-from npend_gym.rl.knock_downs import KnockDowns
-from npend_gym.rl.scores import _most
+from npend_gym.rl.evaluation.performance import _most
+from npend_gym.rl.evaluation.recovery import KnockDowns
 
 pytestmark = pytest.mark.long  # kernels of links take long to compile
 

@@ -12,8 +12,8 @@ from npend_gym.rl import (
     planned_transition,
     planned_transitions,
 )
-from npend_gym.rl.controllers import state_weights
-from npend_gym.rl.step_model import StepModel
+from npend_gym.rl.controllers.regulators import state_weights
+from npend_gym.rl.controllers.step_model import StepModel
 
 pytestmark = pytest.mark.long  # plans take seconds
 

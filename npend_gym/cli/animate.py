@@ -92,7 +92,7 @@ def _episode(
 ) -> Recording:
     """Record an episode that a policy controls, given by its name or its file."""
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
-    from npend_gym.rl.policies import find_policy
+    from npend_gym.rl.policies.policy import find_policy
 
     if inapplicable:
         raise ValueError(

@@ -113,8 +113,8 @@ def _chosen(
     settings: list[tuple[str, Any]] | None = None,
 ) -> tuple[str, Controller, dict[str, Any]]:
     """Return name, controller and keywords of the environment."""
-    from npend_gym.rl.policies import find_policy
-    from npend_gym.rl.references import reference_controller
+    from npend_gym.rl.controllers.references import reference_controller
+    from npend_gym.rl.policies.policy import find_policy
     from npend_gym.rl.training.tasks import env_of_task
 
     if (policy is None) == (controller is None):

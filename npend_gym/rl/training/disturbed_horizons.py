@@ -15,8 +15,8 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.envs.starts import Draw
 from npend_gym.physics import DifferentiableEnsemble
-from npend_gym.rl.policies import Policy
-from npend_gym.rl.rollouts import make_envs, rollout
+from npend_gym.rl.evaluation.rollouts import make_envs, rollout
+from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.disturbed_task import OF_CHAIN, DisturbedTask
 from npend_gym.rl.training.short_horizons import Horizons
 

@@ -20,8 +20,8 @@ from tqdm import tqdm
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.policies import Policy
-from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.tasks import Curve, env_of_task, evaluation_env, made_by
 
 

@@ -27,11 +27,11 @@ from tqdm import tqdm
 
 from npend_gym._checks import BoolArray
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.planning import PlannedTransition, Tracking, planned_swing_up
-from npend_gym.rl.policies import Policy
-from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_swing_up
+from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
+from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
-from npend_gym.rl.transitions import PlannedTransitions, planned_transitions
 
 _MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
 

@@ -22,8 +22,8 @@ from tqdm import tqdm
 
 from npend_gym._checks import BoolArray
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.policies import Policy
-from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import torch
 
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.policies import Policy
+from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training import shac
 from npend_gym.rl.training.disturbed_horizons import DisturbedCollector, DisturbedTask
 from npend_gym.rl.training.short_horizons import Horizons

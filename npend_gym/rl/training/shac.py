@@ -24,8 +24,8 @@ from torch import nn
 from tqdm import tqdm
 
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.evaluation import evaluate
-from npend_gym.rl.policies import Policy
+from npend_gym.rl.evaluation.episodes import evaluate
+from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from npend_gym._provenance import provenance
 from npend_gym.envs.modes import MODES
-from npend_gym.rl.policies import Policy
+from npend_gym.rl.policies.policy import Policy
 
 if TYPE_CHECKING:
     from torch import Tensor, nn  # an extra

@@ -13,7 +13,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.rollouts import Controller, make_envs, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, make_envs, rollout
 
 HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
 

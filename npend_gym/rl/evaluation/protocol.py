@@ -16,10 +16,17 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.criteria import CRITERIA, PUSHED, Group, groups_of, pushed_joints, pushes
-from npend_gym.rl.disturbances import DisturbedEnvs, Pulses
-from npend_gym.rl.evaluation import HELD_OUT
-from npend_gym.rl.rollouts import (
+from npend_gym.rl.evaluation.criteria import (
+    CRITERIA,
+    PUSHED,
+    Group,
+    groups_of,
+    pushed_joints,
+    pushes,
+)
+from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
+from npend_gym.rl.evaluation.episodes import HELD_OUT
+from npend_gym.rl.evaluation.rollouts import (
     Controller,
     Lanes,
     Observer,

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
-from npend_gym.rl.rollouts import make_envs
+from npend_gym.rl.evaluation.rollouts import make_envs
 
 # Over the torque limit, which was 6 N m there: RealAIGym, `robustness_v2/benchmark_controller.py`
 # and `simulation/perturbations.py` of dfki-ric-underactuated-lab/double_pendulum

@@ -12,9 +12,9 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym.chain import plain_keywords
-from npend_gym.rl.history import History
-from npend_gym.rl.hub import POLICY_FILE, download
-from npend_gym.rl.policy_files import Float32Array, read_policy, write_policy
+from npend_gym.rl.policies.files import Float32Array, read_policy, write_policy
+from npend_gym.rl.policies.history import History
+from npend_gym.rl.policies.hub import POLICY_FILE, download
 
 PRETRAINED = Path(__file__).parent / "pretrained"
 
@@ -231,7 +231,7 @@ def find_policy(name: str) -> Policy:
     policy = Policy.load(name)
     if not policy.env:
         raise ValueError(
-            f'{name} must have a .json file beside it whose "env" holds the keywords of the '
-            "environment"
+            f'{name} must say for which environment it is made, as "env" in its description (the '
+            ".json file beside a .npz, the header of a .safetensors); Policy.save writes it"
         )
     return policy

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
-from npend_gym.rl.disturbances import Pulses
+from npend_gym.rl.evaluation.disturbances import Pulses
 
 CRITERIA = ("model", "velocity_noise", "torque_noise", "motor_lag", "delay", "pushes")
 PUSHED = 50  # rollouts

@@ -18,10 +18,10 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
-from npend_gym.rl.controllers import StateFeedback, lqr, riccati, state_weights
-from npend_gym.rl.mpc import MPC
-from npend_gym.rl.step_model import StepModel
-from npend_gym.rl.transcription import NominalTrajectory, Transcription
+from npend_gym.rl.controllers.mpc import MPC
+from npend_gym.rl.controllers.regulators import StateFeedback, lqr, riccati, state_weights
+from npend_gym.rl.controllers.step_model import StepModel
+from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
 
 GUESSES = "waves", "mpc"
 _START = 0.05  # rad and rad/s from the equilibrium, as far as environments start from it

@@ -12,9 +12,9 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers import riccati, time_scale
-from npend_gym.rl.ilqr import ILQR, Cost, Motions, joined
-from npend_gym.rl.step_model import StepModel, check_base
+from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, joined
+from npend_gym.rl.controllers.regulators import riccati, time_scale
+from npend_gym.rl.controllers.step_model import StepModel, check_base
 from npend_gym.theory import fundamental_period
 
 _GUESS = 0.3  # standard deviation of the actions from which the first plan begins

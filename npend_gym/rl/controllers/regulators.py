@@ -14,7 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
-from npend_gym.rl.step_model import check_base
+from npend_gym.rl.controllers.step_model import check_base
 
 _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 

@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.step_model import StepModel
+from npend_gym.rl.controllers.step_model import StepModel
 
 MAX_ACTION = 0.9  # of a planned trajectory: the rest of the torque is for tracking
 _ACTION_WEIGHT = 0.05

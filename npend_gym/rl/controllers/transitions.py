@@ -17,9 +17,9 @@ from npend_gym._checks import FloatArray
 from npend_gym._files import read_arrays, replacing
 from npend_gym._provenance import provenance
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.planning import PlannedTransition, Tracking, planned_transition, track
-from npend_gym.rl.step_model import StepModel
-from npend_gym.rl.transcription import NominalTrajectory
+from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
+from npend_gym.rl.controllers.step_model import StepModel
+from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 MAX_BYTES = 100_000_000  # of a file of plans once unpacked
 _MAX_RODS = 8  # 65 280 pairs

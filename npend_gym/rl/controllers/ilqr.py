@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.rl.step_model import StepModel
+from npend_gym.rl.controllers.step_model import StepModel
 
 _STEP_LENGTHS = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
 _SWEEPS = 20  # over the actions, to find those at their bounds

@@ -9,11 +9,11 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers import energy_swing_up, lqr, modal_damping
-from npend_gym.rl.mpc import MPC
-from npend_gym.rl.planning import planned_swing_up
-from npend_gym.rl.rollouts import Controller
-from npend_gym.rl.transitions import planned_transitions
+from npend_gym.rl.controllers.mpc import MPC
+from npend_gym.rl.controllers.planning import planned_swing_up
+from npend_gym.rl.controllers.regulators import energy_swing_up, lqr, modal_damping
+from npend_gym.rl.controllers.transitions import planned_transitions
+from npend_gym.rl.evaluation.rollouts import Controller
 
 CONTROLLERS = ("LQR", "MPC", "damping", "energy", "plan")
 # arguments of planned_swing_up by the number of rods

@@ -15,10 +15,10 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.disturbances import DisturbedEnvs
-from npend_gym.rl.evaluation import HELD_OUT
-from npend_gym.rl.rollouts import Controller, nominal_env, rollout
-from npend_gym.rl.scores import UP
+from npend_gym.rl.evaluation.disturbances import DisturbedEnvs
+from npend_gym.rl.evaluation.episodes import HELD_OUT
+from npend_gym.rl.evaluation.performance import UP
+from npend_gym.rl.evaluation.rollouts import Controller, nominal_env, rollout
 
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit, 6 N m
 

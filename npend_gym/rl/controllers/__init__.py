@@ -1,0 +1,1 @@
+"""Controllers that know the equations: regulators, plans of swing-ups and transitions, MPC."""

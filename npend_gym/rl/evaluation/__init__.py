@@ -1,0 +1,1 @@
+"""How well a controller does: episodes, robustness, the scores of RealAIGym, statistics."""
