@@ -21,7 +21,15 @@ from typing import Any
 import numpy as np
 
 from npend_gym.report import write_csv
-from npend_gym.rl import PRETRAINED, Controller, Policy, evaluate, pretrained_names
+from npend_gym.rl import (
+    PRETRAINED,
+    Controller,
+    Policy,
+    bootstrap_interval,
+    evaluate,
+    interquartile_mean,
+    pretrained_names,
+)
 from npend_gym.rl.controllers.references import PLANS, reference_controller
 from npend_gym.rl.training import es, imitation, ppo, shac
 from npend_gym.rl.training.tasks import env_of_task
@@ -34,8 +42,9 @@ LABELS = {
     "damping": "modal damping", "LQR": "LQR", "energy": "energy, then LQR",
     "plan": "plan, then LQR", "MPC": "MPC",
 }  # fmt: skip
+REFERENCES = tuple(LABELS.values())
 CHOICE = 900_000  # first seed of the episodes that choose what is published, and judge nothing
-TABLE = re.compile(r"\| task \| agent \|.*?\n\n", re.DOTALL)
+TABLE = re.compile(r"\| task \| controllers.*?\n\n", re.DOTALL)
 
 
 def references(task: str) -> dict[str, Controller]:
@@ -131,7 +140,7 @@ def recorded(name: str = "learning") -> list[dict[str, Any]]:
 def merged(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
     """Return new rows together with those that `docs/` has of others, in order."""
     new = {(row["task"], row["agent"]) for row in rows}
-    order = ["random", *LABELS.values(), *sorted(TRAINERS)]
+    order = ["random", *REFERENCES, *sorted(TRAINERS)]
     kept = [row for row in recorded(name) if (row["task"], row["agent"]) not in new]
     return sorted([*kept, *rows], key=lambda r: (*place(r["task"]), order.index(r["agent"])))
 
@@ -154,30 +163,40 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Return the results as a table in Markdown, policies as the mean and range over seeds."""
-    lines = ["| task | agent | seeds | steps | time | success | return | settling time | work |",
-             "|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
-    for key in dict.fromkeys((row["task"], row["agent"]) for row in rows):
-        group = [row for row in rows if (row["task"], row["agent"]) == key]
-        trained = key[1] in TRAINERS
-        cells = [
-            key[0],
-            key[1],
-            str(len(group)) if trained else "",
-            f"{group[0]['steps'] / 1e6:.2f} M" if trained else "",
-            f"{np.mean([row['seconds'] for row in group]):.0f} s" if trained else "",
-            " ".join(f"{100 * row['success']:.0f}" for row in group) + " %",
-            " ".join(f"{row['return']:.0f}" for row in group),
-            " ".join(seconds(row["settling_time"]) for row in group) + " s",
-            " ".join(f"{row['motor_work']:.0f}" for row in group) + " J",
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
+    """Return the results as a table in Markdown, a line for every task and what learned it."""
+    titles = ("task", "controllers that know the equations", "learned by", "seeds", "steps",
+              "time", "success", "settling time")  # fmt: skip
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    for task in dict.fromkeys(row["task"] for row in rows):
+        here = [row for row in rows if row["task"] == task]
+        known = [
+            f"{row['agent'].replace(',', '')}: {100 * row['success']:.0f} %"
+            for row in here if row["agent"] in REFERENCES
+        ]  # fmt: skip
+        cells = [task, ", ".join(known)]
+        agents = dict.fromkeys(row["agent"] for row in here if row["agent"] in TRAINERS)
+        for agent in agents:
+            cells += learned([row for row in here if row["agent"] == agent])
+            lines.append("| " + " | ".join(cells) + " |")
+            cells = [""] * 2
+        if not agents:
+            lines.append("| " + " | ".join(cells + [""] * 6) + " |")
     return "\n".join(lines) + "\n"
 
 
-def seconds(time: float | None) -> str:
-    """Return a settling time in a cell of the table; there is none without success."""
-    return "-" if time is None else f"{time:.1f}"
+def learned(runs: list[dict[str, Any]]) -> list[str]:
+    """Return the cells of the runs of one algorithm: means, and of success what rliable reports."""
+    success = 100.0 * np.array([[row["success"]] for row in runs])
+    middle, (low, high) = interquartile_mean(success), bootstrap_interval(success)
+    times = [row["settling_time"] for row in runs if row["settling_time"] is not None]
+    return [
+        runs[0]["agent"],
+        str(len(runs)),
+        f"{runs[0]['steps'] / 1e6:.2f} M",
+        f"{np.mean([row['seconds'] for row in runs]):.0f} s",
+        f"{middle:.0f} %" + f" ({low:.0f} to {high:.0f})" * (low < high),
+        f"{np.mean(times):.1f} s" if times else "-",
+    ]
 
 
 def draw(curves: list[dict[str, Any]], path: Path) -> None:

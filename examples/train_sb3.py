@@ -33,6 +33,7 @@ from npend_gym.rl import Controller, SB3VecEnv, evaluate
 from npend_gym.rl.training.tasks import evaluation_env
 
 CONFIGS = Path(__file__).parent / "configs"
+CHOICE = 900_000  # first seed of the episodes that choose the best weights, and judge nothing
 
 
 def algorithm(name: str) -> type[BaseAlgorithm]:
@@ -102,14 +103,21 @@ def load_run(folder: Path) -> tuple[BaseAlgorithm, dict[str, Any]]:
     return model, config
 
 
+def score_of(model: BaseAlgorithm, config: dict[str, Any], **options: Any) -> dict[str, Any]:
+    """Return how well a model does in episodes of the environment that `config` describes."""
+    env_id, settings = section(config)
+    keywords = evaluation_env(settings.get("env_kwargs", {}))
+    return evaluate(controller_of(model), keywords, env_id=env_id, **options).as_row()
+
+
 class Checkpoints(BaseCallback):
-    """Shows progress, evaluates on held-out seeds, writes the last and the best weights."""
+    """Shows progress, evaluates now and then, writes the last and the best weights."""
 
     def __init__(self, config: dict[str, Any], folder: Path, total: int, every: int) -> None:
         super().__init__()
         self.config, self.folder, self.every = config, folder, every
         self.bar = tqdm(total=total, unit="step", disable=None)
-        self.best, self.score, self.next_save = (-1.0, -1.0), {}, 0
+        self.best, self.next_save = (-1.0, -1.0), 0
 
     def _on_step(self) -> bool:
         self.bar.update(self.num_timesteps - self.bar.n)
@@ -122,35 +130,30 @@ class Checkpoints(BaseCallback):
 
     def save(self) -> None:
         """Evaluate the model and write its weights."""
-        env_id, settings = section(self.config)
-        keywords = evaluation_env(settings.get("env_kwargs", {}))
-        controller = controller_of(self.model)
-        score = evaluate(controller, keywords, episodes=50, env_id=env_id).as_row()
+        score = score_of(self.model, self.config, episodes=50, seed=CHOICE)
         for name in ("success", "return", "motor_work"):
-            self.logger.record(f"held_out/{name}", score[name])
+            self.logger.record(f"evaluation/{name}", score[name])
         torch.save(state_of(self.model), self.folder / "last.pth")
         if (score["success"], score["return"]) > self.best:
-            self.best, self.score = (score["success"], score["return"]), score
+            self.best = score["success"], score["return"]
             shutil.copyfile(self.folder / "last.pth", self.folder / "best.pth")
 
 
-def model_card(config: dict[str, Any], seed: int, checkpoints: Checkpoints, seconds: float) -> str:
+def model_card(config: dict[str, Any], seed: int, score: dict[str, Any], made: str) -> str:
     """Return a description of the weights for whoever finds them."""
     env_id, settings = section(config)
     return f"""# {config["algo"].upper()} on {env_id}, {settings.get("env_kwargs", {})}
 
-Trained by `examples/train_sb3.py` for {checkpoints.num_timesteps} steps in {seconds:.0f} s,
+Trained by `examples/train_sb3.py` for {made},
 seed {seed}, with npend_gym {npend_gym.__version__}, Stable-Baselines3
 {stable_baselines3.__version__} and PyTorch {torch.__version__}. All settings are in `config.yml`.
 
-The best weights, `best.pth`, in 50 episodes of seeds that training has not seen:
+The best weights, `best.pth`, in held-out episodes, which neither training nor the choice among the
+checkpoints has seen:
 
 ```json
-{json.dumps(checkpoints.score, indent=2)}
+{json.dumps(score, indent=2)}
 ```
-
-They were chosen by these same episodes, so evaluate them with others:
-`python examples/evaluate.py --run FOLDER --seed 2000000`.
 """
 
 
@@ -189,9 +192,12 @@ def main() -> None:
         print("interrupted: the weights are written, --resume continues from them")
     checkpoints.save()
     checkpoints.bar.close()
-    card = model_card(config, arguments.seed, checkpoints, time.perf_counter() - start_time)
+    made = f"{model.num_timesteps} steps in {time.perf_counter() - start_time:.0f} s"
+    restore(model, folder / "best.pth")
+    score = score_of(model, config)
+    card = model_card(config, arguments.seed, score, made)
     (folder / "README.md").write_text(card, encoding="utf-8")
-    print(f"{path.stem}: {checkpoints.score}\nwritten: {folder}")
+    print(f"{path.stem}: {score}\nwritten: {folder}")
 
 
 if __name__ == "__main__":

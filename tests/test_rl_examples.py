@@ -43,7 +43,7 @@ def test_train_sb3_trains_resumes_and_writes_a_model_card(script, tmp_path):
     script("train_sb3.py", "swingup-1", "--steps", 8192, "--out", "a", "--resume")
     card = (tmp_path / "a" / "README.md").read_text()
     assert "for 8192 steps" in card
-    assert json.loads(re.search(r"```json\n(.*?)```", card, re.DOTALL)[1])["episodes"] == 50
+    assert json.loads(re.search(r"```json\n(.*?)```", card, re.DOTALL)[1])["episodes"] == 100
     assert list((tmp_path / "a" / "tensorboard").rglob("events*"))
     printed = script("evaluate.py", "--run", "a", "--episodes", 5)
     assert successes_in(printed)[1] == "5"
@@ -154,7 +154,7 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
         ("random", ""), ("LQR", ""), ("PPO", "0"), ("PPO", "1"),
     ]  # fmt: skip
     assert float(rows[1]["success"]) == 1.0 > float(rows[0]["success"])
-    assert (tmp_path / "results.md").read_text().count("\n") == 5
+    assert (tmp_path / "results.md").read_text().count("\n") == 3
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
