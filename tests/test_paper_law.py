@@ -1,51 +1,17 @@
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments.law import (
     Scan,
     count_exponent,
     fit_law,
-    linear_ratios,
-    rope_ratios,
     scan,
 )
 from npend_gym.paper.findings import finding
 from npend_gym.paper.registry import Verdict
 
 COUNTS, ANGLES = (2, 10, 20, 50), (0.01, 0.3, np.pi / 4, 1.0, 1.2)
-
-
-def test_small_releases_of_one_pendulum_have_its_period():
-    assert linear_ratios(1) == pytest.approx([1.0], abs=1e-4)
-
-
-def test_small_releases_of_two_turn_where_two_sines_cancel():
-    # theta = sum c_k v_k cos(w_k t), w^2 = (2 -+ sqrt 2) g/l, v = (1, +-sqrt 2); from (1, 1)
-    w = np.sqrt((2 + np.array([-1, 1]) * np.sqrt(2)) * 9.81)
-    c = np.array([1 + 1 / np.sqrt(2), 1 - 1 / np.sqrt(2)]) / 2
-    shape = np.array([[1.0, 1.0], [1 + np.sqrt(2), 1 - np.sqrt(2)]])  # of the bobs' x
-    t1 = 2 * np.pi / w[0]
-    turns = [
-        brentq(lambda t, row=row: row @ (c * w * np.sin(w * t)), 0.8 * t1, 1.2 * t1)
-        for row in shape
-    ]
-    assert linear_ratios(2) == pytest.approx(np.array(turns) / t1, abs=1e-4)
-
-
-def test_the_limit_of_small_angles_is_that_of_the_whole_dynamics():
-    chain = Chain.uniform(5)
-    measured = pseudo_periods(chain, 1e-4) / theory.fundamental_period(chain)
-    assert linear_ratios(5) == pytest.approx(measured, abs=1e-4)
-
-
-def test_a_long_chain_turns_like_a_hanging_rope():
-    height, ratio = rope_ratios()
-    assert np.all(np.diff(height) > 0.0)
-    chain = linear_ratios(200)
-    assert np.median(ratio) == pytest.approx(np.median(chain), abs=5e-4)
-    assert ratio[0] == pytest.approx(chain[-1], abs=2e-3)
 
 
 def test_a_scan_holds_the_statistics_of_the_bobs():
@@ -67,7 +33,7 @@ def synthetic(median):
 
 def test_the_fit_finds_a_planted_law():
     angle = np.linspace(0.1, 1.2, 8)[:, None]
-    limit = np.median(rope_ratios()[1])
+    limit = theory.release_profile(0.5)
     planted = limit * (1 + 0.3 * angle**2 / (1 + 0.5 * angle**2)) * np.ones(4)
     found = fit_law(synthetic(planted))
     assert found.b.value == pytest.approx(0.3, abs=1e-6)

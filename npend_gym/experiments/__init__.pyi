@@ -23,8 +23,6 @@ from npend_gym.experiments.law import Law as Law
 from npend_gym.experiments.law import Scan as Scan
 from npend_gym.experiments.law import count_exponent as count_exponent
 from npend_gym.experiments.law import fit_law as fit_law
-from npend_gym.experiments.law import linear_ratios as linear_ratios
-from npend_gym.experiments.law import rope_ratios as rope_ratios
 from npend_gym.experiments.law import scan as scan
 from npend_gym.experiments.law import scan_rows as scan_rows
 from npend_gym.experiments.release import ReleaseExperiment as ReleaseExperiment

@@ -20,13 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
-from scipy.special import j0, j1, jn_zeros
 
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.experiments.fits import Estimate, estimates, power_law
-from npend_gym.period import pseudo_periods, sampled_periods
+from npend_gym.period import pseudo_periods
 
 N_VALUES = (1, 2, 3, 5, 10, 20, 50, 100, 200)
 AMPLITUDES = (
@@ -36,8 +35,6 @@ AMPLITUDES = (
 LAW_FROM, LAW_UP_TO = 10, 1.2  # bobs, rad: where the law is fitted and holds
 STATISTICS = ("mean", "median", "tip")
 _RTOL = 1e-8
-_SAMPLES = 16  # of the fastest mode's period, between which a velocity is taken as straight
-_WINDOW = 1.5  # periods of the slowest mode, in which every bob of a small release completes
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,45 +128,6 @@ def scan_rows(data: Scan) -> list[dict[str, Any]]:
     ]
 
 
-def linear_ratios(n: int) -> FloatArray:
-    """Return every bob's pseudo-period over T1 in the limit of small angles, shape (n,): exact.
-
-    The release is a sum of the normal modes, each at rest; the velocities are sums of sines, whose
-    reversals are found here without integrating anything.
-    """
-    omega, modes = theory.normal_modes(Chain.uniform(n))
-    share = np.linalg.solve(modes, np.ones(n))  # of each mode in a straight, tilted chain
-    speeds = -np.cumsum(modes, axis=0) * share * omega
-    t1 = 2.0 * math.pi / float(omega[0])
-    frames = max(400, int(_WINDOW * _SAMPLES * omega[-1] / omega[0]))
-    times = np.linspace(0.0, _WINDOW * t1, frames)
-    return sampled_periods(times, speeds @ np.sin(np.outer(omega, times))) / t1
-
-
-def rope_ratios(points: int = 400, terms: int = 800) -> tuple[FloatArray, FloatArray]:
-    r"""Return the limit of `linear_ratios` for many bobs, the hanging rope.
-
-    Returns
-    -------
-    height : ndarray, shape (points,)
-        Distance from the free end over the length.
-    ratio : ndarray, shape (points,)
-        Pseudo-period over T1.
-
-    Notes
-    -----
-    A straight, tilted rope is 1 - s = sum_k 8 J0(j_k sqrt(s)) / (j_k^3 J1(j_k)), s being the height
-    and j_k the zeros of J0. The mode of j_k turns at j_k/2 in units of sqrt(g/L), so that the
-    velocity is -sum_k 4 J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)).
-    """
-    height = (np.arange(points) + 0.5) / points
-    zeros = jn_zeros(0, terms)
-    t1 = 4.0 * math.pi / float(zeros[0])
-    times = np.linspace(0.0, 1.3 * t1, 3000)
-    speeds = -j0(np.outer(np.sqrt(height), zeros)) * 4.0 / (zeros**2 * j1(zeros))
-    return height, sampled_periods(times, speeds @ np.sin(np.outer(zeros / 2.0, times))) / t1
-
-
 @dataclass(frozen=True, eq=False)
 class Law:
     """The fitted law of the module's head.
@@ -221,7 +179,7 @@ def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
         the form fits.
     """
     rows, columns = data.amplitudes <= up_to + 1e-9, data.n_values >= first
-    limit = float(np.median(rope_ratios()[1]))
+    limit = float(theory.release_profile(0.5))  # the median, because the profile falls
     measured = data.median[np.ix_(rows, columns)] / limit
     amplitude = np.broadcast_to(data.amplitudes[rows][:, None], measured.shape)
     x, y = amplitude.ravel(), measured.ravel()

@@ -1,6 +1,7 @@
 from npend_gym.theory.closed_forms import Models as Models
 from npend_gym.theory.closed_forms import amplitude_correction as amplitude_correction
 from npend_gym.theory.closed_forms import ideal_period as ideal_period
+from npend_gym.theory.closed_forms import large_n_com_period as large_n_com_period
 from npend_gym.theory.closed_forms import large_n_period as large_n_period
 from npend_gym.theory.closed_forms import models as models
 from npend_gym.theory.closed_forms import pendulum_period as pendulum_period
@@ -9,3 +10,7 @@ from npend_gym.theory.closed_forms import uniform_frequencies as uniform_frequen
 from npend_gym.theory.modes import fastest_frequency as fastest_frequency
 from npend_gym.theory.modes import fundamental_period as fundamental_period
 from npend_gym.theory.modes import normal_modes as normal_modes
+from npend_gym.theory.rope import com_ratio as com_ratio
+from npend_gym.theory.rope import release_profile as release_profile
+from npend_gym.theory.small_releases import com_period as com_period
+from npend_gym.theory.small_releases import small_angle_periods as small_angle_periods

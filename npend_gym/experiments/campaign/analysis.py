@@ -33,8 +33,6 @@ from npend_gym.experiments.law import (
     LAW_FROM,
     LAW_UP_TO,
     amplitude_factor,
-    linear_ratios,
-    rope_ratios,
 )
 
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
@@ -222,4 +220,7 @@ def _law(
 
 def _exact(n_values: tuple[int, ...]) -> float:
     single = len(n_values) == 1 and n_values[0] <= _EXACT_UP_TO
-    return float(np.median(linear_ratios(n_values[0]) if single else rope_ratios()[1]))
+    if not single:
+        return float(theory.release_profile(0.5))
+    chain = Chain.uniform(n_values[0])
+    return float(np.median(theory.small_angle_periods(chain))) / theory.fundamental_period(chain)

@@ -43,7 +43,7 @@ def _scaling(n_values: tuple[int, ...] = LONG, amplitudes: tuple[float, ...] = S
 @check("factor")
 def _factor(n: int = LONG[-1]) -> Outcome:
     mode = 2.0 / float(jn_zeros(0, 1)[0])
-    numbers = {"mode": mode, "release": mode * float(np.median(law.rope_ratios()[1])), "n": n}
+    numbers = {"mode": mode, "release": mode * float(theory.release_profile(0.5)), "n": n}
     measured = over_ideal(n, LEAST)
     return holds_if(abs(measured - 1.0) < 0.01, Verdict.CORRECTED, measured=measured, **numbers)
 
