@@ -70,7 +70,7 @@ def test_every_picture_is_drawn_by_a_command_that_some_page_names():
 
 
 @pytest.mark.parametrize(
-    "face", ["physics", "envs", "rl", "torch", "experiments", "paper", "identification"]
+    "face", ["physics", "chaos", "envs", "rl", "torch", "experiments", "paper", "identification"]
 )
 def test_the_reference_has_every_public_name(face):
     pages = (ROOT / "docs" / "reference").glob("*.md")

@@ -4,6 +4,7 @@ from npend_gym.physics.derivatives import StepJacobian as StepJacobian
 from npend_gym.physics.ensemble import Ensemble as Ensemble
 from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import mass_matrix as mass_matrix
+from npend_gym.physics.equations import momentum_jacobian as momentum_jacobian
 from npend_gym.physics.equations import tensions as tensions
 from npend_gym.physics.gpu import DeviceChains as DeviceChains
 from npend_gym.physics.gpu_derivatives import (

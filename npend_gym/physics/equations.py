@@ -101,6 +101,34 @@ def mass_matrix(chain: Chain, theta: ArrayLike) -> FloatArray:
     return link_inertia(chain) * np.cos(differences(angles)) + rotor_inertia(chain)
 
 
+def momentum_jacobian(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> FloatArray:
+    """Return the derivatives of the canonical momenta p = M(theta) omega by theta and omega.
+
+    Parameters
+    ----------
+    chain : Chain
+        Of at most 10 000 rods.
+    theta, omega : array_like, shape (..., n)
+        Angles [rad] and angular velocities [rad/s]; one number stands for all rods.
+
+    Returns
+    -------
+    ndarray, shape (..., n, 2n)
+        By theta [kg m^2/s]: S_ik omega_k, less sum_j S_ij omega_j on the diagonal, S being M with
+        the sine of theta_i - theta_j in place of its cosine. By omega: M [kg m^2].
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
+    angles, speeds = check_states(n, theta=theta, omega=omega)
+    turned = link_inertia(chain) * np.sin(differences(angles))
+    by_theta = turned * speeds[..., None, :] - np.eye(n) * (turned @ speeds[..., None])
+    return np.concatenate([by_theta, mass_matrix(chain, angles)], axis=-1)
+
+
 def differences(theta: FloatArray) -> FloatArray:
     """Return theta_i - theta_j, shape (..., n, n)."""
     return theta[..., :, None] - theta[..., None, :]

@@ -70,6 +70,11 @@ class Replay(ABC):
 
     @property
     @abstractmethod
+    def time(self) -> float:
+        """Instant [s] of `state`."""
+
+    @property
+    @abstractmethod
     def ended(self) -> bool:
         """Whether the last instant is reached."""
 
@@ -100,9 +105,14 @@ class AdaptiveReplay(Replay):
         self._ends = self.times[[0, -1]]  # what lies between does not change the steps
 
     @property
+    def time(self) -> float:
+        """See `Replay`."""
+        return float(self._solver.clock[1])
+
+    @property
     def ended(self) -> bool:
         """See `Replay`."""
-        return bool(self._solver.clock[1] >= self.times[-1])
+        return self.time >= float(self.times[-1])
 
     def advance(self, count: int) -> Segment:
         """See `Replay`."""
@@ -149,6 +159,11 @@ class FixedReplay(Replay):
         self._progress = np.array([1, 0, 0])
         self._scratch = rk4.new_rk4_scratch(self.torque.size)
         self._frames = np.empty((self.times.size, self.state.size))
+
+    @property
+    def time(self) -> float:
+        """See `Replay`."""
+        return float(np.interp(self._done, self._ends, self.times))
 
     @property
     def ended(self) -> bool:

@@ -1,25 +1,22 @@
-"""Chaos: how a small change of the start grows along a motion, by tangent dynamics."""
+"""How a small change of the start grows along a motion."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import _checks, theory
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain, check_chain
+from npend_gym.chain import Chain
+from npend_gym.chaos.variations import fastest_rate, tangents
 from npend_gym.physics import mass_matrix, simulate
-from npend_gym.physics.arguments import check_limits, check_settings
-from npend_gym.physics.integration import check_times
-from npend_gym.physics.replay import replay
-from npend_gym.physics.sensitivities import carry, rods_of
 
 STEP = 0.1  # between the instants of `Growth`, in radians of the fastest normal mode
-_LONGEST = 0.5  # step, in the same; at an equilibrium the motion itself would allow any
+_MOST = 10**8  # instants of `Growth`
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,61 +60,6 @@ class Growth:
         return self.rate > self.bound
 
 
-def tangents(
-    chain: Chain,
-    theta: ArrayLike,
-    omega: ArrayLike,
-    times: ArrayLike,
-    vectors: FloatArray,
-    *,
-    rtol: float = 1e-11,
-    steps: int = 256,
-) -> Iterator[tuple[slice, FloatArray]]:
-    """Carry tangent vectors along a motion, exactly through the steps of the integrator.
-
-    A vector takes O(n) operations a step. Between two iterations `vectors` stands at the end of the
-    last step, where it may be normalised, or made orthogonal, in place.
-
-    Parameters
-    ----------
-    chain : Chain
-    theta, omega : array_like, shape (n,)
-        The start [rad, rad/s]; one number stands for all rods.
-    times : ndarray, shape (T,)
-        Instants [s]; the motion starts at the first, which is not yielded.
-    vectors : ndarray, shape (D, 2n)
-        Changes of (theta, omega) at the start, float64; it is overwritten.
-    rtol : float
-        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
-    steps : int
-        Of the motion, in one iteration, at most.
-
-    Yields
-    ------
-    slice, ndarray of shape (F, D, 2n)
-        Which of the instants lie in the steps, and the vectors there.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument breaks its rule.
-    FloatingPointError
-        If vectors outgrow all bounds in one iteration.
-    """
-    n = check_chain(chain).n
-    state = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
-    check_limits(state[:n], state[n:])
-    if vectors.ndim != 2 or vectors.shape[1] != 2 * n or vectors.dtype != np.float64:
-        raise ValueError(
-            f"vectors must be float64 of shape (D, {2 * n}), got {vectors.dtype} {vectors.shape}"
-        )
-    longest = _LONGEST / theory.fastest_frequency(chain)
-    settings = check_settings("dop853", rtol, 0.01 * rtol, longest)
-    instants, none = check_times(times, n), np.zeros(n)
-    motion = replay("dop853", chain.repeated(1), state, instants, none, settings)
-    return carry(motion, rods_of(motion), vectors, steps=_checks.count("steps", steps))
-
-
 def tangent_growth(
     chain: Chain, theta: ArrayLike, omega: ArrayLike = 0.0, *, duration: float
 ) -> Growth:
@@ -133,18 +75,51 @@ def tangent_growth(
         The start [rad, rad/s]; one number stands for all rods.
     duration : float
         How long the motion is followed [s].
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
     """
-    step = STEP / theory.fastest_frequency(chain)
+    return Growth(*log_growth(chain, theta, omega, duration))
+
+
+def log_growth(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    duration: float,
+    rate: float = 1.0,
+    rtol: float = 1e-11,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> tuple[FloatArray, FloatArray]:
+    """Return instants [s], and the logarithm of a tangent vector's length there, (T,) each.
+
+    Its length is that of (theta, omega / rate), 1 at the start; `progress` wraps the iteration over
+    hundredths of the duration. The other arguments are those of `tangent_growth`.
+    """
+    step, n = STEP / fastest_rate(chain), chain.n
+    duration = _checks.positive_number("duration", duration)
+    if duration > _MOST * step:
+        raise ValueError(
+            f"duration must be at most {_MOST * step:g} s for this chain, got {duration:g}: its "
+            f"fastest mode swings {fastest_rate(chain) / (2.0 * np.pi):.3g} times a second"
+        )
     count = int(np.ceil(duration / step))
-    vectors = np.random.default_rng(chain.n).normal(size=(1, 2 * chain.n))
+    scale = np.concatenate([np.ones(n), np.full(n, 1.0 / rate)])
+    vectors = np.random.default_rng(n).normal(size=(1, 2 * n))
     vectors /= np.linalg.norm(vectors)
+    vectors /= scale
     times, logarithm, total = step * np.arange(count + 1.0), np.zeros(count + 1), 0.0
-    for span, frames in tangents(chain, theta, omega, times, vectors):
-        logarithm[span] = total + np.log(np.linalg.norm(frames[:, 0], axis=1))
-        size = np.linalg.norm(vectors)
-        total += float(np.log(size))
-        vectors /= size
-    return Growth(times[1:], logarithm[1:])
+    pieces, done = tangents(chain, theta, omega, times, vectors, rtol=rtol), 0
+    for mark in progress([count * k // 100 for k in range(1, 101)]):
+        while done < mark:
+            span, frames = next(pieces)
+            logarithm[span] = total + np.log(np.linalg.norm(frames[:, 0] * scale, axis=1))
+            size, done = np.linalg.norm(vectors * scale), span.stop - 1
+            total += float(np.log(size))
+            vectors /= size
+    return times[1:], logarithm[1:]
 
 
 def neighbour_distance(

@@ -1,0 +1,5 @@
+"""Chaos: how small changes grow along a motion, by tangent dynamics."""
+
+from npend_gym._faces import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

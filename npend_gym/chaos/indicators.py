@@ -1,0 +1,216 @@
+"""Whether a motion is chaotic: its largest Lyapunov exponent, and MEGNO, from one vector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.integrate import cumulative_trapezoid
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym._provenance import provenance
+from npend_gym.chain import Chain, check_chain
+from npend_gym.chaos.growth import log_growth
+from npend_gym.chaos.variations import describe, fastest_rate
+
+_SETTLING = 10  # a tenth of the motion, in which the vector turns into the direction that grows
+_BLOCKS = (8, 16, 32)  # of equal length, whose rates scatter
+_SAMPLES = 400  # of the histories, at most
+
+
+@dataclass(frozen=True, eq=False)
+class LargestExponent:
+    """The largest Lyapunov exponent of a motion, and how its estimate converged.
+
+    Attributes
+    ----------
+    exponent : float
+        In 1/s, the last of `history`.
+    error : float
+        Its standard error [1/s]; of a regular motion, whose exponent is zero, what is to be
+        expected of its estimate.
+    times : ndarray, shape (T,)
+        Instants [s], increasing, after the first tenth of the motion.
+    history : ndarray, shape (T,)
+        What the exponent was estimated as at those instants [1/s].
+    provenance : dict
+        What made it: versions and arguments.
+    """
+
+    exponent: float
+    error: float
+    times: FloatArray
+    history: FloatArray
+    provenance: dict[str, Any]
+
+    @property
+    def chaotic(self) -> bool:
+        """Whether the exponent is more than three standard errors above zero."""
+        return self.exponent > 3.0 * self.error
+
+
+@dataclass(frozen=True, eq=False)
+class Megno:
+    """MEGNO of a motion: the mean exponential growth factor of nearby orbits.
+
+    Attributes
+    ----------
+    value : float
+        The mean of Y over the motion, the last of `history`: 2 for quasi-periodic motion, less for
+        a stable periodic one, and more, without bound, for chaos.
+    times : ndarray, shape (T,)
+        Instants [s], increasing.
+    history : ndarray, shape (T,)
+        The mean of Y up to those instants.
+    provenance : dict
+        What made it: versions and arguments.
+    """
+
+    value: float
+    times: FloatArray
+    history: FloatArray
+    provenance: dict[str, Any]
+
+    @property
+    def exponent(self) -> float:
+        """Largest Lyapunov exponent [1/s] by a line through the second half: twice its slope."""
+        half = self.times.size // 2
+        return float(2.0 * np.polyfit(self.times[half:], self.history[half:], 1)[0])
+
+
+def largest_lyapunov(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike = 0.0,
+    *,
+    duration: float,
+    rtol: float = 1e-11,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> LargestExponent:
+    """Return the largest Lyapunov exponent of a motion, with its error, for any number of rods.
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, omega : array_like, shape (n,)
+        The start [rad, rad/s]; one number stands for all rods.
+    duration : float
+        How long the motion is followed [s]: the error falls off as one over its square root in
+        chaos, as 1/t in regular motion.
+    rtol : float
+        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+    progress : callable
+        Wraps the iteration over hundredths of the duration, for a progress bar.
+
+    Returns
+    -------
+    LargestExponent
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    IntegrationError
+        If the motion diverges.
+
+    Notes
+    -----
+    One tangent vector is carried exactly through the steps of the integrator, O(n) operations each.
+    With L the logarithm of its length in (theta, omega / omega_n), omega_n the frequency of the
+    fastest mode, and t0 a tenth of the duration, the estimate is [L(t) - L(t0)] / (t - t0).
+
+    The rates of 8, 16 and 32 blocks of equal length scatter, and the largest of the three standard
+    errors of their mean is the statistical one: correlations longer than a block make it too small.
+    To it is added, in quadrature, ln(10) / (t - t0), the rate of the linear growth that regular
+    motion has. Where a motion stays near islands of regular motion for long, no estimate sees what
+    comes after.
+    """
+    times, logarithm, made_by = _grow(chain, theta, omega, duration, rtol, progress)
+    first = times.size // _SETTLING
+    rates = (logarithm[first + 1 :] - logarithm[first]) / (times[first + 1 :] - times[first])
+    statistical = max(_block_error(logarithm[first:], times[first:], b) for b in _BLOCKS)
+    error = math.hypot(statistical, math.log(_SETTLING) / float(times[-1] - times[first]))
+    kept = _spread(rates.size)
+    return LargestExponent(float(rates[-1]), error, times[first + 1 :][kept], rates[kept], made_by)
+
+
+def megno(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike = 0.0,
+    *,
+    duration: float,
+    rtol: float = 1e-11,
+    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+) -> Megno:
+    """Return MEGNO, which tells regular motion from chaos within few periods, for any n.
+
+    Parameters
+    ----------
+    chain, theta, omega, duration, rtol, progress
+        As for `largest_lyapunov`. Some hundred periods of the slowest mode tell weak chaos too.
+
+    Returns
+    -------
+    Megno
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    IntegrationError
+        If the motion diverges.
+
+    Notes
+    -----
+    Cincotta and Simo (Astron. Astrophys. Suppl. Ser. 147, 2000): with L the logarithm of the length
+    of a tangent vector,
+
+        Y(t) = (2/t) int_0^t L'(s) s ds = 2 L(t) - (2/t) int_0^t L(s) ds,
+
+    and the mean of Y over [0, t] tends to 2 where neighbours part linearly, to lambda t / 2 where
+    they part as exp(lambda t). It converges as 1/t, while a Lyapunov exponent of regular motion
+    falls to zero as log t / t only.
+    """
+    times, logarithm, made_by = _grow(chain, theta, omega, duration, rtol, progress)
+    integral = cumulative_trapezoid(np.append(0.0, logarithm), np.append(0.0, times))
+    y = 2.0 * (logarithm - integral / times)
+    mean = cumulative_trapezoid(np.append(0.0, y), np.append(0.0, times)) / times
+    kept = _spread(times.size)
+    return Megno(float(mean[-1]), times[kept], mean[kept], made_by)
+
+
+def _grow(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    duration: float,
+    rtol: float,
+    progress: Callable[[Iterable[int]], Iterable[int]],
+) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
+    """Return instants, the logarithm of a tangent vector there, and the record of the arguments."""
+    n, rate = check_chain(chain).n, fastest_rate(chain)
+    start = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
+    times, logarithm = log_growth(chain, start[:n], start[n:], duration, rate, rtol, progress)
+    if times.size < _SETTLING * max(_BLOCKS):
+        least = _SETTLING * max(_BLOCKS) * times[0]
+        raise ValueError(f"duration must be at least {least:g} s for this chain, got {duration:g}")
+    given = {"duration": float(duration), "rtol": float(rtol)}
+    return times, logarithm, provenance(describe(chain, start) | given)
+
+
+def _block_error(logarithm: FloatArray, times: FloatArray, blocks: int) -> float:
+    """Return the standard error of the mean rate, from the rates of this many blocks."""
+    ends = np.linspace(0, times.size - 1, blocks + 1).astype(np.int64)
+    rates = np.diff(logarithm[ends]) / np.diff(times[ends])
+    return float(np.std(rates, ddof=1)) / math.sqrt(blocks)
+
+
+def _spread(size: int) -> Any:
+    """Return the indices of at most `_SAMPLES` instants, evenly spaced, the last among them."""
+    return np.unique(np.linspace(0, size - 1, min(size, _SAMPLES)).astype(np.int64))

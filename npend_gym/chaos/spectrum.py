@@ -1,0 +1,135 @@
+"""All Lyapunov exponents of a motion: tangent vectors, made orthogonal again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import qr, solve
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym._provenance import provenance
+from npend_gym.chain import Chain, check_chain
+from npend_gym.chaos.variations import describe, fastest_rate, loses_energy, motion_of
+from npend_gym.physics import mass_matrix, momentum_jacobian
+from npend_gym.physics.sensitivities import carry, rods_of
+
+MAX_RODS = 500  # each orthogonalisation takes O(n^3) operations: a second of them
+_STEPS = 16  # between two orthogonalisations, where no vector shrinks much
+_DAMPED_STEPS = 2  # a step of the integrator may shrink a vector by e^-6 where damping is strong
+
+
+@dataclass(frozen=True, eq=False)
+class LyapunovSpectrum:
+    """Lyapunov exponents of a motion, and how their estimates converged.
+
+    Attributes
+    ----------
+    exponents : ndarray, shape (k,)
+        The k largest [1/s], decreasing.
+    times : ndarray, shape (T,)
+        Instants [s], increasing, the last being the end of the motion.
+    history : ndarray, shape (T, k)
+        What the exponents were estimated as at those instants [1/s].
+    provenance : dict
+        What made it: versions and arguments.
+    """
+
+    exponents: FloatArray
+    times: FloatArray
+    history: FloatArray
+    provenance: dict[str, Any]
+
+
+def lyapunov_spectrum(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike = 0.0,
+    *,
+    duration: float,
+    count: int | None = None,
+    samples: int = 200,
+    rtol: float = 1e-11,
+    progress: Callable[[Iterable[float]], Iterable[float]] = iter,
+) -> LyapunovSpectrum:
+    """Return the Lyapunov exponents of a motion: the rates at which small changes of it grow.
+
+    Parameters
+    ----------
+    chain : Chain
+        Of at most 500 rods.
+    theta, omega : array_like, shape (n,)
+        The start [rad, rad/s]; one number stands for all rods.
+    duration : float
+        How long the motion is followed [s]: the error falls off as one over its square root in
+        chaos, as log t / t in regular motion.
+    count : int, optional
+        How many exponents, the largest first; by default all 2n. The time grows with it.
+    samples : int
+        How many instants the history has.
+    rtol : float
+        Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
+    progress : callable
+        Wraps the iteration over the instants, for a progress bar.
+
+    Returns
+    -------
+    LyapunovSpectrum
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule: `count` is more than 2n, say.
+    IntegrationError
+        If the motion diverges.
+
+    Notes
+    -----
+    Benettin et al. (Meccanica 15, 1980): the vectors are carried exactly through the steps of the
+    integrator, and made orthogonal every few of them by a QR factorisation, of which the logarithms
+    of the diagonal are summed and divided by the time.
+
+    Lengths are measured in angles and canonical momenta p = M(theta) omega, in units that make both
+    alike. In these the flow is symplectic without damping, and the vectors start as a symplectic
+    basis in the order q_1 .. q_n, p_n .. p_1: exponents then come in pairs +-lambda, and add up
+    to zero, not only in the long run, but at any time, to the error of the integration. In (theta,
+    omega) the sum has the term [log det M(start) - log det M(end)] / t besides. With damping, the
+    sum at any time is the mean of the flow's divergence, of -trace(M^-1 D) if the damping torques
+    are -D omega.
+    """
+    n = _checks.count("n", check_chain(chain).n, high=MAX_RODS)
+    count = 2 * n if count is None else _checks.count("count", count, high=2 * n)
+    duration = _checks.positive_number("duration", duration)
+    instants = np.linspace(0.0, duration, _checks.count("samples", samples) + 1)[1:].tolist()
+    motion = motion_of(chain, theta, omega, [0.0, duration], rtol)
+    start = motion.state.copy()
+    inertia = float(np.mean(np.diagonal(mass_matrix(chain, start[:n]))))
+    unit = inertia * fastest_rate(chain)
+    basis = np.eye(2 * n)[:, [*range(n), *reversed(range(n, 2 * n))]][:, :count]
+    vectors = np.ascontiguousarray(solve(_metric(chain, start, unit), basis).T)
+    steps = _DAMPED_STEPS if loses_energy(chain) else _STEPS
+    carried = carry(motion, rods_of(motion), vectors, steps=steps)
+    sums, times, history = np.zeros(count), np.empty(samples), np.empty((samples, count))
+    for k, instant in enumerate(progress(instants)):
+        while motion.time < instant:
+            next(carried)
+            metric = _metric(chain, motion.state, unit)
+            orthogonal, triangle = qr(metric @ vectors.T, mode="economic")
+            sums += np.log(np.abs(np.diag(triangle)))
+            vectors[:] = solve(metric, orthogonal).T
+        times[k], history[k] = motion.time, sums / motion.time
+    given = {"duration": duration, "count": count, "samples": samples, "rtol": rtol}
+    made_by = provenance(describe(chain, start) | given)
+    exponents = np.sort(history[-1])[::-1]
+    return LyapunovSpectrum(exponents, times, history, made_by)
+
+
+def _metric(chain: Chain, state: FloatArray, unit: float) -> FloatArray:
+    """Return the matrix that takes changes of (theta, omega) to those of (theta, p / unit)."""
+    n = chain.n
+    momenta = momentum_jacobian(chain, state[:n], state[n:])
+    return np.concatenate([np.eye(n, 2 * n), momenta / unit])

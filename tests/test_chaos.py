@@ -1,0 +1,150 @@
+"""Chaos: exponents, MEGNO, sections and periodic orbits, each against an independent truth."""
+
+import numpy as np
+import oracle
+import pytest
+from interrupt import Interrupt
+from scipy.integrate import simpson
+
+from npend_gym import Chain, chaos, simulate
+from npend_gym.physics import linearise, momentum_jacobian
+
+
+def test_momentum_jacobian_is_that_of_the_mass_matrix_times_the_velocities(uneven):
+    n, step = uneven.n, 1e-6
+    state = np.random.default_rng(1).normal(size=2 * n)
+
+    def momenta(at):
+        return oracle.mass_matrix(uneven.masses, uneven.lengths, at[:n]) @ at[n:]
+
+    columns = [(momenta(state + e) - momenta(state - e)) / (2 * step) for e in step * np.eye(2 * n)]
+    found = momentum_jacobian(uneven, state[:n], state[n:])
+    np.testing.assert_allclose(found, np.transpose(columns), atol=1e-8)
+
+
+def test_exponents_without_damping_come_in_pairs_and_add_up_to_zero_at_any_time(uneven):
+    found = chaos.lyapunov_spectrum(uneven, 2.0, [0.3, -1.0, 0.5, 0.0][: uneven.n], duration=8.0)
+    assert found.exponents[0] > 0.3
+    assert np.abs(found.history.sum(axis=1)).max() < 1e-6
+    assert np.abs(found.exponents + found.exponents[::-1]).max() < 1e-3
+    assert found.times[-1] == 8.0
+    np.testing.assert_array_equal(np.sort(found.history[-1])[::-1], found.exponents)
+
+
+@pytest.mark.parametrize("damping", [0.05, 30.0])
+def test_exponents_of_a_damped_chain_add_up_to_the_mean_divergence_of_its_flow(damping):
+    chain, duration = Chain([1.0, 0.5], [1.0, 0.7], damping=[damping, 0.5 * damping]), 4.0
+    found = chaos.lyapunov_spectrum(chain, 2.0, 0.0, duration=duration)
+    path = simulate(chain, 2.0, 0.0, np.linspace(0.0, duration, 4001), rtol=1e-12, atol=1e-14)
+    above, below = chain.damping
+    torques = np.array([[above + below, -below], [-below, below]])  # D of the torques -D omega
+    divergence = [
+        -np.trace(np.linalg.solve(oracle.mass_matrix(chain.masses, chain.lengths, theta), torques))
+        for theta in path.theta
+    ]
+    mean = simpson(divergence, x=path.times) / duration
+    assert found.exponents.sum() == pytest.approx(mean, abs=1e-6)
+
+
+def test_exponents_upright_and_hanging_are_the_growth_rates_of_the_linear_equations():
+    chain = Chain.uniform(2)
+    found = chaos.lyapunov_spectrum(chain, np.pi, 0.0, duration=4.0, samples=2)
+    rates = np.sort(np.linalg.eigvals(linearise(chain, np.pi).A).real)[::-1]
+    sums = found.history * found.times[:, None]
+    late = (sums[1] - sums[0]) / np.diff(found.times)  # after the vectors have turned
+    np.testing.assert_allclose(late, rates, atol=1e-3)
+    damped = Chain.uniform(1, damping=10.0)  # x'' + 10 x' + 9.81 x = 0
+    slow, fast = np.sort(np.roots([1.0, 10.0, 9.81]))[::-1]
+    hanging = chaos.lyapunov_spectrum(damped, 0.0, 0.0, duration=200.0).exponents
+    np.testing.assert_allclose(hanging, [slow, fast], atol=0.01)
+
+
+def test_some_of_the_exponents_are_the_first_of_all():
+    chain = Chain.uniform(3)
+    some = chaos.lyapunov_spectrum(chain, 2.0, duration=3.0, count=2)
+    whole = chaos.lyapunov_spectrum(chain, 2.0, duration=3.0)
+    np.testing.assert_allclose(some.history, whole.history[:, :2], rtol=1e-7)
+    assert some.provenance["arguments"]["count"] == 2
+
+
+def test_the_largest_exponent_of_a_pendulum_upright_is_the_root_of_g_over_l():
+    chain = Chain.uniform(1, length=0.5)
+    found = chaos.largest_lyapunov(chain, np.pi, duration=8.0)
+    assert found.exponent == pytest.approx(np.sqrt(9.81 / 0.5), rel=1e-5)
+    assert found.chaotic
+
+
+def test_order_has_no_exponent_and_a_megno_of_two_at_most():
+    chain = Chain.uniform(1)
+    found = chaos.largest_lyapunov(chain, 2.0, duration=500.0)
+    assert not found.chaotic
+    assert abs(found.exponent) < 3.0 * found.error < 0.03
+    early, late = (chaos.megno(chain, 2.0, duration=t).value for t in (200.0, 2000.0))
+    assert early < late < 2.0  # neighbours of a pendulum part linearly
+    assert late == pytest.approx(2.0, abs=0.08)
+
+
+def test_the_largest_exponent_its_error_and_megno_agree_in_chaos():
+    chain = Chain.uniform(2)
+    found = chaos.largest_lyapunov(chain, 2.0, duration=150.0)
+    assert found.chaotic
+    again = chaos.megno(chain, 2.0, duration=150.0)
+    assert again.value > 50.0
+    assert again.exponent == pytest.approx(found.exponent, abs=4.0 * found.error)
+
+
+@pytest.mark.long
+def test_the_error_of_the_largest_exponent_is_its_scatter():
+    chain = Chain.uniform(2)
+    runs = [chaos.largest_lyapunov(chain, [2.0, 2.0 + 1e-4 * k], duration=500.0) for k in range(12)]
+    scatter = np.std([run.exponent for run in runs], ddof=1)
+    assert 0.4 * scatter < np.mean([run.error for run in runs]) < 3.0 * scatter
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("measure", [chaos.lyapunov_spectrum, chaos.megno])
+def test_ctrl_c_ends_a_long_run_at_once(measure):
+    chain = Chain.uniform(300)
+    measure(Chain.uniform(2), 1.0, duration=20.0)  # compiled
+    with pytest.raises(KeyboardInterrupt), Interrupt():
+        measure(chain, 1.0, duration=1e4)
+
+
+def test_progress_sees_every_part_of_the_motion_and_may_stop_it():
+    seen = []
+
+    def count(parts):
+        for part in parts:
+            seen.append(part)
+            yield part
+
+    chaos.megno(Chain.uniform(1), 1.0, duration=20.0, progress=count)
+    assert len(seen) == 100
+    seen.clear()
+    chaos.lyapunov_spectrum(Chain.uniform(1), 1.0, duration=2.0, samples=7, progress=count)
+    assert len(seen) == 7
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=1.0, count=5), ValueError,
+         "count must be between 1 and 4, got 5"),
+        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=0.0), ValueError,
+         "duration must be greater than zero, got 0.0"),
+        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=1.0, samples=0), ValueError, "samples"),
+        (lambda _: chaos.lyapunov_spectrum(Chain.uniform(501), 1.0, duration=1.0), ValueError,
+         "n must be between 1 and 500"),
+        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=-1.0), ValueError, "duration"),
+        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=0.1), ValueError,
+         "duration must be at least"),
+        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=1e20), ValueError,
+         "duration must be at most"),
+        (lambda c: chaos.megno(c, [1.0, np.nan], duration=1.0), ValueError, "theta must be finite"),
+        (lambda c: chaos.megno(c, [1.0] * 3, duration=1.0), ValueError, "theta must be one number"),
+        (lambda _: chaos.megno(2, 1.0, duration=1.0), TypeError, "chain"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_by_name(call, error, text):
+    with pytest.raises(error, match=text):
+        call(Chain.uniform(2))
