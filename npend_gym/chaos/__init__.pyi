@@ -1,3 +1,4 @@
+from npend_gym.chaos.continuation import ContinuationError as ContinuationError
 from npend_gym.chaos.growth import Growth as Growth
 from npend_gym.chaos.growth import neighbour_distance as neighbour_distance
 from npend_gym.chaos.growth import tangent_growth as tangent_growth
@@ -6,6 +7,8 @@ from npend_gym.chaos.indicators import LargestExponent as LargestExponent
 from npend_gym.chaos.indicators import Megno as Megno
 from npend_gym.chaos.indicators import largest_lyapunov as largest_lyapunov
 from npend_gym.chaos.indicators import megno as megno
+from npend_gym.chaos.orbits import PeriodicOrbit as PeriodicOrbit
+from npend_gym.chaos.orbits import periodic_orbits as periodic_orbits
 from npend_gym.chaos.spectrum import LyapunovSpectrum as LyapunovSpectrum
 from npend_gym.chaos.spectrum import lyapunov_spectrum as lyapunov_spectrum
 from npend_gym.chaos.variations import tangents as tangents
