@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import oracle
-import paper_listing
 import pytest
+from scipy.integrate import odeint
 from scipy.linalg import eigh
 from scipy.special import ellipk, jn_zeros
 
@@ -17,7 +17,10 @@ from npend_gym.paper.checks.chaos import growth
 from npend_gym.paper.checks.equations import accelerations, lagrange_accelerations
 from npend_gym.paper.findings import groups, outcome
 from npend_gym.paper.motions import EXACT, compare, lagrangian, samples, slope
+from npend_gym.paper.printed import dead_functions, function, simulated_counts, undefined_names
+from npend_gym.paper.printed import listings as printed_listings
 from npend_gym.paper.registry import Verdict
+from npend_gym.physics.kane import sympy_and_mechanics
 
 FORMULAS = [key for key, group in groups().items() if group in ("equations", "derivation")]
 
@@ -55,7 +58,7 @@ def test_derivatives_by_a_complex_step_are_central_differences():
 def test_every_formula_holds_as_printed_or_with_its_correction(key):
     verdict, numbers = outcome(key)
     if "mended" in numbers:
-        assert verdict is Verdict.CORRECTED
+        assert verdict is Verdict.SLIP
         assert numbers["mended"] < (1e-6 if key == "two-bodies-small" else EXACT)
         assert numbers["off"] > 0.1
     else:
@@ -71,7 +74,7 @@ def test_a_verdict_follows_the_computation():
     assert compare(lagrangian, lagrangian).verdict is Verdict.HOLDS
     assert compare(lagrangian, wrong).verdict is Verdict.FAILS
     assert compare(lagrangian, wrong, wrong).verdict is Verdict.FAILS
-    assert compare(lagrangian, wrong, lagrangian).verdict is Verdict.CORRECTED
+    assert compare(lagrangian, wrong, lagrangian).verdict is Verdict.SLIP
 
 
 def test_the_printed_series_cut_off_gives_the_printed_numbers_and_diverges():
@@ -138,11 +141,16 @@ def test_kanes_equations_grow_as_a_cube():
 
 def test_the_printed_integrator_runs_and_gives_our_motion():
     times = np.linspace(0.0, 2.0, 21)
-    theirs = paper_listing.integrate_pendulum(2, times, 45.0)
+    sympy, mechanics = sympy_and_mechanics()
+    integrate = function(
+        1, "integrate_pendulum", mechanics=mechanics, odeint=odeint,
+        **{name: getattr(sympy, name) for name in ("symbols", "Dummy", "lambdify")},
+    )  # fmt: skip
+    theirs = integrate(2, times, 45.0)
     ours = simulate(Chain.uniform(2, length=0.5), np.deg2rad(45.0), 0.0, times)
     np.testing.assert_allclose(theirs[:, :2], ours.theta, atol=1e-6)
     np.testing.assert_allclose(theirs[:, 2:], ours.omega, atol=1e-5)
-    x, y = listings.get_xy_coords(theirs)
+    x, y = function(2, "get_xy_coords")(theirs)
     np.testing.assert_allclose(np.stack([x, y], -1)[:, 1:], ours.positions(), atol=1e-6)
 
 
@@ -186,16 +194,16 @@ def test_tangent_vectors_of_another_chain_are_refused():
 
 
 def test_order_grows_linearly_and_chaos_exponentially():
-    regular = growth(1, 1.0, 200)
+    regular = growth(1, 1.0, 400.0)
     assert not regular.chaotic
     assert regular.logarithm[-1] < np.log(10.0 * regular.times[-1])
-    wild = growth(2, 2.0, 100)
+    wild = growth(2, 2.0, 260.0)
     assert wild.chaotic
     assert wild.exponent(0.5) == pytest.approx(wild.exponent(), rel=0.15)
 
 
 def test_lyapunov_exponents_scale_with_the_square_root_of_the_length():
-    long, short = (growth(2, 2.0, 30, length) for length in (1.0, 0.25))
+    long, short = (growth(2, 2.0, 80.0 * length**0.5, length) for length in (1.0, 0.25))
     assert short.times[-1] == pytest.approx(long.times[-1] / 2.0)
     # chaotic runs of different steps differ, their rates little
     assert short.rate == pytest.approx(2.0 * long.rate, rel=0.3)
@@ -205,6 +213,26 @@ def test_the_flow_keeps_volume_and_friction_does_not(uneven):
     assert abs(chaos.volume_change(uneven)) < 1e-7
     damped = Chain(uneven.masses, uneven.lengths, damping=0.5)
     assert chaos.volume_change(damped) < -0.5
+
+
+def test_python_stops_at_one_line_of_two_of_the_listings():
+    texts = [listing.printed for listing in printed_listings()]
+    assert len(texts) == 4
+    for text, whole in zip(texts, (True, True, False, False), strict=True):
+        if whole:
+            compile(text, "listing", "exec")
+        else:
+            with pytest.raises(SyntaxError):
+                compile(text, "listing", "exec")
+    assert [len(listing.mends) for listing in printed_listings()] == [0, 0, 1, 1]
+    assert texts[2].count("theta_j.append") == 2  # both on the line that is split
+
+
+def test_what_the_listings_define_call_and_lack():
+    assert dead_functions(3) == {"theta", "computeperiod", "get_r"}
+    assert undefined_names(4) == {"sequence_of_periods_0", "n"}
+    assert list(simulated_counts()) == list(range(1, 22))
+    assert function(4, "period")(5) == pytest.approx(2 * math.pi * math.sqrt(5 / 9.8))
 
 
 def test_the_listings_estimate_is_its_printed_loop():

@@ -36,3 +36,11 @@ def test_chaos_tells_the_two_starts_apart(tmp_path):
     }
     assert last[2, "2.000"] > 0.5
     assert last[2, "0.785"] < 0.1
+
+
+def test_metastable_writes_a_row_for_each_run(tmp_path):
+    out = tmp_path / "lyapunov.csv"
+    run_script(FOLDER / "metastable.py", out, "2:300", "3:200:1e-9", cwd=tmp_path)
+    rows = [line.split(",") for line in out.read_text(encoding="utf-8").splitlines()[1:]]
+    assert [row[:3] for row in rows] == [["2", "0.0", "300"], ["3", "1e-09", "200"]]
+    assert all(abs(float(row[3])) < 0.2 for row in rows)  # it grows with time, no faster

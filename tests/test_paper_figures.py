@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from npend_gym.experiments.hesitation import velocities
 from npend_gym.experiments.law import fit_law, scan
+from npend_gym.paper.checks import early_bobs
 from npend_gym.paper.checks.chaos import growth
 from npend_gym.paper.checks.integrators import STEPS, runge_kutta_errors
 from npend_gym.paper.checks.procedure import figure2, series
@@ -18,7 +20,7 @@ def results():
     return {
         "trajectory": figure2(duration=20.0),
         "pseudo_periods": [series(5), series(10), series(5), series(10)],
-        "readings": grid((5, 10), ("bob",)),
+        "errors_by_reading": grid((5, 10), ("bob",)),
         "law_against_n": law,
         "law_against_angle": law,
         "runge_kutta": (STEPS, *runge_kutta_errors()),
@@ -26,6 +28,10 @@ def results():
             {"what": what, "n": n, "seconds": value}
             for what, values in seconds.items() for n, value in enumerate(values, start=1)
         ],
+        "hesitation": early_bobs.Hesitation(
+            [velocities(20, a, early_bobs.BOBS, frames=200) for a in early_bobs.SHOWN],
+            early_bobs.rows((10, 20)),
+        ),
         "lyapunov": {"45°": {2: growth(2, np.pi / 4, 5.0)}, "2 rad": {2: growth(2, 2.0, 5.0)}},
     }  # fmt: skip
 

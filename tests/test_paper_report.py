@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from npend_gym import paper
-from npend_gym.cli import main
+from npend_gym.cli import common, main
 from npend_gym.paper import Finding, Verdict, audit, report, selected
 from npend_gym.paper.claims import claims, render
 from npend_gym.paper.findings import CHECKS, by_section, groups
@@ -25,8 +25,8 @@ def findings():
 
 def item(text, key):
     """Return the verdict of an item of the document."""
-    head, _ = text.split(f"- `npend paper --only {key}`\n")
-    return re.findall(r"\*\* \*(.+)\*\n", head)[-1]
+    head, _ = re.split(rf"`npend paper --only {key}`\n", text)
+    return re.findall(r"\*\* \*(.+?)\*[.\n]", head)[-1]
 
 
 def test_the_audit_yields_every_finding_of_its_modules_once(findings):
@@ -36,6 +36,9 @@ def test_the_audit_yields_every_finding_of_its_modules_once(findings):
 
 def test_every_claim_has_a_check_and_every_check_a_claim():
     assert set(claims()) == set(CHECKS)
+    for claim in claims().values():  # what a note refers to is there
+        named = [*re.findall(r"see \[([a-z0-9-]+)\]", claim.note), claim.cause or claim.key]
+        assert set(named) <= set(claims()), claim.key
     assert not set(claims()) & set(groups().values())
     assert all(claim.section and claim.place and claim.claim for claim in claims().values())
 
@@ -57,6 +60,11 @@ def test_a_claim_like_another_differs_where_it_says_so():
 def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
     text = DOCUMENT.read_text(encoding="utf-8")
     places = " ".join(re.findall(r"^\*\*(.*?): ", text, re.MULTILINE))
+    assert all(
+        (DOCUMENT.parent / name).is_file() for name in re.findall(r"\]\((images/.*?)\)", text)
+    )
+    anchors = set(re.findall(r"^### (.+)$", text, re.MULTILINE))
+    assert set(re.findall(r"\]\(#(.+?)\)", text)) <= anchors
     named = {int(n) for n in re.findall(r"\((\d+)\)", places)}
     for first, last in re.findall(r"\((\d+)\)-\((\d+)\)", places):
         named |= set(range(int(first), int(last) + 1))
@@ -68,7 +76,7 @@ def test_the_committed_document_says_what_is_computed_now(findings):
     text = DOCUMENT.read_text(encoding="utf-8")
     for finding in findings:
         assert item(text, finding.key) == finding.verdict.value, finding.key
-    assert text.count("`npend paper --only ") == len(selected())
+    assert len(re.findall(r"`npend paper --only [a-z0-9-]+`", text)) == len(selected())
     for key in selected():
         assert f"`npend paper --only {key}`" in text
 
@@ -86,13 +94,17 @@ def test_the_text_shows_verdict_place_and_both_values(findings):
     text = report.audit_text(findings)
     assert max(map(len, text.splitlines())) <= 100
     assert "DOES NOT HOLD: Eq. (28) [series-value]" in text
+    assert "note:    The printed series, with 2^(2 pi)" in text
+    assert "follows from [amplitude-series]" in text
     assert "printed: 0.049" in text
     assert "ours:    0.03997" in text
-    assert text.endswith("1 is not decidable")
+    assert text.endswith("2 are not decidable")
 
 
 def test_markdown_keeps_its_own_characters_out_of_the_text():
-    odd = Finding("eom", "2", "Eq. (1)", "a * b < |c|", "x | y", "2 * 3", "so_so", Verdict.HOLDS)
+    odd = Finding(
+        "eom", "2", "Eq. (1)", "a * b < |c|", "x | y", "2 * 3", "so_so", verdict=Verdict.HOLDS
+    )
     text = report.audit_markdown([odd])
     assert r"A \* b \< \|c\|" not in text  # a symbol is no word to begin with a capital
     assert r"**Eq. (1): a \* b \< \|c\|.** *holds*" in text
@@ -108,8 +120,11 @@ def test_the_command_writes_findings_tables_figures_and_what_made_them(tmp_path,
     assert "Eq. (28)" in printed
     names = {path.name for path in out.iterdir()}
     assert names == {
-        "findings.csv", "audit.md", "digits.csv", "runge_kutta.pdf", "runge_kutta.png",
-        "manifest.json",
+        "findings.csv", "audit.md", "digits.csv", "images", "manifest.json",
+    }  # fmt: skip
+    assert "![Errors of Runge-Kutta" in (out / "audit.md").read_text(encoding="utf-8")
+    assert {path.name for path in (out / "images").iterdir()} == {
+        "runge_kutta.pdf", "runge_kutta.png",
     }  # fmt: skip
     with (out / "findings.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -179,7 +194,13 @@ def test_the_readme_counts_what_the_document_counts():
     counts = re.findall(r"\d+", re.search(r"\*\*(\d+ findings: .*)\*\*", DOCUMENT.read_text())[1])
     readme = (DOCUMENT.parent.parent / "README.md").read_text(encoding="utf-8")
     shown = re.search(
-        r"of (\d+) findings (\d+) hold, (\d+) hold with a correction, (\d+) do not hold and (\d+)",
+        r"of (\d+) findings (\d+) hold, (\d+) hold but for a slip, (\d+) do not hold and (\d+)",
         readme,
     )
     assert list(shown.groups()) == counts
+
+
+def test_a_redirected_audit_tells_how_far_it_is(capsys, monkeypatch):
+    monkeypatch.setattr(common, "_SECONDS_BETWEEN_LINES", 0.0)
+    assert main(["paper", "--only", "history,e-at-5"]) == 0
+    assert capsys.readouterr().err == "finding 1 of 2\nfinding 2 of 2\n"

@@ -54,6 +54,25 @@ class Growth:
         """
         return math.log(2.0 * 30.0) / (0.5 * float(self.times[-1]))
 
+    def onset(self, rate: float = 0.3, share: float = 0.02) -> float | None:
+        """Return when fast growth begins [s]: at `rate` [1/s] and more over a `share` of the run.
+
+        None where it does not. A motion can stay near order for long and then leave it.
+        """
+        window = max(1, round(share * self.times.size))
+        rates = (self.logarithm[window:] - self.logarithm[:-window]) / (
+            self.times[window:] - self.times[:-window]
+        )
+        fast = np.flatnonzero(rates > rate)
+        return float(self.times[fast[0]]) if fast.size else None
+
+    def rate_after(self, start: float | None) -> float:
+        """Return the mean rate of growth [1/s] from the time `start` [s] on; None: of all."""
+        last = self.times.size - 1
+        k = 0 if start is None else min(int(np.searchsorted(self.times, start)), last - 1)
+        span = float(self.times[-1] - self.times[k])
+        return float((self.logarithm[-1] - self.logarithm[k]) / span)
+
     @property
     def chaotic(self) -> bool:
         """Whether the growth is faster than a regular motion's."""

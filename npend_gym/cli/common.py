@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -13,6 +14,7 @@ from typing import Any, NoReturn, TypeVar
 _T = TypeVar("_T")
 
 OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, 130
+_SECONDS_BETWEEN_LINES = 10.0
 
 
 class Parser(argparse.ArgumentParser):
@@ -137,11 +139,24 @@ def prepare_file(out: Path, suffixes: Sequence[str]) -> None:
 
 
 def progress(unit: str, total: int | None = None) -> Callable[[Iterable[_T]], Iterable[_T]]:
-    """Return a function that shows a bar while a loop over `unit`s runs, on a terminal only."""
+    """Return a function that shows how far a loop over `unit`s is.
+
+    On a terminal it is a bar; where the error stream goes elsewhere, a line every ten seconds.
+    """
     from tqdm import tqdm
 
-    # disable=None: no bar where the error stream is not a terminal
-    return lambda items: tqdm(items, total=total, unit=unit, disable=None, leave=False)
+    if not sys.stderr.isatty():
+        return lambda items: _with_lines(items, unit, total)
+    return lambda items: tqdm(items, total=total, unit=unit, leave=False)
+
+
+def _with_lines(items: Iterable[_T], unit: str, total: int | None) -> Iterator[_T]:
+    shown = time.monotonic()
+    for count, item in enumerate(items, start=1):
+        yield item
+        if time.monotonic() - shown >= _SECONDS_BETWEEN_LINES:
+            shown = time.monotonic()
+            warn(f"{unit} {count}" + (f" of {total}" if total else ""))
 
 
 def can_draw() -> bool:

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 # {name} or {name:format}; other braces, as in sum_{k<=j}, stand for themselves
-_NUMBER = re.compile(r"\{([a-z]\w*)(?::([^{}]*))?\}")
+_NUMBER = re.compile(r"\{([a-z][\w.-]*)(?::([^{}]*))?\}")
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class Claim:
     printed: str = "-"
     ours: str = "-"
     note: str = ""
+    cause: str = ""
+    like: str = ""
 
 
 @cache
@@ -37,7 +39,7 @@ def claims() -> dict[str, Claim]:
     for name in parser.sections():
         own = {field: text.replace("\n", " ") for field, text in parser[name].items()}
         if own:
-            fields[name] = {**fields.get(own.pop("like", ""), {}), **own, "section": section}
+            fields[name] = {**fields.get(own.get("like", ""), {}), **own, "section": section}
         else:  # a title without fields begins a section of the paper
             section = name
     return {key: Claim(key, **texts) for key, texts in fields.items()}

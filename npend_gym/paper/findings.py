@@ -1,7 +1,7 @@
 """The audit: each claim of the paper computed and judged."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
 
@@ -16,6 +16,7 @@ class Finding(Claim):
     """A claim with the computed numbers in its text, and the verdict that follows from them."""
 
     verdict: Verdict = Verdict.UNDECIDABLE
+    numbers: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 def groups() -> dict[str, str]:
@@ -67,7 +68,7 @@ def finding(key: str, **options: Any) -> Finding:
     """Compute one claim and put its numbers into its text."""
     verdict, numbers = outcome(key, **options)
     texts = {field: render(text, numbers) for field, text in vars(claims()[key]).items()}
-    return Finding(**texts, verdict=verdict)
+    return Finding(**texts, verdict=verdict, numbers=numbers)
 
 
 def by_section(findings: Iterable[Finding]) -> dict[str, list[Finding]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from npend_gym import Chain
 from npend_gym._checks import FloatArray
-from npend_gym.paper.registry import Outcome, check, corrected_if, holds_if
+from npend_gym.paper.registry import Outcome, check, holds_if, slip_if
 from npend_gym.physics import accelerations
 
 EXACT = 1e-11  # relative: what rounding may leave of an identity
@@ -108,7 +108,7 @@ def compare(
     if corrected is None:
         return holds_if(off < tolerance, off=off, **numbers)
     mended = largest_error(truth, corrected, n)
-    judge = holds_if if off < tolerance else corrected_if
+    judge = holds_if if off < tolerance else slip_if
     return judge(min(off, mended) < tolerance, off=off, mended=mended, **numbers)
 
 

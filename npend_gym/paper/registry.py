@@ -27,7 +27,7 @@ class Verdict(Enum):
     """Whether what the paper says is true."""
 
     HOLDS = "holds"
-    CORRECTED = "holds with a correction"
+    SLIP = "holds but for a slip"  # of the pen: what is meant is clear, and right
     FAILS = "does not hold"
     UNDECIDABLE = "not decidable"
 
@@ -44,15 +44,16 @@ def holds_if(condition: bool, otherwise: Verdict = Verdict.FAILS, /, **numbers: 
     return Outcome(Verdict.HOLDS if condition else otherwise, numbers)
 
 
-def corrected_if(condition: bool, /, **numbers: Any) -> Outcome:
-    """Return "holds with a correction" if the `condition` is true, else "does not hold"."""
-    return Outcome(Verdict.CORRECTED if condition else Verdict.FAILS, numbers)
+def slip_if(condition: bool, /, **numbers: Any) -> Outcome:
+    """Return "holds but for a slip" if the `condition` is true, else "does not hold"."""
+    return Outcome(Verdict.SLIP if condition else Verdict.FAILS, numbers)
 
 
 class Drawing(NamedTuple):
-    """A figure: the claim it belongs to, its size [inches], its data and how they are drawn."""
+    """A figure: the claim it belongs to, caption, size [inches], data and how they are drawn."""
 
     claim: str
+    caption: str
     size: tuple[float, float]
     data: Callable[..., Any]
     fill: Callable[[Figure, Any], None]
@@ -101,12 +102,12 @@ def table(name: str, claim: str) -> Callable[[_F], _F]:
 
 
 def figure(
-    name: str, claim: str, size: tuple[float, float], data: Callable[..., Any]
+    name: str, claim: str, caption: str, size: tuple[float, float], data: Callable[..., Any]
 ) -> Callable[[_F], _F]:
     """Register a function that draws `data()` into an empty figure, written with a claim."""
 
     def register(fill: _F) -> _F:
-        DRAWINGS[name] = Drawing(claim, size, data, fill)
+        DRAWINGS[name] = Drawing(claim, caption, size, data, fill)
         return fill
 
     return register

@@ -1,29 +1,31 @@
 """The audit as text for the terminal, CSV files, Markdown and figures."""
 
+import re
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from npend_gym import _files
+from npend_gym.paper.claims import claims, render
 from npend_gym.paper.findings import KANE_N, Finding, by_section, selected
 from npend_gym.paper.registry import DRAWINGS, TABLES, Verdict, call
 from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
 
 _WIDTH = 100
-_COLUMNS = ("section", "key", "place", "claim", "printed", "ours", "verdict", "note")
+_COLUMNS = ("section", "key", "place", "claim", "printed", "ours", "verdict", "note", "cause")
 _VERBS = {  # of one finding, and of several
     Verdict.HOLDS: ("holds", "hold"),
-    Verdict.CORRECTED: ("holds with a correction", "hold with a correction"),
+    Verdict.SLIP: ("holds but for a slip", "hold but for a slip"),
     Verdict.FAILS: ("does not hold", "do not hold"),
     Verdict.UNDECIDABLE: ("is not decidable", "are not decidable"),
 }
 
 
 def audit_text(findings: Sequence[Finding]) -> str:
-    """Return the audit as text: verdict, place, what is printed and our value of each finding."""
+    """Return the audit as text: verdict, place, what is printed, our value and why."""
     lines: list[str] = []
     for section, some in by_section(findings).items():
         lines += [section, ""]
@@ -31,9 +33,17 @@ def audit_text(findings: Sequence[Finding]) -> str:
             lines.append(f"  {one.verdict.value.upper()}: {_capital(one.place)} [{one.key}]")
             for label, text in (
                 ("", _capital(one.claim)), ("printed: ", one.printed), ("ours:    ", one.ours),
+                ("note:    ", one.note), ("follows from ", one.cause and f"[{one.cause}]"),
             ):  # fmt: skip
-                first, later = " " * 6 + label, " " * (6 + len(label))
-                lines += textwrap.wrap(text, _WIDTH, initial_indent=first, subsequent_indent=later)
+                if text and text != "-":
+                    first, later = " " * 6 + label, " " * (6 + len(label))
+                    lines += textwrap.wrap(
+                        text,
+                        _WIDTH,
+                        initial_indent=first,
+                        subsequent_indent=later,
+                        break_on_hyphens=False,
+                    )
         lines.append("")
     return "\n".join([*lines, _count(findings)])
 
@@ -51,32 +61,81 @@ def audit_rows(findings: Sequence[Finding]) -> list[dict[str, str]]:
     return [{name: row[name] for name in _COLUMNS} for row in rows]
 
 
-def audit_markdown(findings: Sequence[Finding]) -> str:
-    """Return the audit as Markdown: a summary, then each finding with its note and command."""
-    about = files("npend_gym.paper").joinpath("about.md").read_text("utf-8")
-    lines = [about, f"**{_count(findings)}.**", ""]
-    lines += ["| section | " + " | ".join(v.value for v in Verdict) + " |", "|---|" + 4 * "---:|"]
+def audit_markdown(findings: Sequence[Finding], figures: Collection[str] = ()) -> str:
+    """Return the audit as Markdown: what matters most, a glossary, then each finding.
+
+    `figures` are the names of those that stand beside the text, as images/NAME.png.
+    """
     sections = by_section(findings)
+    lines = [*_opening(findings), f"**{_count(findings)}.**", ""]
+    lines += ["| section | " + " | ".join(v.value for v in Verdict) + " |", "|---|" + 4 * "---:|"]
     for section, some in sections.items():
         counts = Counter(finding.verdict for finding in some)
         lines.append(f"| {section} | " + " | ".join(str(counts[v] or "") for v in Verdict) + " |")
+    keys = {finding.key for finding in findings}
     for section, some in sections.items():
         lines += ["", f"## {section}"]
         for finding in some:
-            lines += ["", *_item(finding)]
+            if finding.like not in keys:  # it stands with the one that it is like
+                lines += ["", *_item(finding, [one for one in some if one.like == finding.key])]
+                drawn = (name for name in figures if DRAWINGS[name].claim == finding.key)
+                lines += [text for name in drawn for text in _picture(name)]
     return "\n".join(lines) + "\n"
 
 
-def _item(finding: Finding) -> list[str]:
+def _opening(findings: Sequence[Finding]) -> list[str]:
+    """Return what the paper is, the headlines if all are known, and the glossary."""
+    about, headlines, glossary = (
+        files("npend_gym.paper").joinpath(f"{name}.md").read_text("utf-8")
+        for name in ("about", "headlines", "glossary")
+    )
+    numbers = {
+        f"{one.key}.{name}": value for one in findings for name, value in one.numbers.items()
+    }
+    try:
+        headlines = _linked(render(headlines, numbers))
+    except KeyError:  # of a part of the audit
+        return [about, glossary]
+    return [about, headlines, glossary]
+
+
+def _item(finding: Finding, alike: Sequence[Finding]) -> list[str]:
     title = _escaped(f"{_capital(finding.place)}: {_capital(finding.claim)}")
-    lines = [f"**{title}.** *{finding.verdict.value}*", ""]
+    lines = [f"### {finding.key}", "", f"**{title}.** *{finding.verdict.value}*", ""]
     if finding.printed != "-":
         lines.append(f"- Printed: `{finding.printed}`")
     if finding.ours != "-":
         lines.append(f"- Computed: {_escaped(finding.ours)}")
     if finding.note:
-        lines.append(f"- {_escaped(finding.note)}")
-    return [*lines, f"- `npend paper --only {finding.key}`"]
+        lines.append(f"- {_linked(_escaped(finding.note))}")
+    if finding.cause:
+        lines.append(f"- Follows from {_linked(f'[{finding.cause}]')}.")
+    follow = [f"[{key}]" for key, claim in claims().items() if claim.cause == finding.key]
+    if follow:
+        lines.append(f"- From this follow {_linked(', '.join(follow))}.")
+    lines.append(f"- `npend paper --only {finding.key}`")
+    for one in alike:
+        text = f"**{one.place}:** *{one.verdict.value}*. Printed: `{one.printed}`. Computed: "
+        note = f" {_linked(_escaped(one.note))}" if one.note != finding.note else ""
+        ours = f"{_escaped(one.ours)}." if not one.ours.endswith(".") else _escaped(one.ours)
+        lines.append(f"- {text}{ours}{note} `npend paper --only {one.key}`")
+    return lines
+
+
+def _picture(name: str) -> list[str]:
+    caption = DRAWINGS[name].caption
+    drawn = f"Drawn by `npend paper --only {DRAWINGS[name].claim} --out FOLDER`."
+    return ["", f"![{caption}](images/{name}.png)", "", f"*{caption} {drawn}*"]
+
+
+def _linked(text: str) -> str:
+    """Return `text` with the keys of claims in brackets as links to them."""
+
+    def link(found: re.Match[str]) -> str:
+        base = claims()[found[1]].like or found[1] if found[1] in claims() else ""
+        return f"[{found[1]}](#{base})" if base else found[0]
+
+    return re.sub(r"\[([a-z0-9-]+)\](?!\()", link, text)
 
 
 def _capital(text: str) -> str:
@@ -100,16 +159,17 @@ def write(
     the manifest, with the digests of the others, comes last.
     """
     prepare_folder(out)
-    with _files.replacing(out / "audit.md") as file:
-        file.write(audit_markdown(findings))
-    written = [out / "audit.md", write_csv(out / "findings.csv", audit_rows(findings))]
+    written = [write_csv(out / "findings.csv", audit_rows(findings))]
     keys = {finding.key for finding in findings}
     for name, table in TABLES.items():
         if table.claim in keys:
             written.append(write_csv(out / f"{name}.csv", call(table.rows, kane_n=kane_n)))
-    for name, drawing in DRAWINGS.items():
-        if figures and drawing.claim in keys:
-            written += draw(name, out, kane_n=kane_n)
+    drawn = [name for name, one in DRAWINGS.items() if figures and one.claim in keys]
+    for name in drawn:
+        written += draw(name, out / "images", kane_n=kane_n)
+    with _files.replacing(out / "audit.md") as file:
+        file.write(audit_markdown(findings, drawn))
+    written.append(out / "audit.md")
     arguments: dict[str, Any] = {"only": only, "kane_n": kane_n}
     complete = len(findings) == len(selected(only))
     return [*written, write_manifest(out, "paper", arguments, written, complete=complete)]
@@ -117,6 +177,7 @@ def write(
 
 def draw(name: str, out: Path, **options: Any) -> list[Path]:
     """Draw the figure `name` and write it to the folder `out` as PDF and as PNG."""
+    prepare_folder(out)
     drawing = DRAWINGS[name]
     figure = drawing.draw(call(drawing.data, **options))
     return [write_figure(out / f"{name}.{kind}", figure) for kind in ("pdf", "png")]

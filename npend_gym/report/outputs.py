@@ -96,6 +96,9 @@ def write_manifest(
         "complete": complete,
         "provenance": provenance(arguments, arguments.get("seed"))
         | {"platform": platform.platform()},
-        "sha256": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written},
+        "sha256": {
+            path.relative_to(out).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in written
+        },
     }
     return write_json(out / "manifest.json", manifest)

@@ -49,6 +49,7 @@ formula("rate-x-by-angle", lambda at: partial_rates(at, "theta")[0],
 formula("rate-y-by-angle", lambda at: partial_rates(at, "theta")[1],
         lambda at: at.xi * (at.l * at.omega * np.cos(at.theta))[:, None])  # fmt: skip
 formula("height-by-angle", lambda at: partial_rates(at, "theta")[2],
+        lambda at: -at.xi * (at.l * np.sin(at.theta))[:, None],  # its second line
         lambda at: at.xi * (at.l * np.sin(at.theta))[:, None])  # fmt: skip
 formula("force", force, force_as_printed, lambda at: at.l * expanded_left(at, "max"))
 formula("pi-max", lambda at: (at.xi * at.m) @ at.xi.T, lambda at: at.carried("max"))

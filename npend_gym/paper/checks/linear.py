@@ -90,7 +90,7 @@ def _expansions() -> Outcome:
     cosine, sine = abs(math.cos(0.1) - 0.1), abs(math.sin(0.1) - 1.0)
     swapped = {"cosine_swapped": 1.0 - math.cos(0.1), "sine_swapped": 0.1 - math.sin(0.1)}
     holds = max(cosine, sine) < 0.01
-    return holds_if(holds, Verdict.CORRECTED, cosine=cosine, sine=sine, **swapped)
+    return holds_if(holds, Verdict.SLIP, cosine=cosine, sine=sine, **swapped)
 
 
 @check("linearised")
@@ -108,5 +108,5 @@ def _linearised() -> Outcome:
             residual = np.linalg.solve(mass, -force) - truth
             errors[name].append(float(np.max(np.abs(residual))))
     orders = {name: power_law(sizes, error).value for name, error in errors.items()}
-    otherwise = Verdict.CORRECTED if orders["kept"] > 2.9 else Verdict.FAILS
+    otherwise = Verdict.SLIP if orders["kept"] > 2.9 else Verdict.FAILS
     return holds_if(abs(orders["kept"] - 1.0) < 0.1, otherwise, **orders)

@@ -15,7 +15,7 @@ from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.experiments.release import PAPER_AMPLITUDE, PAPER_N, PAPER_SPREAD
 from npend_gym.paper.checks.series import MAX_TERMS, printed_sums
 from npend_gym.paper.claims import printed
-from npend_gym.paper.measured import PAPER_GRAVITY
+from npend_gym.paper.measured import PAPER_GRAVITY, bob_periods
 from npend_gym.paper.readings import AMPLITUDES
 from npend_gym.paper.registry import Outcome, Verdict, check, holds_if, table
 
@@ -66,13 +66,13 @@ def digit_rows() -> list[dict[str, Any]]:
 def _t0_formula() -> Outcome:
     bare = math.sqrt(PAPER_N[0] / PAPER_GRAVITY)
     holds = abs(bare - float(IDEAL[0])) < 1e-3
-    return holds_if(holds, Verdict.CORRECTED, bare=bare, ideal=ideal()[0])
+    return holds_if(holds, Verdict.SLIP, bare=bare, ideal=ideal()[0])
 
 
 @check("t0-digits")
 def _t0_digits() -> Outcome:
     hows = digits_of(IDEAL, ideal())
-    otherwise = Verdict.FAILS if "neither" in hows else Verdict.CORRECTED
+    otherwise = Verdict.FAILS if "neither" in hows else Verdict.SLIP
     other = sum(how != "neither" for how in digits_of(IDEAL, ideal(STANDARD_GRAVITY)))
     holds = {*hows} <= {"rounded", "either"}
     return holds_if(holds, otherwise, digits=shown(ideal(), hows), other=other)
@@ -90,7 +90,7 @@ def _uncertainty(key: str) -> Outcome:
         f" N = {PAPER_N[k]}: no rounding of {values[k]:.4f} gives {texts[k]}."
         for k in np.flatnonzero(~traced)
     ]
-    return holds_if({*hows} <= {"rounded", "either"}, Verdict.CORRECTED, digits=shown(values, hows),
+    return holds_if({*hows} <= {"rounded", "either"}, Verdict.SLIP, digits=shown(values, hows),
                     fraction=fraction, low=low[traced].max(), high=high[traced].min(),
                     wrong="".join(wrong))  # fmt: skip
 
@@ -135,6 +135,24 @@ def _fraction(key: str) -> Outcome:
     )  # fmt: skip
     numbers = {"correct": correct, "as_printed": printed_sums(PAPER_AMPLITUDE)[5]}
     return holds_if(digits(fraction, correct) != "neither", origin=origin, **numbers)
+
+
+@check("five-values")
+def _one_quantity(theta0: float = PAPER_AMPLITUDE) -> Outcome:
+    implied = 1.0 / float(printed("e-hat-value")[0].split()[0]) - 1.0  # e-hat = 1/(1 + Delta T/T0)
+    series_value = float(printed("series-value")[0])
+    stated = sorted({series_value, *map(float, FRACTIONS), listing_bars(), implied})
+    exact = float(theory.amplitude_correction(theta0))
+    return holds_if(np.ptp(stated) < 1e-3, stated=stated, implied=implied, exact=exact)
+
+
+@check("maximum")
+def _maximum() -> Outcome:
+    # T0 knows nothing of a trial; the largest of three measured periods is what a bound would need
+    largest = [max(float(bob_periods(n, a).max()) for a in AMPLITUDES[:, k].tolist())
+               for k, n in enumerate(PAPER_N)]  # fmt: skip
+    return holds_if(bool(np.all(ideal() >= largest)) and len(set(IDEAL)) > len(PAPER_N),
+                    largest=largest, ideal=ideal())  # fmt: skip
 
 
 @check("dt-random")

@@ -17,16 +17,21 @@ from npend_gym.listing import LISTING_DURATION
 from npend_gym.paper.checks.periods import FRACTIONS, listing_bars
 from npend_gym.paper.measured import bob_periods, fundamental_periods, ideal_periods
 from npend_gym.paper.readings import AMPLITUDES
-from npend_gym.paper.registry import Figure, Outcome, Verdict, check, corrected_if, figure, holds_if
+from npend_gym.paper.registry import Figure, Outcome, Verdict, check, figure, holds_if
 
 
 class Figure2(NamedTuple):
-    """Ten seconds of the motion of three pendulums, and how a start beside it drifts away."""
+    """Ten seconds of the motion of three pendulums, and how starts beside it drift away."""
 
     motion: Trajectory
     times: FloatArray
     growth: FloatArray  # greatest distance so far over that at the start, at each of the times [s]
     exponent: float  # of growth as a power of time, without the start: 1 for a regular motion
+    wide: FloatArray  # the same growth from 135 degrees, at times up to 5 s
+
+
+WIDE = math.radians(135.0)  # the start of the code that listing 1 descends from
+_WIDE_DURATION = 5.0  # s
 
 
 @cache
@@ -35,21 +40,30 @@ def figure2(duration: float = 200.0, nudge: float = 1e-8) -> Figure2:
     chain = Chain.uniform(3, length=1.0 / 3.0)
     shown = simulate(chain, PAPER_AMPLITUDE, 0.0, np.linspace(0.0, LISTING_DURATION, 1001))
     times = np.linspace(0.0, duration, max(2, round(20 * duration)))
-    growth = neighbour_distance(chain, PAPER_AMPLITUDE, [nudge, 0.0, 0.0], times) / nudge
-    times, growth = times[1:], np.maximum.accumulate(growth)[1:]
-    late = times > 0.05 * times[-1]
-    return Figure2(shown, times, growth, power_law(times[late], growth[late]).value)
+    change = [nudge, 0.0, 0.0]
+    growth = neighbour_distance(chain, PAPER_AMPLITUDE, change, times)[1:] / nudge
+    times, growth = times[1:], np.maximum.accumulate(growth)
+    late, early = times > 0.05 * times[-1], times[times <= _WIDE_DURATION]
+    wide = neighbour_distance(chain, WIDE, change, np.append(0.0, early))[1:] / nudge
+    exponent = power_law(times[late], growth[late]).value
+    return Figure2(shown, times, growth, exponent, np.maximum.accumulate(wide))
 
 
 @check("figure-2")
 def _trajectory() -> Outcome:
     data = figure2()
     after_10, after_100 = data.growth[np.searchsorted(data.times, (10.0, 100.0))]
-    numbers = {"after_10": after_10, "after_100": after_100, "until": data.times[-1]}
-    return holds_if(data.exponent > 2.0, power=data.exponent, **numbers)
+    numbers = {"after_10": after_10, "after_100": after_100, "until": data.times[-1],
+               "power": data.exponent, "wide": data.wide[-1]}  # fmt: skip
+    return Outcome(Verdict.UNDECIDABLE, numbers)
 
 
-@figure("trajectory", "figure-2", size=(7.2, 3.0), data=figure2)
+@figure(
+    "trajectory", "figure-2",
+    "Three bobs released from 45 degrees, and how fast a neighbouring start drifts away from there "
+    "and from 135 degrees.",
+    size=(7.2, 3.0), data=figure2,
+)  # fmt: skip
 def _draw_trajectory(figure: Figure, data: Figure2) -> None:
     left, right = figure.subplots(1, 2)
     for bob, color in enumerate((SKY, AMBER, BLUE)):
@@ -60,7 +74,8 @@ def _draw_trajectory(figure: Figure, data: Figure2) -> None:
     left.annotate("pivot", (0.0, 0.0), xytext=(5, -3), textcoords="offset points")
     left.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", xlim=(-0.85, 1.1))
     left.set_title(f"Three bobs for {data.motion.times[-1]:g} s from 45°")
-    right.plot(data.times, data.growth, color=BLUE, label="largest distance so far")
+    right.plot(data.times[: data.wide.size], data.wide, color=ORANGE, label="from 135°")
+    right.plot(data.times, data.growth, color=BLUE, label="from 45°")
     line = float(np.median(data.growth / data.times)) * data.times
     right.plot(data.times, line, "--", color=BLACK, linewidth=0.9, label="proportional to time")
     right.set(xscale="log", yscale="log", xlabel="time [s]", ylabel="distance / distance at start")
@@ -81,7 +96,8 @@ def _definition(n: int = 5, theta0: float = 0.01) -> Outcome:
 def _sigma(draws: int = 20_000) -> Outcome:
     means = np.random.default_rng(0).random((draws, PAPER_TRIALS)).mean(axis=1)
     ratio = math.sqrt(1.0 / 12.0) / float(means.std())
-    return corrected_if(abs(ratio / math.sqrt(PAPER_TRIALS) - 1.0) < 0.02, ratio=ratio)
+    right = abs(ratio / math.sqrt(PAPER_TRIALS) - 1.0) < 0.02  # of the random error alone
+    return Outcome(Verdict.FAILS if right else Verdict.UNDECIDABLE, {"ratio": ratio})
 
 
 @check("window")
@@ -123,7 +139,11 @@ def _figure(key: str) -> Outcome:
     return Outcome(Verdict.UNDECIDABLE, numbers | {"scatter": np.ptp(ratio, axis=0).max()})
 
 
-@figure("pseudo_periods", "figure-7", size=(7.2, 5.8), data=lambda: [*map(series, PAPER_N)])
+@figure(
+    "pseudo_periods", "figure-4",
+    "The paper's Figures 4 to 7 drawn again: the mean pseudo-period of chains of n rods.",
+    size=(7.2, 5.8), data=lambda: [*map(series, PAPER_N)],
+)  # fmt: skip
 def _draw_pseudo_periods(figure: Figure, data: list[Series]) -> None:
     from npend_gym.report.style import TRIALS, panels
 
@@ -154,8 +174,7 @@ def _threshold(n_values: tuple[int, ...] = PAPER_N) -> Outcome:
     bars, least = listing_bars(), float(min(FRACTIONS))
     correct = float(theory.amplitude_correction(PAPER_AMPLITUDE))
     outside = [sum(one.outside(f) for one in drawn) for f in (bars, least, correct)]
-    return holds_if(outside[2] <= 1, Verdict.CORRECTED if outside[0] <= 1 else Verdict.FAILS,
-                    bars=bars, outside_bars=outside[0],
+    return holds_if(outside[2] <= 1, bars=bars, outside_bars=outside[0],
                     points=sum(one.measured.size for one in drawn), least=least,
                     outside_least=outside[1], correct=correct, outside_correct=outside[2],
                     slow=sum(one.outside(bars) for one in slow))  # fmt: skip
