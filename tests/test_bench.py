@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from suites import accuracy, derivatives, dynamics, environments, episodes, output, timing
+from suites import accuracy, chaos, derivatives, dynamics, environments, episodes, output, timing
 from suites.timing import Job, Peers, Row
 
 from npend_gym import Chain, simulate
@@ -96,6 +96,14 @@ def test_every_method_keeps_the_energy_at_its_tightest_tolerance():
     tightest = {run.method: run.energy_error for run in measured}  # the last of each method
     for method, error in tightest.items():
         assert error < (1e-5 if "MuJoCo" in method else 1e-8), method
+
+
+@pytest.mark.long
+def test_the_suite_of_chaos_measures_the_symmetry_of_the_flow():
+    rows = list(chaos.rows(Peers(print), duration=300.0, rods=2))
+    assert [row.job[:3] for row in rows] == ["lar", "all", "all", "the", "non"]
+    assert all(row.ours_per_s > 0.0 for row in rows)
+    assert float(rows[3].note.split()[-2]) < 1e-6  # sum less divergence
 
 
 @pytest.mark.usefixtures("short_rounds")

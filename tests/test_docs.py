@@ -25,6 +25,7 @@ BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 
 TAKES_LONG = {
     "README.md",
+    "chaos.md",
     "extensions.md",
     "gradients.md",
     "mpc.md",

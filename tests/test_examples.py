@@ -4,6 +4,8 @@ import math
 import re
 from pathlib import Path
 
+import pytest
+from PIL import Image
 from scripts import run_python, run_script
 
 ROOT = Path(__file__).parent.parent
@@ -45,6 +47,18 @@ def test_environments_reproduce_the_papers_periods_and_draw(tmp_path):
         assert abs(error - 100.0 * (ideal / mean - 1.0)) < 0.1
         assert completed == bobs == 3 * n
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+@pytest.mark.long
+def test_nonlinear_modes_are_listed_and_drawn(tmp_path):
+    out = run_script(ROOT / "examples" / "nonlinear_modes.py", tmp_path / "a.gif", 2, cwd=tmp_path)
+    rows = re.findall(r"^ 2 +([01]) +(\S+) +(\S+) +\S+ +\S+ +(\S+)$", out, re.MULTILINE)
+    assert [(int(mode), float(angle)) for mode, angle, *_ in rows] == [
+        (mode, angle) for mode in (0, 1) for angle in (0.785, 1.2, 1.6, 2.0)
+    ]
+    assert all(float(closed) < 1e-10 for *_, closed in rows)
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.n_frames > 100
 
 
 def test_table_of_the_readme_is_what_the_command_prints(tmp_path):

@@ -10,7 +10,7 @@ from typing import Any
 
 from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, warn
 
-_SUITES = ("dynamics", "environments", "episodes", "derivatives", "accuracy", "gpu")
+_SUITES = ("dynamics", "environments", "episodes", "derivatives", "accuracy", "chaos", "gpu")
 _FOLDER = Path(__file__).parents[2] / "benchmarks"  # in the repository, not in the wheel
 ABOUT = """\
 Ratios to MuJoCo, Gymnasium's own environments, envpool, SciPy and heyoka, as far as they are
