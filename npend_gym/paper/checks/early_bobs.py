@@ -64,6 +64,7 @@ def _draw_hesitation(figure: Figure, data: Hesitation) -> None:
             axes.plot(shown.times, values, color=color, linewidth=1.0, label=f"s = {height:.2f}")
             done = _completed(shown.times, values)
             axes.plot(done, np.zeros_like(done), "o", color=color, markersize=4)
+        axes.set(ylabel="velocity / greatest so far")
         axes.set(
             title=f"{angle:.3g} rad", xlabel="time / $T_1$", xlim=(0.3, 1.15), ylim=(-0.3, 0.3)
         )
