@@ -1,4 +1,4 @@
-"""The notebook for a class runs, and prints what it shows."""
+"""The notebooks for a class run, and print what they show."""
 
 from copy import deepcopy
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed")
 nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed")
 
-NOTEBOOK = Path(__file__).parent.parent / "docs" / "gallery.ipynb"
+DOCS = Path(__file__).parent.parent / "docs"
 
 
 def printed(notebook):
@@ -31,15 +31,29 @@ def pictures(notebook):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries below the kernel
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_the_gallery_prints_what_it_shows(tmp_path):
-    shown = nbformat.read(NOTEBOOK, as_version=4)
+@pytest.mark.parametrize(
+    ("name", "count", "texts"),
+    [
+        (
+            "gallery.ipynb",
+            5,
+            ["45 degrees: measured 2.086256 s, exact 2.086256 s", "T1 / T0 = 0.8337"],
+        ),
+        (
+            "chaos.ipynb",
+            6,
+            ["from 2.0 rad: chaotic: True, 1.3 per second", "damping 0: they add up to 0.00 1/s"],
+        ),
+    ],
+)
+def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
+    shown = nbformat.read(DOCS / name, as_version=4)
     again = deepcopy(shown)
     client = nbclient.NotebookClient(
         again, timeout=180, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     )
     client.execute()
     assert printed(again) == printed(shown)
-    assert pictures(again) == pictures(shown) == 5
+    assert pictures(again) == pictures(shown) == count
     text = "".join(printed(again))
-    assert "45 degrees: measured 2.086256 s, exact 2.086256 s" in text
-    assert "T1 / T0 = 0.8337" in text
+    assert all(expected in text for expected in texts)

@@ -9,6 +9,8 @@ from npend_gym.chaos.indicators import largest_lyapunov as largest_lyapunov
 from npend_gym.chaos.indicators import megno as megno
 from npend_gym.chaos.orbits import PeriodicOrbit as PeriodicOrbit
 from npend_gym.chaos.orbits import periodic_orbits as periodic_orbits
+from npend_gym.chaos.sections import Section as Section
+from npend_gym.chaos.sections import poincare_section as poincare_section
 from npend_gym.chaos.spectrum import LyapunovSpectrum as LyapunovSpectrum
 from npend_gym.chaos.spectrum import lyapunov_spectrum as lyapunov_spectrum
 from npend_gym.chaos.variations import tangents as tangents
