@@ -94,13 +94,15 @@ def readings() -> Figure:
     times = np.linspace(0.0, 15.0, 1501)
     motion = simulate(chain, start, 0.0, times)
     height = motion.positions()[:, bob, 1]
+    of_com = np.cos(motion.theta) * motion.omega @ chain.lift / chain.masses.sum()
     signals = (
         ("bob", "horizontal velocity\nof the bob [m/s]", motion.velocities()[:, bob, 0]),
         ("link", "angular velocity\nof its rod [rad/s]", motion.omega[:, bob]),
         ("height", "height over\nthe start [m]", height - height[0]),
+        ("com", "horizontal velocity of\nthe centre of mass [m/s]", of_com),
     )
-    figure = Figure(figsize=(7.0, 5.4))
-    rows = panels(figure, 3, 1, sharex=True)
+    figure = Figure(figsize=(7.0, 6.9))
+    rows = panels(figure, 4, 1, sharex=True)
     for axes, (reading, label, signal) in zip(rows, signals, strict=True):
         period = pseudo_periods(chain, start, reading=reading)[bob]
         axes.axhline(0.0, color=BLACK, linewidth=0.6)

@@ -1,4 +1,4 @@
-"""The pseudo-period of every bob after a release: array in, array out."""
+"""The pseudo-period of every bob, or of the whole chain, after a release: array in, array out."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.turning_points import (
     BOB,
+    COM,
     HEIGHT,
     LINK,
-    new_record,
-    second_reversals,
 )
 from npend_gym.physics.measurement import Measurement, measure, shares
 from npend_gym.physics.springs import check_springs, check_vibrations
 
-_CODES = {"bob": BOB, "link": LINK, "height": HEIGHT}
+_CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
 READINGS = (*_CODES, "listing")
 
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
@@ -50,12 +49,14 @@ def pseudo_periods(
         Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases, which
         are followed side by side, a few times faster than one by one and with the same results to
         the last bit. One number stands for all.
-    reading : {"bob", "link", "height", "listing"}
+    reading : {"bob", "link", "height", "com", "listing"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
         - "bob": the bob's horizontal velocity has reversed twice;
         - "link": the rod's angular velocity has gone 0, -, +, 0;
         - "height": the bob is back at its starting height;
+        - "com": the horizontal velocity of the chain's centre of mass has reversed twice: one
+          pseudo-period for all bobs;
         - "listing": the estimator printed in the paper's appendix D, quirks and all.
 
         The bob of a link with inertia is its far end: the next joint, or the tip.
@@ -73,7 +74,8 @@ def pseudo_periods(
     Returns
     -------
     ndarray, shape (n,) or (R, n)
-        NaN where the bob does not complete within the window.
+        NaN where the bob does not complete within the window. For "com" all n entries of a release
+        are the same number.
 
     Raises
     ------
@@ -87,11 +89,12 @@ def pseudo_periods(
     "bob" and "link" take the first + to - crossing after a - to + crossing for a release from
     positive angles (mirrored for negative ones; for "bob" the side on which the bob starts
     counts), so that a rod that first drifts the other way is not credited with that. t = 0 is no
-    crossing. A sign counts once the speed has exceeded 1e-6 sqrt(g/l), times l for a bob, l being
-    the mean length: the outer rods of a uniform release rest, at rounding level, until the wave
-    reaches them. Beyond pi/2 a bob reverses more often than its rod: the paper's definition is for
-    small angles. "height" takes a touch within 10 rtol of the chain's length as a return, at the
-    instant of the touch (for one pendulum at T/2: the paper asks for the height, not the side).
+    crossing. "com" does so with the centre of mass. A sign counts once the speed has exceeded 1e-6
+    sqrt(g/l), times l for "bob" and "com", l being the mean length: the outer rods of a uniform
+    release rest, at rounding level, until the wave reaches them. Beyond pi/2 a bob reverses more
+    often than its rod: the paper's definition is for small angles. "height" takes a touch within
+    10 rtol of the chain's length as a return, at the instant of the touch (for one pendulum at T/2:
+    the paper asks for the height, not the side).
     Instants are zeros of the dense solution, located to 1e-11 s.
     """
     check_chain(chain)
@@ -101,7 +104,7 @@ def pseudo_periods(
     springs = check_springs(chain, stiffness, axial_damping)
     if springs is not None and reading == "listing":
         raise ValueError(
-            'reading must be "bob", "link" or "height" with stiffness, because the listing knows '
+            "reading must be bob, link, height or com with stiffness, because the listing knows "
             'rigid rods alone, got "listing"'
         )
     rtol = check_rtol(rtol)
@@ -160,24 +163,3 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
             )
     first, second = (np.broadcast_to(array, shape).copy() for array in given.values())
     return first, second
-
-
-def sampled_periods(times: FloatArray, velocities: FloatArray) -> FloatArray:
-    """Return the pseudo-periods of bobs whose horizontal velocities were sampled, reading "bob".
-
-    Parameters
-    ----------
-    times : ndarray, shape (T,)
-        Increasing [s].
-    velocities : ndarray, shape (n, T)
-        Of a release from positive angles [m/s]; straight between two times.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        [s]; NaN where not complete.
-    """
-    n = len(velocities)
-    record = new_record(np.zeros(n), np.ones(n))
-    second_reversals(times, np.ascontiguousarray(velocities), record)
-    return record.period

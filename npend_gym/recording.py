@@ -18,7 +18,7 @@ from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.physics import Trajectory, simulate
 
-INSTANT_READINGS = ("bob", "link", "height")  # those that an instant of the motion completes
+INSTANT_READINGS = ("bob", "link", "height", "com")  # those that an instant of the motion completes
 DEFAULT_SECONDS = 15.0  # of an episode
 _INCOMPLETE_SECONDS = 10.0  # the paper's window, for releases that complete nothing
 _AFTERWARDS = 1.05  # a release is recorded a little longer than its last pseudo-period
@@ -40,7 +40,7 @@ class Recording:
         that lies beyond the recording.
     torque : ndarray, shape (T,)
         Torque at `joint` over its limit, from that instant on; the last entry repeats.
-    reading : {"bob", "link", "height"}
+    reading : {"bob", "link", "height", "com"}
         What completes a pseudo-period, see `npend_gym.pseudo_periods`.
     caption : str
         What it is, in a few words.
@@ -62,12 +62,17 @@ class Recording:
         """Return the signal of every bob whose changes of sign the reading counts, shape (T, n).
 
         That is the bob's horizontal velocity [m/s], its rod's angular velocity [rad/s], or its
-        height above the start [m].
+        height above the start [m]. The horizontal velocity of the centre of mass [m/s] is the same
+        for all bobs.
         """
         if self.reading == "bob":
             return self.motion.velocities()[..., 0]
         if self.reading == "link":
             return self.motion.omega
+        if self.reading == "com":
+            theta, chain = self.motion.theta, self.motion.chain
+            momentum = (np.cos(theta) * self.motion.omega) @ chain.lift
+            return np.repeat(momentum[:, None] / chain.masses.sum(), chain.n, axis=1)
         height = self.motion.positions()[..., 1]
         return height - height[0]
 

@@ -77,7 +77,7 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("release --spread -1", "spread must be zero or more"),
         ("release --seed -1", "seed must be between"),
         ("release --duration 0", "duration must be greater than zero"),
-        ("release --reading swing", "reading must be one of bob, link, height, listing"),
+        ("release --reading swing", "reading must be one of bob, link, height, com, listing"),
         ("release --masses 1,2", "masses must be one number or 5"),
         ("release --masses 0", "masses must be greater than zero"),
         ("release --lengths inf", "lengths must be finite"),

@@ -71,7 +71,7 @@ def test_infos_have_the_same_keys_and_fresh_finite_values_from_the_reset_on(mode
     infos = [outputs[0][1]] + [step[4] for step in outputs[1:]]
     arrays = [info[key] for info in infos for key in ("theta", "omega", "pseudo_periods")]
     arrays += [outputs[0][0]] + [step[0] for step in outputs[1:]]
-    of_mode = {"goal"} if mode == "transition" else set()
+    of_mode = {"transition": {"goal"}, "passive": {"pseudo_period_com"}}.get(mode, set())
     assert all(set(info) == INFO_KEYS | of_mode for info in infos)
     assert all(np.all(np.isfinite(value)) for info in infos for value in info.values())
     for i, a in enumerate(arrays):
@@ -101,7 +101,8 @@ def test_passive_episode_is_the_papers_thousand_frames_without_reward():
 def test_passive_mode_measures_the_pseudo_periods_of_the_release(n):
     env = make(mode="passive", n=n)
     _, info = env.reset(seed=n)
-    expected = pseudo_periods(Chain.uniform(n), info["theta"], duration=10.0)
+    start = info["theta"].copy()
+    expected = pseudo_periods(Chain.uniform(n), start, duration=10.0)
     truncated = False
     while not truncated:
         _, _, _, truncated, info = env.step(0)
@@ -110,6 +111,23 @@ def test_passive_mode_measures_the_pseudo_periods_of_the_release(n):
     np.testing.assert_allclose(info["pseudo_periods"][done], expected[done], rtol=0, atol=1e-6)
     assert not info["pseudo_periods"][~done].any()
     assert info["pseudo_period"] == pytest.approx(expected[done].mean(), abs=1e-6)
+    of_com = pseudo_periods(Chain.uniform(n), start, reading="com")[0]
+    assert info["pseudo_period_com"] == pytest.approx(of_com, abs=1e-6)
+
+
+@pytest.mark.long
+def test_links_have_the_pseudo_period_of_their_own_centre_of_mass():
+    chain = Chain.rods([1.0, 0.4], [0.5, 0.8], friction=0.01)
+    envs = gym.make_vec("NPendulum-v0", num_envs=9, chain=chain, mode="passive", dt=0.02)
+    _, info = envs.reset(seed=4)
+    assert not info["_pseudo_period_com"].any()
+    expected = pseudo_periods(chain, info["theta"], reading="com")[:, 0]
+    for _ in range(200):
+        info = envs.step(np.zeros(9, int))[4]
+        known = info["_pseudo_period_com"]
+        np.testing.assert_array_equal(known, info["pseudo_period_com"] > 0.0)
+    assert known.all()
+    np.testing.assert_allclose(info["pseudo_period_com"], expected, rtol=0, atol=1e-6)
 
 
 def test_a_release_from_the_other_side_has_the_same_periods():
@@ -122,6 +140,7 @@ def test_a_release_from_the_other_side_has_the_same_periods():
         infos.append(info)
     np.testing.assert_array_equal(infos[0]["pseudo_periods"], infos[1]["pseudo_periods"])
     assert infos[0]["bobs_completed"] == 3
+    assert infos[0]["pseudo_period_com"] == infos[1]["pseudo_period_com"] > 0.0
 
 
 def test_the_env_moves_as_simulate_does():

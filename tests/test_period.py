@@ -12,6 +12,7 @@ from npend_gym.listing import listing_estimate
 @pytest.mark.parametrize(
     ("theta0", "reading"),
     [(0.01, "bob"), (np.pi / 4, "bob"), (1.5, "bob"), (-np.pi / 4, "bob"), (0.01, "link"),
+     (-np.pi / 4, "com"), (1.2, "com"),
      (np.pi / 4, "link"), (-1.5, "link"), (3.0, "link")],
 )  # fmt: skip
 def test_one_pendulum_has_the_period_of_the_elliptic_integral(reading, theta0):
@@ -79,6 +80,52 @@ def test_turning_points_are_those_seen_by_close_frames(n, reading):
     np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
 
 
+def com_by_frames(chain, start, duration, **options):
+    """The centre of mass by its positions at close frames, roots between them."""
+    times = np.arange(0.0, duration, 1e-3)
+    path = simulate(chain, start, 0.0, times, rtol=1e-12, atol=1e-13, **options)
+    joints = np.concatenate([np.zeros_like(path.positions()[:, :1]), path.positions()], axis=1)
+    out = joints[:, :-1] + np.diff(joints, axis=1) * (chain.centres / chain.lengths)[:, None]
+    x = (out[..., 0] * chain.masses).sum(axis=1)
+    maxima = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:])) + 1
+    k = maxima[0]
+    fit = np.polynomial.Polynomial.fit(times[k - 6 : k + 7], x[k - 6 : k + 7], 8)
+    return brentq(fit.deriv(), times[k - 1], times[k + 1])
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [
+        Chain([1.0, 0.4, 2.0], [0.6, 1.0, 0.8]),
+        pytest.param(
+            Chain.rods([1.0, 0.4, 2.0], [0.6, 1.0, 0.8], friction=0.01), marks=pytest.mark.long
+        ),
+    ],
+)
+def test_the_centre_of_mass_turns_when_its_place_is_extreme(chain):
+    start = np.array([0.5, 0.4, 0.6])
+    periods = pseudo_periods(chain, start, reading="com")
+    assert np.ptp(periods) == 0.0
+    assert periods[0] == pytest.approx(com_by_frames(chain, start, 5.0), abs=1e-7)
+
+
+@pytest.mark.long
+def test_the_centre_of_mass_on_springs_turns_when_its_place_is_extreme():
+    chain, springs = Chain([1.0, 0.4], [0.6, 1.0]), {"stiffness": 60.0, "axial_damping": 0.5}
+    period = pseudo_periods(chain, 0.5, reading="com", **springs)
+    expected = com_by_frames(chain, 0.5, 5.0, **springs)
+    np.testing.assert_allclose(period, expected, rtol=0, atol=1e-7)
+
+
+def test_a_chain_has_one_period_of_its_centre_of_mass_in_every_release():
+    starts = np.linspace(0.2, 0.8, 9)[:, None] * np.ones(4)
+    periods = pseudo_periods(Chain.uniform(4), starts, reading="com")
+    assert periods.shape == (9, 4)
+    assert not np.ptp(periods, axis=1).any()
+    assert np.all(np.diff(periods[:, 0]) > 0.0)
+    assert np.isnan(pseudo_periods(Chain.uniform(4), 0.5, reading="com", duration=1.0)).all()
+
+
 def test_unequal_chain_agrees_with_close_frames(uneven):
     start = np.array([0.5, 0.4, 0.6, 0.3])
     expected = by_frames(uneven, start, "bob", 10.0)
@@ -103,7 +150,7 @@ def test_height_is_reached_again_at_the_reported_instant_and_not_before():
 
 
 def test_mirrored_release_has_the_same_periods_to_the_last_bit():
-    for reading in ("bob", "link", "height"):
+    for reading in ("bob", "link", "height", "com"):
         right = pseudo_periods(Chain.uniform(6), 0.5, reading=reading)
         left = pseudo_periods(Chain.uniform(6), -0.5, reading=reading)
         np.testing.assert_array_equal(right, left)
@@ -202,7 +249,11 @@ def test_listing_of_a_steady_climb_is_not_a_number():
         ({"chain": None}, TypeError, "chain must be"),
         ({"theta": [0.1]}, ValueError, "theta must be"),
         ({"omega": "0"}, TypeError, "omega must hold"),
-        ({"reading": "swing"}, ValueError, "reading must be one of bob, link, height, listing"),
+        (
+            {"reading": "swing"},
+            ValueError,
+            "reading must be one of bob, link, height, com, listing",
+        ),
         ({"reading": 3}, ValueError, "reading must be one of"),
         ({"duration": 0.0}, ValueError, "duration must be greater"),
         ({"duration": np.inf}, ValueError, "duration must be finite"),
@@ -217,7 +268,7 @@ def test_bad_arguments_are_refused_by_name(change, error, message):
         pseudo_periods(**arguments)
 
 
-@pytest.mark.parametrize("reading", ["bob", "link", "height", "listing"])
+@pytest.mark.parametrize("reading", ["bob", "link", "height", "com", "listing"])
 @pytest.mark.parametrize("count", [1, 5, 27])
 def test_many_releases_have_the_bits_of_each_alone(uneven, reading, count):
     rng = np.random.default_rng(count)

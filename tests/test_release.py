@@ -47,6 +47,7 @@ def test_the_tidy_table_has_a_row_for_every_bob_and_trial(runs):
         "bob": 1,
         "completed": True,
         "pseudo_period_s": runs[0].periods[0],
+        "com_s": pseudo_periods(Chain.uniform(2), runs[0].start, reading="com")[0],
     }
 
 
@@ -59,6 +60,9 @@ def test_the_summary_compares_the_mean_with_each_model(runs):
     assert row["ideal_s"] == theory.ideal_period(chain)
     assert row["fundamental_s"] == theory.fundamental_period(chain)
     assert row["corrected_s"] == pytest.approx(row["ideal_s"] * 1.0400, rel=2e-3)
+    of_com = np.mean([run.com for run in runs if run.n == 5])
+    assert row["law_error"] == pytest.approx(abs(of_com - row["law_s"]) / of_com)
+    assert row["law_error"] < 0.003 < row["fundamental_error"]
     assert row["ideal_error"] == pytest.approx(abs(measured - row["ideal_s"]) / measured)
 
 

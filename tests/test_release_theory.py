@@ -143,8 +143,8 @@ def test_the_factor_of_the_law_is_that_of_a_sum_of_many_modes():
 
 
 def test_the_law_of_very_long_chains_is_that_of_their_modes():
-    below, above = (theory.com_period(n) / theory.large_n_period(n) for n in (1000, 1001))
-    assert below == pytest.approx(above, rel=2e-8)
+    below, above = (theory.com_period(n) / theory.large_n_period(n) for n in (200, 201))
+    assert below == pytest.approx(above, rel=2e-7)
     assert theory.com_period(10**5, 0.5) > theory.com_period(10**5)
     slow = Chain.uniform(1001, length=0.5, gravity=2.0)
     assert theory.com_period(slow) == pytest.approx(0.5 * theory.com_period(

@@ -44,7 +44,7 @@ def test_it_returns_what_dummyvecenv_with_vecmonitor_returns(mode):
             if not done:
                 assert a.keys() == {"time"}
                 continue
-            assert a.keys() >= b.keys() - {"pseudo_period", "pseudo_periods"}
+            assert a.keys() >= b.keys() - {"pseudo_period", "pseudo_periods", "pseudo_period_com"}
             np.testing.assert_array_equal(a["terminal_observation"], b["terminal_observation"])
             assert a["TimeLimit.truncated"] is b["TimeLimit.truncated"]
             assert a["success"] is b["success"]

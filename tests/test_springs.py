@@ -306,7 +306,7 @@ def test_readings_of_bobs_on_springs_are_those_of_their_motion():
     np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-7)
 
 
-@pytest.mark.parametrize("reading", ["bob", "link", "height"])
+@pytest.mark.parametrize("reading", ["bob", "link", "height", "com"])
 def test_periods_on_stiff_springs_come_to_those_on_rigid_rods_as_one_over_stiffness(reading):
     chain = Chain.uniform(3)
     rigid = pseudo_periods(chain, 0.5, reading=reading)
@@ -373,7 +373,7 @@ def test_bad_springs_are_refused_by_name(change, error, message):
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [
-        ({"reading": "listing"}, ValueError, 'reading must be "bob", "link" or "height"'),
+        ({"reading": "listing"}, ValueError, "reading must be bob, link, height or com"),
         ({"stiffness": [0.0, 1.0, 1.0]}, ValueError, "stiffness must be greater than zero"),
         ({"stiffness": 1e22}, ValueError, "rigid rods are the limit of stiff springs"),
         ({"stiffness": None, "axial_damping": 1.0}, ValueError, "stiffness must be given with it"),

@@ -154,6 +154,12 @@ class Chain:
         return self.repeated(1).lift[0]
 
     @property
+    def is_uniform(self) -> bool:
+        """Whether it is of equal point masses on equal massless rods."""
+        equal = np.ptp(self.masses) == 0.0 and np.ptp(self.lengths) == 0.0
+        return bool(equal and np.all(self.has_bobs))
+
+    @property
     def total_length(self) -> float:
         """Length of the chain when straight [m]."""
         return float(self.lengths.sum())

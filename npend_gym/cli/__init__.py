@@ -24,6 +24,7 @@ COMMANDS = {
     "animate": "film a release, or an episode that a policy controls",
     "page": "show a release in the browser: one HTML file that needs no network",
     "play": "push a chain about in a window, and see its pseudo-periods",
+    "law": "measure how far the law of the centre of mass holds, at every N and angle",
     "paper": "reproduce the source paper and judge every equation, number and claim",
     "campaign": "sweep the release experiment over anything, on one machine or many",
     "analyse": "fit the law of the pseudo-period to a campaign, list outliers, write a report",

@@ -111,7 +111,7 @@ _RELEASE_OPTIONS = (
     ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (default 9.81)"),
     ("--damping", "damping", float, "NMS", "viscous damping of every joint (default 0)"),
     ("--reading", "reading", str, "NAME",
-     "what completes a pseudo-period: bob, link, height or listing (default bob)"),
+     "what completes a pseudo-period: bob, link, height, com or listing (default bob)"),
     CHAIN_OPTION,
 )  # fmt: skip
 

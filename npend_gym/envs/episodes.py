@@ -75,6 +75,7 @@ class Episodes:
         members[Episode.MAX_TORQUE] = config.max_torque
         members[Episode.HAS_BOBS] = random.has_bobs
         members[Episode.AMPLITUDE] = config.amplitude
+        members[Member.WITH_COM] = config.mode.measures_com
         if config.has_cart:
             for name, row in OF_CART.items():
                 members[row] = getattr(config, name)

@@ -40,6 +40,9 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     pseudo_periods: FloatArray
     """Pseudo-period of each bob [s], shape (n,), in the reading "bob" of
     `npend_gym.pseudo_periods`; 0.0 where not complete."""
+    pseudo_period_com: NotRequired[_Real]
+    """In mode "passive": the pseudo-period of the chain's centre of mass [s], the reading "com" of
+    `npend_gym.pseudo_periods`; 0.0 where not complete. On a cart: relative to it."""
     ideal_period: _Real
     """The paper's T0 of the chain [s]; 0.0 without gravity, and for links, to which T0 does not
     apply."""

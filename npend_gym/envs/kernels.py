@@ -158,6 +158,8 @@ def _measure(
     outputs[Output.ENERGY, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
     outputs[Output.PSEUDO_PERIOD, g] = total / where(completed > 0.0, completed, 1.0)
+    of_com = group.record.period[n]
+    outputs[Output.PSEUDO_PERIOD_COM, g] = where(of_com > 0.0, of_com, 0.0)
     outputs[Output.IDEAL_PERIOD, g] = numbers[Episode.IDEAL_PERIOD, g]
     outputs[Output.TIP_HEIGHT, g] = tip
     outputs[Output.COMPLETED, g] = completed

@@ -80,6 +80,8 @@ class Mode:
     has_goals : bool
         Whether each episode has a goal of its own: an equilibrium, with each rod hanging or
         standing.
+    measures_com : bool
+        Whether ``info["pseudo_period_com"]`` tells the pseudo-period of the centre of mass.
     """
 
     name: ClassVar[str] = "custom"
@@ -87,6 +89,7 @@ class Mode:
     torque_share: ClassVar[float] = 0.5
     hold: ClassVar[float] = 0.0
     has_goals: ClassVar[bool] = False
+    measures_com: ClassVar[bool] = False
 
     def start(
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
@@ -148,6 +151,7 @@ class Passive(Release):
     """The paper's experiment: a free release from rest; no torque, no reward, no failure."""
 
     name = "passive"
+    measures_com = True
     dt = 0.01
     torque_share = 0.0
 

@@ -44,6 +44,7 @@ class Outputs:
     ) -> None:
         self.config, self.count, n = config, memory.size, config.n
         self._memory, self._context = memory, context
+        self._measures_com = config.mode.measures_com
         self._is_random, self._has_cart = context.shape[1] > 0, config.has_cart
         self._has_goals, self._goal_env = config.mode.has_goals, config.goal_env
         self._shows_context = config.observe_context and self._is_random
@@ -58,6 +59,7 @@ class Outputs:
         self._everywhere = np.ones(self.count, np.bool_)
         self._masks = mask_names({
             "context": self._is_random, "goal": self._has_goals,
+            "pseudo_period_com": self._measures_com,
             "cart_position": self._has_cart, "cart_velocity": self._has_cart,
         })  # fmt: skip
         self.renew()
@@ -107,7 +109,7 @@ class Outputs:
         """Return the info of all lanes with its masks, arrays (B,).
 
         They are True in the lanes where info is `present`, by default all; those of the
-        pseudo-periods where a bob has completed besides.
+        pseudo-periods where a bob, or the centre of mass, has completed besides.
         """
         info = cast("dict[str, Any]", self.info())
         measured = self.flags[Flag.MEASURED, : self.count]
@@ -117,6 +119,8 @@ class Outputs:
             measured = measured & present
         info.update(dict.fromkeys(self._masks, present))
         info["_pseudo_period"] = info["_pseudo_periods"] = measured
+        if self._measures_com:
+            info["_pseudo_period_com"] = (info["pseudo_period_com"] > 0.0) & present
         return info
 
     def info(self) -> BatchInfo:
@@ -126,7 +130,9 @@ class Outputs:
         """
         outputs = self.rows[:, : self.count]
         periods, theta, omega = (outputs[rods].T for rods in self._per_rod)
-        time, energy, error, period, ideal, tip, completed, place, velocity = outputs[:_REWARD]
+        (
+            time, energy, error, period, ideal, tip, completed, place, velocity, of_com
+        ) = outputs[:_REWARD]  # fmt: skip
         flags = self.flags[:, : self.count]
         info: BatchInfo = {
             "time": time,
@@ -142,6 +148,8 @@ class Outputs:
             "diverged": flags[Flag.DIVERGED],
             "success": flags[Flag.SUCCESS],
         }
+        if self._measures_com:
+            info["pseudo_period_com"] = of_com
         if self._is_random:
             info["context"] = self._context[: self.count].copy()
         if self._has_goals:
@@ -155,7 +163,7 @@ class Outputs:
         outputs = self.rows[:, 0]
         periods, theta, omega = self._per_rod
         (
-            time, energy, error, period, ideal, tip, completed, place, velocity, reward
+            time, energy, error, period, ideal, tip, completed, place, velocity, of_com, reward
         ) = outputs[:_ROWS].tolist()  # fmt: skip
         _, diverged, success, terminated, truncated = self.flags[:, 0].tolist()
         info: Info[float, int, bool] = {
@@ -172,6 +180,8 @@ class Outputs:
             "diverged": diverged,
             "success": success,
         }
+        if self._measures_com:
+            info["pseudo_period_com"] = of_com
         if self._is_random:
             info["context"] = self._context[0].copy()
         if self._has_goals:

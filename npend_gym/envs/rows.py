@@ -56,7 +56,8 @@ class OutputFields(NamedTuple):
     COMPLETED: int = 6
     CART_POSITION: int = 7  # m; this and the next are written where there is a cart
     CART_VELOCITY: int = 8  # m/s
-    REWARD: int = 9  # of a step: it is no part of the info
+    PSEUDO_PERIOD_COM: int = 9  # s; 0 where not complete, or not measured
+    REWARD: int = 10  # of a step: it is no part of the info
 
 
 Output = OutputFields()

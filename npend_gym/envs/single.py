@@ -134,8 +134,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     ----
     The keys of `Info`, the same from the reset on: ``time``, ``energy``, ``energy_error``,
     ``bobs_completed``, ``pseudo_period``, ``pseudo_periods``, ``ideal_period``, ``tip_height``,
-    ``theta``, ``omega``, ``diverged``, with a cart ``cart_position`` and ``cart_velocity``, and
-    ``success``, which is True while
+    ``theta``, ``omega``, ``diverged``, in mode "passive" ``pseudo_period_com``, with a cart
+    ``cart_position`` and ``cart_velocity``, and ``success``, which is True while
 
     - swingup: height > 0.95 and kinetic_energy < 0.01 have held for 5 s
     - balance: the tip has not fallen below half the chain's length

@@ -64,7 +64,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     Notes
     -----
     Each key of `Info` has an array with a leading axis of B, and a mask (B,) named ``_key``.
-    ``_pseudo_period`` and ``_pseudo_periods`` are True only in lanes where a bob has completed.
+    ``_pseudo_period`` and ``_pseudo_periods`` are True only in lanes where a bob has completed, and
+    ``_pseudo_period_com`` where the centre of mass has.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012

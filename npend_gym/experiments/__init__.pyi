@@ -14,6 +14,10 @@ from npend_gym.experiments.campaign.plan import CampaignPlan as CampaignPlan
 from npend_gym.experiments.campaign.plan import Task as Task
 from npend_gym.experiments.campaign.statistics import Outlier as Outlier
 from npend_gym.experiments.campaign.statistics import Statistics as Statistics
+from npend_gym.experiments.com_law import LawCell as LawCell
+from npend_gym.experiments.com_law import LawGrid as LawGrid
+from npend_gym.experiments.com_law import law_rows as law_rows
+from npend_gym.experiments.com_law import limit_rows as limit_rows
 from npend_gym.experiments.draws import starts as starts
 from npend_gym.experiments.fits import Estimate as Estimate
 from npend_gym.experiments.fits import power_law as power_law

@@ -114,12 +114,16 @@ class ReleaseExperiment:
 
 @dataclass(frozen=True)
 class Run:
-    """One release: the pseudo-period of every bob [s], NaN where it did not complete."""
+    """One release: the pseudo-period of every bob [s], NaN where it did not complete.
+
+    `com` is that of the centre of mass, the reading "com", whatever that of the bobs.
+    """
 
     n: int
     trial: int
     start: float
     periods: FloatArray
+    com: float = math.nan
 
     @property
     def mean(self) -> float:
@@ -130,10 +134,11 @@ class Run:
 
 def measure(experiment: ReleaseExperiment, n: int, trial: int, start: float) -> Run:
     """Measure one run of `experiment`, from rest with all rods at `start` [rad]."""
-    periods = pseudo_periods(
-        experiment.chain_of(n), start, reading=experiment.reading, duration=experiment.duration
+    bobs, com = (
+        pseudo_periods(experiment.chain_of(n), start, reading=reading, duration=experiment.duration)
+        for reading in (experiment.reading, "com")
     )
-    return Run(n, trial, start, periods)
+    return Run(n, trial, start, bobs, float(com[0]))
 
 
 def run_release(
@@ -154,6 +159,7 @@ def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
             "bob": bob,
             "completed": bool(np.isfinite(period)),
             "pseudo_period_s": float(period),
+            "com_s": run.com,
         }
         for run in runs
         for bob, period in enumerate(run.periods, start=1)
@@ -163,7 +169,8 @@ def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
 def summary_rows(experiment: ReleaseExperiment, runs: Sequence[Run]) -> list[dict[str, Any]]:
     r"""Return a row for every n: what was measured, the models, and how far off they are.
 
-    The relative error is the paper's, \|S - T\| / S with S measured and T the model.
+    The relative error is the paper's, \|S - T\| / S with S measured and T the model. For the law S
+    is the pseudo-period of the centre of mass.
     """
     return [
         _summary(experiment, n, [run for run in runs if run.n == n])
@@ -178,6 +185,7 @@ def _summary(experiment: ReleaseExperiment, n: int, runs: Sequence[Run]) -> dict
     means = np.array([run.mean for run in runs])
     measured = float(np.nanmean(means)) if done.any() else math.nan
     models = theory.models(chain, [run.start for run in runs])
+    com = float(np.mean([run.com for run in runs]))
     return {
         "n": n,
         "trials": len(runs),
@@ -186,10 +194,12 @@ def _summary(experiment: ReleaseExperiment, n: int, runs: Sequence[Run]) -> dict
         "trial_spread_s": _std(means[np.isfinite(means)]),
         "completed": int(done.sum()),
         "bobs": int(done.size),
+        "com_s": com,
         **{f"{name}_s": period for name, period in models._asdict().items()},
         **{
-            f"{name}_error": abs(measured - period) / measured
+            f"{name}_error": abs(compared - period) / compared
             for name, period in models._asdict().items()
+            for compared in [com if name == "law" else measured]
         },
     }
 

@@ -11,7 +11,7 @@ from npend_gym._threads import Call
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.energy import positions
+from npend_gym.physics.energy import centre_of_mass, positions
 from npend_gym.physics.integration import IntegrationError, check_angles
 from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
 from npend_gym.physics.kernels.dynamics import arrays_of
@@ -24,7 +24,7 @@ from npend_gym.physics.kernels.releases import (
     measure_one,
 )
 from npend_gym.physics.kernels.turning_points import (
-    BOB,
+    COM,
     HEIGHT,
     LINK,
     Record,
@@ -41,7 +41,7 @@ _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
 class Measurement(NamedTuple):
     """What is measured of releases, and how exactly."""
 
-    reading: int  # BOB, LINK or HEIGHT
+    reading: int  # BOB, LINK, HEIGHT or COM
     duration: float  # s; the release ends there, complete or not
     rtol: float
 
@@ -64,6 +64,8 @@ def measure(
     call: Call,
 ) -> FloatArray:
     """Return the pseudo-periods of one release, or of up to WIDTH side by side, (releases, n).
+
+    For COM every bob has that of the chain.
 
     Raises
     ------
@@ -91,7 +93,7 @@ def measure(
             f"no step is small enough at t = {time:g} s for rtol = {rtol:g}: "
             f"loosen it, or check the state and parameters"
         )
-    return record.period.reshape(n, lanes).T[:count]
+    return np.broadcast_to(record.period.reshape(-1, lanes).T, (lanes, n))[:count]
 
 
 def _release(
@@ -104,25 +106,34 @@ def _release(
     """Return releases from these states (lanes, n), not yet begun, as the kernels take them."""
     reading, _, rtol = measurement
     lanes, n = len(theta), chain.n
-    rods, state, start = chain.repeated(lanes), [theta, omega], theta
+    rods, state, per_rod = chain.repeated(lanes), [theta, omega], theta
     arrays = arrays_of(rods)
     if springs is not None:
         stretch, rate = axial_start(chain, springs, theta, omega, np.zeros(n))
         arrays, rods = springs.arrays(chain, lanes), stretched(chain, stretch)
         state = [theta, stretch, omega, rate]
-        start = -np.diff(positions(rods, theta)[..., 1], axis=1, prepend=0.0)
+        per_rod = -np.diff(positions(rods, theta)[..., 1], axis=1, prepend=0.0)
+    if reading == COM:
+        whole = chain.lengths * float(chain.masses.sum())
+        per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
     return (
         new_solver(0.0, innermost(np.hstack(state)), lanes),
         Problem(arrays, np.zeros(n * lanes), rtol, 1e-2 * rtol),
-        new_record(innermost(start), innermost(_orientation(rods, theta, reading))),
+        new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading))),
     )
 
 
 def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> FloatArray:
-    """Return +1 for rods released from positive angles (or from zero), -1 from negative ones."""
+    """Return +1 for rods released from positive angles (or from zero), -1 from negative ones.
+
+    For COM (lanes, 1): for the side on which the centre of mass is.
+    """
     if reading == HEIGHT:
         return np.ones_like(theta)
-    side = theta if reading == LINK else positions(rods, theta)[..., 0]
+    if reading == COM:
+        side = centre_of_mass(rods, theta)[..., :1]
+    else:
+        side = theta if reading == LINK else positions(rods, theta)[..., 0]
     return np.where(side < 0.0, -1.0, 1.0)
 
 
@@ -132,4 +143,4 @@ def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> Fl
         return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
     mean = float(chain.lengths.mean())
     rate = speed_threshold(np.sqrt(chain.gravity / mean), np.max(np.abs(omega), axis=1))
-    return rate * mean if reading == BOB else rate
+    return rate if reading == LINK else rate * mean

@@ -32,8 +32,11 @@ def draw_panel(chain: Chain, amplitude: float, periods: FloatArray) -> Frame:
     def write(text: str, left: float, top: float, color: tuple[int, int, int] = _INK) -> None:
         panel.blit(font.render(text, True, color), (left, top))
 
-    ideal, _, fundamental = theory.models(chain, amplitude)
-    known = ("the paper's T0", ideal, _ORANGE), ("slowest mode T1", fundamental, _GREEN)
+    periods_of = theory.models(chain, amplitude)
+    known = (
+        ("the paper's T0", periods_of.ideal, _ORANGE),
+        ("slowest mode T1", periods_of.fundamental, _GREEN),
+    )
     models = [model for model in known if math.isfinite(model[1])]
     left, right, low, high = 12.0, _PANEL - 14.0, 390.0, 100.0
     longest = 1.2 * max([1e-3, *periods, *(period for _, period, _ in models)])

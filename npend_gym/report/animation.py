@@ -30,6 +30,7 @@ _SIGNS = LinearSegmentedColormap.from_list("signs", [BLUE, "#F7F7F7", ORANGE])
 _TITLES = {
     "bob": "bobs going left (blue), right (orange); dot: turned twice",
     "link": "rods turning clockwise (blue) or not; dot: turned twice",
+    "com": "centre of mass going left (blue), right; dot: turned twice",
     "height": "bobs below (blue) or above their start; dot: back",
 }
 

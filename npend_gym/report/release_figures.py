@@ -9,7 +9,7 @@ import numpy as np
 
 from npend_gym import _extras, theory
 from npend_gym._checks import FloatArray
-from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
+from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE, PINK
 from npend_gym.experiments import ReleaseExperiment, Run
 
 try:
@@ -19,7 +19,7 @@ except ImportError as error:
     raise _extras.missing("matplotlib", "plot", "figures", error) from error
 from npend_gym.report.style import shade, styled
 
-_IDEAL, _CORRECTED, _FUNDAMENTAL = ORANGE, AMBER, GREEN
+_IDEAL, _CORRECTED, _FUNDAMENTAL, _LAW = ORANGE, AMBER, GREEN, PINK
 _MEASURED, _BOB = BLUE, shade(0.3)
 _TRIALS = (shade(0.15), BLUE, BLACK)
 
@@ -36,8 +36,10 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
         x = np.full(run.n, run.n * jitter)
         axes.plot(x, run.periods, "_", color=_BOB, markersize=7, markeredgewidth=0.6)
         axes.plot(run.n * jitter, run.mean, "o", color=_MEASURED, markersize=5)
+        axes.plot(run.n * jitter, run.com, "D", color=BLACK, markersize=4)
     axes.plot([], [], "o", color=_MEASURED, markersize=5, label="measured, mean of a trial")
     axes.plot([], [], "_", color=_BOB, markersize=7, label="measured, each bob")
+    axes.plot([], [], "D", color=BLACK, markersize=4, label="measured, centre of mass")
     axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
     axes.set_title(f'Release from {experiment.amplitude:.3g} rad, reading "{experiment.reading}"')
     axes.xaxis.set(major_locator=FixedLocator(n_values), minor_locator=NullLocator())
@@ -53,12 +55,13 @@ def _draw_models(axes: Any, experiment: ReleaseExperiment, n_values: Sequence[in
     grid = list(n_values) if per_rod else np.unique(np.geomspace(low, high, 60, dtype=int))
     chains = [experiment.chain_of(int(n)) for n in grid]
     models = [theory.models(chain, experiment.amplitude) for chain in chains]
-    ideal, corrected, fundamental = np.array(models).T
+    ideal, corrected, fundamental, law = np.array(models).T
     marker = "_" if len(grid) == 1 else None
     for values, style, color, label in (
         (corrected, "--", _CORRECTED, "$T_0$ with the pendulum's amplitude correction"),
         (ideal, "-", _IDEAL, r"the paper's $T_0 = 2\pi\sqrt{N l/g}$" if not per_rod else "$T_0$"),
         (fundamental, "-", _FUNDAMENTAL, "$T_1$, slowest normal mode"),
+        (law, "-", _LAW, "$T(N, a)$, law of the centre of mass"),
     ):
         if np.isfinite(values).any():  # the paper's model knows point masses alone
             axes.plot(grid, values, style, color=color, label=label, marker=marker, markersize=16)

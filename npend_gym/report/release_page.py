@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from npend_gym import _files, theory
-from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, SKY, rgb
+from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, SKY, rgb
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.chain import Chain, preset_name
@@ -29,15 +29,16 @@ _DECIMALS = 4  # kept of the places, in units of the chain's length
 # Name of a colour in the page: colour on light and on dark paper
 _PALETTE = {
     "blue": (BLUE, SKY), "orange": (ORANGE, ORANGE), "amber": ("#B87700", AMBER),
-    "green": (GREEN, GREEN),
+    "green": (GREEN, GREEN), "pink": ("#A8487B", PINK),
 }  # fmt: skip
-_COLORS = {"T0": "orange", "T0 + ampl.": "amber", "T1": "green"}
+_COLORS = {"T0": "orange", "T0 + ampl.": "amber", "T1": "green", "T(N, a)": "pink"}
 _STYLES = {"T0 + ampl.": "dashed"}
 _COLUMNS = {
     "n": "N", "measured_s": "measured [s]", "bob_spread_s": "over bobs [s]",
     "trial_spread_s": "over trials [s]", "completed": "completed", "bobs": "bobs",
     "ideal_s": "T0 [s]", "corrected_s": "T0 + ampl. [s]", "fundamental_s": "T1 [s]",
     "ideal_error": "e(T0)", "corrected_error": "e(T0+a)", "fundamental_error": "e(T1)",
+    "com_s": "com [s]", "law_s": "T(N,a) [s]", "law_error": "e",
 }  # fmt: skip
 
 
@@ -168,6 +169,12 @@ def _law(
     for name, style, points in (("each bob", "small", bobs), ("mean of a trial", "", means)):
         look = {"color": "blue", "kind": "points", "style": style}
         series.append({"name": name, "points": points, **look})
+    centres = [
+        [run.n, run.com, f"N = {run.n}, trial {run.trial}, centre of mass: {run.com:.4f} s"]
+        for run in runs
+        if math.isfinite(run.com)
+    ]
+    series.append({"name": "centre of mass", "points": centres, "color": "pink", "kind": "points"})
     heights = [point[1] for one in series for point in one["points"]] or [1.0]
     axis = {"log": True}
     return {

@@ -22,15 +22,18 @@ from npend_gym.report.outputs import (
 )
 
 _COLUMNS = (
-    ("N", 4), ("measured", 9), ("over bobs", 10), ("over trials", 12), ("completed", 11),
-    ("T0", 9), ("T0 + ampl.", 11), ("T1", 9), ("e(T0)", 8), ("e(T0+a)", 8), ("e(T1)", 8),
+    ("N", 4), ("measured", 9), ("over bobs", 10), ("over trials", 12), ("completed", 10),
+    ("T0", 8), ("T0+a", 8), ("T1", 8), ("e(T0)", 7), ("e(T0+a)", 8), ("e(T1)", 6),
+    ("com", 9), ("T(N,a)", 8), ("e", 7),
 )  # fmt: skip
 
 
 LEGEND = """\
 measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed}
-T0: the paper's 2 pi N / sum sqrt(g m/(l M)), for point masses; + ampl.: times its corrected series
-T1: period of the slowest normal mode; e: |measured - model| / measured"""
+T0: the paper's 2 pi N / sum sqrt(g m/(l M)), for point masses; T0+a: times its corrected series
+T1: period of the slowest normal mode; e: |measured - model| / measured
+com: measured, of the centre of mass; T(N,a): its law, for many equal rods
+0.8223 2 pi sqrt((N + 1/2) l/g) times the corrected series; e: between these two"""
 
 
 def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
@@ -47,6 +50,9 @@ def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
             _seconds(row["corrected_s"]),
             _seconds(row["fundamental_s"]),
             *(_percent(row[f"{key}_error"]) for key in ("ideal", "corrected", "fundamental")),
+            _seconds(row["com_s"]),
+            _seconds(row["law_s"]),
+            _percent(row["law_error"], 2),
         )
         lines.append("".join(f"{c:>{w}}" for c, (_, w) in zip(cells, _COLUMNS, strict=True)))
     lines += ["", LEGEND.format(reading=experiment.reading, seed=experiment.seed)]
@@ -66,8 +72,8 @@ def _spread(value: float) -> str:
     return "-" if math.isnan(value) else f"+- {value:.4f}"
 
 
-def _percent(value: float) -> str:
-    return "-" if math.isnan(value) else f"{100 * value:.1f}%"
+def _percent(value: float, digits: int = 1) -> str:
+    return "-" if math.isnan(value) else f"{100 * value:.{digits}f}%"
 
 
 def write(
@@ -111,11 +117,13 @@ def read(folder: Path) -> tuple[ReleaseExperiment, list[Run]]:
                 raise ValueError(f"{name} has been changed since")
         experiment = ReleaseExperiment(**json.loads(files["release.json"]))
         periods: dict[tuple[int, int, float], list[float]] = {}
+        com: dict[tuple[int, int, float], float] = {}
         for row in csv.DictReader(files["periods.csv"].decode().splitlines()):
             key = (int(row["n"]), int(row["trial"]), float(row["start_rad"]))
             periods.setdefault(key, []).append(float(row["pseudo_period_s"]))
+            com[key] = float(row["com_s"])
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f"{folder} must hold results that `npend release --out` has written: {error}"
         ) from error
-    return experiment, [Run(*key, np.array(values)) for key, values in periods.items()]
+    return experiment, [Run(*key, np.array(values), com[key]) for key, values in periods.items()]

@@ -1,12 +1,13 @@
-from npend_gym.theory.closed_forms import Models as Models
 from npend_gym.theory.closed_forms import amplitude_correction as amplitude_correction
 from npend_gym.theory.closed_forms import ideal_period as ideal_period
 from npend_gym.theory.closed_forms import large_n_com_period as large_n_com_period
 from npend_gym.theory.closed_forms import large_n_period as large_n_period
-from npend_gym.theory.closed_forms import models as models
+from npend_gym.theory.closed_forms import pendulum_factor as pendulum_factor
 from npend_gym.theory.closed_forms import pendulum_period as pendulum_period
 from npend_gym.theory.closed_forms import single_period as single_period
 from npend_gym.theory.closed_forms import uniform_frequencies as uniform_frequencies
+from npend_gym.theory.comparison import Models as Models
+from npend_gym.theory.comparison import models as models
 from npend_gym.theory.modes import fastest_frequency as fastest_frequency
 from npend_gym.theory.modes import fundamental_period as fundamental_period
 from npend_gym.theory.modes import normal_modes as normal_modes
@@ -14,3 +15,6 @@ from npend_gym.theory.rope import com_ratio as com_ratio
 from npend_gym.theory.rope import release_profile as release_profile
 from npend_gym.theory.small_releases import com_period as com_period
 from npend_gym.theory.small_releases import small_angle_periods as small_angle_periods
+from npend_gym.theory.third_order import MAX_THIRD_ORDER as MAX_THIRD_ORDER
+from npend_gym.theory.third_order import AmplitudeGrowth as AmplitudeGrowth
+from npend_gym.theory.third_order import amplitude_growth as amplitude_growth

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +12,6 @@ from scipy.special import ellipk
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain
-from npend_gym.theory.modes import fundamental_period
 from npend_gym.theory.rope import SLOWEST, com_ratio
 
 MAX_TERMS = 100_000  # of the amplitude series
@@ -89,36 +87,6 @@ def _modulus(name: str, angle: ArrayLike) -> FloatArray:
     if np.any(np.abs(given) >= np.pi):
         raise ValueError(f"{name} must lie between -pi and pi, got {_checks.show(angle)}")
     return np.sin(0.5 * given) ** 2
-
-
-class Models(NamedTuple):
-    """Three models of the pseudo-period of a released chain [s]; NaN where one does not apply.
-
-    Without gravity none does. To links, in place of point masses, the paper's do not.
-
-    Attributes
-    ----------
-    ideal : float
-        The paper's T0, see `ideal_period`.
-    corrected : float
-        T0 times one plus the amplitude correction of a single pendulum.
-    fundamental : float
-        T1, the period of the slowest normal mode, see `fundamental_period`.
-    """
-
-    ideal: float
-    corrected: float
-    fundamental: float
-
-
-def models(chain: Chain, angle: ArrayLike) -> Models:
-    """Return the models of the pseudo-period of `chain`, released from `angle` [rad].
-
-    Where `angle` is an array, the mean of the corrections of its entries is taken.
-    """
-    ideal = ideal_period(chain) if chain.has_bobs else math.nan
-    corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
-    return Models(ideal, corrected, fundamental_period(chain))
 
 
 def pendulum_period(
@@ -204,6 +172,5 @@ def large_n_com_period(
     At small angles the relative error is 7e-3, 1.9e-3, 6.5e-4 and 2.6e-4 at n = 1, 2, 3 and 5, and
     below 6e-6 from n = 10; `com_period` has none there. See it for the error at larger angles.
     """
-    return (
-        com_ratio() * large_n_period(n, length, gravity) * (1.0 + amplitude_correction(amplitude))
-    )
+    limit = com_ratio() * large_n_period(n, length, gravity)
+    return limit * pendulum_factor(amplitude)

@@ -21,7 +21,7 @@ _SAMPLES = 8  # of the fastest mode's period, between which reversals are looked
 _FRAMES = 256  # looked at together
 _WINDOW = 10.0  # periods of the slowest mode, after which a bob is given up
 _HALVINGS = 44  # of the time between two samples
-_MODES_UP_TO = 1000  # rods: equal rods beyond have the rope's limit, to 1e-8
+_MODES_UP_TO = 200  # rods: equal rods beyond have the limit of the rope, to 2e-7
 
 
 def small_angle_periods(chain: Chain) -> FloatArray:
@@ -77,24 +77,19 @@ def com_period(chain: Chain | int, amplitude: ArrayLike = 0.0) -> FloatArray:
     -----
     The factor of the amplitude is exact for one pendulum. Of equal rods it is a law that was found
     by simulation, within 0.2 % up to 1 rad; `docs/explanation/pseudo_period.md` has its error for
-    other chains, angles up to 1.2 rad and N = 1 to 1600. T(0) of more than 1000 equal rods is
-    `large_n_com_period`, which is the same to 1e-8.
+    other chains, angles up to 1.2 rad and N = 1 to 1600. T(0) of more than 200 equal rods is that
+    of `large_n_com_period`, which is the same to 2e-7.
     """
     if not isinstance(chain, Chain):
         chain = Chain.uniform(_checks.count("chain", chain))
     factor = pendulum_factor(amplitude)
-    if chain.n > _MODES_UP_TO and _is_uniform(chain):
+    if chain.n > _MODES_UP_TO and chain.is_uniform and chain.gravity > 0.0:
         length, gravity = float(chain.lengths[0]), chain.gravity
         return large_n_com_period(chain.n, 0.0, length, gravity) * factor
     frequencies, angles = _superposition(chain)
     if frequencies.size == 0:
         return np.full(factor.shape, np.nan)
     return _second_reversals(frequencies, (chain.lift @ angles)[None])[0] * factor
-
-
-def _is_uniform(chain: Chain) -> bool:
-    equal = np.ptp(chain.masses) == 0.0 and np.ptp(chain.lengths) == 0.0
-    return bool(chain.has_bobs and equal and chain.gravity > 0.0)
 
 
 def _superposition(chain: Chain) -> tuple[FloatArray, FloatArray]:

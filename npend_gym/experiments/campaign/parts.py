@@ -126,7 +126,7 @@ _CHAIN = ("n", "masses", "lengths", "gravity", "damping")
 def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a cell releases; the chain of the plan, where it has one, whole as JSON."""
     chain = plan.chain_of(cell)
-    models = theory.models(chain, 0.0)
+    ideal = theory.ideal_period(chain) if chain.has_bobs else np.nan
     own = {"chain": json.dumps(chain.as_dict())} if plan.chain is not None else {}
     return {
         "n": chain.n,
@@ -134,8 +134,8 @@ def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any
         "lengths_m": chain.lengths.tolist(),
         "gravity_m_s2": chain.gravity,
         "damping_nms": cell["damping"] if "damping" in cell else chain.damping.tolist(),
-        "fundamental_s": finite_or_none(models.fundamental),
-        "ideal_s": finite_or_none(models.ideal),
+        "fundamental_s": finite_or_none(theory.fundamental_period(chain)),
+        "ideal_s": finite_or_none(ideal),
         **own,
     }
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import MAX_ANGLE, ROUND, sincos
-from npend_gym.physics.kernels.dynamics import accelerations, any_power, copy, joint_power
+from npend_gym.physics.kernels.dynamics import any_power, copy, joint_power
 from npend_gym.physics.kernels.layout import (
     MAX_SPEED,
     RK4,
@@ -20,21 +19,18 @@ from npend_gym.physics.kernels.layout import (
     Scratch,
     Timing,
     group_of,
-    model_of_lane,
 )
-from npend_gym.physics.kernels.rk4 import K_4, OMEGA_2, WORK, rk4_step
-from npend_gym.physics.kernels.turning_points import (
-    BOB,
-    Cubic,
-    Interval,
-    Rule,
-    cubic_at,
-    follow_interval,
+from npend_gym.physics.kernels.reversals import (
+    bobs_wait,
+    com_waits,
+    follow_com,
+    follow_marked,
+    mark,
+    mark_com,
 )
+from npend_gym.physics.kernels.rk4 import OMEGA_2, rk4_step
 
 MAX_PARTS = 32.0  # of a substep
-_ROOT_TOLERANCE = 1e-13  # of a substep
-_MARGIN = 1.1  # for what the acceleration of the last stage is off by
 
 
 @inlined_kernel
@@ -75,120 +71,6 @@ def substep_parts(omega: FloatArray, n: int, h: float, per_rotation: float) -> A
     wanted = where(wanted < MAX_PARTS, wanted, MAX_PARTS)
     whole = (wanted + ROUND) - ROUND
     return where(whole < wanted, whole + 1.0, whole)
-
-
-@inlined_kernel
-def mark(group: Group, threshold: Any, h: Any, waiting: Any, scratch: FloatArray) -> bool:
-    """Update the signs of the velocities; mark the bobs that must be followed instead.
-
-    Those of members that are `waiting` for a bob to complete its period; others are left alone.
-
-    Marked are bobs that may complete their period in the substep, and those that may have turned
-    twice in it: their velocity kept its sign, but from the acceleration at the end (that of the
-    last Runge-Kutta stage, which is near it) it would have been zero within the substep. For all
-    others the signs at its ends say everything. Return whether any bob is marked; the entry after
-    those of the bobs tells it of each lane.
-    """
-    s, c, alpha = scratch[Scratch.SIN], scratch[Scratch.COS], scratch[RK4 + K_4]
-    omega, length, record = group.omega, group.chain.length, group.record
-    acceleration = 0.0
-    found = threshold < 0.0  # in no lane
-    for i in range(group.velocity.size):
-        acceleration = acceleration + length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
-        side, sign, risen = record.orientation[i], record.sign[i], record.risen[i]
-        before, velocity = scratch[Scratch.VELOCITY][i], group.velocity[i]
-        now = side * velocity
-        up, down = now > threshold, now < -threshold
-        falls = (sign * risen > 0.0) & (down | ((side * before > 0.0) & (now <= 0.0)))
-        leaves = acceleration * velocity  # positive where the velocity moves away from zero
-        twice = (before * velocity > 0.0) & (_MARGIN * (leaves * h) >= velocity * velocity)
-        unknown = waiting & (record.period[i] != record.period[i])  # the period is NaN
-        mark = unknown & (falls | (twice & (sign != 0.0)))
-        plain = unknown ^ mark
-        record.risen[i] = where(plain & up & (sign < 0.0), 1.0, risen)
-        record.sign[i] = where(plain & up, 1.0, where(plain & down, -1.0, sign))
-        scratch[Scratch.MARKED][i] = where(mark, 1.0, 0.0)
-        found = found | mark
-    scratch[Scratch.MARKED][group.velocity.size] = where(found, 1.0, 0.0)
-    return any_of(found)
-
-
-@inlined_kernel
-def _bob_accelerations(
-    s: FloatArray, c: FloatArray, omega: FloatArray, alpha: FloatArray, length: FloatArray,
-    out: FloatArray,
-) -> None:  # fmt: skip
-    """Write the horizontal acceleration of every bob."""
-    total = 0.0
-    for i in range(out.size):
-        total = total + length[i] * (alpha[i] * c[i] - (omega[i] * omega[i]) * s[i])
-        out[i] = total
-
-
-@inlined_kernel
-def _find_accelerations(group: Group, scratch: FloatArray) -> None:
-    """Write the accelerations of the bobs at the start and at the end of the substep."""
-    theta, omega, length = group.theta, group.omega, group.chain.length
-    before, omega_before = scratch[Scratch.THETA], scratch[Scratch.OMEGA]
-    rk4, n = scratch[RK4:], group.velocity.size
-    alpha, s, c = rk4[0], rk4[1], rk4[2]  # two rows of the step that has been taken
-    for i in range(n):
-        s[i], c[i] = sincos(before[i])
-    _bob_accelerations(s, c, omega_before, alpha, length, scratch[Scratch.ACCELERATION][:n])
-    accelerations(theta, omega, group.torque, group.chain, rk4[WORK:], alpha)
-    s, c = scratch[Scratch.SIN], scratch[Scratch.COS]
-    _bob_accelerations(s, c, omega, alpha, length, scratch[Scratch.ACCELERATION_END][:n])
-
-
-@inlined_kernel
-def _follow_bobs(chain: Group, t: float, h: float, threshold: float, scratch: FloatArray) -> int:
-    """Follow the marked bobs of one chain through a substep, from `t` [s], of `h` seconds.
-
-    Return how many bobs have completed their pseudo-period.
-    """
-    velocity, acceleration = scratch[Scratch.VELOCITY], scratch[Scratch.ACCELERATION]
-    acceleration_end, marked = scratch[Scratch.ACCELERATION_END], scratch[Scratch.MARKED]
-    record, rule, completed = chain.record, Rule(BOB, threshold, _ROOT_TOLERANCE), 0
-    for i in range(chain.velocity.size):
-        if marked[i] == 1.0 and h > 0.0 and math.isfinite(chain.velocity[i]):
-            side = record.orientation[i]
-            cubic = Cubic(
-                side * velocity[i], h * (side * acceleration[i]), side * chain.velocity[i],
-                h * (side * acceleration_end[i]),
-            )  # fmt: skip
-            _, slope = cubic_at(cubic, 0.0)
-            _, slope_end = cubic_at(cubic, 1.0)
-            interval = Interval(t, h, 0.0, 1.0, cubic.f, slope, cubic.g, slope_end)
-            follow_interval(cubic_at, cubic, rule, interval, record, i)
-        if not math.isnan(record.period[i]):
-            completed += 1
-    return completed
-
-
-@inner_kernel
-def follow_marked(
-    members: FloatArray, rods: FloatArray, model: Model, g: int, width: int, scratch: FloatArray
-) -> None:
-    """Follow the marked bobs of group `g` through a substep, chain by chain.
-
-    Mostly one lane has any, and to work on it alone, as floats, takes a third of the time.
-    """
-    n = rods.shape[2] // width - 1
-    for k in range(width):
-        if scratch[Scratch.MARKED, n * width + k] == 0.0:
-            continue
-        numbers, lane = members[:, k::width], scratch[:, k::width]
-        chain = group_of(numbers, rods[:, :, k::width], model_of_lane(model, k, width), g)
-        _find_accelerations(chain, lane)
-        t, h = numbers[Member.TIME, g] + lane[Scratch.SINCE, 0], lane[Scratch.DURATION, 0]
-        threshold = numbers[Member.THRESHOLD, g]
-        numbers[Member.COMPLETED, g] = _follow_bobs(chain, t, h, threshold, lane)
-
-
-@inlined_kernel
-def _are_waiting(numbers: FloatArray, g: int, n: int) -> Any:
-    """Return whether a bob has yet to complete its pseudo-period, of active members."""
-    return (numbers[Member.COMPLETED, g] < n) & (numbers[Member.ACTIVE, g] > 0.0)
 
 
 @inlined_kernel
@@ -265,8 +147,9 @@ def advance_group(
     theta, omega, torque, chain = group.theta, group.omega, group.torque, group.chain
     if timing[Timing.FIRST_SUBSTEP] == 0.0:
         _begin_step(group, rest)
-    waiting = _are_waiting(numbers, g, n)
-    tracked, damped = any_of(waiting), any_power(chain)
+    waiting = bobs_wait(numbers, g, n)
+    com_waiting = com_waits(numbers, g, group)
+    bobs_tracked, com_tracked, damped = any_of(waiting), any_of(com_waiting), any_power(chain)
     dissipated = rest[Scratch.DISSIPATED, 0]
     whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
     for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
@@ -278,6 +161,7 @@ def advance_group(
             rest[Scratch.SINCE, 0] = substep * whole + part * h
             part += 1
             more = any_of(parts > part)
+            tracked = bobs_tracked or com_tracked
             if tracked or some_wait:  # to pass the group costs some ns, for its many views
                 _begin_substep(group, rest)
             if damped:
@@ -289,9 +173,14 @@ def advance_group(
                 _wait(group, h, rest)
             if tracked or (substep + 1 == timing[Timing.SUBSTEPS] and not more):
                 bob_velocities(group, rest[Scratch.SIN], rest[Scratch.COS])
-            if tracked and mark(group, numbers[Member.THRESHOLD, g], h, waiting, rest):
+            threshold = numbers[Member.THRESHOLD, g]
+            if bobs_tracked and mark(group, threshold, h, waiting, rest):
                 follow_marked(members, rods, model, g, width, scratch)
-                tracked = any_of(_are_waiting(numbers, g, n))
+                bobs_tracked = any_of(bobs_wait(numbers, g, n))
+            if com_tracked and mark_com(group, threshold, h, com_waiting, rest):
+                follow_com(members, rods, model, g, width, scratch)
+                com_waiting = com_waits(numbers, g, group)
+                com_tracked = any_of(com_waiting)
     rest[Scratch.DISSIPATED, 0] = dissipated
     if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
         _commit_step(numbers, g, group, timing[Timing.DT], rest)

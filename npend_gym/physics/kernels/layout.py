@@ -43,13 +43,17 @@ class MemberFields(NamedTuple):
     DIVERGED: int = 4  # 1 where the state has left all bounds, else 0
     ACTIVE: int = 5  # 1 where the next step is to be taken, else 0
     GRAVITY: int = 6  # m/s^2
+    WITH_COM: int = 7  # 1 where the pseudo-period of the centre of mass is measured too
 
 
 Member = MemberFields()
 
 
 class RodFields(NamedTuple):
-    """Rows of `rods` for each group, (n + 1) entries for each lane; the last one is mostly free."""
+    """Rows of `rods` for each group, (n + 1) entries for each lane; the last one is mostly free.
+
+    In the fields of a `Record` it is that of the centre of mass: a period of 0 is not measured.
+    """
 
     THETA: int = 0  # rad
     OMEGA: int = 1  # rad/s

@@ -85,7 +85,7 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
     """Begin to measure member `k` from its present state: time, work, turning points."""
     g, lane = k // width, k % width
     rows, total, fastest = rods[g], 0.0, 0.0
-    position, velocity = 0.0, 0.0
+    position, velocity, moment = 0.0, 0.0, 0.0
     for i in range(n):
         r = i * width + lane
         length, omega = rows[Rod.LENGTH, r], rows[Rod.OMEGA, r]
@@ -94,10 +94,16 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
         fastest = max(fastest, abs(omega))
         position += length * s
         velocity += length * (omega * c)
+        moment += rows[Rod.CARRIED, r] * s
         rows[Rod.ORIENTATION, r] = -1.0 if position < 0.0 else 1.0
         rows[Rod.VELOCITY, r] = velocity
         rows[Rod.PERIOD, r] = rows[Rod.ZERO, r] = math.nan
         rows[Rod.SIGN, r] = rows[Rod.RISEN, r] = 0.0
+    last = n * width + lane
+    rows[Rod.ORIENTATION, last] = -1.0 if moment < 0.0 else 1.0
+    rows[Rod.PERIOD, last] = math.nan if members[Member.WITH_COM, k] > 0.0 else 0.0
+    rows[Rod.ZERO, last] = math.nan
+    rows[Rod.SIGN, last] = rows[Rod.RISEN, last] = 0.0
     mean = total / n
     natural = math.sqrt(members[Member.GRAVITY, k] / mean)
     members[Member.THRESHOLD, k] = _speed_threshold(natural, fastest) * mean

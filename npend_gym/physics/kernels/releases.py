@@ -25,7 +25,8 @@ from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
 from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.kernels.tensions import ChainArrays
 from npend_gym.physics.kernels.turning_points import (
-    BOB,
+    COM,
+    HEIGHT,
     LINK,
     Interval,
     Record,
@@ -114,9 +115,9 @@ def _along_rigid_rod(
     theta, _ = _state_at(solver, x, i)
     s, c = sincos(theta)
     l = rods[i]
-    if reading == BOB:
+    if reading != HEIGHT:
         return l * (omega * c), l * (alpha * c - (omega * omega) * s)
-    _, c0 = sincos(record.start[i])
+    _, c0 = sincos(record.per_rod[i])
     return l * (c0 - c), l * (omega * s)
 
 
@@ -131,10 +132,10 @@ def _along_spring(
     growth, change = _state_at(solver, x, 3 * n + i)
     s, c = sincos(theta)
     r = rods.length[i] + stretch
-    if reading == BOB:
+    if reading != HEIGHT:
         turned = r * (alpha * c - (omega * omega) * s) + 2.0 * (growth * (omega * c))
         return r * (omega * c) + growth * s, turned + change * s
-    return record.start[i] - r * c, r * (omega * s) - growth * c
+    return record.per_rod[i] - r * c, r * (omega * s) - growth * c
 
 
 @chosen_by_type("rods", {0: _along_rigid_rod, Stretching: _along_spring})
@@ -147,6 +148,24 @@ def _along_rod(
 
 
 @inner_kernel
+def _signal_of_com(
+    solver: Solver, x: float, record: Record, rods: Rods, scratch: FloatArray
+) -> None:  # fmt: skip
+    """Write signal and slope of the centre of mass at fraction `x` of the step.
+
+    Each rod moves what its end carries, and its own mass as far as its centre is out.
+    """
+    n = record.per_rod.size
+    velocities, value, rate = solver.y.size // 2, 0.0, 0.0
+    for i in range(n):
+        omega, alpha = _state_at(solver, x, velocities + i)
+        f, slope = _along_rod(COM, solver, x, i, omega, alpha, record, rods)
+        value, rate = value + record.per_rod[i] * f, rate + record.per_rod[i] * slope
+    scratch[_SIGNAL][0] = record.orientation[0] * value
+    scratch[_SLOPE][0] = record.orientation[0] * rate
+
+
+@inner_kernel
 def _signals(
     reading: int, solver: Solver, x: float, first: int, last: int, record: Record,
     rods: Rods, scratch: FloatArray,
@@ -155,6 +174,9 @@ def _signals(
 
     A bob's motion is the sum over the rods above it: except for LINK, `first` must be 0.
     """
+    if reading == COM:
+        _signal_of_com(solver, x, record, rods, scratch)
+        return
     velocities, signal, slope = solver.y.size // 2, scratch[_SIGNAL], scratch[_SLOPE]
     value = rate = 0.0
     for i in range(first, last + 1):
@@ -187,7 +209,7 @@ def _follow_marked(
     """Follow the marked rods of one chain from fraction `left` of the step to `right`."""
     t, h = solver.clock[0], solver.clock[1] - solver.clock[0]
     rule = Rule(reading, threshold, _ROOT_TOLERANCE / h)
-    for i in range(record.start.size):
+    for i in range(record.period.size):
         if scratch[_MARKED, i] != 0.0:
             interval = Interval(
                 t, h, left, right, scratch[_LEFT, i], scratch[_SLOPE_LEFT, i], scratch[_RIGHT, i],
@@ -207,7 +229,7 @@ def _mark(
     Mark the rods that may turn between the fraction looked at before and this one; return whether
     there are any.
     """
-    n = record.start.size
+    n = record.period.size
     found = False
     _signals(reading, solver, right, 0, n - 1, record, rods, scratch)
     for i in range(n):
@@ -236,7 +258,7 @@ def _lane_of_record(record: Record, lane: int, width: int) -> Record:
     """Return the turning points of one lane."""
     return Record(
         record.period[lane::width], record.orientation[lane::width], record.sign[lane::width],
-        record.risen[lane::width], record.zero[lane::width], record.start[lane::width],
+        record.risen[lane::width], record.zero[lane::width], record.per_rod[lane::width],
     )  # fmt: skip
 
 
@@ -256,7 +278,7 @@ def _as_numbers(
         ),
         Record(
             view(record.period), view(record.orientation), view(record.sign), view(record.risen),
-            view(record.zero), view(record.start),
+            view(record.zero), view(record.per_rod),
         ),
     )  # fmt: skip
 
@@ -271,7 +293,7 @@ def _measure(
     # the loop makes views of these
     lane_solver, lane_problem, lane_record = _as_numbers(bare, *lanes)
     lane_scratch = bare(lane_scratch)
-    n, clock, threshold = record.start.size, solver.clock, state[THRESHOLD]
+    n, clock, threshold = record.period.size, solver.clock, state[THRESHOLD]
     rods = _rods_of(problem.chain, 0, 1)
     if starting:
         start(solver, problem)

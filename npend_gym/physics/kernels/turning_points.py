@@ -1,6 +1,6 @@
 """When a bob or a rod turns: the one rule, the one root finder.
 
-A *signal* is a quantity of one rod whose zeros are the turning points of a reading:
+A *signal* is a quantity of one rod, or of the chain, whose zeros are turning points of a reading:
 
 =======  ============================================  =========================
 reading  signal                                        slope
@@ -8,6 +8,7 @@ reading  signal                                        slope
 BOB      horizontal velocity of the bob                its horizontal acceleration
 LINK     angular velocity of the rod                   its angular acceleration
 HEIGHT   height of the bob above its start             its vertical velocity
+COM      horizontal velocity of the centre of mass     its horizontal acceleration
 =======  ============================================  =========================
 
 A motion is cut into intervals in which signal and slope are known at any fraction of a step: by the
@@ -25,24 +26,28 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, spliced_kernel
 from npend_gym.compiled.packs import where
 
-BOB, LINK, HEIGHT = 0, 1, 2
+BOB, LINK, HEIGHT, COM = 0, 1, 2, 3
 _THRESHOLD = 1e-6  # of sqrt(g/l): below it a sign is rounding noise
 _MAX_ITERATIONS = 100
 
 
 class Record(NamedTuple):
-    """What is known of the turning points of each rod so far; all of shape (n,)."""
+    """What is known of the turning points of each rod so far; all of shape (n,).
+
+    For COM, where the chain as a whole turns, all but the last have one entry.
+    """
 
     period: FloatArray  # s; NaN: not complete yet
     orientation: FloatArray  # +1 where the rod was released from positive angles, else -1
     sign: FloatArray  # of the signal, once it counted; 0 before
     risen: FloatArray  # 1 where the signal has crossed from - to +
     zero: FloatArray  # s; latest zero of the signal
-    # For HEIGHT: the angle at the start; where rods stretch, how far each reaches down there [m]
-    start: FloatArray
+    # For HEIGHT: the angle at the start; where rods stretch, how far each reaches down there [m].
+    # For COM: what moves with the end of each rod, from its own joint, over the whole mass.
+    per_rod: FloatArray
 
 
 class Rule(NamedTuple):
@@ -75,12 +80,14 @@ class Cubic(NamedTuple):
     dg: float
 
 
-def new_record(theta: FloatArray, orientation: FloatArray) -> Record:
-    """Return the record of a release from `theta`: nothing seen yet."""
-    record = Record(*aligned_zeros(len(Record._fields), theta.size))
-    record.period[:] = record.zero[:] = np.nan
-    record.orientation[:], record.start[:] = orientation, theta
-    return record
+def new_record(per_rod: FloatArray, orientation: FloatArray) -> Record:
+    """Return the record of a release: nothing seen yet."""
+    period, side, sign, risen, zero = aligned_zeros(5, orientation.size)
+    period[:] = zero[:] = np.nan
+    side[:] = orientation
+    kept = aligned_zeros(1, per_rod.size)[0]
+    kept[:] = per_rod
+    return Record(period, side, sign, risen, zero, kept)
 
 
 def speed_threshold(natural: Any, fastest: Any) -> Any:
@@ -193,17 +200,3 @@ def follow_interval(
             record.zero[i] = interval.t + interval.h * x
         _update_record(rule, record, i, interval.t + interval.h * right, end, not last)
         left, signal = right, end
-
-
-@kernel
-def second_reversals(times: FloatArray, signals: FloatArray, record: Record) -> None:
-    """Find the periods of sampled signals, (R, T), each straight between two `times` (T,)."""
-    for i in range(signals.shape[0]):
-        for k in range(1, times.size):
-            f, g = signals[i, k - 1], signals[i, k]
-            t, h = times[k - 1], times[k] - times[k - 1]
-            line = Cubic(f, g - f, g, g - f)
-            interval = Interval(t, h, 0.0, 1.0, f, g - f, g, g - f)
-            rule = Rule(BOB, 0.0, 1e-13)
-            if may_turn(record, i, 0.0, f, g - f, g, g - f):
-                follow_interval(cubic_at, line, rule, interval, record, i)

@@ -1,0 +1,51 @@
+"""The models that measured pseudo-periods are compared with."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
+
+from npend_gym.chain import Chain
+from npend_gym.theory.closed_forms import amplitude_correction, ideal_period, pendulum_factor
+from npend_gym.theory.modes import fundamental_period
+from npend_gym.theory.small_releases import com_period
+
+_LAW_UP_TO = 2000  # unequal rods: the modes of more take minutes
+
+
+class Models(NamedTuple):
+    """Models of the pseudo-period of a released chain [s]; NaN where one does not apply.
+
+    Without gravity none does. To links, in place of point masses, the paper's do not.
+
+    Attributes
+    ----------
+    ideal : float
+        The paper's T0, see `ideal_period`.
+    corrected : float
+        T0 times one plus the amplitude correction of a single pendulum.
+    fundamental : float
+        T1, the period of the slowest normal mode, see `fundamental_period`.
+    law : float
+        T(N, a) of the centre of mass, see `com_period`; NaN for more than 2000 unequal rods.
+    """
+
+    ideal: float
+    corrected: float
+    fundamental: float
+    law: float
+
+
+def models(chain: Chain, angle: ArrayLike) -> Models:
+    """Return the models of the pseudo-period of `chain`, released from `angle` [rad].
+
+    Where `angle` is an array, the mean of the corrections of its entries is taken.
+    """
+    ideal = ideal_period(chain) if chain.has_bobs else math.nan
+    corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
+    law = math.nan
+    if chain.n <= _LAW_UP_TO or chain.is_uniform:
+        law = float(com_period(chain)) * float(pendulum_factor(angle).mean())
+    return Models(ideal, corrected, fundamental_period(chain), law)

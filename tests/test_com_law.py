@@ -1,0 +1,96 @@
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, pseudo_periods, theory
+from npend_gym.cli import main
+from npend_gym.experiments import LawGrid, limit_rows
+
+
+def test_the_law_holds_to_what_is_promised():
+    grid = LawGrid((2, 3, 5, 20), (0.1, 0.4, 0.75, 0.9, 1.0))
+    for n in grid.n_values:
+        for cell in grid.measure(n):
+            assert abs(cell.law_error) < (0.004 if n < 5 else 0.002)
+            expected = pseudo_periods(Chain.uniform(n), cell.amplitude, reading="com")[0]
+            assert cell.com == pytest.approx(expected, rel=1e-8)
+            expected = pseudo_periods(Chain.uniform(n), cell.amplitude) / cell.fundamental
+            assert cell.mean == pytest.approx(expected.mean(), rel=1e-7)
+            assert cell.early == pytest.approx(np.mean(expected < 0.75))
+
+
+@pytest.mark.long
+def test_the_law_holds_for_long_chains():
+    grid = LawGrid((50, 100, 200), np.linspace(0.05, 1.0, 20))
+    errors = [cell.law_error for n in grid.n_values for cell in grid.measure(n)]
+    assert np.abs(errors).max() < 0.0021
+
+
+def test_the_command_prints_and_writes_the_same_table(tmp_path, capsys):
+    assert main(f"law --n 2,5 --amplitudes 0.3,1 --out {tmp_path} --json".split()) == 0
+    printed = json.loads(capsys.readouterr().out)
+    with (tmp_path / "law.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["n"], row["amplitude_rad"]) for row in printed["law"]] == [
+        (2, 0.3), (2, 1.0), (5, 0.3), (5, 1.0)
+    ]  # fmt: skip
+    for row, again in zip(rows, printed["law"], strict=True):
+        assert {name: float(value) for name, value in row.items()} == again
+        assert again["law_error"] == again["law_s"] / again["com_s"] - 1.0
+    assert main(["law", "--n", "2", "--amplitudes", "1"]) == 0
+    text = capsys.readouterr().out
+    assert "largest error up to 1 rad, N = 2, 3: 0.39" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--n 0", "n must be between"),
+        ("--amplitudes 0", "amplitudes must be greater than zero"),
+        ("--amplitudes 3.2", "amplitude must lie between"),
+    ],
+)
+def test_bad_grids_are_refused(arguments, message, capsys):
+    with pytest.raises(SystemExit):
+        main(["law", *arguments.split()])
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "chain", [Chain.uniform(1), Chain.uniform(4), Chain([1.0, 0.5, 2.0], [1.0, 0.3, 0.7])]
+)
+def test_periods_begin_to_grow_as_the_third_order_says(chain):
+    angles = np.array([0.02, 0.04])
+    starts = np.repeat(angles[:, None], chain.n, axis=1)
+    measured = pseudo_periods(chain, starts, reading="com", rtol=1e-12)[:, 0]
+    b = (measured / theory.com_period(chain) - 1.0) / angles**2
+    growth = theory.amplitude_growth(chain)
+    assert growth.com == pytest.approx((4.0 * b[0] - b[1]) / 3.0, abs=2e-5)
+
+
+@pytest.mark.long
+def test_links_begin_to_grow_as_the_third_order_says():
+    chain = Chain.rods([1.0, 0.5], [0.5, 0.8])
+    measured = [pseudo_periods(chain, a, reading="com", rtol=1e-12)[0] for a in (0.02, 0.04)]
+    b = (np.array(measured) / theory.com_period(chain) - 1.0) / np.array([4e-4, 16e-4])
+    growth = theory.amplitude_growth(chain).com
+    assert growth == pytest.approx((4.0 * b[0] - b[1]) / 3.0, abs=2e-5)
+
+
+def test_the_growth_of_long_chains_is_near_a_pendulums():
+    growth = theory.amplitude_growth(Chain.uniform(60))
+    assert growth.com == pytest.approx(0.068, abs=3e-4)
+    assert growth.shape - growth.inertia == pytest.approx(0.982 / 16, abs=1e-4)
+
+
+def test_small_angles_have_a_row_for_every_chain():
+    rows = limit_rows([10, 500])
+    assert rows[0]["t1_error_two_terms"] == pytest.approx(2.8e-7, abs=2e-8)
+    assert rows[0]["com_growth"] == theory.amplitude_growth(Chain.uniform(10)).com
+    assert np.isnan(rows[1]["com_growth"])
+    with pytest.raises(ValueError, match="n must be between 1 and 400"):
+        theory.amplitude_growth(Chain.uniform(500))
+    with pytest.raises(ValueError, match="chain must hang straight"):
+        theory.amplitude_growth(Chain.uniform(2, gravity=0.0))
