@@ -154,7 +154,7 @@ def _with_lines(items: Iterable[_T], unit: str, total: int | None) -> Iterator[_
     shown = time.monotonic()
     for count, item in enumerate(items, start=1):
         yield item
-        if time.monotonic() - shown >= _SECONDS_BETWEEN_LINES:
+        if count != total and time.monotonic() - shown >= _SECONDS_BETWEEN_LINES:
             shown = time.monotonic()
             warn(f"{unit} {count}" + (f" of {total}" if total else ""))
 
