@@ -117,12 +117,12 @@ def test_passive_mode_measures_the_pseudo_periods_of_the_release(n):
 
 @pytest.mark.long
 def test_links_have_the_pseudo_period_of_their_own_centre_of_mass():
-    chain = Chain.rods([1.0, 0.4], [0.5, 0.8], friction=0.01)
-    envs = gym.make_vec("NPendulum-v0", num_envs=9, chain=chain, mode="passive", dt=0.02)
+    chain = Chain.rods([1.0, 0.4], [0.5, 0.8])
+    envs = gym.make_vec("NPendulum-v0", num_envs=9, chain=chain, mode="passive")
     _, info = envs.reset(seed=4)
     assert not info["_pseudo_period_com"].any()
     expected = pseudo_periods(chain, info["theta"], reading="com")[:, 0]
-    for _ in range(200):
+    for _ in range(400):
         info = envs.step(np.zeros(9, int))[4]
         known = info["_pseudo_period_com"]
         np.testing.assert_array_equal(known, info["pseudo_period_com"] > 0.0)
