@@ -110,3 +110,40 @@ def test_shac_learns_to_swing_up_one_rod_in_a_tenth_of_the_steps_of_ppo():
     policy, curve = train(settings_of("swingup-1"))
     assert curve[-1]["steps"] <= 20_000
     assert evaluate(policy, policy.env).success_rate == 1.0
+
+
+@pytest.mark.long
+def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
+    from npend_gym.rl import recovery
+    from npend_gym.rl.training.shac import settings_of, train
+
+    settings = settings_of("swingup-2-pendubot", total_timesteps=48_000)
+    policy, curve = train(settings)
+    assert curve[-1]["success"] == 1.0
+    assert policy.env["chain"]["inertias"] != [0.0, 0.0]
+    assert recovery(policy, policy.env, episodes=5).score > 0.6
+
+
+@pytest.mark.long
+def test_starts_are_states_in_which_the_motors_of_recovery_leave_an_upright_chain():
+    from npend_gym.rl.training.short_horizons import knocked_down
+    from npend_gym.rl.training.tasks import env_of_task
+
+    keywords = env_of_task("swingup-2-pendubot")
+    config = EnvConfig(**keywords)
+    found = knocked_down(config, np.random.default_rng(0), count=4)
+    rng = np.random.default_rng(0)
+    goal = rng.uniform(-np.pi, np.pi, (4, 2))
+    theta, omega = rng.normal(np.pi, 0.05, (4, 2)), rng.normal(0.0, 0.2, (4, 2))
+    env = gym.make("NPendulum-v0", **keywords, actuated=(0, 1))
+    for k in range(4):
+        _, info = env.reset(options={"theta": theta[k], "omega": omega[k]})
+        for _ in range(10):  # 0.2 s
+            joints, speeds = (np.diff(info[key], prepend=0.0) for key in ("theta", "omega"))
+            error = np.angle(np.exp(1j * (goal[k] - joints)))
+            weights = 9.81 * config.chain.lift * np.sin(info["theta"])
+            torque = 10.0 * error - speeds + [weights.sum(), weights[1]]  # N m
+            info = env.step(np.clip(torque / 6.0, -1.0, 1.0))[-1]
+        reached = np.concatenate([info["theta"], info["omega"]])
+        np.testing.assert_allclose(found[k], reached, rtol=1e-5, atol=1e-5)
+    env.close()

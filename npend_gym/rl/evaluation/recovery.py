@@ -23,10 +23,26 @@ from npend_gym.rl.evaluation.rollouts import Controller, nominal_env, rollout
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit, 6 N m
 
 
+def turning_torque(
+    config: EnvConfig, goal: FloatArray, theta: FloatArray, omega: FloatArray
+) -> FloatArray:
+    """Return the torques at all joints [N m], (B, n), that turn them to their goals [rad], (B, n).
+
+    A proportional-differential controller with compensation of gravity, within the torque limit.
+    """
+    angle = np.diff(theta, axis=1, prepend=0.0)
+    speed = np.diff(omega, axis=1, prepend=0.0)
+    error = np.remainder(goal - angle + np.pi, 2.0 * np.pi) - np.pi
+    drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
+    weight = config.chain.gravity * config.chain.lift * np.sin(theta)
+    drive += np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
+    return np.clip(drive, -config.max_torque, config.max_torque)
+
+
 class KnockDowns:
     """For short times, motors at all joints turn them to random angles, in place of the controller.
 
-    A proportional-differential controller with compensation of gravity: it knows the exact state.
+    The controller that does so, `turning_torque`, knows the exact state.
 
     Attributes
     ----------
@@ -50,15 +66,8 @@ class KnockDowns:
 
     def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
         """Return the torques of a step, zero in lanes where the controller acts."""
-        config, acts = self._config, self.acts[step]
-        goal = self._goals[self._lanes, self._which[step]]
-        angle = np.diff(info["theta"], axis=1, prepend=0.0)
-        speed = np.diff(info["omega"], axis=1, prepend=0.0)
-        error = np.remainder(goal - angle + np.pi, 2.0 * np.pi) - np.pi
-        drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
-        weight = config.chain.gravity * config.chain.lift * np.sin(info["theta"])
-        drive += np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
-        torque = np.clip(drive, -config.max_torque, config.max_torque)
+        acts, goal = self.acts[step], self._goals[self._lanes, self._which[step]]
+        torque = turning_torque(self._config, goal, info["theta"], info["omega"])
         return np.where(acts[:, None], torque, 0.0), ~acts
 
 

@@ -56,6 +56,8 @@ class Settings:
     exploration: float = 0.3  # deviation of the first actions' noise; it falls linearly to zero
     saturation_coef: float = 0.01  # of the actor's output beyond 1.5, where tanh has no slope
     episode: int = 64  # steps in training
+    speed: float = 2.5  # deviation of angular velocities of starts anywhere [rad/s]
+    knocked: float = 0.0  # share of the episodes that start as `recovery` leaves the chain
 
 
 class Learner:
@@ -230,6 +232,20 @@ def learn(collector: Any, learner: Learner, progress: str | None) -> tuple[Polic
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 96_000},
+    # Stronger, and thrown about by `recovery`: speeds are higher, and hesitating costs more
+    "swingup-2-pendubot": {
+        "total_timesteps": 320_000,
+        "batch_size": 96,
+        "memory": 80_000,
+        "actor_learning_rate": 3e-3,
+        "critic_learning_rate": 3e-3,
+        "gamma": 0.985,
+        "hidden": 128,
+        "obs_scale": (1.0, 1.0, 8.0),
+        "episode": 80,
+        "speed": 7.0,
+        "knocked": 0.7,
+    },
 }
 
 

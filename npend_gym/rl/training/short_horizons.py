@@ -11,11 +11,13 @@ import numpy as np
 import torch
 from torch import nn
 
+from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Quantities
-from npend_gym.physics import DifferentiableEnsemble
+from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.energy import kinetic_from, lift_from
+from npend_gym.rl.evaluation.recovery import turning_torque
 
 
 class Task:
@@ -81,6 +83,20 @@ class Horizons(NamedTuple):
     context: torch.Tensor  # what was drawn for the episode, (horizons, contexts)
 
 
+def knocked_down(
+    config: EnvConfig, rng: np.random.Generator, count: int = 2000, seconds: float = 0.2
+) -> FloatArray:
+    """Return states, (count, 2n), in which upright chains are left when `recovery` knocks them."""
+    n, goal = config.n, rng.uniform(-math.pi, math.pi, (count, config.n))
+    lanes = Ensemble(config.chain, count, joints=range(n))
+    lanes.set_state(
+        slice(None), rng.normal(math.pi, 0.05, (count, n)), rng.normal(0.0, 0.2, (count, n))
+    )
+    for _ in range(round(seconds / config.dt)):
+        lanes.advance(turning_torque(config, goal, lanes.theta, lanes.omega), config.dt)
+    return np.hstack([lanes.theta, lanes.omega])
+
+
 class Collector:
     """Simulates many lanes with the actor and noise, and keeps the Jacobians of all steps.
 
@@ -97,20 +113,28 @@ class Collector:
         self.rng, size = np.random.default_rng(settings.seed), settings.num_envs
         self.lanes = DifferentiableEnsemble(config.chain, size, joints=config.joints.tolist())
         self.noise = np.zeros((size, config.joints.size))
+        self.knocked = np.zeros((0, 2 * config.n))  # states to start from
+        if settings.knocked > 0.0:
+            self.knocked = knocked_down(config, self.rng)
         self.restart(np.arange(size))
         self.age = self.rng.integers(0, settings.episode, size)
 
     def restart(self, lanes: np.ndarray) -> None:
-        """Begin new episodes: a quarter as the task does, a quarter upright, half anywhere."""
-        n, rng = self.config.n, self.rng
+        """Begin new episodes: a quarter as the task does, a quarter upright, half anywhere.
+
+        A share of all, `settings.knocked`, begins just after the chain was knocked down instead.
+        """
+        n, rng, settings = self.config.n, self.rng, self.settings
         for lane in lanes.tolist():
-            theta, omega = rng.uniform(-math.pi, math.pi, n), rng.normal(0.0, 2.5, n)
+            theta, omega = rng.uniform(-math.pi, math.pi, n), rng.normal(0.0, settings.speed, n)
             kind = rng.integers(4)
             if kind == 0:
                 start = self.config.amplitude, self.config.spread
                 theta, omega = self.config.mode.start(rng, n, *start)
             elif kind == 1:
                 theta, omega = rng.normal(math.pi, 0.3, n), rng.normal(0.0, 1.0, n)
+            if settings.knocked > 0.0 and rng.random() < settings.knocked:
+                theta, omega = np.split(self.knocked[rng.integers(len(self.knocked))], 2)
             self.lanes.set_state([lane], theta, omega)
         self.noise[lanes] = 0.0
 

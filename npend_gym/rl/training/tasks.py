@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from npend_gym._provenance import provenance
+from npend_gym.chain import Chain
 from npend_gym.envs.modes import MODES
 from npend_gym.rl.policies.policy import Policy
 
@@ -24,8 +25,18 @@ ROBUST: dict[str, Any] = {
 }
 
 
+def _variants() -> dict[str, dict[str, Any]]:
+    """Return the keywords of the environment that follow from the end of a task's name."""
+    robot = Chain.realaigym("C.1", motors=False).as_dict()
+    # the Pendubot of RealAIGym's leaderboard
+    pendubot = {"chain": robot, "max_torque": 6.0, "dt": 0.02}  # N m, s
+    return {"robust": {"randomize": ROBUST}, "pendubot": pendubot}
+
+
 def env_of_task(task: str) -> dict[str, Any]:
     """Return the keywords of the environment of a task such as "swingup-2" or "calm-2-robust".
+
+    Of a "robust" task every episode has another chain; "swingup-2-pendubot" is for RealAIGym's.
 
     Raises
     ------
@@ -33,10 +44,12 @@ def env_of_task(task: str) -> dict[str, Any]:
         If it is no such name.
     """
     mode, n, *variant = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
-    if mode not in MODES or not n.isdecimal() or variant not in ([], ["robust"]):
+    keywords = _variants().get(variant[0]) if variant else {}
+    if mode not in MODES or not n.isdecimal() or keywords is None:
         raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
-    env: dict[str, Any] = {"n": int(n), "mode": mode, "observation": "sincos"}
-    return env | {"randomize": ROBUST} if variant else env
+    if "chain" in keywords and n != "2":
+        raise ValueError(f'task must have two links, as "{mode}-2-pendubot", got {task!r}')
+    return {"n": int(n), "mode": mode, "observation": "sincos"} | keywords
 
 
 def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> nn.Sequential:
