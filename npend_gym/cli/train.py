@@ -18,7 +18,7 @@ from npend_gym.cli.common import (
     with_settings,
 )
 
-ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac")
+ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation")
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
 100 held-out episodes, and writes OUT/TASK.npz, its description TASK.json and its learning curve

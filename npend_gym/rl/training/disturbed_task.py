@@ -51,7 +51,7 @@ class DisturbedTask(Task):
         self.inputs, self.contexts = self.length * (3 * self.n + 1), len(random.names)
         low, high = torch.from_numpy(random.draws[:, [Draw.LOW, Draw.HIGH]]).float().T
         self.middle, self.half = 0.5 * (low + high), (0.5 * (high - low)).clamp(min=1e-9)
-        self.to_inputs = _differences(self.length, self.obs_scale, settings.change_scale)
+        self.to_inputs = differences(self.length, self.obs_scale, settings.change_scale)
 
     def values(self, name: str, context: Any) -> Any:
         """Return the drawn values of a parameter, (..., numbers), or those that all lanes have."""
@@ -110,7 +110,7 @@ def _columns(names: tuple[str, ...], name: str) -> list[int]:
     return [k for k, each in enumerate(names) if each.partition("[")[0] == name]
 
 
-def _differences(
+def differences(
     length: int, obs_scale: torch.Tensor, change_scale: tuple[float, float, float]
 ) -> torch.Tensor:
     """Return the matrix that makes frames, a row, the present observation and its past changes."""

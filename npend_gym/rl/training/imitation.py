@@ -14,7 +14,6 @@ with noise (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the s
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
-import math
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -22,18 +21,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
 from tqdm import tqdm
 
-from npend_gym._checks import BoolArray
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_swing_up
 from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.rollouts import make_envs
 from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.training.dataset import Dataset, Fit
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
-
-_MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
 
 
 @dataclass(frozen=True)
@@ -75,31 +71,6 @@ def settings_of(task: str, **changes: Any) -> Settings:
     return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
 
 
-class Dataset:
-    """Observations, what the expert would have done there, and how much that matters."""
-
-    def __init__(self, max_states: int, inputs: int, joints: int) -> None:
-        self.size = 0
-        self.observations = torch.empty(max_states, inputs)
-        self.actions, self.weights = torch.empty(2, max_states, joints)
-
-    def add(
-        self, observations: Any, tracking: Tracking, chosen: BoolArray, rng: np.random.Generator
-    ) -> None:
-        """Add the states of the `chosen` environments."""
-        count, places = int(chosen.sum()), len(self.observations)
-        rows = np.arange(self.size, self.size + count)
-        if self.size + count > places:
-            rows = rng.integers(self.size, size=count)
-        else:
-            self.size += count
-        self.observations[rows] = torch.from_numpy(observations[chosen])
-        labels = tracking.actions[chosen].clip(-_MAX_LABEL, _MAX_LABEL)
-        self.actions[rows] = torch.from_numpy(labels.astype(np.float32))
-        weights = np.sqrt(tracking.action_weight[chosen])
-        self.weights[rows] = torch.from_numpy(weights.astype(np.float32))
-
-
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
@@ -111,10 +82,7 @@ class DAgger:
         joints = config.joints.size
         self.student = network(config.observed, joints, settings.hidden, last_gain=0.1)
         self.dataset = Dataset(settings.max_states, config.observed, joints)
-        self.optimizer = torch.optim.Adam(self.student.parameters(), fused=True)
-        self.shuffler = torch.Generator().manual_seed(settings.seed)
-        self.updates = 0  # so far
-        self.distance = math.inf  # mean of that from the expert's actions, in the last fit
+        self.fit = Fit(self.student, self.dataset, self.obs_scale, settings)
         self.episode_steps = round(settings.seconds / config.dt) + settings.standing
 
     @torch.no_grad()
@@ -164,25 +132,6 @@ class DAgger:
         means = {name: round(float(value[by_student].mean()), 4) for name, value in score.items()}
         return means | {"taken_over": round(float(steps_taken / steps), 4)}
 
-    def fit(self, updates: int) -> None:
-        """Fit the student to the dataset."""
-        settings, dataset, total = self.settings, self.dataset, 0.0
-        last = settings.first_updates + settings.rounds * settings.updates
-        for _ in range(updates):
-            rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * self.updates / last))
-            self.optimizer.param_groups[0]["lr"] = rate
-            rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
-            actions, weights = dataset.actions[rows], dataset.weights[rows]
-            prediction = self.student(dataset.observations[rows] / self.obs_scale)
-            losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
-            loss = (weights * losses).mean() / weights.mean()
-            self.optimizer.zero_grad()
-            loss.backward()
-            self.optimizer.step()
-            self.updates += 1
-            total += float((prediction.detach() - actions).abs().mean())
-        self.distance = total / updates
-
 
 def experts_of(settings: Settings, config: Any) -> list[PlannedTransition | PlannedTransitions]:
     """Return plans for the task, each by itself an expert; with goals one has those of all pairs.
@@ -217,7 +166,7 @@ def begin(settings: Settings, envs: Any) -> list[DAgger]:
         dagger.play(1)
         dagger.fit(settings.updates)
         begun.append(dagger)
-    return sorted(begun, key=lambda dagger: dagger.distance)
+    return sorted(begun, key=lambda dagger: dagger.fit.distance)
 
 
 def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
@@ -236,7 +185,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
         dagger.fit(settings.updates)
         steps = (2 * len(others) + round_ + 1) * dagger.episode_steps * settings.num_envs
         counts = {"steps": steps, "seconds": round(time.process_time() - start_time, 2)}
-        curve.append(counts | score | {"distance": round(dagger.distance, 4)})
+        curve.append(counts | score | {"distance": round(dagger.fit.distance, 4)})
     envs.close()
     student, scale = dagger.student, dagger.obs_scale
     return policy_of(student, scale, "imitation", settings, curve[-1]), curve

@@ -1,0 +1,91 @@
+"""What imitation learns from: observations, the actions of an expert, and a fit to them."""
+
+# torch's stubs leave parts unknown
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from npend_gym._checks import FloatArray
+from npend_gym.rl.controllers.planning import Tracking
+
+_MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
+
+
+class Dataset:
+    """Observations, what the expert would have done there, and how much that matters."""
+
+    def __init__(self, max_states: int, inputs: int, joints: int) -> None:
+        self.size = 0
+        self.observations = torch.empty(max_states, inputs)
+        self.actions, self.weights = torch.empty(2, max_states, joints)
+
+    def add(
+        self, observations: Any, tracking: Tracking, chosen: Any, rng: np.random.Generator
+    ) -> None:
+        """Add the states of the `chosen` environments."""
+        count, places = int(chosen.sum()), len(self.observations)
+        rows = np.arange(self.size, self.size + count)
+        if self.size + count > places:
+            rows = rng.integers(self.size, size=count)
+        else:
+            self.size += count
+        self.observations[rows] = torch.as_tensor(observations[chosen])
+        labels = tracking.actions[chosen].clip(-_MAX_LABEL, _MAX_LABEL)
+        weights: FloatArray = np.sqrt(tracking.action_weight[chosen])
+        self.actions[rows] = torch.from_numpy(labels.astype(np.float32))
+        self.weights[rows] = torch.from_numpy(weights.astype(np.float32))
+
+
+class Fit:
+    """A network that is fitted to a growing dataset.
+
+    Parameters
+    ----------
+    student : torch.nn.Module
+    dataset : Dataset
+    obs_scale : torch.Tensor
+        What the observations are divided by.
+    settings : Settings
+        With the fields "seed", "minibatch_size", "learning_rate", "first_updates", "updates" and
+        "rounds".
+
+    Attributes
+    ----------
+    distance : float
+        Mean of that from the expert's actions, in the last call.
+    """
+
+    def __init__(
+        self, student: nn.Module, dataset: Dataset, obs_scale: torch.Tensor, settings: Any
+    ) -> None:
+        self.student, self.dataset, self.settings = student, dataset, settings
+        self.obs_scale = obs_scale
+        self.optimizer = torch.optim.Adam(student.parameters(), fused=True)
+        self.shuffler = torch.Generator().manual_seed(settings.seed)
+        self.updates = 0  # so far
+        self.distance = math.inf
+
+    def __call__(self, updates: int) -> None:
+        """Fit the student to the dataset."""
+        settings, dataset, total = self.settings, self.dataset, 0.0
+        last = settings.first_updates + settings.rounds * settings.updates
+        for _ in range(updates):
+            rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * self.updates / last))
+            self.optimizer.param_groups[0]["lr"] = rate
+            rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
+            actions, weights = dataset.actions[rows], dataset.weights[rows]
+            prediction = self.student(dataset.observations[rows] / self.obs_scale)
+            losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
+            loss = (weights * losses).mean() / weights.mean()
+            self.optimizer.zero_grad()
+            loss.backward()
+            self.optimizer.step()
+            self.updates += 1
+            total += float((prediction.detach() - actions).abs().mean())
+        self.distance = total / updates
