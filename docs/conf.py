@@ -45,7 +45,7 @@ def short(number: float) -> str:
     return f"{number:.2g}" if number < 10 else f"{number:.0f}"
 
 
-SUITES = "dynamics", "environments", "episodes", "derivatives", "chaos"
+SUITES = "dynamics", "environments", "episodes", "derivatives", "chaos", "ensembles"
 myst_substitutions = {suite: benchmark(suite) for suite in SUITES}
 
 default_role = "autolink"

@@ -13,6 +13,8 @@ from npend_gym.envs import NPendulumVectorEnv as NPendulumVectorEnv
 from npend_gym.identification import Identification as Identification
 from npend_gym.identification import identify as identify
 from npend_gym.period import pseudo_periods as pseudo_periods
+from npend_gym.physics import Event as Event
 from npend_gym.physics import IntegrationError as IntegrationError
+from npend_gym.physics import Signal as Signal
 from npend_gym.physics import Trajectory as Trajectory
 from npend_gym.physics import simulate as simulate

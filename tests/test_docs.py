@@ -34,6 +34,7 @@ TAKES_LONG = {
     "robustness.md",
     "sensitivities.md",
     "shac.md",
+    "simulate.md",
 }
 SIMULATED = {"gpu.md"}
 

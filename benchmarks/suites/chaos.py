@@ -108,9 +108,8 @@ def _peer(chain: Chain, duration: float) -> tuple[float, float, float]:
     return (total - settled) / span, time.process_time() - begin, difference
 
 
-def _heyoka_flow(gravity: float) -> Flow:
-    """Return the derivative of the flow along the motion from `ANGLE`, by Taylor's method."""
-    hy: Any = import_module("heyoka")
+def heyoka_equations(hy: Any, gravity: float) -> list[tuple[Any, Any]]:
+    """Return the equations of two equal rods of 1 m, as heyoka takes them."""
     x1, x2, w1, w2 = hy.make_vars("x1", "x2", "w1", "w2")
     s, c = hy.sin(x1 - x2), hy.cos(x1 - x2)
     # 2 a1 + c a2 = -s w2^2 - 2 g sin x1,  c a1 + a2 = s w1^2 - g sin x2
@@ -118,9 +117,13 @@ def _heyoka_flow(gravity: float) -> Flow:
     lower = s * w1 * w1 - gravity * hy.sin(x2)
     determinant = 2.0 - c * c
     rates = (upper - c * lower) / determinant, (2.0 * lower - c * upper) / determinant
-    system = hy.var_ode_sys(
-        [(x1, w1), (x2, w2), (w1, rates[0]), (w2, rates[1])], hy.var_args.vars, order=1
-    )
+    return [(x1, w1), (x2, w2), (w1, rates[0]), (w2, rates[1])]
+
+
+def _heyoka_flow(gravity: float) -> Flow:
+    """Return the derivative of the flow along the motion from `ANGLE`, by Taylor's method."""
+    hy: Any = import_module("heyoka")
+    system = hy.var_ode_sys(heyoka_equations(hy, gravity), hy.var_args.vars, order=1)
     integrator = hy.taylor_adaptive(system, [ANGLE, ANGLE, 0.0, 0.0])
 
     def flow(since: float, until: float) -> FloatArray:

@@ -1,4 +1,5 @@
 from npend_gym.chaos.continuation import ContinuationError as ContinuationError
+from npend_gym.chaos.flips import flip_times as flip_times
 from npend_gym.chaos.growth import Growth as Growth
 from npend_gym.chaos.growth import neighbour_distance as neighbour_distance
 from npend_gym.chaos.growth import tangent_growth as tangent_growth

@@ -28,6 +28,7 @@ COMMANDS = {
     "paper": "reproduce the source paper and judge every equation, number and claim",
     "campaign": "sweep the release experiment over anything, on one machine or many",
     "analyse": "fit the law of the pseudo-period to a campaign, list outliers, write a report",
+    "chaos": "draw when a double pendulum first turns over, for a million starts",
     "identify": "fit a chain to measured motion, with standard errors and held-out data",
     "train": "train a policy for a task, by one of several algorithms",
     "evaluate": "evaluate a policy or a controller, and what it survives",

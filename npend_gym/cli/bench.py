@@ -10,7 +10,8 @@ from typing import Any
 
 from npend_gym.cli.common import FAILED, INTERRUPTED, OK, can_draw, show_written, warn
 
-_SUITES = ("dynamics", "environments", "episodes", "derivatives", "accuracy", "chaos", "gpu")
+_SUITES = ("dynamics", "environments", "episodes", "derivatives", "accuracy", "chaos",
+           "ensembles", "gpu")  # fmt: skip
 _FOLDER = Path(__file__).parents[2] / "benchmarks"  # in the repository, not in the wheel
 ABOUT = """\
 Ratios to MuJoCo, Gymnasium's own environments, envpool, SciPy and heyoka, as far as they are

@@ -21,6 +21,7 @@ from npend_gym.experiments.com_law import limit_rows as limit_rows
 from npend_gym.experiments.draws import starts as starts
 from npend_gym.experiments.fits import Estimate as Estimate
 from npend_gym.experiments.fits import power_law as power_law
+from npend_gym.experiments.flip_map import FlipMap as FlipMap
 from npend_gym.experiments.law import LAW_UP_TO as LAW_UP_TO
 from npend_gym.experiments.law import N_VALUES as N_VALUES
 from npend_gym.experiments.law import Law as Law

@@ -1,11 +1,13 @@
 from npend_gym.physics.derivatives import DifferentiableEnsemble as DifferentiableEnsemble
 from npend_gym.physics.derivatives import StepGradient as StepGradient
 from npend_gym.physics.derivatives import StepJacobian as StepJacobian
+from npend_gym.physics.driving import Signal as Signal
 from npend_gym.physics.ensemble import Ensemble as Ensemble
 from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import mass_matrix as mass_matrix
 from npend_gym.physics.equations import momentum_jacobian as momentum_jacobian
 from npend_gym.physics.equations import tensions as tensions
+from npend_gym.physics.events import Event as Event
 from npend_gym.physics.gpu import DeviceChains as DeviceChains
 from npend_gym.physics.gpu_derivatives import (
     DifferentiableDeviceChains as DifferentiableDeviceChains,

@@ -105,6 +105,25 @@ def energy(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray)
     return kinetic_energy(chain, theta, omega) + potential_energy(chain, theta)
 
 
+def energy_of_links(
+    chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
+) -> FloatArray:
+    """Return the energy of each link with its rotor [J], shape (..., n); their sum is `energy`."""
+    s, c = _sincos(theta)
+    back = chain.centres - chain.lengths
+    vx = np.cumsum(chain.lengths * c * omega, axis=-1) + back * omega * c
+    vy = np.cumsum(chain.lengths * s * omega, axis=-1) + back * omega * s
+    above = np.concatenate([np.zeros_like(omega[..., :1]), omega[..., :-1]], axis=-1)
+    rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
+    turning = chain.inertias * omega**2 + rotors
+    risen = (
+        2.0 * chain.lengths * _sincos(0.5 * theta)[0] ** 2
+    )  # 1 - cos theta, for small angles too
+    height = np.cumsum(risen, axis=-1) + back / chain.lengths * risen
+    weight = chain.masses * chain.gravity
+    return 0.5 * (chain.masses * (vx**2 + vy**2) + turning) + weight * height
+
+
 def _tip_velocities(l: FloatArray, s: FloatArray, c: FloatArray, omega: FloatArray) -> FloatArray:
     vx = np.cumsum(l * c * omega, axis=-1)
     vy = np.cumsum(l * s * omega, axis=-1)

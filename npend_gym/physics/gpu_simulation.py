@@ -20,7 +20,7 @@ _MAX_LAUNCH = 2**16  # steps in one launch, so that Ctrl-C is heard
 IntArray = NDArray[np.int64]
 
 
-def simulate_many(
+def simulate_on_device(
     chain: Chain,
     theta: ArrayLike,
     omega: ArrayLike,

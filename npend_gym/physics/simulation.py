@@ -3,44 +3,39 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from itertools import cycle
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
-from npend_gym._provenance import provenance
+from npend_gym._threads import MAX_THREADS
 from npend_gym.chain import Chain, check_chain
-from npend_gym.physics.arguments import check_limits, check_settings, check_torque
-from npend_gym.physics.integration import (
-    check_adaptive_steps,
-    check_fixed_steps,
-    check_times,
-    count_steps,
-    ended_rod,
-)
-from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
-from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
-from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
-from npend_gym.physics.pivot import check_pivot
-from npend_gym.physics.springs import axial_start, check_springs, check_vibrations
-from npend_gym.physics.trajectory import AXIAL, OF_PIVOT, Integration, Trajectory
+from npend_gym.physics.adaptive import Motion
+from npend_gym.physics.arguments import check_settings
+from npend_gym.physics.driving import Signal, drive_of
+from npend_gym.physics.events import Event, EventFunction
+from npend_gym.physics.integration import check_times
+from npend_gym.physics.kernels.dynamics import arrays_of
+from npend_gym.physics.many import check_many, simulate_many, stacked
+from npend_gym.physics.single import Conditions, is_law, simulate_one
+from npend_gym.physics.trajectory import Trajectory
 
-# Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
-_RODS_PER_CALL = 500_000
-_NOWHERE = np.zeros((0, 0))  # steps are not recorded
+Law = Signal | Callable[..., Any]
 
 
 def simulate(
-    chain: Chain,
+    chain: Chain | Sequence[Chain],
     theta: ArrayLike,
     omega: ArrayLike,
     times: ArrayLike,
     *,
-    torque: ArrayLike | None = None,
-    pivot_acceleration: ArrayLike | None = None,
+    torque: ArrayLike | Law | None = None,
+    pivot_acceleration: ArrayLike | Law | None = None,
     cart_mass: float | None = None,
-    force: float = 0.0,
+    force: float | Law = 0.0,
     rail_damping: float = 0.0,
     pivot_velocity: ArrayLike = 0.0,
     stiffness: ArrayLike | None = None,
@@ -51,30 +46,32 @@ def simulate(
     rtol: float = 1e-10,
     atol: float = 1e-12,
     dt: float | None = None,
+    events: Event | EventFunction | Sequence[Event | EventFunction] | None = None,
+    threads: int = 1,
     device: str = "cpu",
 ) -> Trajectory:
     """Integrate the equations of motion and return the state at the given times.
 
     Parameters
     ----------
-    chain : Chain
-    theta, omega : array_like, shape (n,)
+    chain : Chain or sequence of Chain
+        One for all motions, or one for each of B, of equally many rods.
+    theta, omega : array_like, shape (n,) or (B, n)
         Angles [rad] and angular velocities [rad/s] at ``times[0]``; one number stands for all
-        rods. With `device` "cuda" also (B, n): B motions, and `theta` of the result is (B, T, n).
+        rods. (B, n): B motions, each by steps of its own, and `theta` of the result is (B, T, n).
     times : array_like, shape (T,)
         Instants at which the state is wanted [s], increasing.
-    torque : float or array_like, shape (n,), optional
-        Constant torque [N m]: a number acts on joint 0, an array on every joint.
-    pivot_acceleration : array_like, shape (2,), optional
-        Constant acceleration of the pivot [m/s^2], sideways and up. Where it depends on time,
-        call `simulate` once for each segment of time, from the ``theta[-1]`` and ``omega[-1]`` of
-        the last call. With the mean acceleration of each segment, the error decreases as the
-        square of their length.
+    torque : float, array_like of shape (n,) or (B, n), Signal or callable, optional
+        Torque [N m]: a number acts on joint 0, an array on every joint. A `Signal` was sampled in
+        time; a function ``torque(t, theta, omega)`` returns a number or an array (n,), and must
+        not write into its arguments.
+    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
+        Acceleration of the pivot [m/s^2], sideways and up; of a function of t, two numbers.
     cart_mass : float, optional
         Mass [kg] of a cart that carries the pivot along a horizontal rail; see `Trajectory.cart`.
         The rail bears the reaction of a torque at joint 0.
-    force : float
-        Constant horizontal force [N] on the cart. Where it depends on time, use segments, as above.
+    force : float, Signal or callable
+        Horizontal force [N] on the cart; of a function of t, a number.
     rail_damping : float
         Viscous damping of the cart on its rail [N s/m].
     pivot_velocity : float or array_like, shape (2,)
@@ -97,6 +94,12 @@ def simulate(
     dt : float, optional
         Longest step [s]; "rk4" requires it. By default "dop853" takes steps of any length: at rest,
         where the motion has no error, very long ones.
+    events : Event, callable or list of these, optional
+        What is looked for: an `Event`, or a function ``event(t, theta, omega)`` whose zeros are
+        wanted, with the attributes `terminal` and `direction` of SciPy's, if any. See
+        ``t_events`` and `status` of `Trajectory`.
+    threads : int
+        That share the motions of a large B. No result depends on it.
     device : {"cpu", "cuda"}
         "cuda": many motions side by side on a GPU, by method "rk4", of rigid rods on a pivot at
         rest. `torque` may then have the shape (B, n) too. Needs the extra "cuda".
@@ -108,7 +111,8 @@ def simulate(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule.
+        If an argument breaks its rule, or a function raises an exception or returns NaN or another
+        shape.
     IntegrationError
         If the state diverges, or no step is small enough for the tolerance.
 
@@ -117,87 +121,82 @@ def simulate(
     The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, or those of
     links, friction, rotors and a pivot that moves, solved in O(n) as articulated bodies; see
     `npend_gym.physics.accelerations` and docs/extensions.md. Results are the same bits on every
-    machine.
+    machine, where functions of the user's are.
+
+    Functions are compiled by Numba where they can be (once, in about a second); others are called
+    in Python, which takes some microseconds for each of twelve evaluations in a step. Both give the
+    same bits where Python and machine code do. Steps end at the instants of a `Signal`.
+
+    The sign of an event is looked at in four places of each step, so two zeros that are nearer to
+    each other may be missed; zeros are located to 1e-12 s on the polynomials between steps. A
+    motion that begins at a zero is no event there.
     """
-    n = check_chain(chain).n
-    if _checks.choice("device", device, ("cpu", "cuda")) == "cuda":
-        beyond = pivot_acceleration, cart_mass, stiffness, stretch, stretch_rate
-        if method != "rk4" or any(value is not None for value in beyond):
-            raise ValueError(
-                'device "cuda" takes method "rk4" and rigid rods on a pivot at rest: '
-                f'use device "cpu" for anything else, got method {method!r}'
-            )
-        from npend_gym.physics.gpu_simulation import simulate_many
-
-        settings = check_settings(method, rtol, atol, dt)
-        return simulate_many(chain, theta, omega, check_times(times, n), torque, **settings)
-    theta = _checks.vector("theta", theta, n)
-    omega = _checks.vector("omega", omega, n)
-    check_limits(theta, omega)
-    times = check_times(times, n)
-    torque = _checks.vector("torque", check_torque(torque, n), n)
-    pivot = check_pivot(pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity)
     settings = check_settings(method, rtol, atol, dt)
-    springs = check_springs(chain, stiffness, axial_damping, stretch, stretch_rate, pivot)
-    forces = torque
-    # what stands after the angles in the state, and after their rates
-    names, place, rate = (), np.zeros(0), np.zeros(0)
-    if springs is not None:
-        check_vibrations(chain, springs, float(times[-1] - times[0]))
-        rods, names = springs.arrays(chain, 1), AXIAL
-        place, rate = axial_start(chain, springs, theta, omega, torque, stretch, stretch_rate)
-    else:
-        rods = arrays_of(chain.repeated(1), pivot.base)
-        if pivot.moves:
-            names, place, rate = OF_PIVOT, np.zeros(2), np.array(pivot.velocity)
-            forces = np.concatenate([torque, [pivot.force, 0.0]])
-    state = np.concatenate([theta, place, omega, rate])
-    if method == "rk4":
-        frames = _run_rk4(rods, state, times, forces, n, **settings)
-    else:
-        problem = Problem(rods, forces, settings["rtol"], settings["atol"])
-        frames = _run_dop853(problem, state, times, n, settings.get("dt", math.inf))
-    made_by = provenance(
-        {"method": method, **settings, "torque": torque.tolist(), "pivot": pivot.as_dict()}
-        | ({} if springs is None else {"springs": springs.as_dict()})
-    )
-    half = n + place.size
-    columns = slice(n), slice(n, half), slice(half, half + n), slice(half + n, None)
-    theta, place, omega, rate = (frames[:, part].copy() for part in columns)
-    beyond = dict(zip(names, (place, rate), strict=False))  # no names: rigid rods, pivot at rest
-    how = Integration(method, torque, settings)
-    return Trajectory(
-        chain, times, theta, omega, made_by, pivot, springs=springs, integration=how, **beyond
-    )
+    threads = _checks.count("threads", threads, high=MAX_THREADS)
+    given = Conditions(
+        torque, pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity, stiffness,
+        axial_damping, stretch, stretch_rate, events,
+    )  # fmt: skip
+    if _checks.choice("device", device, ("cpu", "cuda")) == "cuda":
+        return _on_device(chain, theta, omega, times, settings, given)
+    if not isinstance(chain, (list, tuple)):
+        chain = check_chain(chain)
+        states = _checks.array("theta", theta), _checks.array("omega", omega)
+        if max(each.ndim for each in states) < 2:
+            return simulate_one(chain, theta, omega, times, settings, given)
+    chains = (chain,) if isinstance(chain, Chain) else tuple(chain)
+    instants = check_times(times, check_chain(chains[0] if chains else None).n)
+    law, fixed = is_law(torque), cast("Any", torque)
+    states = check_many(chains, theta, omega, None if law else fixed)[2]
+    if "rtol" in settings and not given.beyond_torque and not law:
+        return simulate_many(chains, states, instants, settings, threads)
+    each = [
+        simulate_one(own, a, b, instants, settings, given if law else given._replace(torque=c))
+        for own, a, b, c in zip(cycle(chains), *states, strict=False)
+    ]
+    return stacked(each, chains if len(chains) > 1 else ())
 
 
-def _run_rk4(
-    chain: AnyArrays, state: FloatArray, times: FloatArray, torque: FloatArray, n: int, dt: float
-) -> FloatArray:
-    """Return the state at each time, a row each, by steps no longer than `dt`."""
-    steps = count_steps(times, dt)
-    frames = np.empty((times.size, state.size))
-    frames[0] = state
-    progress, scratch = np.array([1, 0, 0]), new_rk4_scratch(state.size // 2)
-    while progress[0] < times.size:
-        progress[2] = max(1, _RODS_PER_CALL // n)
-        sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames, _NOWHERE)
-        check_fixed_steps(sound, state[:n], times, int(progress[0]), dt, ended_rod(chain))
-    return frames
-
-
-def _run_dop853(
-    problem: Problem, state: FloatArray, times: FloatArray, n: int, longest: float
-) -> FloatArray:
-    """Return the state at each time, a row each, by steps that meet the tolerances."""
-    frames = np.empty((times.size, state.size))
-    frames[0] = state
-    solver = new_solver(float(times[0]), state)
-    done, starting, steps = 1, True, max(1, _RODS_PER_CALL // n)
-    while done < times.size:
-        done = dop853_frames(
-            solver, problem, starting, times, done, steps, longest, frames, _NOWHERE
+def _on_device(
+    chain: Chain | Sequence[Chain],
+    theta: ArrayLike,
+    omega: ArrayLike,
+    times: ArrayLike,
+    settings: dict[str, float],
+    given: Conditions,
+) -> Trajectory:
+    """Return many motions from a GPU; see `simulate`."""
+    if not isinstance(chain, Chain):
+        raise TypeError(
+            f'chain must be one Chain with device "cuda", got {type(chain).__name__}: '
+            "simulate others one after another"
         )
-        starting = False
-        check_adaptive_steps(done, solver, problem, n)
-    return frames
+    if "rtol" in settings or given.beyond_torque or is_law(given.torque):
+        raise ValueError(
+            'device "cuda" takes method "rk4", constant torques and rigid rods on a pivot at rest: '
+            'use device "cpu" for anything else'
+        )
+    from npend_gym.physics.gpu_simulation import simulate_on_device
+
+    instants = check_times(times, check_chain(chain).n)
+    return simulate_on_device(chain, theta, omega, instants, given.torque, **settings)
+
+
+def motion_of(trajectory: Trajectory) -> Motion:
+    """Return the motion of rigid rods on a pivot at rest that a trajectory was made from.
+
+    Raises
+    ------
+    ValueError
+        If it was not made by `simulate` with "dop853".
+    """
+    made, chain = trajectory.integration, trajectory.chain
+    if made is None or made.method != "dop853":
+        raise ValueError('at() needs a trajectory made by simulate(..., method="dop853")')
+    if trajectory.pivot.moves or trajectory.springs is not None:
+        raise ValueError("at() of a trajectory from a file needs rigid rods on a pivot at rest")
+    state = np.concatenate([trajectory.theta[0], trajectory.omega[0]])
+    ends = float(trajectory.times[0]), float(trajectory.times[-1])
+    tolerances = made.settings["rtol"], made.settings["atol"], made.settings.get("dt", math.inf)
+    drive = drive_of(chain.n, chain.n, made.torque, 0.0, None)
+    return Motion(arrays_of(chain.repeated(1)), state, drive, *tolerances, ends, chain.n)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.physics.arguments import check_settings
+from npend_gym.physics.arguments import check_settings, check_states
 from npend_gym.physics.pivot import check_pivot
 from npend_gym.physics.springs import check_springs
-from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Integration, Trajectory
+from npend_gym.physics.trajectory import AXIAL, EVENTS, MAX_BYTES, OF_PIVOT, Integration, Trajectory
 
 
 def write_trajectory(motion: Trajectory, path: Path) -> None:
@@ -23,6 +23,7 @@ def write_trajectory(motion: Trajectory, path: Path) -> None:
     about = json.dumps(
         {
             "chain": motion.chain.as_dict(),
+            "chains": [chain.as_dict() for chain in motion.chains],
             "pivot": motion.pivot.as_dict(),
             "springs": motion.springs and motion.springs.as_dict(),
             "provenance": motion.provenance,
@@ -32,6 +33,14 @@ def write_trajectory(motion: Trajectory, path: Path) -> None:
     names = ("times", "theta", "omega", *OF_PIVOT, *AXIAL)
     arrays = {name: getattr(motion, name) for name in names}
     arrays = {name: array for name, array in arrays.items() if array is not None}
+    arrays["status"] = np.array(motion.status)
+    for name in EVENTS:
+        for k, found in enumerate(getattr(motion, name)):
+            many = isinstance(found, list)  # of many motions
+            listed = cast("list[FloatArray]", found if many else [found])
+            arrays[f"{name}_{k}"] = np.concatenate(listed)
+            if many:  # how many each has
+                arrays[f"{name}_{k}_sizes"] = np.array([len(each) for each in listed])
     with _files.replacing(path, binary=True) as file:
         np.savez_compressed(file, about=np.array(about), **arrays)
 
@@ -58,17 +67,35 @@ def _read(path: Path) -> Trajectory:
     pivot = check_pivot(**about["pivot"])
     given: dict[str, Any] = about.get("springs") or {}
     springs = check_springs(chain, **given)
-    beyond: dict[str, FloatArray] = {}
+    beyond: dict[str, Any] = {}
     for names, width in ((OF_PIVOT, 2 * pivot.moves), (AXIAL, chain.n * (springs is not None))):
         for name in names if width else ():
             beyond[name] = _checks.array(name, data[name])
-            if beyond[name].shape != (times.size, width):
-                raise ValueError(f"{name} must have the shape {(times.size, width)}")
+            if beyond[name].shape != (*theta.shape[:-1], width):
+                raise ValueError(f"{name} must have the shape {(*theta.shape[:-1], width)}")
     made = _read_integration(about.get("integration"), chain.n)
+    events: dict[str, Any] = {name: _read_events(data, name) for name in EVENTS}
+    status = data.get("status", np.array(0))
     return Trajectory(
         chain, times, theta, omega, about["provenance"], pivot, springs=springs, integration=made,
-        **beyond,
+        status=status if status.ndim else int(status), **beyond, **events,
+        chains=tuple(Chain.from_dict(each) for each in about.get("chains", [])),
     )  # fmt: skip
+
+
+def _read_events(data: dict[str, Any], name: str) -> list[Any]:
+    """Return the instants of each event, or the states there."""
+    found: list[Any] = []
+    while f"{name}_{len(found)}" in data:
+        key = f"{name}_{len(found)}"
+        values, sizes = _checks.array(key, data[key]), data.get(f"{key}_sizes")
+        if sizes is None:
+            found.append(values)
+        elif int(np.sum(sizes)) == len(values):
+            found.append(np.split(values, np.cumsum(sizes)[:-1]))
+        else:
+            raise ValueError(f"{key} must have as many rows as {key}_sizes says")
+    return found
 
 
 def _read_integration(given: Any, n: int) -> Integration | None:
@@ -76,5 +103,5 @@ def _read_integration(given: Any, n: int) -> Integration | None:
     if given is None:
         return None
     method, settings = given["method"], {"rtol": 1.0, "atol": 1.0, "dt": None} | given["settings"]
-    torque = _checks.vector("torque", given["torque"], n)
+    torque = check_states(n, torque=given["torque"])[0]
     return Integration(method, torque, check_settings(method, **settings))

@@ -13,10 +13,11 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.arrays import aligned_zeros
+from npend_gym.compiled.arrays import NumbersOf, aligned_zeros
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.compiled.packs import any_of, where
-from npend_gym.physics.kernels.dynamics import AnyArrays, copy, derivative, new_work
+from npend_gym.physics.kernels.driven import Torque, slope
+from npend_gym.physics.kernels.dynamics import AnyArrays, copy, new_work
 
 STAGES = 12
 _ROWS = 16  # 12 stages, the derivative at the new point, 3 more for dense output
@@ -24,6 +25,7 @@ TABLEAU = _A = np.zeros((_ROWS, _ROWS))  # in its row STAGES the end of the step
 _A[:STAGES, :STAGES] = DOP853.A
 _A[STAGES, :STAGES] = DOP853.B
 _A[STAGES + 1 :] = DOP853.A_EXTRA
+_C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])  # instants of the stages, in steps
 _E5, _E3, _D = np.array(DOP853.E5), np.array(DOP853.E3), np.array(DOP853.D)
 _SAFETY, _MIN_FACTOR, _MAX_FACTOR = 0.9, 0.2, 10.0
 _POWERS = 7  # rows of the interpolation polynomial
@@ -39,13 +41,14 @@ class Solver(NamedTuple):
     k: FloatArray  # derivatives at the stages; row 12: that at y (16, 2n)
     poly: FloatArray  # dense output of the last step (7, 2n)
     work: FloatArray  # for `accelerations`
+    counts: FloatArray  # steps taken, steps refused, steps with dense output, (3,)
 
 
 class Problem(NamedTuple):
     """What is integrated, and how exactly."""
 
     chain: AnyArrays
-    torque: FloatArray  # N m at joints 0..n-1, (n,)
+    torque: Torque  # N m at joints 0..n-1, (n,)
     rtol: float
     atol: float
 
@@ -56,7 +59,27 @@ def new_solver(t: float, y: FloatArray, width: int = 1) -> Solver:
     rows[:2] = y
     clock = np.repeat([t, t, 0.0, _MAX_FACTOR], width)
     work = new_work(y.size // width // 2, width)
-    return Solver(clock, rows[0], rows[1], rows[2 : 2 + _ROWS], rows[2 + _ROWS :], work)
+    count = np.zeros(3 * width)
+    return Solver(clock, rows[0], rows[1], rows[2 : 2 + _ROWS], rows[2 + _ROWS :], work, count)
+
+
+@inlined_kernel
+def lane_of_solver(solver: Solver, lane: int, width: int) -> Solver:
+    """Return the solver of one lane of a pack."""
+    return Solver(
+        solver.clock[lane::width], solver.y_old[lane::width], solver.y[lane::width],
+        solver.k[:, lane::width], solver.poly[:, lane::width], solver.work[:, lane::width],
+        solver.counts[lane::width],
+    )  # fmt: skip
+
+
+@inlined_kernel
+def solver_as(view: NumbersOf, solver: Solver) -> Solver:
+    """Return views of the arrays as packs, or as bare floats."""
+    return Solver(
+        view(solver.clock), view(solver.y_old), view(solver.y), view(solver.k), view(solver.poly),
+        view(solver.work), view(solver.counts),
+    )  # fmt: skip
 
 
 @inlined_kernel
@@ -83,15 +106,15 @@ def _scaled_norm(x: FloatArray, y: FloatArray, problem: Problem) -> float:
 def start(solver: Solver, problem: Problem) -> None:
     """Take the first derivative and choose the first step (Hairer et al., section II.4)."""
     y, k, poly, work = solver.y, solver.k, solver.poly, solver.work
-    chain, torque = problem.chain, problem.torque
-    derivative(y, torque, chain, work, k[STAGES])
+    chain, torque, t = problem.chain, problem.torque, solver.clock[1]
+    slope(t, y, torque, chain, work, k[STAGES])
     d0 = _scaled_norm(y, y, problem)
     d1 = _scaled_norm(k[STAGES], y, problem)
     small = (d0 < 1e-5) | (d1 < 1e-5)
     h0 = where(small, 1e-6, 0.01 * d0 / where(small, 1.0, d1))
     for i in range(y.size):
         poly[0, i] = y[i] + h0 * k[STAGES, i]
-    derivative(poly[0], torque, chain, work, k[0])
+    slope(t + h0, poly[0], torque, chain, work, k[0])
     for i in range(y.size):
         poly[0, i] = k[0, i] - k[STAGES, i]
     steepest = _larger(d1, _scaled_norm(poly[0], y, problem) / h0)
@@ -140,7 +163,7 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     small enough.
     """
     clock, y_old, y, k, work = solver.clock, solver.y_old, solver.y, solver.k, solver.work
-    chain, torque = problem.chain, problem.torque
+    chain, torque, count = problem.chain, problem.torque, solver.counts
     x, y_new = solver.poly[0], solver.poly[1]
     t, wanted, largest = clock[1], clock[2], clock[3]
     rest = t_end - t
@@ -149,7 +172,7 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     copy(k[STAGES], k[0])
     for s in range(1, STAGES):
         _stage(s, h, k, y, x)
-        derivative(x, torque, chain, work, k[s])
+        slope(t + _C[s] * h, x, torque, chain, work, k[s])
     _stage(STAGES, h, k, y, y_new)
     error = _error(h, k, y, y_new, problem)
     root = _eighth_root(error)
@@ -158,7 +181,7 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     enough = h > _RESOLUTION * abs(t)
     taken = enough & (error < 1.0)
     if any_of(taken):
-        derivative(y_new, torque, chain, work, k[STAGES])
+        slope(t + h, y_new, torque, chain, work, k[STAGES])
         for i in range(y.size):
             y_old[i] = where(taken, y[i], y_old[i])
             y[i] = where(taken, y_new[i], y[i])
@@ -168,6 +191,8 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
     clock[1] = where(taken, where(h == rest, t_end, t + h), t)
     clock[2] = where(taken, grown, h * factor)
     clock[3] = where(taken, _MAX_FACTOR, 1.0)
+    count[0] = count[0] + where(taken, 1.0, 0.0)
+    count[1] = count[1] + where(enough & (error >= 1.0), 1.0, 0.0)
     return where(taken, 1.0, where(enough, 0.0, -1.0))
 
 
@@ -184,11 +209,11 @@ def step(solver: Solver, t_end: float, problem: Problem) -> bool:
 def prepare_dense(solver: Solver, problem: Problem) -> None:
     """Fit the interpolation polynomial to the last step: three more stages."""
     y_old, y, k, poly, work = solver.y_old, solver.y, solver.k, solver.poly, solver.work
-    chain, torque = problem.chain, problem.torque
-    h = solver.clock[1] - solver.clock[0]
+    chain, torque, t = problem.chain, problem.torque, solver.clock[0]
+    h = solver.clock[1] - t
     for s in range(STAGES + 1, _ROWS):
         _stage(s, h, k, y_old, poly[0])
-        derivative(poly[0], torque, chain, work, k[s])
+        slope(t + _C[s] * h, poly[0], torque, chain, work, k[s])
     for p in range(3, _POWERS):
         for i in range(y.size):
             poly[p, i] = (h * _D[p - 3, 0]) * k[0, i]
@@ -239,9 +264,9 @@ def dop853_frames(
     """Write the state at each time from index `done` on into `frames` (T, 2n).
 
     No step is longer than `longest`. Begin and end of each, and the state at its beginning, are
-    written into a row of `visited` (max_steps, 2 + 2n), unless that is empty. Return the number of
-    frames written after at most `max_steps` steps, or minus that number where the integration
-    cannot continue.
+    written into a row of `visited` (max_steps, 2 + 2n), unless that is empty; in a longer row,
+    (max_steps, 2 + 16n), the polynomial of the step follows. Return the number of frames written
+    after at most `max_steps` steps, or minus that number where the integration cannot continue.
     """
     clock = solver.clock
     if starting:
@@ -256,13 +281,19 @@ def dop853_frames(
         if visited.size > 0:
             visited[count, 0], visited[count, 1] = clock[0], clock[1]
             copy(solver.y_old, visited[count, 2:])
-        dense = False
+        dense = visited.shape[1] > 2 + solver.y.size
+        if dense:
+            prepare_dense(solver, problem)
+            solver.counts[2] += 1.0
+            for p in range(_POWERS):
+                copy(solver.poly[p], visited[count, 2 + (p + 1) * solver.y.size :])
         while done < times.size and times[done] <= clock[1]:
             if times[done] == clock[1]:
                 copy(solver.y, frames[done])
             else:
                 if not dense:
                     prepare_dense(solver, problem)
+                    solver.counts[2] += 1.0
                     dense = True
                 interpolate(solver, (times[done] - clock[0]) / (clock[1] - clock[0]), frames[done])
             done += 1

@@ -19,7 +19,15 @@ from npend_gym.compiled.jit import (
 )
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import sincos
-from npend_gym.physics.kernels.dop853 import Problem, Solver, attempt, prepare_dense, start
+from npend_gym.physics.kernels.dop853 import (
+    Problem,
+    Solver,
+    attempt,
+    lane_of_solver,
+    prepare_dense,
+    solver_as,
+    start,
+)
 from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
 from npend_gym.physics.kernels.springs import SpringArrays
@@ -245,15 +253,6 @@ def _mark(
 
 
 @inlined_kernel
-def _lane_of_solver(solver: Solver, lane: int, width: int) -> Solver:
-    """Return the solver of one lane."""
-    return Solver(
-        solver.clock[lane::width], solver.y_old[lane::width], solver.y[lane::width],
-        solver.k[:, lane::width], solver.poly[:, lane::width], solver.work[:, lane::width],
-    )  # fmt: skip
-
-
-@inlined_kernel
 def _lane_of_record(record: Record, lane: int, width: int) -> Record:
     """Return the turning points of one lane."""
     return Record(
@@ -268,10 +267,7 @@ def _as_numbers(
 ) -> tuple[Solver, Problem, Record]:
     """Return views of all arrays as packs, or as bare floats."""
     return (
-        Solver(
-            view(solver.clock), view(solver.y_old), view(solver.y), view(solver.k),
-            view(solver.poly), view(solver.work),
-        ),
+        solver_as(view, solver),
         Problem(
             view(problem.chain),
             view(problem.torque), problem.rtol, problem.atol,
@@ -317,7 +313,7 @@ def _measure(
                 continue
             for lane in range(width):
                 _follow_marked(
-                    reading, _lane_of_solver(lane_solver, lane, width), left, right,
+                    reading, lane_of_solver(lane_solver, lane, width), left, right,
                     release[THRESHOLD * width + lane], _lane_of_record(lane_record, lane, width),
                     _rods_of(lane_problem.chain, lane, width), lane_scratch[:, lane::width],
                 )  # fmt: skip

@@ -1,0 +1,256 @@
+"""What drives a motion in the course of time: constants, sampled quantities, functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.callbacks import Callback, compiled_law, python_law
+from npend_gym.physics.kernels.driven import LAW_ENTRIES, Driven, Sampled, Torque
+
+KINDS = ("previous", "linear")
+_MAX_SAMPLES = 10_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A quantity that was sampled in time: a torque, a force, an acceleration of the pivot.
+
+    Parameters
+    ----------
+    times : array_like, shape (K,)
+        Instants [s], increasing.
+    values : array_like, shape (K,) or (K, m)
+        The quantity there. With "previous" also one fewer: ``values[k]`` from ``times[k]`` to
+        ``times[k + 1]``.
+    kind : {"previous", "linear"}
+        Constant from each instant to the next, or on straight lines between them (the names of
+        `scipy.interpolate.interp1d`).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+
+    times: ArrayLike
+    values: ArrayLike
+    kind: str = "previous"
+
+    def __post_init__(self) -> None:
+        """Check and keep the arguments as arrays."""
+        times, values = _checks.array("times", self.times), _checks.array("values", self.values)
+        kind = _checks.choice("kind", self.kind, KINDS)
+        if times.ndim != 1 or not 2 <= times.size <= _MAX_SAMPLES or np.any(np.diff(times) <= 0.0):
+            raise ValueError(
+                f"times must be two or more increasing instants, got {_checks.show(times)}"
+            )
+        fits = {times.size, times.size - 1} if kind == "previous" else {times.size}
+        if values.ndim not in (1, 2) or len(values) not in fits:
+            raise ValueError(
+                f"values must have a row for each of the {times.size} times"
+                + (", or for each interval between them" if kind == "previous" else "")
+                + f", got shape {values.shape}"
+            )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "values", values)
+
+    def __call__(self, t: float) -> FloatArray:
+        """Return the quantity at the instant `t` [s], shape () or (m,).
+
+        Raises
+        ------
+        ValueError
+            If it lies outside the samples.
+        """
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        if not times[0] <= t <= times[-1]:
+            raise ValueError(
+                f"t must lie within the samples, {times[0]:g} to {times[-1]:g} s, got {t:g}"
+            )
+        k = min(int(np.searchsorted(times, t, side="right")) - 1, times.size - 2)
+        if self.kind == "previous":
+            return values[k]
+        x = (t - times[k]) / (times[k + 1] - times[k])
+        return values[k] + x * (values[k + 1] - values[k])
+
+    def lines(self) -> tuple[FloatArray, FloatArray]:
+        """Return the value at the beginning of each interval and its slope, (K - 1, m) each."""
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        rows = values.reshape(len(values), -1)
+        if self.kind == "previous":
+            return rows[: times.size - 1], np.zeros_like(rows[: times.size - 1])
+        return rows[:-1], np.diff(rows, axis=0) / np.diff(times)[:, None]
+
+
+Law = Signal | Callable[..., Any]
+
+
+class Drive:
+    """Torques, the force on a cart and the acceleration of the pivot, as they change in time.
+
+    Parameters
+    ----------
+    n : int
+        Rods.
+    fixed : ndarray, shape (n + LAW_ENTRIES,)
+        What stands for those that do not change: torques on joints, force, acceleration.
+    laws : dict
+        `Signal` or function by name: "torque", "force", "pivot_acceleration".
+    coordinates : int
+        Of the chain: n, or more where the pivot moves.
+    """
+
+    def __init__(self, n: int, fixed: FloatArray, laws: dict[str, Law], coordinates: int) -> None:
+        self.n, self.fixed, self.laws, self.coordinates = n, fixed, laws, coordinates
+        self._callback: Callback | None = None
+        self._broken = np.full(1, np.nan)  # instant at which the law wrote NaN or infinity
+        functions = [name for name, law in laws.items() if not isinstance(law, Signal)]
+        if functions and len(functions) < len(laws):
+            raise ValueError(
+                f"{' and '.join(laws)} must be all functions or all signals, got a function for "
+                f"{' and '.join(functions)} alone; a function may call a Signal"
+            )
+
+    @property
+    def constant(self) -> bool:
+        """Whether nothing changes in time."""
+        return not self.laws
+
+    def begin(self, t: float, theta: FloatArray, omega: FloatArray) -> None:
+        """Call all functions once; refuse what they return there if it breaks their rules."""
+        shapes = {"torque": ((), (self.n,)), "force": ((),), "pivot_acceleration": ((2,),)}
+        scalar = True
+        for name, law in self.laws.items():
+            if isinstance(law, Signal):
+                _check_width(name, law, shapes[name])
+                continue
+            value = _called(name, law, t, theta, omega)
+            if value.shape not in shapes[name] or not np.all(np.isfinite(value)):
+                rule = " or ".join(str(shape) for shape in shapes[name])
+                raise ValueError(
+                    f"{name}(t, theta, omega) must return finite numbers of shape {rule}, got "
+                    f"{_checks.show(value)} at t = {t:g} s"
+                )
+            scalar = scalar and (name != "torque" or value.ndim == 0)
+        if self.laws and not any(isinstance(law, Signal) for law in self.laws.values()):
+            law = compiled_law(self.laws, self.fixed, scalar=scalar)
+            called = law or python_law(self.laws, self.fixed, scalar=scalar)
+            self._callback = Callback(called, LAW_ENTRIES, compiled=law is not None)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what changes in time, in words, ready for JSON."""
+        how = "compiled" if self._callback is None or self._callback.compiled else "in Python"
+        return {
+            name: f"{len(np.asarray(law.values))} samples, {law.kind}"
+            if isinstance(law, Signal)
+            else f"function {getattr(law, '__name__', type(law).__name__)}, {how}"
+            for name, law in self.laws.items()
+        }
+
+    def pieces(self, begin: float, end: float) -> Iterator[tuple[FloatArray, Torque]]:
+        """Yield intervals within which nothing jumps, and what acts there, from begin to end."""
+        whole = np.array([begin, end])
+        forces = np.zeros(self.coordinates)
+        forces[: self.n] = self.fixed[: self.n]
+        if self.coordinates > self.n:
+            forces[self.n] = self.fixed[self.n]
+        if self.constant:
+            if end > begin:
+                yield whole, forces
+            return
+        if self._callback is not None:
+            yield whole, Driven(self._callback.address, self.fixed.copy(), forces, self._broken)
+            return
+        knots = [np.asarray(law.times) for law in self.laws.values() if isinstance(law, Signal)]
+        for name, times in zip(self.laws, knots, strict=True):
+            if begin < times[0] or end > times[-1]:
+                raise ValueError(
+                    f"{name} must be sampled over the whole motion, {begin:g} to {end:g} s; its "
+                    f"samples are from {times[0]:g} to {times[-1]:g} s"
+                )
+        inner = np.unique(np.concatenate(knots))
+        ends = np.concatenate([[begin], inner[(inner > begin) & (inner < end)], [end]])
+        for piece in pairwise(ends):
+            yield np.array(piece), self._line(float(piece[0]), forces)
+
+    def _line(self, begin: float, forces: FloatArray) -> Sampled:
+        """Return the straight lines on which the signals run from an instant on."""
+        line = np.array([self.fixed, np.zeros_like(self.fixed)])
+        places = {"torque": 0, "force": self.n, "pivot_acceleration": self.n + 1}
+        for name, law in self.laws.items():
+            if isinstance(law, Signal):
+                times, (values, slopes) = np.asarray(law.times), law.lines()
+                k = min(int(np.searchsorted(times, begin, side="right")) - 1, times.size - 2)
+                place = slice(places[name], places[name] + values.shape[1])
+                line[0, place] = values[k] + (begin - times[k]) * slopes[k]
+                line[1, place] = slopes[k]
+        return Sampled(begin, line, forces)
+
+    def check(self, theta: FloatArray, omega: FloatArray, t: float, *, stuck: bool) -> None:
+        """Raise what a function raised, or where the motion is `stuck` say that it returned NaN."""
+        if self._callback is None:
+            return
+        failure, self._callback.failure = self._callback.failure, None
+        if isinstance(failure, Exception):
+            raise ValueError(
+                f"{' or '.join(self.laws)} raised {type(failure).__name__} soon after t = {t:g} s: "
+                f"{failure}"
+            ) from failure
+        if failure is not None:
+            raise failure
+        if stuck and np.isfinite(self._broken[0]):
+            at = float(self._broken[0])
+            for name, law in self.laws.items():  # to name the exception of machine code
+                _called(name, law, at, theta, omega)
+            raise ValueError(
+                f"{' and '.join(self.laws)} must return finite numbers, got NaN, infinity or an "
+                f"exception soon after t = {t:g} s"
+            )
+
+
+def _check_width(name: str, law: Signal, shapes: tuple[tuple[int, ...], ...]) -> None:
+    shape = np.shape(law.values)[1:]
+    if shape not in shapes:
+        raise ValueError(
+            f"{name}: values of the signal must have the shape "
+            + " or ".join(str(("K", *each)) for each in shapes)
+            + f", got {np.shape(law.values)}"
+        )
+
+
+def _called(
+    name: str, law: Callable[..., Any], t: float, theta: FloatArray, omega: FloatArray
+) -> FloatArray:
+    """Return what a function says, or a ValueError that names it."""
+    arguments = (t, theta.copy(), omega.copy()) if name == "torque" else (t,)
+    try:
+        return np.asarray(law(*arguments), float)
+    except Exception as error:
+        raise ValueError(f"{name} raised {type(error).__name__} at t = {t:g} s: {error}") from error
+
+
+def drive_of(
+    n: int,
+    coordinates: int,
+    torque: FloatArray | Law,
+    force: float | Law,
+    acceleration: tuple[float, float] | Law | None,
+) -> Drive:
+    """Return the drive that the arguments of `simulate` describe; constants have been checked."""
+    fixed, laws = np.zeros(n + LAW_ENTRIES), dict[str, Law]()
+    given = {"torque": torque, "force": force, "pivot_acceleration": acceleration}
+    places = {"torque": slice(n), "force": n, "pivot_acceleration": slice(n + 1, n + 3)}
+    for name, value in given.items():
+        if isinstance(value, Signal) or callable(value):
+            laws[name] = value
+        elif value is not None:
+            fixed[places[name]] = value
+    return Drive(n, fixed, laws, coordinates)

@@ -1,0 +1,234 @@
+"""Events: instants at which a quantity of a motion is zero, located on the dense solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from scipy.optimize import brentq
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.physics import energy as _energy
+from npend_gym.physics.adaptive import Steps
+
+QUANTITIES = ("angle", "angular_velocity", "velocity", "height", "energy", "flip")
+_PARTS = 4  # of a step, at whose ends the sign is looked at
+_RESOLUTION = 1e-13  # s, of an instant
+
+
+@dataclass(frozen=True)
+class Event:
+    """A zero of a named quantity of one rod or bob.
+
+    Parameters
+    ----------
+    quantity : {"angle", "angular_velocity", "velocity", "height", "energy", "flip"}
+        The angle of the rod [rad]; its angular velocity [rad/s]; the horizontal velocity of its bob
+        [m/s]; the height of its bob above the pivot [m]; the energy of its mass, above hanging at
+        rest [J]; or "flip": the rod stands upright, in whatever turn.
+    rod : int
+        Counted from 0 at the pivot; -1 is the last.
+    value : float
+        The event is where the quantity less `value` is zero.
+    direction : {-1, 0, 1}
+        Falling zeros alone, all, or rising ones alone.
+    terminal : bool
+        Whether the motion ends at the first of them.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+
+    quantity: str
+    rod: int = -1
+    value: float = 0.0
+    direction: int = 0
+    terminal: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        _checks.choice("quantity", self.quantity, QUANTITIES)
+        _checks.number("value", self.value)
+        _checks.truth("terminal", self.terminal)
+        if self.quantity == "flip" and (self.value, self.direction) != (0.0, 0):
+            raise ValueError(
+                "value and direction must be 0 for a flip, which has no sign; got "
+                f"value {self.value:g} and direction {self.direction}: use an angle"
+            )
+
+    def of(self, chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray:
+        """Return the quantity less `value` in states (..., n), shape (...)."""
+        i = self.rod
+        if self.quantity == "angle":
+            found = theta[..., i]
+        elif self.quantity == "angular_velocity":
+            found = omega[..., i]
+        elif self.quantity == "flip":
+            return np.cos(0.5 * theta[..., i])
+        elif self.quantity == "velocity":
+            found = _energy.velocities(chain, theta, omega)[..., i, 0]
+        elif self.quantity == "height":
+            found = _energy.positions(chain, theta)[..., i, 1]
+        else:
+            found = _energy.energy_of_links(chain, theta, omega)[..., i]
+        return np.asarray(found - self.value)
+
+
+EventFunction = Callable[[float, FloatArray, FloatArray], float]
+
+
+class Watched(NamedTuple):
+    """An event as it is looked for."""
+
+    function: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]  # of many states at once
+    direction: int
+    terminal: bool
+
+
+class Occurrence(NamedTuple):
+    """An instant of an event, and the state there."""
+
+    time: float  # s
+    state: FloatArray  # (m,)
+
+
+class Watch:
+    """Looks for events in steps that come one after another."""
+
+    def __init__(self, events: list[Watched], n: int) -> None:
+        self._events, self._n = events, n
+        self._found: list[list[Occurrence]] = [[] for _ in events]
+        self._ended = False
+
+    def look(self, steps: Steps) -> Occurrence | None:
+        """Keep the events in some steps; return the first terminal one."""
+        new = [occurrences(event, steps, self._n) for event in self._events]
+        last = [
+            found[0] for event, found in zip(self._events, new, strict=True)
+            if event.terminal and found
+        ]  # fmt: skip
+        end = min(last, key=lambda each: each.time, default=None)
+        for kept, found in zip(self._found, new, strict=True):
+            kept += [each for each in found if end is None or each.time <= end.time]
+        self._ended = end is not None
+        return end
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what was found, by the names of `Trajectory`."""
+        n = self._n
+        states = [np.array([each.state for each in found]) for found in self._found]
+        halves = [each.reshape(len(each), 2, -1) if each.size else np.zeros((0, 2, n))
+                  for each in states]  # fmt: skip
+        return {
+            "status": int(self._ended),
+            "t_events": [np.array([each.time for each in found]) for found in self._found],
+            "theta_events": [half[:, 0, :n] for half in halves],
+            "omega_events": [half[:, 1, :n] for half in halves],
+        }
+
+
+def watched(events: Any, chain: Chain) -> list[Watched]:
+    """Return the events that an argument means: one, or a sequence; see `simulate`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If one is neither an `Event` nor a function, or has no such rod.
+    """
+    if events is None:
+        return []
+    listed = cast("list[Any]", [*events] if isinstance(events, (list, tuple)) else [events])
+    found: list[Watched] = []
+    for event in listed:
+        if isinstance(event, Event):
+            if not -chain.n <= event.rod < chain.n:
+                raise ValueError(
+                    f"rod of an event must be from {-chain.n} to {chain.n - 1} for {chain.n} rods, "
+                    f"got {event.rod}"
+                )
+            function = _of_event(event, chain)
+        elif callable(event):
+            function = _of_function(event)
+        else:
+            raise TypeError(
+                "events must be Event, functions event(t, theta, omega), or a list of these; got "
+                f"{_checks.show(event)}"
+            )
+        direction = int(np.sign(getattr(event, "direction", 0)))
+        found.append(Watched(function, direction, bool(getattr(event, "terminal", False))))
+    return found
+
+
+def _of_event(event: Event, chain: Chain) -> Callable[..., FloatArray]:
+    def values(t: FloatArray, theta: FloatArray, omega: FloatArray) -> FloatArray:
+        del t
+        return event.of(chain, theta, omega)
+
+    return values
+
+
+def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
+    """Return a function of one state as one of many."""
+    name = getattr(event, "__name__", "an event")
+
+    def values(t: FloatArray, theta: FloatArray, omega: FloatArray) -> FloatArray:
+        found = np.empty(t.shape)
+        for at in np.ndindex(t.shape):
+            try:
+                value = np.asarray(event(float(t[at]), theta[at].copy(), omega[at].copy()), float)
+            except Exception as error:
+                raise ValueError(
+                    f"{name} raised {type(error).__name__} at t = {t[at]:g} s: {error}"
+                ) from error
+            if value.shape != () or not np.isfinite(value):
+                raise ValueError(
+                    f"{name}(t, theta, omega) must return one finite number, got "
+                    f"{_checks.show(value)} at t = {t[at]:g} s"
+                )
+            found[at] = value
+        return found
+
+    return values
+
+
+def occurrences(event: Watched, steps: Steps, n: int) -> list[Occurrence]:
+    """Return the zeros of an event within steps, in order.
+
+    The sign is looked at in a few places of each step. A value of zero has no sign: a motion that
+    begins there is no event, and one that comes there is.
+    """
+    count, half = len(steps.begin), steps.states.shape[1] // 2
+    x = np.linspace(0.0, 1.0, _PARTS + 1)
+    index = np.arange(count)[:, None] + np.zeros(_PARTS + 1, np.int64)
+    states = steps.states_at(index, np.broadcast_to(x, index.shape))
+    length = steps.end - steps.begin
+    times = steps.begin[:, None] + length[:, None] * x
+    values = event.function(times, states[..., :n], states[..., half : half + n])
+    before, after = values[:, :-1], values[:, 1:]
+    rising, falling = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
+    wanted = {1: rising, -1: falling, 0: rising | falling}[event.direction]
+    found: list[Occurrence] = []
+    for k, part in np.argwhere(wanted):
+        step = np.array(k)
+
+        def value(fraction: float, step: Any = step) -> float:
+            state = steps.states_at(step, np.array(fraction))
+            at = steps.begin[step] + fraction * length[step]
+            return float(event.function(at, state[:n], state[half : half + n]))
+
+        tolerance = max(_RESOLUTION / float(length[k]), 4.0 * np.finfo(float).eps)
+        low, high = float(x[part]), float(x[part + 1])
+        ends = value(low), value(high)
+        if ends[0] * ends[1] > 0.0:  # zero at an end, but for rounding
+            root = high if abs(ends[1]) < abs(ends[0]) else low
+        else:
+            root = float(brentq(value, low, high, xtol=tolerance))
+        instant = float(steps.begin[k] + root * length[k])
+        found.append(Occurrence(instant, steps.states_at(step, np.array(root))))
+    return found

@@ -1,0 +1,88 @@
+"""When a rod first turns over, alone and as a map."""
+
+import json
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, Event, simulate
+from npend_gym.chaos import flip_times
+from npend_gym.cli import main
+from npend_gym.experiments import FlipMap
+
+pytestmark = pytest.mark.long  # a kernel is compiled
+
+DOUBLE = Chain([1.0, 1.0], [1.0, 1.0])
+
+
+def test_a_single_rod_turns_over_when_the_elliptic_integral_says():
+    from scipy.special import ellipkinc
+
+    # energy above upright: t = int_0^pi dtheta / omega(theta)
+    omega = 7.0
+    modulus = 4.0 * 9.81 / omega**2
+    expected = 2.0 / omega * ellipkinc(0.5 * np.pi, modulus)
+    found = flip_times(Chain([1.0], [1.0]), 0.0, omega, duration=5.0, rtol=1e-12)
+    assert found.shape == ()
+    assert found == pytest.approx(expected, abs=1e-10)
+    just_below = np.sqrt(4.0 * 9.81) * (1.0 - 1e-9)
+    assert np.isnan(flip_times(Chain([1.0], [1.0]), 0.0, just_below, duration=5.0))
+
+
+def test_flips_are_events_of_motions_followed_one_by_one():
+    starts = np.random.default_rng(3).uniform(-np.pi, np.pi, (40, 2))
+    found = flip_times(DOUBLE, starts, duration=6.0, rtol=1e-11)
+    for start, instant in zip(starts, found, strict=True):
+        motion = simulate(
+            DOUBLE, start, 0.0, [0.0, 6.0], rtol=1e-11, atol=1e-13,
+            events=[Event("flip", 0), Event("flip", 1)],
+        )  # fmt: skip
+        first = min((float(each[0]) for each in motion.t_events if each.size), default=np.nan)
+        np.testing.assert_allclose(instant, first, atol=1e-6)
+    assert 10 < np.isfinite(found).sum() < 40
+
+
+def test_flips_depend_on_no_neighbour_and_no_threads():
+    starts = np.random.default_rng(4).uniform(-np.pi, np.pi, (5, 9, 2))
+    found = flip_times(DOUBLE, starts, duration=3.0)
+    assert found.shape == (5, 9)
+    np.testing.assert_array_equal(flip_times(DOUBLE, starts, duration=3.0, threads=3), found)
+    np.testing.assert_array_equal(flip_times(DOUBLE, starts[2, 3], duration=3.0), found[2, 3])
+    np.testing.assert_allclose(flip_times(DOUBLE, -starts, duration=3.0), found, rtol=1e-13)
+    assert flip_times(DOUBLE, [4.0, 0.0], duration=3.0) == 0.0
+
+
+def test_the_map_goes_on_where_it_was_interrupted(tmp_path):
+    plan = FlipMap(size=25, duration=2.0)
+    whole = plan.run(tmp_path / "whole")
+
+    def interrupted(parts):
+        for k in parts:
+            if k == 2:
+                raise KeyboardInterrupt
+            yield k
+
+    with pytest.raises(KeyboardInterrupt):
+        plan.run(tmp_path / "cut", progress=interrupted)
+    done = next((tmp_path / "cut").glob("parts-*"))
+    assert sorted(path.name for path in done.iterdir()) == ["0.npz", "1.npz"]
+    (done / "1.npz").write_bytes((done / "1.npz").read_bytes()[:100])  # torn
+    again = []
+    plan.run(tmp_path / "cut", progress=lambda parts: again.extend(parts) or again)
+    assert again == [1, 2]
+    with np.load(tmp_path / "cut" / "map.npz") as data:
+        np.testing.assert_array_equal(data["times"], whole)
+        assert json.loads(str(data["about"]))["arguments"]["size"] == 25
+        assert data["first"][0] == pytest.approx(-np.pi * 24 / 25)
+    assert not done.exists()
+
+
+def test_the_command_draws_a_pixel_for_each_start(tmp_path, capsys):
+    image = pytest.importorskip("matplotlib.image")
+    arguments = ["chaos", "map", "--size", "20", "--duration", "2", "--out", str(tmp_path / "a")]
+    assert main(arguments) == 0
+    assert "map.png" in capsys.readouterr().out
+    assert image.imread(tmp_path / "a" / "map.png").shape[:2] == (20, 20)
+    with pytest.raises(SystemExit, match="2"):
+        main([*arguments, "--centre", "3,3", "--width", "9"])
+    assert "centre and width must keep" in capsys.readouterr().err

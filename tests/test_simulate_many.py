@@ -1,0 +1,290 @@
+"""Many motions side by side, dense output, torques that change in time, events."""
+
+# ruff: noqa: ARG001, ARG005  functions of users have the arguments that they are called with
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import npend_gym
+from npend_gym import Chain, Event, Signal, simulate
+from npend_gym.physics import accelerations
+
+pytestmark = pytest.mark.long  # three more kernels are compiled
+
+DOUBLE = Chain([1.0, 1.0], [1.0, 1.0])
+TIMES = np.linspace(0.0, 5.0, 51)
+LINKS = Chain([1.0, 0.5], [0.5, 0.4], centres=[0.2, 0.3], inertias=[0.02, 0.01], friction=0.01)
+
+
+@pytest.fixture
+def starts():
+    rng = np.random.default_rng(0)
+    return rng.uniform(-3.0, 3.0, (37, 2)), rng.normal(size=(37, 2))
+
+
+@pytest.mark.parametrize("chain", [DOUBLE, LINKS])
+def test_many_motions_have_the_bits_of_each_alone_on_any_number_of_threads(chain, starts):
+    theta, omega = starts
+    torque = np.linspace(-1.0, 1.0, 74).reshape(37, 2)
+    many = simulate(chain, theta, omega, TIMES, torque=torque)
+    assert many.theta.shape == (37, 51, 2)
+    assert len(many) == 37
+    for k in (0, 15, 16, 36):
+        alone = simulate(chain, theta[k], omega[k], TIMES, torque=torque[k])
+        np.testing.assert_array_equal(many[k].theta, alone.theta)
+        np.testing.assert_array_equal(many[k].omega, alone.omega)
+        assert (many.nfev[k], many.steps[k], many.refused_steps[k]) == (
+            alone.nfev, alone.steps, alone.refused_steps
+        )  # fmt: skip
+    shared = simulate(chain, theta, omega, TIMES, torque=torque, threads=3)
+    np.testing.assert_array_equal(shared.theta, many.theta)
+
+
+def test_chains_may_differ_and_energies_are_those_of_each():
+    chains = [Chain([m, 1.0], [1.0, 0.5 * m]) for m in (0.5, 1.0, 2.0)]
+    many = simulate(chains, [[1.0, 2.0]] * 3, 0.0, TIMES)
+    for k, chain in enumerate(chains):
+        alone = simulate(chain, [1.0, 2.0], 0.0, TIMES)
+        np.testing.assert_array_equal(many.theta[k], alone.theta)
+        np.testing.assert_array_equal(many.energy()[k], alone.energy())
+        np.testing.assert_array_equal(many.positions()[k], alone.positions())
+        assert many[k].chain == chain
+    with pytest.raises(ValueError, match=r"shape \(B, 2\) for B = 3 chains, got \(2, 2\)"):
+        simulate(chains, np.ones((2, 2)), 0.0, TIMES)
+
+
+def test_many_motions_on_a_cart_or_with_rk4_are_those_of_each(starts):
+    theta, omega = starts[0][:3], starts[1][:3]
+    for keywords in ({"cart_mass": 2.0}, {"method": "rk4", "dt": 0.01}, {"stiffness": 1e5}):
+        many = simulate(DOUBLE, theta, omega, TIMES, **keywords)
+        alone = simulate(DOUBLE, theta[2], omega[2], TIMES, **keywords)
+        np.testing.assert_array_equal(many.theta[2], alone.theta)
+        if "cart_mass" in keywords:
+            np.testing.assert_array_equal(many[2].pivot_position, alone.pivot_position)
+
+
+def test_the_number_of_evaluations_is_near_that_of_scipy():
+    motion = simulate(DOUBLE, [2.0, 1.0], 0.0, [0.0, 5.0])
+    peer = solve_ivp(
+        right_side(DOUBLE), (0, 5), [2, 1, 0, 0], method="DOP853", rtol=1e-10, atol=1e-12
+    )
+    assert motion.steps == peer.t.size - 1
+    # SciPy evaluates the end of steps that it refuses too
+    assert motion.nfev + motion.refused_steps == peer.nfev
+
+
+def right_side(chain, torque=lambda t, y: np.zeros(2)):
+    def slope(t, y):
+        return np.r_[y[2:], accelerations(chain, y[:2], y[2:], torque(t, y))]
+
+    return slope
+
+
+def test_dense_output_has_the_bits_of_frames_and_any_shape():
+    motion = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES)
+    theta, omega = motion.at(TIMES.reshape(17, 3))
+    np.testing.assert_array_equal(theta.reshape(51, 2), motion.theta)
+    np.testing.assert_array_equal(omega.reshape(51, 2), motion.omega)
+    for keywords in ({"cart_mass": 2.0}, {"torque": Signal([0, 1.234, 5.0], [1.0, -1.0, 0.0])}):
+        motion = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES, **keywords)
+        np.testing.assert_allclose(motion.at(TIMES)[0], motion.theta, rtol=0, atol=1e-9)
+    with pytest.raises(ValueError, match=r"within the motion, 0 to 5 s, got 5\.5"):
+        motion.at(5.5)
+    with pytest.raises(ValueError, match="dop853"):
+        simulate(DOUBLE, 1.0, 0.0, TIMES, method="rk4", dt=0.1).at(1.0)
+
+
+def test_many_motions_come_back_from_a_file(tmp_path, starts):
+    motion = simulate(DOUBLE, starts[0][:4], 0.0, TIMES)
+    motion.save(tmp_path / "a.npz")
+    again = npend_gym.Trajectory.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(again.theta, motion.theta)
+    np.testing.assert_array_equal(again[2].at(1.23), motion[2].at(1.23))
+    seen = simulate(DOUBLE, [[2.0, 1.0], [1.0, 0.5]], 0.0, TIMES, events=Event("angle", 0))
+    for each in (seen, seen[0]):
+        each.save(tmp_path / "b.npz")
+        again = npend_gym.Trajectory.load(tmp_path / "b.npz")
+        for name in ("t_events", "theta_events"):
+            for found, kept in zip(getattr(again, name)[0], getattr(each, name)[0], strict=True):
+                np.testing.assert_array_equal(found, kept)
+    chains = [DOUBLE, Chain([1.0, 2.0], [1.0, 1.0])]
+    simulate(chains, np.ones((2, 2)), 0.0, TIMES).save(tmp_path / "c.npz")
+    assert npend_gym.Trajectory.load(tmp_path / "c.npz").chains == tuple(chains)
+
+
+# -- functions and signals --------------------------------------------------------------------
+
+
+def drive(t, theta, omega):
+    return 3.0 * np.sin(t) - 0.1 * omega[0]
+
+
+def slow_drive(t, theta, omega):
+    return json.loads(json.dumps(3.0 * float(np.sin(t)) - 0.1 * float(omega[0])))
+
+
+def test_a_torque_function_gives_what_scipy_gives_compiled_or_not():
+    motion = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES, torque=drive)
+    assert motion.provenance["arguments"]["torque"] == "function drive, compiled"
+    peer = solve_ivp(
+        right_side(DOUBLE, lambda t, y: [drive(t, y[:2], y[2:]), 0.0]), (0, 5), [2, 1, 0, 0],
+        method="DOP853", rtol=1e-11, atol=1e-13, t_eval=TIMES,
+    )  # fmt: skip
+    np.testing.assert_allclose(motion.theta, peer.y[:2].T, atol=2e-9)
+    slow = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES, torque=slow_drive)
+    assert slow.provenance["arguments"]["torque"] == "function slow_drive, in Python"
+    np.testing.assert_allclose(slow.theta, motion.theta, atol=1e-9)
+
+
+def test_a_torque_function_may_drive_all_joints_and_many_motions(starts):
+    many = simulate(DOUBLE, starts[0][:3], 0.0, TIMES, torque=lambda t, theta, omega: -0.5 * omega)
+    damped = simulate(DOUBLE, starts[0][1], 0.0, TIMES, torque=lambda t, theta, omega: [
+        -0.5 * omega[0], -0.5 * omega[1]])  # fmt: skip
+    np.testing.assert_allclose(many.theta[1], damped.theta, atol=1e-9)
+    assert np.all(np.diff(many.energy(), axis=1) < 1e-9)
+
+
+def test_samples_held_constant_are_segments_of_constant_torque():
+    knots, values = np.linspace(0.0, 5.0, 21), np.sin(np.arange(20.0))
+    motion = simulate(DOUBLE, [0.2, 0.1], 0.0, TIMES, torque=Signal(knots, values))
+    state = np.array([0.2, 0.1, 0.0, 0.0])
+    for begin, end, torque in zip(knots[:-1], knots[1:], values, strict=True):
+        part = simulate(DOUBLE, state[:2], state[2:], [begin, end], torque=float(torque))
+        state = np.r_[part.theta[-1], part.omega[-1]]
+    np.testing.assert_array_equal(motion.theta[-1], state[:2])
+
+
+def test_samples_on_straight_lines_are_the_function_of_them():
+    knots = np.linspace(0.0, 5.0, 21)
+    signal = Signal(knots, np.sin(knots), "linear")
+    motion = simulate(DOUBLE, [0.2, 0.1], 0.0, TIMES, torque=signal)
+    function = simulate(
+        DOUBLE, [0.2, 0.1], 0.0, TIMES, dt=0.01,
+        torque=lambda t, theta, omega: np.interp(t, knots, np.sin(knots)),
+    )  # fmt: skip
+    np.testing.assert_allclose(motion.theta, function.theta, atol=1e-8)
+    assert signal(0.125) == pytest.approx(0.5 * np.sin(0.25))
+    assert Signal([0, 1, 2], [5.0, 6.0])(1.0) == 6.0
+
+
+def test_a_moving_pivot_as_a_function_is_the_frame_that_moves():
+    # a pivot that falls freely: no gravity is felt, and the chain goes on as it was
+    falling = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, pivot_acceleration=lambda t: (0.0, -9.81))
+    np.testing.assert_allclose(falling.theta[-1], [1.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(falling.pivot_position[-1], [0.0, -0.5 * 9.81 * 25], rtol=1e-12)
+    constant = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, pivot_acceleration=[1.0, 2.0])
+    law = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, pivot_acceleration=lambda t: (1.0, 2.0))
+    np.testing.assert_array_equal(law.theta, constant.theta)
+    pushed = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, cart_mass=2.0, force=lambda t: 3.0)
+    np.testing.assert_array_equal(
+        pushed.theta, simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, cart_mass=2.0, force=3.0).theta
+    )
+
+
+def fails_late(t, theta, omega):
+    return 1.0 / (t < 1.0)
+
+
+def nan_late(t, theta, omega):
+    return np.nan if t > 1.0 else 0.0
+
+
+def fails_in_python(t, theta, omega):
+    if t > 1.0:
+        raise RuntimeError(json.dumps("no more"))
+    return 0.0
+
+
+@pytest.mark.parametrize(
+    ("keywords", "text"),
+    [
+        ({"torque": lambda t, theta, omega: 1 / 0}, "torque raised ZeroDivisionError at t = 0 s"),
+        ({"torque": fails_late}, "torque raised ZeroDivisionError at t = 1 s"),
+        ({"torque": nan_late}, "torque must return finite numbers, got NaN"),
+        ({"torque": fails_in_python}, "torque raised RuntimeError soon after t = .*no more"),
+        ({"torque": lambda t, theta, omega: [1, 2, 3]}, r"shape \(\) or \(2,\), got"),
+        ({"torque": Signal([0, 1], [1, 1])}, "sampled over the whole motion, 0 to 5 s"),
+        ({"torque": Signal([0, 9], [[1, 1, 1]])}, "must have the shape"),
+        ({"force": lambda t: 1.0}, "cart_mass must be given"),
+        ({"torque": drive, "method": "rk4", "dt": 0.1}, 'must be "dop853"'),
+        (
+            {"torque": drive, "pivot_acceleration": Signal([0, 9], [[0, 0], [1, 1]])},
+            "all functions",
+        ),
+        ({"events": lambda t, theta, omega: [1, 2]}, "must return one finite number"),
+        ({"events": lambda t, theta, omega: 1 / 0}, "raised ZeroDivisionError"),
+        ({"events": Event("angle", rod=2)}, "rod of an event must be from -2 to 1"),
+    ],
+)
+def test_functions_that_fail_are_named(keywords, text):
+    with pytest.raises(ValueError, match=text):
+        simulate(DOUBLE, 1.0, 0.0, TIMES, **keywords)
+
+
+# -- events -----------------------------------------------------------------------------------
+
+
+def test_events_of_a_small_swing_are_at_quarters_of_its_period():
+    chain, small = Chain([1.0], [1.0]), 1e-4
+    period = 2.0 * np.pi / np.sqrt(9.81)
+    motion = simulate(
+        chain, small, 0.0, [0.0, 5.0 * period],
+        events=[Event("angle"), Event("angle", direction=-1), Event("velocity"),
+                Event("height", value=-1.0 + 0.25 * small**2)],
+    )  # fmt: skip
+    quarters = 0.25 * period * np.arange(1.0, 20.0, 2.0)
+    np.testing.assert_allclose(motion.t_events[0], quarters, atol=1e-8)
+    np.testing.assert_allclose(motion.t_events[1], quarters[::2], atol=1e-8)
+    np.testing.assert_allclose(motion.t_events[2][:9], 0.5 * period * np.arange(1, 10), atol=1e-8)
+    # at half the height it rises to: 45 degrees of the phase
+    np.testing.assert_allclose(motion.t_events[3][0], 0.125 * period, atol=1e-6)
+
+
+def test_events_are_those_of_scipy_and_change_no_bit_of_the_motion():
+    def crossing(t, theta, omega):
+        return theta[0] + theta[1] - 1.0
+
+    motion = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES, events=[crossing, Event("velocity", rod=0)])
+    np.testing.assert_array_equal(motion.theta, simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES).theta)
+    peer = solve_ivp(
+        right_side(DOUBLE), (0, 5), [2, 1, 0, 0], method="DOP853", rtol=1e-12, atol=1e-14,
+        max_step=0.02, events=[lambda t, y: y[0] + y[1] - 1.0, lambda t, y: y[2] * np.cos(y[0])],
+    )  # fmt: skip
+    np.testing.assert_allclose(motion.t_events[0], peer.t_events[0], atol=1e-8)
+    np.testing.assert_allclose(motion.t_events[1], peer.t_events[1][1:], atol=1e-8)
+    np.testing.assert_allclose(motion.theta_events[0].sum(axis=1), 1.0, atol=1e-11)
+
+
+def test_a_terminal_event_ends_the_motion_there():
+    motion = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES, events=Event("angle", 0, terminal=True))
+    assert motion.status == 1
+    assert motion.times[-1] == motion.t_events[0][0]
+    assert motion.theta[-1, 0] == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_array_equal(
+        motion.theta[:-1], simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES).theta[: motion.times.size - 1]
+    )
+    never = simulate(DOUBLE, [0.1, 0.1], 0.0, TIMES, events=Event("flip", 1, terminal=True))
+    assert (never.status, never.t_events[0].size, never.times.size) == (0, 0, 51)
+    many = simulate(
+        DOUBLE, [[2.0, 1.0], [0.1, 0.1]], 0.0, TIMES, events=Event("flip", 1, terminal=True)
+    )
+    assert many.status.tolist() == [1, 0]
+    last = np.searchsorted(TIMES, many.t_events[0][0][0])
+    assert np.all(np.isnan(many.theta[0, last:]))
+    assert not np.any(np.isnan(many.theta[1]))
+
+
+def test_the_energies_of_links_are_the_energy_of_the_chain():
+    from npend_gym.physics import energy
+
+    rng = np.random.default_rng(1)
+    geared = Chain([1.0, 0.5], 0.5, centres=0.2, inertias=0.02, armature=0.01, gear=5.0)
+    for chain in (DOUBLE, LINKS, geared):
+        theta, omega = rng.normal(size=(2, 9, 2))
+        np.testing.assert_allclose(
+            energy.energy_of_links(chain, theta, omega).sum(axis=-1),
+            energy.energy(chain, theta, omega), rtol=1e-13,
+        )  # fmt: skip
