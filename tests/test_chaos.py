@@ -102,7 +102,7 @@ def test_the_error_of_the_largest_exponent_is_its_scatter():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("measure", [chaos.lyapunov_spectrum, chaos.megno])
+@pytest.mark.parametrize("measure", [chaos.lyapunov_spectrum, chaos.megno, chaos.poincare_section])
 def test_ctrl_c_ends_a_long_run_at_once(measure):
     chain = Chain.uniform(300)
     measure(Chain.uniform(2), 1.0, duration=20.0)  # compiled

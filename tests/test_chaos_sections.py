@@ -66,6 +66,7 @@ def test_a_nonlinear_normal_mode_is_one_point_of_a_section():
     [
         ({"angle": 3.0}, "rod 0 does not pass the angle 3 rad within 2 s"),
         ({"duration": 0.0}, "duration must be greater than zero"),
+        ({"duration": 1e20}, "duration must be at most"),
         ({"direction": 0}, "direction must be 1 or -1, got 0"),
         ({"rod": 2}, "rod must be between -2 and 1, got 2"),
         ({"angle": np.nan}, "angle must be finite"),

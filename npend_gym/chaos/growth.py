@@ -9,14 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.chaos.variations import fastest_rate, tangents
+from npend_gym.chaos.variations import count_parts, fastest_rate, tangents
 from npend_gym.physics import mass_matrix, simulate
 
 STEP = 0.1  # between the instants of `Growth`, in radians of the fastest normal mode
-_MOST = 10**8  # instants of `Growth`
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,14 +115,7 @@ def log_growth(
     Its length is that of (theta, omega / rate), 1 at the start; `progress` wraps the iteration over
     hundredths of the duration. The other arguments are those of `tangent_growth`.
     """
-    step, n = STEP / fastest_rate(chain), chain.n
-    duration = _checks.positive_number("duration", duration)
-    if duration > _MOST * step:
-        raise ValueError(
-            f"duration must be at most {_MOST * step:g} s for this chain, got {duration:g}: its "
-            f"fastest mode swings {fastest_rate(chain) / (2.0 * np.pi):.3g} times a second"
-        )
-    count = int(np.ceil(duration / step))
+    count, step, n = count_parts(chain, duration, STEP), STEP / fastest_rate(chain), chain.n
     scale = np.concatenate([np.ones(n), np.full(n, 1.0 / rate)])
     vectors = np.random.default_rng(n).normal(size=(1, 2 * n))
     vectors /= np.linalg.norm(vectors)

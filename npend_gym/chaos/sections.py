@@ -14,7 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
-from npend_gym.chaos.variations import describe, fastest_rate
+from npend_gym.chaos.variations import count_parts, describe
 from npend_gym.physics import Trajectory, simulate
 
 _STEP = 0.05  # rad of the fastest mode, between two looks at the sign
@@ -100,13 +100,18 @@ def poincare_section(
     angle = _checks.number("angle", angle)
     if direction not in (1, -1):
         raise ValueError(f"direction must be 1 or -1, got {_checks.show(direction)}")
-    duration = _checks.positive_number("duration", duration)
+    looks = count_parts(chain, duration, _STEP)
     state = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     made_by = provenance(
         describe(chain, np.concatenate(state))
-        | {"duration": duration, "rod": rod, "angle": angle, "direction": direction, "rtol": rtol}
+        | {
+            "duration": float(duration),
+            "rod": rod,
+            "angle": angle,
+            "direction": direction,
+            "rtol": rtol,
+        }
     )
-    looks = int(np.ceil(duration * fastest_rate(chain) / _STEP))
     times = np.linspace(0.0, duration, looks + 1)
     found: list[_Passage] = []
     for first in progress(range(0, looks, _LOOKS)):

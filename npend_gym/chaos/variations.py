@@ -20,6 +20,7 @@ from npend_gym.theory.modes import decay_rate
 # Longest step times the fastest mode's frequency, or the rate of the fastest decay: vectors follow
 # these, but the motion itself may not, and at rest would allow any step.
 _LONGEST = 0.5
+_MOST = 10**8  # parts of a motion
 
 
 def tangents(
@@ -95,6 +96,23 @@ def loses_energy(chain: Chain) -> bool:
 def fastest_rate(chain: Chain) -> float:
     """Return the angular frequency [rad/s] of the fastest normal mode; 1 rad/s without gravity."""
     return theory.fastest_frequency(check_chain(chain)) or 1.0
+
+
+def count_parts(chain: Chain, duration: float, step: float) -> int:
+    """Return how many steps a duration [s] has, of `step` radians of the fastest mode.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the duration is no positive number, or has more than 10^8.
+    """
+    duration, rate = _checks.positive_number("duration", duration), fastest_rate(chain)
+    if duration * rate > _MOST * step:
+        raise ValueError(
+            f"duration must be at most {_MOST * step / rate:g} s for this chain, got {duration:g}: "
+            f"its fastest mode swings {rate / (2.0 * np.pi):.3g} times a second"
+        )
+    return int(np.ceil(duration / (step / rate)))
 
 
 def describe(chain: Chain, state: FloatArray) -> dict[str, Any]:
