@@ -61,7 +61,7 @@ class Settings:
 
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-3": {"rounds": 15},
-    "swingup-4": {"seconds": 7.0, "rounds": 60},
+    "swingup-4": {"seconds": 7.0, "guesses": 8, "rounds": 90},
     "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
 }
 
