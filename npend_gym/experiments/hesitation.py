@@ -87,7 +87,7 @@ def front_times(n: int, amplitude: float, frames: int = 2000) -> tuple[float, fl
     times = np.linspace(0.0, t1, frames)
     motion = simulate(chain, amplitude, 0.0, times, rtol=_RTOL, atol=1e-2 * _RTOL)
     tension: FloatArray = tensions(chain, motion.theta, motion.omega)
-    rods = np.arange(n, dtype=np.float64) + 0.5
+    rods: list[float] = [k + 0.5 for k in range(n)]
     place, direction, tip = 0.5, 1.0, math.nan
     for k in range(frames - 1):
         speed = math.sqrt(max(float(np.interp(place, rods, tension[k])), 0.0))
