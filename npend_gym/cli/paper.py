@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 ABOUT = """\
 Every equation, number and claim of the source paper, computed again and judged. All of it takes
-some four minutes, most single findings take seconds: `npend paper --list` shows their keys.
+some six minutes, most single findings take seconds: `npend paper --list` shows their keys.
 """
 EXAMPLES = """\
 examples:

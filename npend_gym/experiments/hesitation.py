@@ -79,18 +79,20 @@ def _lowest(early: NDArray[np.bool_], height: FloatArray) -> float:
 def front_times(n: int, amplitude: float, frames: int = 2000) -> tuple[float, float]:
     """Return when the front of a release reaches the free end, and the pivot again, over T1.
 
-    The front moves along the chain at the speed of its waves, sqrt(T/(m l)) rods a second with the
-    tension T [N] of the simulation.
+    The front moves along the chain, of two or more rods, at the speed of its waves: sqrt(T/(m l))
+    rods a second with the tension T [N] of the simulation.
     """
     chain = Chain.uniform(n)
     t1 = theory.fundamental_period(chain)
     times = np.linspace(0.0, t1, frames)
     motion = simulate(chain, amplitude, 0.0, times, rtol=_RTOL, atol=1e-2 * _RTOL)
     tension: FloatArray = tensions(chain, motion.theta, motion.omega)
-    rods: list[float] = [k + 0.5 for k in range(n)]
     place, direction, tip = 0.5, 1.0, math.nan
     for k in range(frames - 1):
-        speed = math.sqrt(max(float(np.interp(place, rods, tension[k])), 0.0))
+        rod = min(max(int(place - 0.5), 0), n - 2)
+        share = min(max(place - 0.5 - rod, 0.0), 1.0)  # of the way to the middle of the next rod
+        here = (1.0 - share) * float(tension[k, rod]) + share * float(tension[k, rod + 1])
+        speed = math.sqrt(max(here, 0.0))
         place += direction * speed * float(times[1])
         if direction > 0.0 and place >= n - 0.5:
             direction, place, tip = -1.0, n - 0.5, float(times[k]) / t1
