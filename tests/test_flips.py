@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from interrupt import Interrupt
 
 from npend_gym import Chain, Event, simulate
 from npend_gym.chaos import flip_times
@@ -86,3 +87,9 @@ def test_the_command_draws_a_pixel_for_each_start(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         main([*arguments, "--centre", "3,3", "--width", "9"])
     assert "centre and width must keep" in capsys.readouterr().err
+
+
+def test_control_c_is_answered_at_once():
+    starts = np.random.default_rng(5).uniform(-1.5, 1.5, (5000, 2))
+    with pytest.raises(KeyboardInterrupt), Interrupt():
+        flip_times(DOUBLE, starts + np.sign(starts), duration=1e4)

@@ -22,8 +22,8 @@ ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
 100 held-out episodes, and writes OUT/TASK.npz, its description TASK.json and its learning curve
-TASK.csv. One seed gives the same policy again; what is interrupted begins again. Needs the extra
-"rl", but for --algorithm es.
+TASK.csv. One seed gives the same policy again (by shac, to rounding); what is interrupted begins
+again. Needs the extra "rl", but for --algorithm es.
 """
 EXAMPLES = """\
 examples:
