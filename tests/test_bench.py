@@ -106,6 +106,7 @@ def test_the_suite_of_chaos_measures_the_symmetry_of_the_flow():
     assert float(rows[3].note.split()[-2]) < 1e-6  # sum less divergence
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("short_rounds")
 @pytest.mark.parametrize(
     "suite", [dynamics, environments, episodes, pytest.param(derivatives, marks=pytest.mark.long)]

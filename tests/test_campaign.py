@@ -433,6 +433,7 @@ def wait_for_records(out, count, process):
     raise AssertionError("nothing was recorded")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
 )
@@ -452,6 +453,7 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
     assert '"complete": false' in (tmp_path / "manifest.json").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("records", [[40], pytest.param([0, 40, 120], marks=pytest.mark.long)])
 def test_a_campaign_whose_driver_and_workers_are_killed_ends_with_the_same_bytes(
     records, undisturbed, tmp_path, capsys

@@ -26,6 +26,7 @@ BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 TAKES_LONG = {
     "README.md",
     "chaos.md",
+    "derivatives.md",
     "extensions.md",
     "gradients.md",
     "mpc.md",
@@ -35,6 +36,7 @@ TAKES_LONG = {
     "sensitivities.md",
     "shac.md",
     "simulate.md",
+    "transition.md",
 }
 SIMULATED = {"gpu.md"}
 

@@ -245,6 +245,7 @@ def test_chains_on_carts_follow_simulate_and_the_work_that_is_done(parts):
     assert gained - before == pytest.approx(many.work[5], abs=1e-7)
 
 
+@pytest.mark.long
 def test_chains_of_all_kinds_stand_side_by_side_and_keep_their_parameters():
     kinds = [Chain.uniform(2), Chain.rods([1.0, 1.0], [1.0, 0.5]), Chain.realaigym("C.1")]
     many = Ensemble(kinds)
@@ -270,6 +271,7 @@ def test_what_an_ensemble_was_not_made_for_is_refused():
         Ensemble([Chain.uniform(2), Chain.uniform(3)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1, 3])
 def test_a_machine_whose_base_rests_minds_no_other_memory(size):
     # what lies behind the rods in memory that was used before must not count as a base's motion

@@ -236,6 +236,7 @@ def test_drag_keeps_the_pseudo_period_of_a_pack_and_lengthens_that_of_one_pendul
     np.testing.assert_array_equal(together[3], pseudo_periods(DRAGGED, starts[3]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_the_linearisation_knows_drag(n):
     for chain, theta, omega, torque, _, _ in cases(n):

@@ -367,7 +367,9 @@ def test_without_a_gpu_the_error_says_so_and_what_to_do():
     "options", [{}, {"method": "rk4", "dt": 0.1, "cart_mass": 1.0}, {"stiffness": 1e3}]
 )
 def test_what_a_gpu_cannot_simulate_is_refused(options):
-    with pytest.raises(ValueError, match='device "cuda" takes method "rk4" and rigid rods'):
+    with pytest.raises(
+        ValueError, match='device "cuda" takes method "rk4", constant torques and rigid rods'
+    ):
         simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], device="cuda", **options)
     with pytest.raises(ValueError, match="device must be"):
         simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], device="gpu")

@@ -18,6 +18,7 @@ def derive_once():
         yield kane.derive
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6])
 @pytest.mark.usefixtures("derive_once")
 def test_kanes_method_gives_the_same_accelerations_for_unequal_rods(n):

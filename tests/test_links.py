@@ -73,6 +73,7 @@ def test_links_that_shrink_to_bobs_are_the_ideal_chain(n):
         assert difference(accelerations(nearly, *state), accelerations(chain, *state)) <= 1e-14
 
 
+@pytest.mark.long
 def test_a_step_of_the_acrobot_is_that_of_gymnasium():
     chain, env = Chain.acrobot(), gym.make("Acrobot-v1").unwrapped
     speeds = np.array([env.MAX_VEL_1, env.MAX_VEL_2])
@@ -191,6 +192,7 @@ def test_default_substeps_follow_links_that_stick_and_slip(torque):
     assert dt < 1e-3 < 0.01 / default_substeps(Chain.realaigym("C.1", motors=False), 0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_the_linearisation_of_links_is_the_slope_of_their_accelerations(n):
     for chain, theta, omega, torque in cases(n, 10):

@@ -174,6 +174,7 @@ def test_tangent_vectors_are_differences_of_neighbours():
     np.testing.assert_array_equal(vectors, found[-1])
 
 
+@pytest.mark.long
 def test_orthogonal_tangent_vectors_shrink_together_as_friction_says():
     """The exponents of a damped pendulum add up to minus its damping over m l^2, at any time."""
     chain, total = Chain([2.0], [0.5], damping=0.1), 0.0

@@ -14,7 +14,7 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, digests, simulate
 from npend_gym.cli import main
-from npend_gym.physics import memory, simulation
+from npend_gym.physics import adaptive, memory, single
 
 COUNTS = (1, 2, 5, 10, 50)
 
@@ -112,7 +112,8 @@ def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
 def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(monkeypatch, uneven, options):
     times = np.linspace(0.0, 2.0, 7)
     whole = simulate(uneven, 1.0, 0.5, times, **options)
-    monkeypatch.setattr(simulation, "_RODS_PER_CALL", 20)  # five steps
+    for module in (adaptive, single):
+        monkeypatch.setattr(module, "_RODS_PER_CALL", 20)  # five steps
     pieced = simulate(uneven, 1.0, 0.5, times, **options)
     np.testing.assert_array_equal(whole.theta, pieced.theta)
     np.testing.assert_array_equal(whole.omega, pieced.omega)

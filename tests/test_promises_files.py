@@ -248,6 +248,7 @@ echo "code $code"
 """
 
 
+@pytest.mark.long
 @posix
 def test_a_full_disk_and_a_read_only_one_are_failures_that_keep_the_previous_results(
     tmp_path, mounting

@@ -164,6 +164,7 @@ def test_the_motor_turns_the_rod_by_the_torque_drawn_and_damping_brakes_it():
     np.testing.assert_allclose(info["omega"][:, 0], 2.0 * np.exp(-0.5 * damping), rtol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("keywords", "randomize"),
     [

@@ -64,6 +64,7 @@ def test_a_long_chain_in_small_motion_turns_like_a_hanging_rope(n):
     assert abs(off[-1]) < {100: 3e-6, 1000: 3e-8}[n]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "chain",
     [

@@ -177,6 +177,7 @@ def test_train_rllib_runs_one_iteration(tmp_path):
     assert "iteration 1: 512 steps" in out
 
 
+@pytest.mark.long
 def test_results_renews_the_rows_that_need_no_training(tmp_path, monkeypatch):
     pytest.importorskip("torch")
     import results
@@ -200,6 +201,7 @@ def test_results_renews_the_rows_that_need_no_training(tmp_path, monkeypatch):
     assert results.table(results.recorded()) in (tmp_path / "results.md").read_text()
 
 
+@pytest.mark.long
 def test_the_table_in_the_docs_is_that_of_the_recorded_results():
     pytest.importorskip("torch")
     from results import recorded, table

@@ -141,6 +141,7 @@ def test_the_modes_of_links_solve_the_linearised_system(n):
     assert 2.0 * np.pi / theory.fundamental_period(chain) == pytest.approx(omega[0], rel=1e-11)
 
 
+@pytest.mark.long
 def test_the_fastest_decay_is_an_eigenvalue_of_the_damped_system():
     chain = links(6)
     still = Chain.from_dict(chain.as_dict() | {"gravity": 0.0})

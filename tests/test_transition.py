@@ -288,6 +288,7 @@ def test_wrong_keywords_are_refused(keywords, error, message):
     assert not hasattr(NPendulumEnv(mode="transition"), "compute_reward")
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # Stable-Baselines3 warns of CUDA
 def test_stable_baselines3_learns_from_hindsight():
     sb3 = pytest.importorskip("stable_baselines3")
