@@ -43,12 +43,15 @@ class Callback:
         Of the function, as `call_law` takes it; valid as long as this object lives.
     compiled : bool
         Whether it is machine code.
+    stopped : bool
+        Set it to let a law in Python write NaN without being called.
     failure : BaseException or None
         What a law in Python raised; it then wrote NaN, and so does one in machine code.
     """
 
     def __init__(self, law: Any, entries: int, *, compiled: bool) -> None:
         self.failure: BaseException | None = None
+        self.stopped = False
         self.compiled, self._law, self._entries = compiled, law, entries
         # kept alive as long as its address is used
         self._function: Any = _in_c(law, entries) if compiled else _IN_C(self._in_python)
@@ -60,7 +63,7 @@ class Callback:
     def _in_python(self, t: float, theta: Any, omega: Any, out: Any, n: int) -> None:
         values = np.ctypeslib.as_array(out, (n + self._entries,))
         values[:] = np.nan
-        if self.failure is not None:
+        if self.stopped or self.failure is not None:
             return
         try:
             state = (np.ctypeslib.as_array(each, (n,)).copy() for each in (theta, omega))

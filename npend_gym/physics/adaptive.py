@@ -105,9 +105,10 @@ class Motion:
             while done < ends.size:
                 before, counted = done, solver.counts.copy()
                 visited = np.zeros((count, row)) if kept else _NOWHERE
-                done = dop853_frames(
-                    solver, problem, starting, ends, done, count, self.longest, frames, visited
-                )
+                with self.drive.heard():
+                    done = dop853_frames(
+                        solver, problem, starting, ends, done, count, self.longest, frames, visited
+                    )
                 starting = False
                 angles, rates = solver.y[:n], solver.y[state.size // 2 :][:n]
                 self.drive.check(angles, rates, float(solver.clock[1]), stuck=done < 0)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import signal
+import threading
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -193,6 +196,32 @@ class Drive:
                 line[0, place] = values[k] + (begin - times[k]) * slopes[k]
                 line[1, place] = slopes[k]
         return Sampled(begin, line, forces)
+
+    @contextmanager
+    def heard(self) -> Generator[None, None, None]:
+        """Hold Ctrl-C back while compiled code calls functions in Python, where it would be lost.
+
+        The functions then write NaN, which ends the compiled call, and the signal is given again.
+        """
+        callback = self._callback
+        in_python = callback is not None and not callback.compiled
+        if not in_python or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        pressed: list[int] = []
+
+        def hold(number: int, _: object) -> None:
+            pressed.append(number)
+            callback.stopped = True
+
+        before = signal.signal(signal.SIGINT, hold)
+        try:
+            yield
+        finally:
+            callback.stopped = False
+            signal.signal(signal.SIGINT, before)
+        if pressed:
+            signal.raise_signal(signal.SIGINT)
 
     def check(self, theta: FloatArray, omega: FloatArray, t: float, *, stuck: bool) -> None:
         """Raise what a function raised, or where the motion is `stuck` say that it returned NaN."""
