@@ -204,8 +204,11 @@ class Drive:
         The functions then write NaN, which ends the compiled call, and the signal is given again.
         """
         callback = self._callback
-        in_python = callback is not None and not callback.compiled
-        if not in_python or threading.current_thread() is not threading.main_thread():
+        if (
+            callback is None
+            or callback.compiled
+            or threading.current_thread() is not threading.main_thread()
+        ):
             yield
             return
         pressed: list[int] = []
