@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import jn_zeros
 
-from npend_gym import Chain, pseudo_periods, theory
+from npend_gym import Chain, Event, pseudo_periods, simulate, theory
 from npend_gym.experiments import hesitation
 from npend_gym.paper.findings import outcome
 from npend_gym.paper.registry import Verdict
@@ -50,13 +50,18 @@ def test_limits_of_planted_power_laws_are_found():
 
 
 @pytest.mark.long
-def test_a_bob_completes_early_from_its_onset_on():
+def test_a_bob_reverses_twice_at_the_front_from_its_onset_on():
     n, chain = 50, Chain.uniform(50)
     bob = int(np.abs(hesitation.heights(n) - 0.9).argmin())
     onset = hesitation.onset(n, float(hesitation.heights(n)[bob]))
     t1 = theory.fundamental_period(chain)
-    below, above = (pseudo_periods(chain, onset + d)[bob] / t1 for d in (-0.01, 0.01))
-    assert below > hesitation.EARLY > above
+
+    def reversals(amplitude):
+        motion = simulate(chain, amplitude, 0.0, [0.0, 0.72 * t1], events=Event("velocity", bob))
+        return int(np.sum(motion.t_events[0] > 0.58 * t1))
+
+    assert reversals(onset - 0.01) == 0
+    assert reversals(onset + 0.01) == 2
 
 
 @pytest.mark.long
