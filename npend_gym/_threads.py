@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import _thread
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
+from typing import TypeVar
+
+_Part = TypeVar("_Part")
 
 MAX_THREADS = 1024
 _IDLE = 2.0  # s, after which a thread without work looks whether it is still needed
@@ -97,6 +100,30 @@ class Helpers:
         for _ in range(self._started):
             self._shares.put(None)
         self._started = 0
+
+
+def share_out(parts: Sequence[_Part], threads: int, follow: Callable[[_Part, Call], None]) -> None:
+    """Call ``follow(part, call)`` for each of the parts, by so many threads, the caller's too.
+
+    Raises
+    ------
+    BaseException
+        What `follow` raised, here or in a thread.
+    """
+    remaining = iter(parts)
+
+    def work(worker: int, call: Call) -> None:
+        del worker
+        for part in remaining:
+            if call.stopped:
+                return
+            follow(part, call)
+
+    helpers = Helpers(min(threads, len(parts)) - 1)
+    try:
+        helpers.run(work)
+    finally:
+        helpers.close()
 
 
 def _serve(shares: SimpleQueue[_Share | None], owner: weakref.ref[Helpers]) -> None:

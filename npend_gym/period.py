@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym._threads import MAX_THREADS, Call, Helpers
+from npend_gym._threads import MAX_THREADS, Call, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_periods
@@ -131,18 +131,13 @@ def pseudo_periods(
     if springs is not None:
         check_vibrations(chain, springs, duration)
 
-    periods, parts = np.empty_like(releases[0]), shares(len(releases[0]))
-    remaining, measurement = iter(parts), Measurement(_CODES[reading], duration, rtol)
+    periods, measurement = np.empty_like(releases[0]), Measurement(_CODES[reading], duration, rtol)
 
-    def measure_shares(worker: int, call: Call) -> None:
-        del worker
-        for share in remaining:
-            start = releases[0][share], releases[1][share]
-            periods[share] = measure(chain, springs, *start, measurement, call)
+    def follow(share: slice, call: Call) -> None:
+        start = releases[0][share], releases[1][share]
+        periods[share] = measure(chain, springs, *start, measurement, call)
 
-    helpers = Helpers(min(threads, len(parts)) - 1)
-    helpers.run(measure_shares)
-    helpers.close()
+    share_out(shares(len(periods)), threads, follow)
     return periods.reshape(theta.shape)
 
 

@@ -16,13 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 from scipy.special import jn_zeros
 
-from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.experiments import hesitation
 from npend_gym.paper.findings import outcome
-from npend_gym.physics import accelerations
 
 FILE = Path(__file__).with_name("numbers.json")
 LYAPUNOV = FILE.parents[1] / "results" / "lyapunov.csv"
@@ -46,20 +44,8 @@ def number(key: str) -> Callable[[Callable[[bool], Any]], Callable[[bool], Any]]
 
 @cache
 def com_period(n: int, amplitude: float, rtol: float = 1e-9) -> float:
-    """Return the measured pseudo-period [s] of the centre of mass of `n` equal rods.
-
-    The zero of the momentum, of those from + to - near the slowest mode's period the first.
-    """
-    chain, frames = Chain.uniform(n), np.linspace(0.85, 1.25, 801) * slowest(n)
-    motion = simulate(chain, amplitude, 0.0, np.append(0.0, frames), rtol=rtol, atol=0.01 * rtol)
-    theta, omega = motion.theta[1:], motion.omega[1:]
-    alpha, hung = accelerations(chain, theta, omega), np.arange(n, 0.0, -1.0)
-    momentum = (omega * np.cos(theta)) @ hung
-    force = (alpha * np.cos(theta) - omega**2 * np.sin(theta)) @ hung
-    k = int(np.flatnonzero((momentum[:-1] > 0.0) & (momentum[1:] <= 0.0))[0])
-    piece = slice(k, k + 2)
-    spline = CubicHermiteSpline(frames[piece], momentum[piece], force[piece])
-    return float(spline.roots(extrapolate=False)[0])
+    """Return the measured pseudo-period [s] of the centre of mass of `n` equal rods."""
+    return float(pseudo_periods(Chain.uniform(n), amplitude, reading="com", rtol=rtol)[0])
 
 
 def slowest(n: int) -> float:

@@ -7,13 +7,13 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._threads import MAX_THREADS, Call
+from npend_gym._threads import MAX_THREADS, Call, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.arguments import check_limits, check_rtol, check_states
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.many import RUNNING, many_flips
-from npend_gym.physics.many import check_going, new_group, shared
+from npend_gym.physics.many import check_going, new_group, packs_of
 
 _RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
 
@@ -92,5 +92,5 @@ def flip_times(
         times[followed[members]] = flips[: members.stop - members.start]
 
     if followed.size:
-        shared(followed.size, threads, follow)
+        share_out(packs_of(followed.size), threads, follow)
     return times.reshape(leading)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym._threads import Call, Helpers
+from npend_gym._threads import Call, share_out
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.packs import WIDTH
@@ -51,23 +51,9 @@ def new_group(
     return Group(solver, Problem(arrays_of(chains), innermost(torque), *tolerances), members)
 
 
-def shared(count: int, threads: int, follow: Callable[[slice, Call], None]) -> None:
-    """Call `follow` with each pack of `count` motions, by so many threads."""
-    parts = [slice(k, min(k + WIDTH, count)) for k in range(0, count, WIDTH)]
-    remaining = iter(parts)
-
-    def work(worker: int, call: Call) -> None:
-        del worker
-        for part in remaining:
-            if call.stopped:
-                return
-            follow(part, call)
-
-    helpers = Helpers(min(threads, len(parts)) - 1)
-    try:
-        helpers.run(work)
-    finally:
-        helpers.close()
+def packs_of(count: int) -> list[slice]:
+    """Return which of `count` motions stand in a pack together."""
+    return [slice(k, min(k + WIDTH, count)) for k in range(0, count, WIDTH)]
 
 
 def check_going(group: Group, status: FloatArray, n: int) -> None:
@@ -86,6 +72,7 @@ def check_going(group: Group, status: FloatArray, n: int) -> None:
 
 def simulate_many(
     chains: tuple[Chain, ...],
+    parameters: ChainParameters,
     states: tuple[FloatArray, ...],
     times: FloatArray,
     settings: dict[str, float],
@@ -95,7 +82,7 @@ def simulate_many(
 
     All arguments have been checked.
     """
-    parameters, n, count = check_chains(chains, None)[0], chains[0].n, len(states[0])
+    n, count = chains[0].n, len(states[0])
     if 16 * times.size * count * n > MAX_BYTES:
         raise ValueError(
             f"times must hold at most {MAX_BYTES // (16 * n * count)} instants for {n * count} "
@@ -112,7 +99,7 @@ def simulate_many(
         counts[:, members] = group.solver.counts.reshape(3, WIDTH)[:, :size]
 
     if times.size > 1:
-        shared(count, threads, follow)
+        share_out(packs_of(count), threads, follow)
     given: dict[str, Any] = {"motions": count, "method": "dop853", **settings}
     if np.all(states[2] == states[2][0]):
         given["torque"] = states[2][0].tolist()
@@ -125,8 +112,8 @@ def simulate_many(
 
 def check_many(
     chains: tuple[Chain, ...], theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None
-) -> tuple[ChainParameters, int, tuple[FloatArray, ...]]:
-    """Return parameters (1 or B), the number of rods, and theta, omega and torque, (B, n) each."""
+) -> tuple[ChainParameters, tuple[FloatArray, ...]]:
+    """Return the parameters, 1 or B, and theta, omega and torque, (B, n) each."""
     parameters, members = check_chains(chains, None)
     n = parameters.masses.shape[1]
     states = check_states(n, theta=theta, omega=omega, torque=check_torque(torque, n))
@@ -139,7 +126,7 @@ def check_many(
             + f", got {states[0].shape}"
         )
     check_limits(*states[:2])
-    return parameters, n, states
+    return parameters, states
 
 
 def _frames_of(group: Group, times: FloatArray, longest: float, n: int, call: Call) -> FloatArray:

@@ -147,9 +147,9 @@ def simulate(
     chains = (chain,) if isinstance(chain, Chain) else tuple(chain)
     instants = check_times(times, check_chain(chains[0] if chains else None).n)
     law, fixed = is_law(torque), cast("Any", torque)
-    states = check_many(chains, theta, omega, None if law else fixed)[2]
+    parameters, states = check_many(chains, theta, omega, None if law else fixed)
     if "rtol" in settings and not given.beyond_torque and not law:
-        return simulate_many(chains, states, instants, settings, threads)
+        return simulate_many(chains, parameters, states, instants, settings, threads)
     each = [
         simulate_one(own, a, b, instants, settings, given if law else given._replace(torque=c))
         for own, a, b, c in zip(cycle(chains), *states, strict=False)
