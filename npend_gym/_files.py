@@ -1,18 +1,41 @@
-"""Files that appear whole or not at all, and archives of arrays from sources not trusted."""
+"""Files that appear whole or not at all, and files from sources not trusted.
+
+All that a campaign writes goes through `disk`, in whose place tests put one that fails.
+"""
 
 from __future__ import annotations
 
 import errno
+import hashlib
+import io
+import json
 import os
 import secrets
 import zipfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+_CHUNK = 1 << 20  # bytes read at a time
+_MAX_TEXT = 10_000_000  # bytes of a JSON file
+_MAX_DEPTH = 32  # lists and dicts inside each other
+
+
+class Disk:
+    """The operations of the system by which files are written; each may raise an OSError."""
+
+    open = staticmethod(io.FileIO)
+    sync = staticmethod(os.fsync)
+    replace = staticmethod(os.replace)
+    unlink = staticmethod(os.unlink)
+    mkdir = staticmethod(os.mkdir)
+
+
+disk = Disk()
 
 
 @contextmanager
@@ -30,23 +53,128 @@ def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, N
     if path.exists() and not path.is_file():
         raise FileExistsError(errno.EEXIST, "exists and is not a regular file", str(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-    opened: IO[Any] = (
-        temporary.open("xb") if binary else temporary.open("x", encoding="utf-8", newline="")
-    )
     try:
-        with opened as file:
+        with _opened(temporary, "x", binary=binary) as file:
             yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        if error.filename is None:  # the disk is full, say
+            sync(file)
+        disk.replace(temporary, path)
+    except BaseException as error:
+        if isinstance(error, OSError) and error.filename is None:  # the disk is full, say
             error.filename = str(path)
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # it may never have been made; the first error is the one to tell
+            disk.unlink(temporary)
         raise
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+
+
+def _opened(path: Path, mode: str, *, binary: bool = False) -> IO[Any]:
+    file = io.BufferedWriter(disk.open(path, mode))
+    return file if binary else io.TextIOWrapper(file, encoding="utf-8", newline="")
+
+
+def appending(path: Path) -> IO[str]:
+    """Open the text file at `path` to write at its end."""
+    return _opened(path, "a")
+
+
+def sync(file: IO[Any]) -> None:
+    """Put on the disk what has been written to `file`."""
+    file.flush()
+    disk.sync(file.fileno())
+
+
+def sync_names(folder: Path) -> None:
+    """Put on the disk which files are in `folder`, where the system can do that."""
+    if os.name == "posix":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            disk.sync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder `path`, and those above it, if they do not exist.
+
+    Raises
+    ------
+    OSError
+        With the path, if it cannot be made.
+    """
+    for folder in (*reversed(path.parents), path):
+        if not folder.is_dir():
+            try:
+                disk.mkdir(folder)
+            except FileExistsError:
+                if not folder.is_dir():  # otherwise another process has made it just now
+                    raise
+
+
+def remove(path: Path) -> None:
+    """Remove the file at `path`, if there is one."""
+    with suppress(FileNotFoundError):
+        disk.unlink(path)
+
+
+def sha256(path: Path) -> str | None:
+    """Return the SHA-256 of a file, read piece by piece; None where it cannot be read."""
+    digest = hashlib.sha256()
+    try:
+        if not path.is_file():  # a FIFO would wait for ever
+            return None
+        with path.open("rb") as file:
+            while piece := file.read(_CHUNK):
+                digest.update(piece)
+    except OSError:
+        return None
+    return digest.hexdigest()
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file of people or programs, in UTF-8.
+
+    Raises
+    ------
+    ValueError
+        If it is no file, too large, or not in UTF-8.
+    OSError
+        If it cannot be opened.
+    """
+    if path.exists() and not path.is_file():  # a FIFO would wait for ever
+        raise ValueError("it is no file")
+    with path.open("rb") as file:
+        text = file.read(_MAX_TEXT + 1)
+    if len(text) > _MAX_TEXT:
+        raise ValueError(f"it has more than {_MAX_TEXT} bytes")
+    return text.decode("utf-8")
+
+
+def parse_json(text: str) -> dict[str, Any]:
+    """Return the names and values in JSON of a source not trusted.
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON, no object, or one with too many lists and objects inside each other.
+    """
+    try:
+        value: Any = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("its lists and objects are nested too deep") from error
+    if not isinstance(value, dict):
+        raise ValueError(f"it must be an object, names and values, got a {type(value).__name__}")
+    check_depth(value)
+    return value  # pyright: ignore[reportUnknownVariableType]
+
+
+def check_depth(value: Any) -> None:
+    """Refuse a value whose lists and dicts are nested deeper than what is ever written."""
+    level: list[Any] = [value]
+    for _ in range(_MAX_DEPTH):
+        inner = (each.values() if isinstance(each, dict) else each for each in level)
+        level = [each for values in inner for each in values if isinstance(each, (dict, list))]
+        if not level:
+            return
+    raise ValueError(f"its lists and objects are nested deeper than {_MAX_DEPTH}")
 
 
 def read_arrays(path: Path, max_bytes: int) -> dict[str, NDArray[Any]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from npend_gym import _extras
+from npend_gym import _extras, _files
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.folder import (
     CELLS,
@@ -90,7 +90,7 @@ class Campaign:
 
     def __enter__(self) -> Self:
         try:
-            self.out.mkdir(parents=True, exist_ok=True)
+            _files.make_folder(self.out)
             self._lock.acquire()
         except filelock.Timeout as error:
             raise BusyError(

@@ -12,7 +12,7 @@ from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign.journal import Record, read_journal
-from npend_gym.experiments.campaign.parts import TABLES, sha256
+from npend_gym.experiments.campaign.parts import TABLES
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 PLAN, JOURNAL, CELLS, LOCK = "plan.json", "journal.jsonl", "cells.parquet", ".lock"
@@ -131,7 +131,7 @@ def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> Folde
         if record is not None and not record.done:
             failed[task.id] = record
             continue
-        digests = {table: sha256(out / table / task.part) for table in TABLES}
+        digests = {table: _files.sha256(out / table / task.part) for table in TABLES}
         if record is None:
             unrecorded += sum(digest is not None for digest in digests.values())
             continue
@@ -141,7 +141,7 @@ def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> Folde
             done[task.id] = record
     leftovers = list(_leftovers(out))
     for path in leftovers if clean else ():
-        path.unlink(missing_ok=True)
+        _files.remove(path)
     return FolderStatus(done, failed, damaged, missing, unrecorded, len(leftovers), bad_lines)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -85,13 +84,13 @@ class Journal:
     def __init__(self, path: Path, records: Iterable[Record]) -> None:
         with _files.replacing(path) as file:  # a torn last line would spoil the next
             file.writelines(record.line() for record in records)
-        self._file: IO[str] = path.open("a", encoding="utf-8", newline="")
+        _files.sync_names(path.parent)  # otherwise a power cut may bring the old journal back
+        self._file: IO[str] = _files.appending(path)
 
     def append(self, record: Record) -> None:
         """Add a record; it is on the disk when this returns."""
         self._file.write(record.line())
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        _files.sync(self._file)
 
     def __enter__(self) -> Self:
         return self

@@ -86,18 +86,10 @@ def _write(table: Any, path: Path, about: dict[str, Any]) -> str:
     table = table.replace_schema_metadata({"npend_gym": json.dumps(about, sort_keys=True)})
     pq.write_table(table, sink, compression="zstd", use_dictionary=False)
     data = sink.getvalue().to_pybytes()
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _files.make_folder(path.parent)
     with _files.replacing(path, binary=True) as file:
         file.write(data)
     return hashlib.sha256(data).hexdigest()
-
-
-def sha256(path: Path) -> str | None:
-    """Return the SHA-256 of a file; None where it cannot be read."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return None
 
 
 def write_cells(plan: CampaignPlan, path: Path) -> None:
