@@ -1,9 +1,13 @@
 """Sphinx: `sphinx-build -W -n docs build/docs` makes the pages, warnings being errors."""
 
 import csv
+import os
 from pathlib import Path
 
 from npend_gym import __version__
+from npend_gym.cli import parsers
+
+ROOT = Path(__file__).parent.parent
 
 project = "npend_gym"
 author = "the npend_gym developers"
@@ -29,7 +33,7 @@ myst_heading_anchors = 3
 def benchmark(suite: str) -> str:
     """Return what `npend bench` has written about a suite as a table in Markdown."""
     lines = ["| | here [1/s] | peer | peer [1/s] | times as fast |", "|---|---:|---|---:|---:|"]
-    path = Path(__file__).parent.parent / "benchmarks" / "results" / f"{suite}.csv"
+    path = ROOT / "benchmarks" / "results" / f"{suite}.csv"
     with path.open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             ours, peer = float(row["ours_per_s"]), float(row["peer_per_s"] or "nan")
@@ -47,6 +51,33 @@ def short(number: float) -> str:
 
 SUITES = "dynamics", "environments", "episodes", "derivatives", "chaos", "ensembles"
 myst_substitutions = {suite: benchmark(suite) for suite in SUITES}
+
+man_pages = [
+    ("commands", "npend", "release, measure, train and look at chains of pendulums", author, 1)
+]
+
+
+def commands() -> str:
+    """Return the help of every command as Markdown, from the parser itself."""
+    os.environ["COLUMNS"] = "88"
+    parser, each = parsers()
+    text = f"```text\n{parser.format_help()}```\n"
+    for name, command in each.items():
+        command.load()
+        text += f"\n## npend {name}\n\n```text\n{command.format_help()}```\n"
+    return text
+
+
+def fill_in_commands(_app, docname: str, source: list[str]) -> None:
+    """Put the help in place of its mark, headings and all, which a substitution could not."""
+    if docname == "commands":
+        source[0] = source[0].replace("{{ commands }}", commands())
+
+
+def setup(app) -> None:
+    """Tell Sphinx what this file adds to it."""
+    app.connect("source-read", fill_in_commands)
+
 
 default_role = "autolink"
 autosummary_generate = False

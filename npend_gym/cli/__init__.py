@@ -32,6 +32,7 @@ COMMANDS = {
     "identify": "fit a chain to measured motion, with standard errors and held-out data",
     "train": "train a policy for a task, by one of several algorithms",
     "evaluate": "evaluate a policy or a controller, and what it survives",
+    "examples": "list the examples that come with the package, or copy them",
     "bench": "measure speed and accuracy beside the peers that are installed",
     "verify": "check that this machine computes the very same bits",
 }
@@ -51,19 +52,40 @@ class _Command(Parser):
     """The parser of one command, whose module is imported when its arguments are first parsed."""
 
     run: Callable[[dict[str, Any]], int]
+    loaded = False
 
-    def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
-        """Add the options of the command, then parse."""
+    def load(self) -> None:
+        """Import the module of the command, and take its options, description and examples."""
+        if self.loaded:
+            return
+        self.loaded = True
         module: Any = import_module(f"npend_gym.cli.{self.prog.split()[-1]}")
         self.run = module.run
         self.description, self.epilog = module.ABOUT, module.EXAMPLES
         self.argument_default = argparse.SUPPRESS  # see the head of this module
         module.add_arguments(self)
+
+    def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
+        """Add the options of the command, then parse."""
+        self.load()
         return super().parse_known_args(*args, **kwargs)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    parser, commands = parsers()
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks how the line may go on
+        from argcomplete import autocomplete
+
+        for command in commands.values():
+            command.load()
+        autocomplete(parser)
+    options = vars(parser.parse_args(argv))
+    return _dispatch(commands[options.pop("command")], options)
+
+
+def parsers() -> tuple[Parser, dict[str, _Command]]:
+    """Return the parser of the command line, and that of each command by its name."""
     parser = Parser(
         prog="npend",
         description="The N-pendulum: release it, measure it, look at it.",
@@ -75,8 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     for name, summary in COMMANDS.items():
         commands.add_parser(name, help=summary)
-    options = vars(parser.parse_args(argv))
-    return _dispatch(commands.choices[options.pop("command")], options)
+    return parser, commands.choices
 
 
 def _dispatch(command: _Command, options: dict[str, Any]) -> int:

@@ -1,0 +1,145 @@
+"""What an installation brings and says of itself, and the workflows that build and publish it."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from scripts import run_python
+
+from npend_gym import __version__
+from npend_gym.cli import COMMANDS, main
+from npend_gym.cli.examples import folder
+
+tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML by itself")
+yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+WORKFLOWS = {
+    path.stem: yaml.safe_load(path.read_text("utf-8"))
+    for path in sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+}
+PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
+
+
+def test_the_citation_says_what_the_package_says_of_itself():
+    assert CITATION["version"] == __version__
+    assert CITATION["license"] == PROJECT["license"]
+    assert CITATION["repository-code"] == PROJECT["urls"]["Source"]
+    assert CITATION["url"] == PROJECT["urls"]["Documentation"]
+    assert [one["name"] for one in CITATION["authors"]] == [a["name"] for a in PROJECT["authors"]]
+
+
+def test_the_organisation_is_named_in_one_place_and_in_the_citation():
+    source = PROJECT["urls"]["Source"]
+    owner = re.fullmatch(r"https://github\.com/([\w-]+)/npend_gym", source)[1].encode()
+    tracked = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.split("\0")
+    if tracked == [""]:
+        pytest.skip("not a checkout")
+    naming = {
+        name
+        for name in filter(None, tracked)
+        if (path := ROOT / name).is_file()
+        and re.search(rb"github\.com/%b/|%b\.github\.io" % (owner, owner), path.read_bytes())
+    }
+    assert naming <= {"pyproject.toml", "CITATION.cff"}
+
+
+def test_every_python_that_is_named_is_tested_on_every_system():
+    named = re.findall(r"Python :: (3\.\d+)\n", "\n".join(PROJECT["classifiers"]) + "\n")
+    assert named == PYTHONS
+    assert PROJECT["requires-python"] == f">={PYTHONS[0]}"
+    systems = {"ubuntu-latest", "ubuntu-24.04-arm", "macos-15", "windows-latest"}
+    for job in (WORKFLOWS["ci"]["jobs"]["tests"], WORKFLOWS["package"]["jobs"]["wheel"]):
+        matrix = job["strategy"]["matrix"]
+        assert matrix["python"] == PYTHONS
+        assert set(matrix["system"]) == systems
+        assert any("npend verify" in step.get("run", "") for step in job["steps"])
+
+
+@pytest.mark.parametrize("name", WORKFLOWS)
+def test_workflows_run_what_is_pinned_and_may_do_no_more_than_they_must(name):
+    workflow = WORKFLOWS[name]
+    assert workflow["permissions"] == {"contents": "read"}
+    for job in workflow["jobs"].values():
+        assert set(job.get("permissions", {})) <= {"attestations", "id-token", "pages"}
+        for step in job.get("steps", []):
+            action = step.get("uses", "actions/none@" + "0" * 40)
+            assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action), action
+            if action.startswith("actions/checkout@"):
+                assert step["with"]["persist-credentials"] is False
+            for script in re.findall(r"^\.ci/\w+", step.get("run", ""), re.MULTILINE):
+                assert os.access(ROOT / script, os.X_OK), f"{script} cannot be run"
+
+
+def test_jobs_that_prove_who_they_are_run_none_of_our_code():
+    for workflow in WORKFLOWS.values():
+        for job in workflow["jobs"].values():
+            if "id-token" in job.get("permissions", {}):
+                for step in job["steps"]:
+                    assert "checkout" not in step.get("uses", "")
+                    assert not re.search(r"pip|python|pytest|\.ci", step.get("run", ""))
+
+
+def test_examples_are_listed_with_what_they_do(capsys):
+    assert main(["examples"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    scripts = {path.relative_to(folder()).as_posix() for path in folder().rglob("*.py")}
+    assert {line.split()[0] for line in listed} == scripts
+    assert all(len(line.split()) > 4 for line in listed)
+
+
+def contents(folder):
+    """Every file below a folder, but for what Python compiled."""
+    return {
+        path.relative_to(folder): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+
+
+def test_examples_are_copied_whole(tmp_path, capsys, refusal):
+    target = tmp_path / "new" / "examples"
+    assert main(["examples", "--copy", str(target)]) == 0
+    assert "quickstart.py" in capsys.readouterr().out
+    assert contents(target) == contents(folder())
+    assert [path.name for path in target.parent.iterdir()] == ["examples"]
+    assert "copy must name a new folder" in refusal("examples", "--copy", str(target))
+
+
+def test_the_page_of_the_command_line_has_every_command():
+    page = (ROOT / "docs" / "command_line.md").read_text("utf-8")
+    assert set(re.findall(r"^\| `npend (\w+)` \|", page, re.MULTILINE)) == set(COMMANDS)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("npend rel", {"release "}),
+        ("npend release --am", {"--amplitude "}),
+        ("npend bench --only acc", {"accuracy "}),
+    ],
+)
+def test_the_shell_completes_commands_options_and_choices(line, expected, tmp_path):
+    pytest.importorskip("argcomplete", reason="argcomplete is not installed")
+    out = tmp_path / "completions"
+    asked = {
+        "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9", "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n", "_ARGCOMPLETE_SHELL": "bash",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(out),
+    }  # fmt: skip
+    run_python("-m", "npend_gym", env=os.environ | asked)
+    assert set(out.read_text().split("\n")) == expected
+
+
+def test_completion_imports_nothing_heavy():
+    code = (
+        "import sys; from npend_gym.cli import parsers; [c.load() for c in parsers()[1].values()]; "
+        "print([m for m in ('numba', 'scipy', 'matplotlib', 'torch') if m in sys.modules])"
+    )
+    assert run_python("-c", code) == "[]\n"
