@@ -150,3 +150,13 @@ def test_the_example_runs_and_analyses_a_campaign(tmp_path, monkeypatch):
     value, error, exact = map(float, found.groups())
     assert abs(value - exact) < 3.0 * error
     assert (tmp_path / "out" / "analysis" / "report.html").stat().st_size > 10_000
+
+
+def test_the_fitted_limit_of_the_centre_of_mass_is_the_exact_one(tmp_path):
+    plan = CampaignPlan(n=[2, 12, 24], amplitude=AMPLITUDES, spread=0.0, trials=1, reading="com")
+    with Campaign(plan, tmp_path) as campaign:
+        list(campaign.run(count=1))
+    (group,) = analyse(tmp_path).groups
+    assert [law.n_values for law in group.laws] == [(12, 24), (2,), (12,), (24,)]
+    for law in group.laws:  # the formula with b and d fits the angles to some 4e-4
+        assert law.c.value == pytest.approx(law.exact, rel=6e-4)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -82,7 +82,7 @@ class AmplitudeLaw:
         b and d in 1/rad^2.
     exact : float, optional
         The exact c, from the linearised equations: known for equal rods and masses without damping
-        and the reading "bob".
+        and the readings "bob" and "com".
     points : tuple of CellResult
     residuals : ndarray
         Measured over law, minus one, of each point.
@@ -185,19 +185,17 @@ def _power_fits(points: Sequence[CellResult]) -> Iterator[PowerFit]:
 
 def _laws(values: Mapping[str, Any], points: Sequence[CellResult]) -> Iterator[AmplitudeLaw]:
     known = all(isinstance(values.get(name), float) for name in ("masses", "lengths"))
-    known = known and values["damping"] == 0.0 and values["reading"] == "bob"
+    known = known and values["damping"] == 0.0 and values["reading"] in _EXACT
     small = [point for point in points if abs(point.start) <= LAW_UP_TO]
     many = sorted({point.n for point in small if point.n >= LAW_FROM})
     together = [tuple(many)] if len(many) > 1 else []
     for n_values in together + [(n,) for n in sorted({point.n for point in small})]:
-        law = _law(n_values, tuple(point for point in small if point.n in n_values), known=known)
+        law = _law(n_values, tuple(point for point in small if point.n in n_values))
         if law is not None:
-            yield law
+            yield replace(law, exact=_EXACT[values["reading"]](n_values) if known else None)
 
 
-def _law(
-    n_values: tuple[int, ...], points: tuple[CellResult, ...], *, known: bool
-) -> AmplitudeLaw | None:
+def _law(n_values: tuple[int, ...], points: tuple[CellResult, ...]) -> AmplitudeLaw | None:
     if len({abs(point.amplitude) for point in points}) < _AMPLITUDES:
         return None
 
@@ -215,12 +213,25 @@ def _law(
         return None
     c, b, d = estimates(values, covariance, len(points))
     residuals = y / ratio(x, *values.tolist()) - 1.0
-    return AmplitudeLaw(n_values, c, b, d, _exact(n_values) if known else None, points, residuals)
+    return AmplitudeLaw(n_values, c, b, d, None, points, residuals)
 
 
-def _exact(n_values: tuple[int, ...]) -> float:
-    single = len(n_values) == 1 and n_values[0] <= _EXACT_UP_TO
-    if not single:
+def _exact_median(n_values: tuple[int, ...]) -> float:
+    """Return the median over the bobs in the limit of small angles, over T1."""
+    n, *others = n_values
+    if others or n > _EXACT_UP_TO:
         return float(theory.release_profile(0.5))
-    chain = Chain.uniform(n_values[0])
+    chain = Chain.uniform(n)
     return float(np.median(theory.small_angle_periods(chain))) / theory.fundamental_period(chain)
+
+
+def _exact_com(n_values: tuple[int, ...]) -> float:
+    """Return the period of the centre of mass in the limit of small angles, over T1."""
+    n, *others = n_values
+    if others:
+        return theory.com_ratio()
+    chain = Chain.uniform(n)
+    return float(theory.com_period(chain)) / theory.fundamental_period(chain)
+
+
+_EXACT = {"bob": _exact_median, "com": _exact_com}  # by reading
