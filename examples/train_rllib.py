@@ -26,7 +26,11 @@ def main() -> None:
     config = (
         PPOConfig()
         .environment("npend_gym:NPendulum-v0", env_config=TASK)  # the workers import the package
-        .env_runners(num_env_runners=arguments.runners, num_envs_per_env_runner=16)
+        .env_runners(
+            num_env_runners=arguments.runners,
+            num_envs_per_env_runner=16,
+            sample_timeout_s=600,  # the first step compiles
+        )
         .training(
             train_batch_size_per_learner=arguments.batch,
             minibatch_size=min(256, arguments.batch),
