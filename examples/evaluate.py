@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from npend_gym.cli.common import add_env_option, with_settings
+from npend_gym.cli.common import add_env_option, add_trust_option, with_settings
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.report.robustness_report import evaluation_text
 from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
@@ -29,14 +29,14 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
     if arguments.run:
         import train_sb3
 
-        model, config = train_sb3.load_run(arguments.run)
+        model, config = train_sb3.load_run(arguments.run, trust=arguments.trust)
         arguments.env_id, settings = train_sb3.section(config)
         return train_sb3.controller_of(model), evaluation_env(settings.get("env_kwargs", {}))
     if arguments.controller:
         keywords = env_of_task(arguments.task)
         progress = partial(tqdm, desc="plans", leave=False, disable=None)
         return reference_controller(arguments.controller, keywords, progress), keywords
-    policy = find_policy(str(arguments.policy or arguments.pretrained))
+    policy = find_policy(str(arguments.policy or arguments.pretrained), trust=arguments.trust)
     return policy, policy.env
 
 
@@ -90,6 +90,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
     parser.add_argument("--env-id", default=ENV_ID, help='environment, "npend/SwingUp-v1" say')
     add_env_option(parser)
+    add_trust_option(parser)
     arguments = parser.parse_args()
     controller, keywords = chosen(arguments)
     keywords = with_settings(keywords, arguments.settings)

@@ -95,9 +95,12 @@ def restore(model: BaseAlgorithm, path: Path) -> None:
         vars(model.get_vec_normalize_env().obs_rms)[name] = value.numpy()
 
 
-def load_run(folder: Path) -> tuple[BaseAlgorithm, dict[str, Any]]:
-    """Return the best model of a run and its config; weights only, no code is run."""
+def load_run(folder: Path, *, trust: bool = False) -> tuple[BaseAlgorithm, dict[str, Any]]:
+    """Return the best model of a run and its config; without `trust` no code of the run is run."""
     config = yaml.safe_load((folder / "config.yml").read_text(encoding="utf-8"))
+    mode = str(section(config)[1].get("env_kwargs", {}).get("mode"))
+    if ":" in mode and not trust:
+        raise ValueError(f"{folder} names the mode {mode!r}, which is imported only with --trust")
     model = make_model(config, seed=0)
     restore(model, folder / "best.pth")
     return model, config

@@ -170,8 +170,12 @@ def check_depth(value: Any) -> None:
     """Refuse a value whose lists and dicts are nested deeper than what is ever written."""
     level: list[Any] = [value]
     for _ in range(_MAX_DEPTH):
-        inner = (each.values() if isinstance(each, dict) else each for each in level)
-        level = [each for values in inner for each in values if isinstance(each, (dict, list))]
+        entries: list[Any] = [
+            entry
+            for each in level
+            for entry in (each.values() if isinstance(each, dict) else each)  # pyright: ignore[reportUnknownVariableType]
+        ]
+        level = [entry for entry in entries if isinstance(entry, (dict, list))]  # pyright: ignore[reportUnknownVariableType]
         if not level:
             return
     raise ValueError(f"its lists and objects are nested deeper than {_MAX_DEPTH}")

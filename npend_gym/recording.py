@@ -105,11 +105,7 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
     if seconds is None:
         last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
         seconds = max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
-    if seconds / interval * run.n > _MOST_ANGLES:
-        raise ValueError(
-            f"a recording must hold at most {_MOST_ANGLES} angles, got {seconds / interval:.0f} "
-            f"instants of {run.n} rods; take a longer interval or a shorter duration"
-        )
+    _check_size(seconds / interval, run.n)
     times = interval * np.arange(int(seconds / interval) + 1)
     motion = simulate(chain, run.start, 0.0, times)
     periods = np.where(run.periods <= times[-1], run.periods, np.nan)
@@ -119,6 +115,14 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
         motion, periods, np.zeros(times.size), experiment.reading, caption,
         provenance(arguments, experiment.seed),
     )  # fmt: skip
+
+
+def _check_size(instants: float, n: int) -> None:
+    if instants * n > _MOST_ANGLES:
+        raise ValueError(
+            f"a recording must hold at most {_MOST_ANGLES} angles, got {instants:.0f} instants of "
+            f"{n} rods; take a longer interval or a shorter duration"
+        )
 
 
 def record_first_trials(
@@ -157,17 +161,23 @@ def record_episode(
     keywords : mapping
         Keywords of the environment.
     seed : int
-        Seed of the reset.
+        Seed of the reset, zero or more.
     seconds : float
         The recording ends with the episode, at the latest after this time [s].
     name : str
         Name of the policy, for the caption.
+
+    Raises
+    ------
+    ValueError
+        If the recording would be too long to be held, or shows a cart.
     """
-    seconds = _checks.positive_number("seconds", seconds)
+    seconds, seed = _checks.positive_number("seconds", seconds), _checks.count("seed", seed, low=0)
     env: Any = gym.make(ENV_ID, **keywords)
     config = env.unwrapped.config
     if config.has_cart:
         raise ValueError('base must be "pivot" in recordings, which show no cart; got "cart"')
+    _check_size(seconds / config.dt, config.n)
     observation, info = env.reset(seed=seed)
     infos, done = [info], False
     actions: list[float] = []

@@ -21,7 +21,7 @@ def small_policy():
         scale=np.full(6, 2.0, np.float32),
         weights=[rng.normal(size=size).astype(np.float32) for size in sizes],
         biases=[rng.normal(size=size[:1]).astype(np.float32) for size in sizes],
-        env={"n": 2, "mode": "calm"},
+        env={"n": 2, "mode": "calm", "observation": "sincos"},
         provenance={"trained_by": "a test"},
     )
 
@@ -43,7 +43,9 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
 
 def test_the_chain_of_a_policys_environment_is_kept_as_numbers(tmp_path):
     chain = Chain.realaigym("C.1")
-    replace(small_policy(), env={"chain": chain, "actuated": [1]}).save(tmp_path / "a.npz")
+    replace(small_policy(), env={"chain": chain, "actuated": [1], "observation": "sincos"}).save(
+        tmp_path / "a.npz"
+    )
     env = Policy.load(tmp_path / "a.npz").env
     assert EnvConfig(**env).chain == chain
 

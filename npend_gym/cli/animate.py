@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from npend_gym.cli.common import (
     OK,
     add_release_options,
+    add_trust_option,
     prepare_file,
     printable,
     progress,
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_release_options(parser, leave_out=("n_values", "trials"))
     text = "film an episode of this policy: the name of one in the package, or its file"
     parser.add_argument("--policy", metavar="NAME|FILE", help=text)
+    add_trust_option(parser)
     text = "pictures a second (default 25; with a policy one for each step, at most 25)"
     parser.add_argument("--fps", type=float, metavar="HZ", help=text)
     text = "seconds of the motion in a second of the film (default 1)"
@@ -63,12 +65,14 @@ def run(options: dict[str, Any]) -> int:
     fps: float | None = options.pop("fps", None)
     diagrams = not options.pop("plain", False)
     prepare_file(out, animation.SUFFIXES)
+    speed = _checks.positive_number("speed", speed)
+    fps = None if fps is None else _checks.positive_number("fps", fps)
     if "policy" in options:
         recording = _episode(**options)
         fps = fps or min(_FPS, speed / float(recording.motion.times[1]))
     else:
-        fps = _checks.positive_number("fps", _FPS if fps is None else fps)
-        recording = _release(_checks.positive_number("speed", speed) / fps, **options)
+        fps = fps or _FPS
+        recording = _release(speed / fps, **options)
     film = animation.Film(recording, fps=fps, speed=speed, size=size, diagrams=diagrams)
     animation.write(film, out, progress("picture"))
     seconds, size = len(film) / film.fps, out.stat().st_size
@@ -88,9 +92,14 @@ def _release(interval: float, **options: Any) -> Recording:
 
 
 def _episode(
-    policy: str, seed: int = 0, duration: float | None = None, **inapplicable: Any
+    policy: str,
+    seed: int = 0,
+    duration: float | None = None,
+    trust: bool = False,
+    **inapplicable: Any,
 ) -> Recording:
     """Record an episode that a policy controls, given by its name or its file."""
+    from npend_gym import _checks
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
     from npend_gym.rl.policies.policy import find_policy
 
@@ -99,11 +108,13 @@ def _episode(
             f"--{next(iter(inapplicable))} is for releases: with --policy the chain is the one "
             "that the policy was trained on"
         )
-    loaded = find_policy(policy)
+    seconds = DEFAULT_SECONDS if duration is None else duration
+    _checks.positive_number("duration", seconds)
+    loaded = find_policy(policy, trust=trust)
     return record_episode(
         loaded,
         loaded.env,
         seed=seed,
-        seconds=DEFAULT_SECONDS if duration is None else duration,
+        seconds=seconds,
         name=Path(policy).stem,
     )

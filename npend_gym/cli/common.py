@@ -82,6 +82,12 @@ def add_env_option(parser: argparse.ArgumentParser) -> None:
                         metavar="KEY=VALUE", help=text)  # fmt: skip
 
 
+def add_trust_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets a policy's file name a module to import."""
+    text = "the file may name a mode of yours, package.module:Class, which is imported"
+    parser.add_argument("--trust", action="store_true", help=text)
+
+
 def with_settings(
     keywords: Mapping[str, Any], settings: Sequence[tuple[str, Any]] | None
 ) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from npend_gym.cli.common import (
     OK,
     add_env_option,
+    add_trust_option,
     can_draw,
     progress,
     show_written,
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend evaluate`."""
     text = "the name of a policy in the package, or a file (.npz)"
     parser.add_argument("policy", nargs="?", metavar="POLICY", help=text)
+    add_trust_option(parser)
     text = "a controller in place of a policy: LQR, MPC, damping, energy or plan"
     parser.add_argument("--controller", metavar="NAME", help=text)
     text = 'task of the controller, such as "balance-3" (default swingup-2)'
@@ -111,6 +113,7 @@ def _chosen(
     controller: str | None = None,
     task: str | None = None,
     settings: list[tuple[str, Any]] | None = None,
+    trust: bool = False,
 ) -> tuple[str, Controller, dict[str, Any]]:
     """Return name, controller and keywords of the environment."""
     from npend_gym.rl.controllers.references import reference_controller
@@ -126,5 +129,5 @@ def _chosen(
         return f"{controller} in {task}", made, keywords
     if task is not None:
         raise ValueError("--task is for a --controller: a policy knows its environment")
-    loaded = find_policy(str(policy))
+    loaded = find_policy(str(policy), trust=trust)
     return Path(str(policy)).stem, loaded, with_settings(loaded.env, settings)

@@ -56,7 +56,7 @@ def read_trajectory(path: Path) -> Trajectory:
 def _read(path: Path) -> Trajectory:
     """Return the trajectory in an npz archive, every part of it checked."""
     data = _files.read_arrays(path, 2 * MAX_BYTES)
-    about = json.loads(str(data["about"]))
+    about = _files.parse_json(str(data["about"]))
     times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
     chain = Chain.from_dict(about["chain"])
     shape = (times.size, chain.n)
@@ -64,6 +64,7 @@ def _read(path: Path) -> Trajectory:
         raise ValueError(f"theta and omega must have the shape {shape}, or (B, *{shape})")
     if not isinstance(about["provenance"], dict):
         raise TypeError("its provenance must be a dict")
+    made_by = cast("dict[str, Any]", about["provenance"])
     pivot = check_pivot(**about["pivot"])
     given: dict[str, Any] = about.get("springs") or {}
     springs = check_springs(chain, **given)
@@ -77,7 +78,7 @@ def _read(path: Path) -> Trajectory:
     events: dict[str, Any] = {name: _read_events(data, name) for name in EVENTS}
     status = data.get("status", np.array(0))
     return Trajectory(
-        chain, times, theta, omega, about["provenance"], pivot, springs=springs, integration=made,
+        chain, times, theta, omega, made_by, pivot, springs=springs, integration=made,
         status=status if status.ndim else int(status), **beyond, **events,
         chains=tuple(Chain.from_dict(each) for each in about.get("chains", [])),
     )  # fmt: skip

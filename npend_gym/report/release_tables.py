@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-import hashlib
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from npend_gym import _checks, _files
 from npend_gym.experiments import ReleaseExperiment, Run, bob_rows, summary_rows
 from npend_gym.report.outputs import (
     json_text,
@@ -110,20 +109,36 @@ def read(folder: Path) -> tuple[ReleaseExperiment, list[Run]]:
         If the folder holds no results of a release, or they have been changed since.
     """
     try:
-        digests = json.loads((folder / "manifest.json").read_text("utf-8"))["sha256"]
-        files = {name: (folder / name).read_bytes() for name in ("release.json", "periods.csv")}
-        for name, data in files.items():
-            if digests[name] != hashlib.sha256(data).hexdigest():
+        digests = _files.parse_json(_files.read_text(folder / "manifest.json"))["sha256"]
+        for name in ("release.json", "periods.csv"):
+            if digests[name] != _files.sha256(folder / name):
                 raise ValueError(f"{name} has been changed since")
-        experiment = ReleaseExperiment(**json.loads(files["release.json"]))
-        periods: dict[tuple[int, int, float], list[float]] = {}
-        com: dict[tuple[int, int, float], float] = {}
-        for row in csv.DictReader(files["periods.csv"].decode().splitlines()):
-            key = (int(row["n"]), int(row["trial"]), float(row["start_rad"]))
-            periods.setdefault(key, []).append(float(row["pseudo_period_s"]))
-            com[key] = float(row["com_s"])
-    except (OSError, KeyError, TypeError, ValueError) as error:
+        described = _files.parse_json(_files.read_text(folder / "release.json"))
+        experiment = ReleaseExperiment(**described)
+        return experiment, _read_runs(folder / "periods.csv", experiment)
+    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise ValueError(
             f"{folder} must hold results that `npend release --out` has written: {error}"
         ) from error
-    return experiment, [Run(*key, np.array(values), com[key]) for key, values in periods.items()]
+
+
+def _read_runs(path: Path, experiment: ReleaseExperiment) -> list[Run]:
+    """Return the runs in a table of periods; a row that is of no run of `experiment` is refused."""
+    periods: dict[tuple[int, int, float], list[float]] = {}
+    com: dict[tuple[int, int, float], float] = {}
+    low, high = experiment.amplitude, experiment.amplitude + experiment.spread
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            key = (int(row["n"]), int(row["trial"]), float(row["start_rad"]))
+            own = periods.setdefault(key, [])
+            own.append(float(row["pseudo_period_s"]))
+            com[key] = float(row["com_s"])
+            known = key[0] in experiment.n_values and 1 <= key[1] <= experiment.trials
+            timed = all(math.isnan(t) or 0.0 < t <= _checks.LARGEST for t in (own[-1], com[key]))
+            if not (known and low <= key[2] <= high and len(own) <= key[0] and timed):
+                raise ValueError(f"periods.csv has a row of no such release: {_checks.show(row)}")
+    if any(len(own) != n for (n, _, _), own in periods.items()):
+        raise ValueError("periods.csv must have a row for every bob")
+    if len({key[:2] for key in periods}) < len(periods) or not periods:
+        raise ValueError("periods.csv must have each trial once")
+    return [Run(*key, np.array(values), com[key]) for key, values in periods.items()]

@@ -133,7 +133,7 @@ def analyse(out: Path | str) -> Analysis:
     Raises
     ------
     ValueError
-        If there is no campaign in `out`, or nothing of it is done.
+        If there is no campaign in `out`, nothing of it is done, or a part is none of its.
     """
     out = resolved(out)
     plan = read_plan(out)
@@ -143,8 +143,10 @@ def analyse(out: Path | str) -> Analysis:
     tasks = [task for task in plan.tasks() if task.id in status.records]
     if not tasks:
         raise ValueError(f"nothing is done yet in {out}: npend campaign --out {out} continues it")
-    stats = statistics(plan, out, tasks)
-    return Analysis(plan, out, status, stats, tuple(_groups(plan, stats)))
+    with np.errstate(all="ignore"):  # what is not finite is left out of the fits
+        stats = statistics(plan, out, tasks)
+        groups = tuple(_groups(plan, stats))
+    return Analysis(plan, out, status, stats, groups)
 
 
 def _groups(plan: CampaignPlan, stats: Statistics) -> Iterator[CellGroup]:

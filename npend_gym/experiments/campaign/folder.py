@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
@@ -93,13 +92,13 @@ def read_plan(out: Path) -> CampaignPlan | None:
     """
     path = out / PLAN
     try:
-        text = path.read_text(encoding="utf-8")
+        text = _files.read_text(path)
     except (FileNotFoundError, NotADirectoryError):
         return None  # the driver reports what is wrong with the folder
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
     try:
-        state: Any = json.loads(text)
+        state = _files.parse_json(text)
         version, digest, values = state["version"], state["digest"], state["plan"]
         plan = CampaignPlan.from_dict(values) if version == __version__ else None
         if plan is not None and plan.digest != digest:

@@ -9,10 +9,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
-from npend_gym import _files
+from npend_gym import _checks, _files
 
 if TYPE_CHECKING:
     from typing_extensions import Self
+
+_MAX_LINE = 100_000  # characters; a longer line is none that `Record.line` writes
 
 
 @dataclass(frozen=True)
@@ -53,10 +55,10 @@ def read_journal(path: Path, plan: str) -> tuple[dict[str, Record], int]:
     """Return the records of the plan with the digest `plan` by task, and how many lines are bad."""
     records: dict[str, Record] = {}
     bad = 0
-    if not path.exists():
+    if not path.is_file():
         return records, bad
     with path.open(encoding="utf-8", errors="replace") as file:
-        for line in file:
+        while line := file.readline(_MAX_LINE):
             record = _record(line)
             if record is None or record.plan != plan:
                 bad += 1
@@ -68,11 +70,11 @@ def read_journal(path: Path, plan: str) -> tuple[dict[str, Record], int]:
 def _record(line: str) -> Record | None:
     """Return the record in a line; None where the line is torn or damaged."""
     try:
-        given: Any = json.loads(line)
-        record = Record(**given)
+        record = Record(**_files.parse_json(line))
         parts: Any = record.parts
         texts = [record.plan, record.task, record.error, *parts, *parts.values()]
         whole = all(isinstance(text, str) for text in texts)  # pyright: ignore[reportUnnecessaryIsInstance]
+        _checks.nonnegative_number("cpu_s", record.cpu_s)
         return record if whole and bool(parts) != bool(record.error) else None
     except (ValueError, TypeError, AttributeError):
         return None

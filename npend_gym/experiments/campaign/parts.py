@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from npend_gym import _extras, _files, theory
+from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
+from npend_gym.experiments.campaign.pages import unpacked_size
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
@@ -20,6 +22,17 @@ pq: Any = _extras.require("pyarrow.parquet", "campaign", "campaigns")
 
 RELEASES, BOBS = "releases", "bobs"
 TABLES = (RELEASES, BOBS)
+# Columns of RELEASES and their types, in order
+_PERIODS = ("mean_s", "median_s", "tip_s")
+_TYPES = {
+    "cell": "int64",
+    "trial": "int64",
+    "start_rad": "double",
+    "completed": "int32",
+    **dict.fromkeys(_PERIODS, "double"),
+}
+# The description of a file that is not trusted may take so much memory
+_THRIFT = {"thrift_string_size_limit": 1_000_000, "thrift_container_size_limit": 10_000}
 
 
 def write_parts(
@@ -135,6 +148,82 @@ def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any
 def finite_or_none(value: float) -> float | None:
     """Return `value`, or None where it is not a number."""
     return value if np.isfinite(value) else None
+
+
+def read_releases(plan: CampaignPlan, out: Path, task: Task) -> dict[str, NDArray[Any]]:
+    """Return the columns of a task's part of RELEASES by name; NaN stands for null.
+
+    Raises
+    ------
+    ValueError
+        With the path, if it is not such a part: sizes, names, types and values are checked.
+    """
+    path = out / RELEASES / task.part
+    try:
+        table = _read_bounded(path, task.releases)
+        columns = {name: table[name].to_numpy() for name in _TYPES}
+        for name, values in columns.items():
+            if np.isnan(values).sum() != table[name].null_count:
+                raise ValueError(f"its {name} is NaN where it should be null")
+        _check_releases(plan, task, columns)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        first = str(error).partition("\n")[0] or type(error).__name__
+        raise ValueError(f"{path} is no part of this campaign: {first}") from error
+    return columns
+
+
+def _read_bounded(path: Path, rows: int) -> Any:
+    """Return a part as a table, having seen that it takes no more memory than so many rows do."""
+    if not path.is_file() or path.stat().st_size > len(_TYPES) * _most_bytes(rows):
+        raise ValueError("it is no file of such a size")
+    data = path.read_bytes()
+    file = pq.ParquetFile(pa.BufferReader(data), **_THRIFT)
+    kinds = {each.name: str(each.type) for each in file.schema_arrow}
+    if list(kinds) != list(_TYPES) or len(kinds) < len(file.schema_arrow):
+        raise ValueError(
+            f"its columns must be {', '.join(_TYPES)}; got {_checks.show(list(kinds))}"
+        )
+    for name, kind in kinds.items():
+        if kind != _TYPES[name]:
+            raise ValueError(f"its {name} must have the type {_TYPES[name]}, got {kind}")
+    if (file.metadata.num_rows, file.metadata.num_row_groups) != (rows, 1):
+        raise ValueError(f"it must have {rows} rows in one group, got {file.metadata.num_rows}")
+    group = file.metadata.row_group(0)
+    for k in range(group.num_columns):
+        column = group.column(k)
+        first, size = column.data_page_offset, column.total_compressed_size
+        if column.has_dictionary_page or first < 0 or size < 0:
+            raise ValueError("its pages are none that a campaign writes")
+        if unpacked_size(data[first : first + size]) > _most_bytes(rows):
+            raise ValueError(f"its column {column.path_in_schema} has too many bytes")
+    return file.read(use_threads=False)
+
+
+def _most_bytes(rows: int) -> int:
+    """Return the most bytes that a column takes: its numbers, which of them are null, headers."""
+    return 16 * rows + 4096
+
+
+def _check_releases(plan: CampaignPlan, task: Task, columns: dict[str, NDArray[Any]]) -> None:
+    """Refuse values that no release has."""
+    cell, trial = _places(plan, task)
+    present, place = np.unique(cell, return_inverse=True)
+    cells = [plan.cell(each) for each in present.tolist()]
+    low, width = (np.array([c[name] for c in cells])[place] for name in ("amplitude", "spread"))
+    start, completed = columns["start_rad"], columns["completed"]
+    right = {
+        "cell": columns["cell"] == cell,
+        "trial": columns["trial"] == trial,
+        "start_rad": (start >= low) & (start <= low + width),
+        "completed": (completed >= 0) & (completed <= task.n),
+    }
+    for name in _PERIODS:
+        period = columns[name]
+        right[name] = np.isnan(period) | ((period > 0.0) & (period <= _checks.LARGEST))
+    for name, each in right.items():
+        if not each.all():
+            row = int(np.argmin(each))
+            raise ValueError(f"its {name} is {columns[name][row]} in row {row}")
 
 
 def read_part(path: Path, columns: Sequence[str] | None = None) -> Any:

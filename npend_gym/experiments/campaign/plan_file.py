@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from npend_gym import _checks
+from npend_gym import _checks, _files
+
+_MAX_TEXT = 100_000  # characters of a plan's file
 
 
 def _toml(text: str) -> Any:
@@ -20,16 +21,20 @@ def _toml(text: str) -> Any:
 def _yaml(text: str) -> Any:
     yaml: Any = import_module("yaml")
     try:
+        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
+            raise ValueError("it has an alias (*), by which a few lines may stand for gigabytes")
         return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ValueError(" ".join(str(error).split())) from error
+    except RecursionError:
+        raise
+    except Exception as error:  # its constructors raise their own kinds for bad dates and such
+        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 
 
 _READERS: dict[str, Callable[[str], Any]] = {
     ".toml": _toml,
     ".yaml": _yaml,
     ".yml": _yaml,
-    ".json": json.loads,
+    ".json": _files.parse_json,
 }
 
 
@@ -45,10 +50,16 @@ def read_plan_file(path: Path) -> dict[str, Any]:
     if reader is None:
         raise ValueError(f"a plan's file must end in {', '.join(_READERS)}; got {path}")
     try:
-        given = reader(path.read_text(encoding="utf-8"))
+        text = _files.read_text(path)
+        if len(text) > _MAX_TEXT:
+            raise ValueError(f"it has more than {_MAX_TEXT} characters")
+        given = reader(text)
+        _files.check_depth(given)
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
+    except RecursionError as error:
+        raise ValueError(f"{path} cannot be read: its lists are nested too deep") from error
+    except ValueError as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
     if not isinstance(given, dict):
         raise ValueError(

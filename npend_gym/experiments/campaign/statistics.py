@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.experiments.campaign.parts import RELEASES, read_part
+from npend_gym.experiments.campaign.parts import read_releases
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 FAR = 6.0  # standard deviations, beyond which a release is an outlier
@@ -96,21 +95,17 @@ class _CellRows:
 
 def _cell_rows(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Iterator[_CellRows]:
     for task in tasks:
-        part = read_part(out / RELEASES / task.part)
-        cells = part["cell"].to_numpy()
-        columns = {name: _floats(part[name]) for name in _COLUMNS}
+        part = read_releases(plan, out, task)
+        cells = part["cell"]
+        columns = {name: part[name] for name in _COLUMNS}
         present, firsts = np.unique(cells, return_index=True)
         for cell, first, last in zip(present, firsts, [*firsts[1:], len(cells)], strict=True):
             span = slice(int(first), int(last))
             values = plan.cell(int(cell))
             own = {name: column[span] for name, column in columns.items()}
             place = (own["start_rad"] - values["amplitude"]) / (values["spread"] or 1.0)
-            trial, done = (part[name].to_numpy()[span] for name in ("trial", "completed"))
+            trial, done = (part[name][span] for name in ("trial", "completed"))
             yield _CellRows(int(cell), trial, done, own, place)
-
-
-def _floats(column: Any) -> FloatArray:
-    return column.to_numpy().astype(np.float64)  # null becomes NaN
 
 
 def statistics(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Statistics:

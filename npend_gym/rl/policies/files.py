@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._extras import require
-from npend_gym._files import read_arrays, replacing
+from npend_gym._files import parse_json, read_arrays, read_text, replacing
 
 MAX_BYTES = 10_000_000  # of a file once unpacked
 SUFFIXES = ".npz", ".safetensors"
@@ -53,33 +53,36 @@ def read_policy(path: Path) -> tuple[dict[str, Float32Array], dict[str, Any]]:
     Raises
     ------
     ValueError
-        If it is no such file: pickled, too large, of another type, or described by no JSON object.
+        If it is no such file: pickled, too large, of another type, or not described by JSON.
     OSError
         If it cannot be opened.
     """
     _check_suffix(path)
-    whence = path
+    text: str | None
     try:
         if path.suffix == ".safetensors":
             arrays, text = _read_safetensors(path)
         else:
-            whence = path.with_suffix(".json")
-            arrays = read_arrays(path, MAX_BYTES)
-            text = whence.read_text(encoding="utf-8") if whence.exists() else "{}"
+            arrays, text = read_arrays(path, MAX_BYTES), None
     except ValueError as error:
         raise ValueError(f"{path} is no policy: {error}") from error
     if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
         raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
-    return arrays, _description(text, whence)
+    return arrays, _description(path, text)
 
 
-def _description(text: str, whence: Path) -> dict[str, Any]:
+def _description(path: Path, text: str | None) -> dict[str, Any]:
+    """Return what `text` says of the policy in `path`, by default the text of the file beside."""
+    whence = path if text is not None else path.with_suffix(".json")
     try:
-        about: Any = json.loads(text)
-        described = dict(about) | {"env": dict(about.get("env", {}))}
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        if text is None:
+            text = read_text(whence) if whence.exists() else "{}"
+        about = parse_json(text)
+        if not isinstance(about.setdefault("env", {}), dict):
+            raise ValueError("its env must be an object, names and values")
+    except ValueError as error:
         raise ValueError(f"{whence} does not describe a policy: {error}") from error
-    return described
+    return about
 
 
 def _check_suffix(path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym.chain import plain_keywords
+from npend_gym.rl.policies.checks import check_env, check_network
 from npend_gym.rl.policies.files import Float32Array, read_policy, write_policy
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.hub import POLICY_FILE, download
@@ -52,6 +53,11 @@ class Policy:
             joints = len(self.biases[-1])
             history = History(length, entries - joints, joints)
         object.__setattr__(self, "_history", history)
+
+    @property
+    def observed(self) -> int:
+        """Number of entries of an observation."""
+        return self.scale.shape[-1] - (len(self.biases[-1]) if self.has_memory else 0)
 
     @property
     def has_memory(self) -> bool:
@@ -99,7 +105,7 @@ class Policy:
         begins = None if info is None else np.asarray(info["time"]) == 0.0
         if begins is not None and begins.all():
             history.reset(begins.size)
-        expected = (len(history.frames), self.scale.shape[1] - len(self.biases[-1]))
+        expected = (len(history.frames), self.observed)
         if np.shape(observation) != expected:
             raise ValueError(
                 f"observation must have the shape {expected}, because the policy remembers so many "
@@ -135,18 +141,32 @@ class Policy:
         write_policy(Path(path), arrays, {"env": plain_keywords(self.env)} | self.provenance)
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Policy:
-        """Read what `save` wrote; files that hold pickles or anything else are refused.
+    def load(cls, path: str | PathLike[str], *, trust: bool = False) -> Policy:
+        """Read what `save` wrote, and check all of it; no code of a file is run.
+
+        Parameters
+        ----------
+        path : path-like
+        trust : bool
+            Whether the file may name a mode of yours, "package.module:Class", whose module is then
+            imported.
 
         Raises
         ------
         ValueError
-            If the file is no policy: pickled, too large, or with other names, types or shapes.
+            If the file is no policy: pickled, too large, with other names, types or shapes, with
+            numbers that may overflow, or for an environment that it does not fit.
         """
         path = Path(path)
         arrays, about = read_policy(path)
-        env = about.pop("env", {})
-        return cls(*_layers(arrays, path), env, about)
+        env = about.pop("env")
+        try:
+            policy = cls(*check_network(arrays), env, about)
+            if env:
+                check_env(env, policy.observed, len(policy.biases[-1]), trust=trust)
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path} is no policy: {error}") from error
+        return policy
 
     @classmethod
     def from_hub(
@@ -183,40 +203,15 @@ class Policy:
         return cls.load(PRETRAINED / f"{name}.npz")
 
 
-def _layers(
-    arrays: dict[str, Float32Array], path: Path
-) -> tuple[Float32Array, list[Float32Array], list[Float32Array]]:
-    """Return the scale, the weights and the biases that `path` holds, all checked."""
-    depth = (len(arrays) - 1) // 2
-    names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
-    if depth == 0 or sorted(arrays) != sorted(names):
-        raise ValueError(f"{path} is no policy: it holds {_checks.show(sorted(arrays))}")
-    weights = [arrays[f"weight{k}"] for k in range(depth)]
-    biases = [arrays[f"bias{k}"] for k in range(depth)]
-    scale, last = arrays["scale"], arrays[f"bias{depth - 1}"]
-    if scale.ndim == 2 and not (len(scale) > 0 and scale.shape[1] > last.size):
-        raise ValueError(
-            f"{path} is no policy: frames of shape {scale.shape} have no room for observations and "
-            f"{last.size} actions"
-        )
-    inputs = (scale.size,) if scale.ndim == 2 else scale.shape
-    for weight, bias in zip(weights, biases, strict=True):
-        if bias.ndim != 1 or weight.shape != bias.shape + inputs:
-            raise ValueError(
-                f"{path} is no policy: a layer for inputs of shape {inputs} has weights of "
-                f"shape {weight.shape} and biases of shape {bias.shape}"
-            )
-        inputs = bias.shape
-    return scale, weights, biases
-
-
 def pretrained_names() -> tuple[str, ...]:
     """Return the names of the policies that come with the package."""
     return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
 
 
-def find_policy(name: str) -> Policy:
+def find_policy(name: str, *, trust: bool = False) -> Policy:
     """Return a policy of the package by its name, or that in a file, with its environment.
+
+    `trust` is that of `Policy.load`.
 
     Raises
     ------
@@ -228,7 +223,7 @@ def find_policy(name: str) -> Policy:
         return Policy.pretrained(name)
     if not Path(name).is_file():
         raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}")
-    policy = Policy.load(name)
+    policy = Policy.load(name, trust=trust)
     if not policy.env:
         raise ValueError(
             f'{name} must say for which environment it is made, as "env" in its description (the '

@@ -1,0 +1,134 @@
+"""What a policy's file must hold, whoever wrote it: a network, and an environment that fits it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym.rl.policies.files import Float32Array
+
+_MAX_OBSERVED = 1e7  # larger than any entry of an observation
+_MAX_SIGNAL = 1e38  # float32 holds up to 3.4e38
+_MIN_DT, _MAX_DT = 1e-4, 100.0  # s, of a step
+_MAX_WORK = 1_000_000  # rods times substeps in a step: some tenths of a second
+_MAX_ENTRIES = 64  # of a list that is not one number for each rod
+
+Layers = tuple[Float32Array, list[Float32Array], list[Float32Array]]
+
+
+def check_network(arrays: dict[str, Float32Array]) -> Layers:
+    """Return the scale, the weights and the biases of a network, checked together.
+
+    Raises
+    ------
+    ValueError
+        If they form no network, or one whose signals may overflow.
+    """
+    depth = (len(arrays) - 1) // 2
+    names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
+    if depth == 0 or sorted(arrays) != sorted(names):
+        raise ValueError(f"it holds {_checks.show(sorted(arrays))}")
+    for name, array in arrays.items():
+        if array.ndim not in (1, 2) or array.size == 0:
+            raise ValueError(f"it holds {name} of shape {array.shape}")
+    scale = arrays["scale"]
+    weights = [arrays[f"weight{k}"] for k in range(depth)]
+    biases = [arrays[f"bias{k}"] for k in range(depth)]
+    if scale.ndim == 2 and scale.shape[1] <= biases[-1].size:
+        raise ValueError(
+            f"frames of shape {scale.shape} have no room for observations and "
+            f"{biases[-1].size} actions"
+        )
+    inputs = (scale.size,)
+    for weight, bias in zip(weights, biases, strict=True):
+        if bias.ndim != 1 or weight.shape != bias.shape + inputs:
+            raise ValueError(
+                f"a layer for inputs of shape {inputs} has weights of shape {weight.shape} and "
+                f"biases of shape {bias.shape}"
+            )
+        inputs = bias.shape
+    _check_signals(scale, weights, biases)
+    return scale, weights, biases
+
+
+def _check_signals(
+    scale: Float32Array, weights: list[Float32Array], biases: list[Float32Array]
+) -> None:
+    """Refuse a network in which a sum of products may leave float32, in whatever order it is added.
+
+    The bound is the sum of magnitudes, for the largest observations and tanh layers at their ends.
+    """
+    with np.errstate(all="ignore"):
+        bound = _MAX_OBSERVED / np.abs(scale.ravel().astype(np.float64))
+        largest = bound.max()
+        for weight, bias in zip(weights, biases, strict=True):
+            signal = np.abs(weight.astype(np.float64)) @ bound + np.abs(bias)
+            largest = np.maximum(largest, signal.max())
+            bound = np.ones(bias.size)
+    if not largest <= _MAX_SIGNAL:
+        raise ValueError(
+            f"its numbers overflow: with observations of up to {_MAX_OBSERVED:g} a signal may "
+            f"reach {largest:.3g}"
+        )
+
+
+def check_env(env: dict[str, Any], observed: int, actions: int, *, trust: bool) -> None:
+    """Refuse keywords that describe no environment for a policy of so many numbers.
+
+    Parameters
+    ----------
+    env : dict
+        Keywords of the environment; nothing is known of them but that they are from JSON.
+    observed, actions : int
+        Numbers that the policy is given, and that it returns.
+    trust : bool
+        Whether a mode "package.module:Class" may be imported.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a keyword is unknown or breaks its rule, or the environment does not fit the policy.
+    """
+    from npend_gym.envs.config import EnvConfig  # heavy
+    from npend_gym.envs.modes import MODES
+
+    mode = env.get("mode", "swingup")
+    if isinstance(mode, str) and ":" in mode and mode not in MODES and not trust:
+        raise ValueError(
+            f"its mode {_checks.show(mode)} would be imported, which runs code: give trust=True "
+            "(--trust) if you trust whoever wrote the file"
+        )
+    if "n" in env:  # each rod is observed by two numbers at least
+        _checks.count("n", env["n"], high=max(1, observed // 2))
+    _check_lists(env, max(observed, _MAX_ENTRIES))
+    if env.get("dt") is not None:
+        dt = _checks.positive_number("dt", env["dt"])
+        if not _MIN_DT <= dt <= _MAX_DT:
+            rule = f"least {_MIN_DT:g}" if dt < _MIN_DT else f"most {_MAX_DT:g}"
+            raise ValueError(f"dt must be at {rule}, got {dt:g}")
+    for name in ("torque_levels", "goal_env"):
+        if env.get(name):
+            raise ValueError(f"{name} must be left out: a policy maps one array to torques")
+    config = EnvConfig(**env)
+    if (config.observed, config.joints.size) != (observed, actions):
+        raise ValueError(
+            f"the environment observes {config.observed} numbers and has {config.joints.size} "
+            f"motors, the policy is for {observed} and {actions}"
+        )
+    if config.min_substeps * config.n > _MAX_WORK:
+        raise ValueError(
+            f"substeps must be at most {_MAX_WORK // config.n}, got {config.min_substeps} of "
+            f"{config.n} rods in a step"
+        )
+
+
+def _check_lists(value: Any, most: int) -> None:
+    """Refuse lists and dicts with more entries than a policy for so few numbers can need."""
+    if isinstance(value, (list, dict)):
+        entries: list[Any] = list(value.values()) if isinstance(value, dict) else value  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+        if len(entries) > most:
+            raise ValueError(f"a list must have at most {most} entries, got {len(entries)}")
+        for entry in entries:
+            _check_lists(entry, most)

@@ -1,0 +1,327 @@
+"""Files from elsewhere: what they hold is checked before it is used, and refused in one line."""
+
+import json
+import tracemalloc
+import warnings
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from npend_gym import _files
+from npend_gym.cli import main
+from npend_gym.experiments import Campaign, CampaignPlan, analyse, draws
+from npend_gym.experiments.campaign.pages import unpacked_size
+from npend_gym.experiments.campaign.parts import RELEASES, read_releases, write_parts
+from npend_gym.rl import Policy
+from npend_gym.rl.policies.policy import find_policy
+
+PLAN = CampaignPlan(n=2, amplitude=[0.3, 0.7], trials=20, batch=20)
+HUGE = np.float32(3e38)
+
+
+def layer(outputs, inputs, value=0.5):
+    return np.full((outputs, inputs), value, np.float32)
+
+
+def write_policy(path, env=None, **arrays):
+    """Write a policy of the swing-up of two rods, or one with other arrays and another env."""
+    given = {
+        "scale": np.ones(6, np.float32),
+        "weight0": layer(3, 6),
+        "bias0": np.zeros(3, np.float32),
+        "weight1": layer(1, 3),
+        "bias1": np.zeros(1, np.float32),
+    } | arrays
+    np.savez(path, **given)
+    described = {"n": 2, "mode": "swingup", "observation": "sincos"} if env is None else env
+    path.with_suffix(".json").write_text(json.dumps({"env": described}))
+    return path
+
+
+def test_the_policy_that_the_other_tests_change_is_a_good_one(tmp_path):
+    policy = find_policy(str(write_policy(tmp_path / "a.npz")))
+    assert policy(np.zeros(6, np.float32)).shape == (1,)
+
+
+# What describes a policy
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"[]", "must be an object"),
+        (b"3", "must be an object"),
+        (b"null", "must be an object"),
+        (b'"env"', "must be an object"),
+        (b"[" * 100_000, "nested too deep"),
+        (b'{"env": {}, "x": ' + b"[" * 100_000 + b"]" * 100_000 + b"}", "nested too deep"),
+        (b'{"env": {}, "x": ' + b"[" * 40 + b"]" * 40 + b"}", "nested deeper than 32"),
+        (b'{"env": {}, "x": "\xff"}', "utf-8"),
+        (b'{"env": [["n", 2]]}', "env must be an object"),
+        (b'{"env": null}', "env must be an object"),
+        (b" " * 10_000_001, "more than 10000000 bytes"),
+    ],
+)
+def test_what_is_no_description_is_refused_by_its_path(text, message, tmp_path):
+    path = write_policy(tmp_path / "a.npz")
+    path.with_suffix(".json").write_bytes(text)
+    with pytest.raises(ValueError, match=rf"a\.json does not describe a policy.*{message}"):
+        Policy.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"n": 1_000_000}, "n must be between 1 and 3"),
+        ({"n": 1.5}, "n must be an integer"),
+        ({"n": 1}, "observes 3 numbers"),
+        ({"chain": {"masses": [1.0] * 5, "lengths": 1.0}, "n": None}, "n must be an integer"),
+        ({"dt": 1e-9}, "dt must be at least 0.0001"),
+        ({"dt": -1.0}, "dt must be greater"),
+        ({"dt": 1e6}, "dt must be at most 100"),
+        ({"render_mode": "human"}, "render_mode"),
+        ({"max_episode_steps": 3}, "max_episode_steps"),
+        ({"mode": "os:system"}, "trust=True"),
+        ({"mode": 3}, "mode must be one of"),
+        ({"actuated": [0, 1]}, "2 motors"),
+        ({"torque_levels": 3}, "torque_levels must be left out"),
+        ({"goal_env": True, "mode": "transition"}, "goal_env must be left out"),
+        ({"masses": [1.0, -1.0]}, "masses must be greater"),
+        ({"masses": "heavy"}, "masses must"),
+        ({"gravity": {"a": 1}}, "gravity must be"),
+        ({"randomize": {"masses": [1e300, 1e301]}}, "masses"),
+    ],
+)
+def test_a_policy_for_no_sound_environment_is_refused(change, message, tmp_path):
+    env = {"n": 2, "mode": "swingup", "observation": "sincos"} | change
+    path = write_policy(tmp_path / "a.npz", env)
+    with pytest.raises(ValueError, match=rf"a\.npz is no policy.*{message}"):
+        Policy.load(path)
+
+
+def test_a_mode_of_ones_own_is_imported_only_when_the_file_is_trusted(tmp_path, monkeypatch):
+    (tmp_path / "own_task.py").write_text(
+        "from pathlib import Path\nfrom npend_gym.envs import SwingUp\n"
+        "Path('imported').touch()\nclass Own(SwingUp):\n    name = 'own'\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    env = {"n": 2, "mode": "own_task:Own", "observation": "sincos"}
+    path = write_policy(tmp_path / "a.npz", env)
+    for refused in (lambda: Policy.load(path), lambda: find_policy(str(path))):
+        with pytest.raises(ValueError, match="trust=True"):
+            refused()
+    assert not (tmp_path / "imported").exists()
+    assert Policy.load(path, trust=True).env == env
+    assert (tmp_path / "imported").exists()
+
+
+# Its numbers
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"scale": np.float32(1.0)}, r"scale of shape \(\)"),
+        ({"scale": np.zeros(0, np.float32)}, r"scale of shape \(0,\)"),
+        ({"scale": np.ones((1, 1, 6), np.float32)}, r"scale of shape \(1, 1, 6\)"),
+        ({"bias1": np.float32(0.0)}, r"bias1 of shape \(\)"),
+        ({"bias1": np.zeros(0, np.float32), "weight1": layer(0, 3)}, r"shape \(0"),
+        ({"scale": np.zeros(6, np.float32)}, "overflow"),
+        ({"scale": np.full(6, 1e-40, np.float32)}, "overflow"),
+        ({"weight0": layer(3, 6, HUGE)}, "overflow"),
+        ({"weight1": layer(1, 3, HUGE)}, "overflow"),
+        ({"bias1": np.full(1, HUGE), "weight1": layer(1, 3, HUGE / 3)}, "overflow"),
+    ],
+)
+def test_arrays_that_are_no_network_or_overflow_are_refused(change, message, tmp_path):
+    with pytest.raises(ValueError, match=rf"a\.npz is no policy.*{message}"):
+        Policy.load(write_policy(tmp_path / "a.npz", **change))
+
+
+@pytest.mark.parametrize("value", [1e20, 1e28, 1e31])
+def test_enormous_weights_act_within_bounds_without_a_warning_or_are_refused(value, tmp_path):
+    path = write_policy(tmp_path / "a.npz", weight0=layer(3, 6, value), weight1=layer(1, 3, value))
+    if value > 1e30:
+        with pytest.raises(ValueError, match="overflow"):
+            Policy.load(path)
+        return
+    policy = Policy.load(path)
+    largest = np.array([1, 1, 1, 1, 1e6, 1e6], np.float32)  # that an observation may be
+    rng = np.random.default_rng(0)
+    with warnings.catch_warnings(), np.errstate(all="raise", under="ignore"):
+        warnings.simplefilter("error")
+        for signs in rng.choice([-1.0, 1.0], (100, 6)):
+            assert abs(policy(largest * signs.astype(np.float32))) <= 1.0
+
+
+# Commands
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--seed", "-1"], "seed must be at least 0, got -1"),
+        (["--duration", "0"], "duration must be greater than zero"),
+        (["--duration", "1e12"], "at most 20000000 angles"),
+        (["--fps", "0"], "fps must be greater than zero"),
+        (["--speed", "-1"], "speed must be greater than zero"),
+    ],
+)
+def test_a_film_of_a_policy_refuses_bad_arguments_in_one_line(options, message, refusal, tmp_path):
+    out = tmp_path / "a.gif"
+    assert message in refusal("animate", "--policy", "swingup-2", *options, "--out", str(out))
+    assert not out.exists()
+
+
+def test_commands_refuse_a_policy_that_names_no_sound_environment(refusal, tmp_path):
+    path = str(write_policy(tmp_path / "a.npz", {"n": 2, "mode": "swingup", "dt": 1e-9}))
+    for command in (["animate", "--out", str(tmp_path / "a.gif"), "--policy", path],
+                    ["evaluate", path]):  # fmt: skip
+        assert f"{path} is no policy" in refusal(*command)
+
+
+# Parts of a campaign
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    out = tmp_path_factory.mktemp("campaign")
+    with Campaign(PLAN, out) as running:
+        for _ in running.run(count=1):
+            pass
+    return out
+
+
+@pytest.fixture
+def forged(campaign, tmp_path):
+    """A function that puts a table, or bytes, in place of a part, as its journal says too."""
+    import shutil
+
+    out = tmp_path / "campaign"
+    shutil.copytree(campaign, out)
+    part = out / "releases" / next(PLAN.tasks()).part
+
+    def forge(content):
+        journal = out / "journal.jsonl"
+        before = _files.sha256(part)
+        if isinstance(content, bytes):
+            part.write_bytes(content)
+        else:
+            table = content(pq.ParquetFile(part).read())
+            pq.write_table(table, part, compression="zstd", use_dictionary=False)
+        journal.write_text(journal.read_text().replace(before, _files.sha256(part)))
+        return out, part
+
+    return forge
+
+
+def with_column(name, values):
+    def change(table):
+        at = table.column_names.index(name)
+        given = values(table[name]) if callable(values) else values
+        return table.set_column(at, name, pa.array(given))
+
+    return change
+
+
+FORGERIES = {
+    "empty": (b"", "size is 0 bytes"),
+    "text": (b"cell,trial\n1,2\n", "magic bytes|too small|smaller"),
+    "no rows": (lambda table: table.slice(0, 0), "20 rows"),
+    "no column": (lambda table: table.drop_columns(["median_s"]), "columns"),
+    "another column": (lambda table: table.append_column("x", table["cell"]), "columns"),
+    "text in a column": (with_column("median_s", ["long"] * 20), "median_s"),
+    "lists in a column": (with_column("median_s", [[1.0]] * 20), "median_s"),
+    "text for numbers": (with_column("trial", ["one"] * 20), "trial"),
+    "null for a count": (with_column("completed", [None] * 20), "completed"),
+    "NaN": (with_column("median_s", [np.nan] * 20), "median_s"),
+    "1e308": (with_column("median_s", [1e308] * 20), "median_s"),
+    "minus one": (with_column("tip_s", [-1.0] * 20), "tip_s"),
+    "infinite": (with_column("mean_s", [np.inf] * 20), "mean_s"),
+    "another start": (with_column("start_rad", [0.9] * 20), "start_rad"),
+    "no start": (with_column("start_rad", [None] * 20), "start_rad"),
+    "another cell": (with_column("cell", [7] * 20), "cell"),
+    "another trial": (with_column("trial", [1] * 20), "trial"),
+    "too many bobs": (
+        with_column("completed", lambda column: pa.array([3] * len(column), pa.int32())),
+        "completed",
+    ),
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", FORGERIES)
+def test_a_forged_part_is_refused_by_its_path_in_one_line(kind, forged, refusal):
+    content, message = FORGERIES[kind]
+    out, part = forged(content)
+    with pytest.raises(ValueError, match=f"{part.name}.*({message})"):
+        analyse(out)
+    error = refusal("analyse", str(out))
+    assert str(part) in error
+
+
+@pytest.mark.parametrize("lie", [0, 1_000_000])
+def test_a_part_whose_pages_expand_beyond_its_rows_is_refused(lie, tmp_path):
+    plan = CampaignPlan(n=1, trials=4000, batch=4000, spread=0.1)
+    (task,) = plan.tasks()
+    starts = draws.starts(plan.seed, 0, 4000, plan.cell(0)["amplitude"], 0.1)
+    write_parts(plan, tmp_path, task, starts, np.random.default_rng(0).uniform(1, 9, (4000, 1)))
+    path = tmp_path / RELEASES / task.part
+    if lie:  # the header of a page says that it unpacks to a million bytes
+        whole = bytearray(path.read_bytes())
+        at = pq.ParquetFile(path).metadata.row_group(0).column(5).data_page_offset + 3
+        assert whole[at - 3 : at] == b"\x15\x00\x15"
+        number = 2 * lie
+        assert whole[at] >= 128
+        assert whole[at + 1] >= 128 > whole[at + 2]
+        whole[at : at + 3] = bytes((number & 127 | 128, number >> 7 & 127 | 128, number >> 14))
+        path.write_bytes(whole)
+        with pytest.raises(ValueError, match=r"is no part .*column median_s has too many bytes"):
+            read_releases(plan, tmp_path, task)
+    else:
+        assert read_releases(plan, tmp_path, task)["median_s"].size == 4000
+
+
+def test_a_part_that_expands_to_gigabytes_is_refused_without_the_memory(forged):
+    def bomb(table):
+        return pa.table(dict.fromkeys(table.column_names, pa.array(np.zeros(2_000_000))))
+
+    out, part = forged(bomb)
+    before = pa.total_allocated_bytes()
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=f"{part.name} is no part"):
+            analyse(out)
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+    assert pa.total_allocated_bytes() - before < 10e6
+
+
+@pytest.mark.parametrize("column", ["", "00", "15001502", "1500150215ff", "19"])
+def test_pages_without_a_sound_header_are_refused(column):
+    assert unpacked_size(bytes.fromhex("1500150a150400abcd" * 2)) == 10
+    for damaged in (bytes.fromhex(column) or b"\x1c" * 99,):
+        with pytest.raises(ValueError, match="its pages"):
+            unpacked_size(damaged)
+
+
+def test_a_plan_of_a_folder_from_elsewhere_is_checked_before_it_is_used(tmp_path, refusal):
+    for text, message in (
+        ("[]", "must be an object"),
+        ("[" * 100_000, "nested too deep"),
+        ('{"version": [1], "digest": 2, "plan": 3}', "damaged|version"),
+    ):
+        (tmp_path / "plan.json").write_text(text)
+        with pytest.raises(ValueError, match=rf"plan\.json.*({message})"):
+            analyse(tmp_path)
+        assert "plan.json" in refusal("analyse", str(tmp_path))
+
+
+def test_a_campaign_is_analysed_when_nothing_is_forged(forged, capsys):
+    out, _ = forged(lambda table: table)
+    assert main(["analyse", str(out)]) == 0
+    assert capsys.readouterr().err == ""
