@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import MethodType
+from typing import Any
 
 
 def attach_stub(
@@ -41,3 +43,24 @@ def attach_stub(
         return value
 
     return get_attribute, lambda: sorted(sources), list(sources)
+
+
+class MethodFromAbove:
+    """A method whose code is in a room above its class, imported when it is first looked up.
+
+    Physics draws nothing, but a motion in a notebook shall show itself. The class names the
+    function by a string, as an entry point does, and so depends on nothing above it.
+
+    Parameters
+    ----------
+    source : str
+        Module and function, such as "package.module:function". Its first argument is the object.
+    """
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+
+    def __get__(self, instance: object | None, owner: type) -> Callable[..., Any]:
+        module, _, name = self._source.partition(":")
+        function = getattr(import_module(module), name)
+        return function if instance is None else MethodType(function, instance)

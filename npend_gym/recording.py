@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium as gym
@@ -123,6 +123,28 @@ def _check_size(instants: float, n: int) -> None:
             f"a recording must hold at most {_MOST_ANGLES} angles, got {instants:.0f} instants of "
             f"{n} rods; take a longer interval or a shorter duration"
         )
+
+
+def record_motion(motion: Trajectory) -> Recording:
+    """Return one motion as a recording that starts at 0 s, without pseudo-periods.
+
+    Raises
+    ------
+    ValueError
+        If it is many motions, or less than two instants.
+    """
+    if motion.theta.ndim > 2:
+        raise ValueError(
+            f"motion must be one to be shown, got {len(motion)} of them: take trajectory[k]"
+        )
+    if motion.times.size < 2:
+        raise ValueError("motion must have at least two instants to be shown, got 1")
+    moved = replace(motion, times=motion.times - motion.times[0])
+    still = np.zeros(motion.times.size)
+    caption = f"n = {motion.chain.n}"
+    return Recording(
+        moved, np.full(motion.chain.n, np.nan), still, "bob", caption, motion.provenance
+    )
 
 
 def record_first_trials(

@@ -1,4 +1,4 @@
-"""The notebooks for a class run, and print what they show."""
+"""The notebooks run, and print what they show."""
 
 from copy import deepcopy
 from pathlib import Path
@@ -28,6 +28,15 @@ def pictures(notebook):
     )
 
 
+def html_of(notebook):
+    return "".join(
+        out.get("data", {}).get("text/html", "")
+        for cell in notebook.cells
+        if cell.cell_type == "code"
+        for out in cell.outputs
+    )
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries below the kernel
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -44,6 +53,7 @@ def pictures(notebook):
             6,
             ["from 2.0 rad: chaotic: True, 1.3 per second", "damping 0: they add up to 0.00 1/s"],
         ),
+        ("try_it.ipynb", 2, ["tip at -2.32 m after 2.0 s"]),
     ],
 )
 def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
@@ -55,5 +65,7 @@ def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
     client.execute()
     assert printed(again) == printed(shown)
     assert pictures(again) == pictures(shown) == count
+    players = [html_of(one).count("<iframe") for one in (again, shown)]
+    assert players[0] == players[1] == (name == "try_it.ipynb")
     text = "".join(printed(again))
     assert all(expected in text for expected in texts)

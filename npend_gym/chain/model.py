@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym._faces import MethodFromAbove
 from npend_gym.chain import parameters, presets
 from npend_gym.chain.parameters import FRICTION_SPEED, STANDARD_GRAVITY, ChainParameters
 
@@ -127,6 +128,7 @@ class Chain:
     realaigym = classmethod(presets.realaigym)
     multiarm = classmethod(presets.multiarm)
     dm_control = classmethod(presets.dm_control)
+    _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")
 
     @property
     def n(self) -> int:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym._faces import MethodFromAbove
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.pivot import Pivot
@@ -120,6 +121,10 @@ class Trajectory:
     counts: IntArray | None = field(default=None, repr=False)
     chains: tuple[Chain, ...] = field(default=(), repr=False)
     motion: Motion | None = field(default=None, repr=False)
+
+    plot = MethodFromAbove("npend_gym.report.notebook:plot")
+    animate = MethodFromAbove("npend_gym.report.notebook:animate")
+    _repr_html_ = MethodFromAbove("npend_gym.report.notebook:as_html")
 
     @property
     def nfev(self) -> Any:

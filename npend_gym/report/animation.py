@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import html
+import io
 import json
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -83,6 +86,15 @@ class Film:
 
     def __iter__(self) -> Iterator[Frame]:
         return map(self.picture, range(len(self)))
+
+    def _repr_html_(self) -> str:
+        """Return the film as a GIF within HTML: what a notebook shows."""
+        file = io.BytesIO()
+        _write_gif(self, file, "", iter)
+        data = base64.b64encode(file.getvalue()).decode()
+        return (
+            f'<img alt="{html.escape(self.recording.caption)}" src="data:image/gif;base64,{data}">'
+        )
 
     def picture(self, k: int) -> Frame:
         """Return picture `k`, of shape (size, 2 size, 3), or (size, size, 3) without diagrams."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import json
 import math
 import shlex
 from collections.abc import Mapping, Sequence
@@ -16,21 +14,15 @@ from typing import Any
 import numpy as np
 
 from npend_gym import _files, theory
-from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, SKY, rgb
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
 from npend_gym.recording import Recording
+from npend_gym.report import player
 from npend_gym.report.release_tables import LEGEND
 
 SUFFIXES = (".html",)
-_DECIMALS = 4  # kept of the places, in units of the chain's length
-# Name of a colour in the page: colour on light and on dark paper
-_PALETTE = {
-    "blue": (BLUE, SKY), "orange": (ORANGE, ORANGE), "amber": ("#B87700", AMBER),
-    "green": (GREEN, GREEN), "pink": ("#A8487B", PINK),
-}  # fmt: skip
 _COLORS = {"T0": "orange", "T0 + ampl.": "amber", "T1": "green", "T(N, a)": "pink"}
 _STYLES = {"T0 + ampl.": "dashed"}
 _COLUMNS = {
@@ -61,7 +53,7 @@ def page(
         "provenance": provenance(experiment.as_dict(), experiment.seed),
         "releases": [_recorded(experiment, recording) for recording in recordings],
         "law": _law(experiment, runs, rows),
-        "palette": {"ramp": [rgb(color) for color in (BLUE, GREEN, AMBER)], "tip": ORANGE},
+        "palette": player.PALETTE,
     }
     n_values = ", ".join(str(row["n"]) for row in rows)
     start, spread = math.degrees(experiment.amplitude), math.degrees(experiment.spread)
@@ -78,16 +70,10 @@ def page(
     return Template((folder / "page.html").read_text("utf-8")).substitute(
         {name: html.escape(text) for name, text in texts.items()},
         summary=_table(rows),
-        # a "<" could end the element
-        data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
-        style=_palette_css() + (folder / "page.css").read_text("utf-8"),
-        script=(folder / "page.js").read_text("utf-8"),
+        data=player.as_json(data),
+        style=player.palette_css() + (folder / "page.css").read_text("utf-8"),
+        script="".join((folder / name).read_text("utf-8") for name in ("player.js", "page.js")),
     )
-
-
-def _palette_css() -> str:
-    colors = (f"--{name}: light-dark({light}, {dark});" for name, (light, dark) in _PALETTE.items())
-    return f":root {{ {' '.join(colors)} }}\n"
 
 
 def command(experiment: ReleaseExperiment) -> str:
@@ -116,25 +102,16 @@ def _models(experiment: ReleaseExperiment, n: int, start: float) -> dict[str, fl
 def _recorded(experiment: ReleaseExperiment, recording: Recording) -> dict[str, Any]:
     motion, n = recording.motion, recording.motion.chain.n
     start = float(motion.theta[0, 0])
-    places = np.round(motion.positions() / motion.chain.total_length, _DECIMALS).astype("<f4")
+    places = motion.positions() / motion.chain.total_length
     return {
-        "n": n,
         "label": f"{n}, from {math.degrees(start):.4g} degrees",
-        "interval": float(motion.times[1]),
-        "places": base64.b64encode(places.tobytes()).decode(),
-        "centres": _centres(recording),
+        **player.moving(places, float(motion.times[1]), player.centres(motion)),
         "periods": [float(t) if math.isfinite(t) else None for t in recording.periods],
         "models": {
             name: {"value": value, "color": _COLORS[name], "style": _STYLES.get(name, "")}
             for name, value in _models(experiment, n, start).items()
         },
     }
-
-
-def _centres(recording: Recording) -> list[float]:
-    """Return where the centres of mass are along links that are bodies, over their lengths."""
-    chain = recording.motion.chain
-    return (chain.centres / chain.lengths).tolist() if recording.motion.bodies().size else []
 
 
 def _law(

@@ -1,0 +1,59 @@
+"""What the player in the browser needs: of `npend page`, and of motions in notebooks."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, SKY, rgb
+
+PALETTE = {"ramp": [rgb(color) for color in (BLUE, GREEN, AMBER)], "tip": ORANGE}
+_DECIMALS = 4  # kept of the places, in units of the chain's length
+# Name of a colour in the page: colour on light and on dark paper
+_COLORS = {
+    "blue": (BLUE, SKY), "orange": (ORANGE, ORANGE), "amber": ("#B87700", AMBER),
+    "green": (GREEN, GREEN), "pink": ("#A8487B", PINK),
+}  # fmt: skip
+
+
+def moving(places: FloatArray, interval: float, centres: Sequence[float]) -> dict[str, Any]:
+    """Return a motion as the player reads it.
+
+    Parameters
+    ----------
+    places : ndarray, shape (T, n, 2)
+        Of the bobs at every instant, over the length of the chain.
+    interval : float
+        Between instants [s].
+    centres : sequence of float
+        See `centres`.
+    """
+    rounded = np.round(places, _DECIMALS).astype("<f4")
+    return {
+        "n": places.shape[1],
+        "interval": interval,
+        "places": base64.b64encode(rounded.tobytes()).decode(),
+        "centres": centres,
+    }
+
+
+def centres(motion: Any) -> list[float]:
+    """Return where the centres of mass are along links that are bodies, over their lengths."""
+    chain = motion.chain
+    return (chain.centres / chain.lengths).tolist() if motion.bodies().size else []
+
+
+def as_json(data: Mapping[str, Any]) -> str:
+    """Return data as the content of a script element, which no "<" in a text can end."""
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+
+
+def palette_css() -> str:
+    """Return the colours of the page as variables of its style."""
+    colors = (f"--{name}: light-dark({light}, {dark});" for name, (light, dark) in _COLORS.items())
+    return f":root {{ {' '.join(colors)} }}\n"

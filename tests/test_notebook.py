@@ -1,0 +1,146 @@
+"""What motions and chains show of themselves in notebooks."""
+
+import base64
+import html
+import io
+import json
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from scripts import run_python
+
+from npend_gym import Chain, simulate
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return simulate(Chain([1.0, 0.5, 0.5], [1.0, 0.7, 0.4]), 1.0, 0.0, np.linspace(2.0, 5.0, 301))
+
+
+def document_of(shown):
+    return html.unescape(re.search(r'srcdoc="(.*?)"', shown, re.DOTALL)[1])
+
+
+def data_of(shown):
+    text = re.search(r'id="data">(.*?)</script>', document_of(shown))[1]
+    return json.loads(text)["releases"]
+
+
+def test_a_motion_shows_itself_in_a_player_at_the_places_where_it_is(motion):
+    (shown,) = data_of(motion._repr_html_())
+    places = np.frombuffer(base64.b64decode(shown["places"]), "<f4").reshape(-1, 3, 2)
+    times = shown["interval"] * np.arange(len(places))
+    assert times[-1] == pytest.approx(3.0)
+    for bob in range(3):
+        for axis in (0, 1):
+            expected = np.interp(times, motion.times - 2.0, motion.positions()[:, bob, axis])
+            np.testing.assert_allclose(2.1 * places[:, bob, axis], expected, atol=2e-4)
+
+
+def test_the_player_fetches_nothing_and_is_shut_off(motion):
+    shown = motion._repr_html_()
+    assert not re.search(r"(src|href)=[^d]", document_of(shown))
+    assert "default-src 'none'" in document_of(shown)
+    assert 'sandbox="allow-scripts"' in shown
+    assert len(shown) < 60_000
+
+
+def test_of_many_motions_the_first_are_to_choose_from():
+    start = np.linspace(0.1, 1.0, 24).reshape(12, 2)
+    many = simulate(Chain.uniform(2), start, 0.0, np.linspace(0.0, 1.0, 26))
+    shown = data_of(many._repr_html_())
+    assert [one["label"] for one in shown] == [f"{k}: 2 pendulums" for k in range(8)]
+    first = np.frombuffer(base64.b64decode(shown[5]["places"]), "<f4")[:4].reshape(2, 2)
+    np.testing.assert_allclose(2.0 * first, many[5].positions()[0], atol=2e-4)
+    for show in (many.plot, many.animate):
+        with pytest.raises(ValueError, match=r"got 12 of them: take trajectory\[k\]"):
+            show()
+
+
+def test_a_long_chain_is_shown_within_a_megabyte():
+    chain = Chain.uniform(1000)
+    motion = simulate(chain, 0.1, 0.0, np.linspace(0.0, 0.2, 101))
+    (shown,) = data_of(motion._repr_html_())
+    assert shown["n"] == 200
+    last = np.frombuffer(base64.b64decode(shown["places"]), "<f4").reshape(-1, 200, 2)[-1, -1]
+    np.testing.assert_allclose(1000.0 * last, motion.positions()[-1, -1], atol=0.1)
+    assert len(motion._repr_html_()) < 1e6
+
+
+def test_the_player_plays_in_a_browser(browser, motion, tmp_path):
+    path = tmp_path / "notebook.html"
+    path.write_text(f"<!doctype html><title>cell</title>{motion._repr_html_()}", "utf-8")
+    context = browser.new_context(offline=True)
+    tab, wrong = context.new_page(), []
+    tab.on("console", lambda message: message.type != "error" or wrong.append(message.text))
+    tab.on("pageerror", lambda error: wrong.append(str(error)))
+    tab.goto(path.as_uri())
+    frame = tab.frame_locator("iframe")
+    assert frame.locator("#clock").inner_text() == "0.00 of 3.00 s"
+    assert frame.locator("#chain").get_attribute("aria-label") == "Animation of 0: 3 pendulums"
+    frame.locator("#play").click()
+    for _ in range(200):
+        if frame.locator("#clock").inner_text() > "0.30":
+            break
+        tab.wait_for_timeout(50)
+    frame.locator("#play").click()
+    assert "0.30" < frame.locator("#clock").inner_text() < "3"
+    assert wrong == []
+    context.close()
+
+
+def test_a_motion_is_plotted_as_it_was_computed(motion):
+    import matplotlib.pyplot as plt
+
+    axes = motion.plot()
+    for ax, values in zip(axes, (motion.theta, motion.omega), strict=False):
+        for line, expected in zip(ax.lines, values.T, strict=True):
+            np.testing.assert_array_equal(line.get_xdata(), motion.times)
+            np.testing.assert_array_equal(line.get_ydata(), expected)
+    np.testing.assert_array_equal(axes[2].lines[0].get_ydata(), motion.energy())
+    plt.close(axes[0].figure)
+
+
+def test_a_motion_is_filmed(motion, tmp_path):
+    film = motion.animate(tmp_path / "chain.gif", fps=10.0, size=120)
+    assert len(film) == 31
+    shown = base64.b64decode(re.search(r"base64,(.*?)\"", film._repr_html_())[1])
+    for file in (tmp_path / "chain.gif", io.BytesIO(shown)):
+        with Image.open(file) as pictures:
+            assert (pictures.size, pictures.n_frames) == ((120, 120), 31)
+    with pytest.raises(ValueError, match=r"must be one of \.gif, \.mp4"):
+        motion.animate(tmp_path / "chain.webm")
+
+
+def test_a_chain_draws_itself_to_scale_with_its_data():
+    chain = Chain([4.0, 1.0, 1.0], [1.0, 0.5, 0.25], gravity=1.62)
+    shown = chain._repr_html_()
+    rods = np.array(re.findall(r'x1="(.*?)" y1="(.*?)" x2="(.*?)" y2="(.*?)"', shown), float)
+    drawn = np.hypot(*(rods[:, 2:] - rods[:, :2]).T)
+    np.testing.assert_allclose(drawn / drawn[0], chain.lengths, rtol=2e-3)
+    radii = np.array(re.findall(r' r="(.*?)"', shown), float)[:3]
+    np.testing.assert_allclose(radii**2 / radii[0] ** 2, [1.0, 0.25, 0.25], atol=0.01)
+    cells = re.findall(r"<td>(.*?)</td>", shown)
+    assert cells == ["4", "1", "1", "0.5", "1", "0.25"]
+    assert "gravity 1.62 m/s^2" in shown
+
+
+@pytest.mark.parametrize("chain", [Chain.uniform(1), Chain.uniform(1000), Chain.realaigym("C.1")])
+def test_any_chain_draws_itself_within_its_frame(chain):
+    shown = chain._repr_html_()
+    width, height = map(float, re.search(r'viewBox="0 0 (\S+) (\S+)"', shown).groups())
+    for name, limit in (("cx", width), ("cy", height), ("x1", width), ("y2", height)):
+        values = np.array(re.findall(rf'{name}="(.*?)"', shown), float)
+        assert np.all((values > 0.0) & (values < limit))
+    assert shown.count("<circle") <= 202
+    assert len(shown) < 60_000
+
+
+def test_physics_loads_nothing_that_draws_before_it_is_asked():
+    code = (
+        "import sys; from npend_gym import Chain, Trajectory; Chain.uniform(2); "
+        "print([m for m in sys.modules if 'matplotlib' in m or m.startswith('npend_gym.report')])"
+    )
+    assert run_python("-c", code) == "[]\n"
