@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import _thread
+import os
 import weakref
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from queue import Empty, SimpleQueue
 from typing import TypeVar
 
@@ -62,7 +64,11 @@ class Helpers:
     """
 
     def __init__(self, count: int) -> None:
-        self._count, self._started = count, 0
+        self._count = count
+        self._forget_threads()
+
+    def _forget_threads(self) -> None:
+        self._process, self._started = os.getpid(), 0
         self._shares: SimpleQueue[_Share | None] = SimpleQueue()
 
     def run(self, work: Callable[[int, Call], None]) -> None:
@@ -70,13 +76,15 @@ class Helpers:
 
         A thread that is not awake when ``work(0, call)`` returns is not waited for, and does
         nothing: the work must be something that one thread finishes where the others do not come,
-        such as a loop over an iterator that all of them share.
+        such as a loop over the `each_once` of a deque.
 
         Raises
         ------
         BaseException
             What `work` raised, here or in a thread.
         """
+        if self._process != os.getpid():
+            self._forget_threads()  # the threads did not come along with a fork
         call = Call(work)
         shares = [_Share(call, worker) for worker in range(1, self._count + 1)]
         try:
@@ -102,6 +110,19 @@ class Helpers:
         self._started = 0
 
 
+def each_once(parts: deque[_Part]) -> Iterator[_Part]:
+    """Yield the parts that several threads take from one deque, each to one of them.
+
+    An iterator that threads share may give a part to two of them where Python has no global lock.
+    """
+    while parts:
+        try:
+            part = parts.popleft()
+        except IndexError:  # another thread was faster
+            return
+        yield part
+
+
 def share_out(parts: Sequence[_Part], threads: int, follow: Callable[[_Part, Call], None]) -> None:
     """Call ``follow(part, call)`` for each of the parts, by so many threads, the caller's too.
 
@@ -110,11 +131,11 @@ def share_out(parts: Sequence[_Part], threads: int, follow: Callable[[_Part, Cal
     BaseException
         What `follow` raised, here or in a thread.
     """
-    remaining = iter(parts)
+    remaining = deque(parts)
 
     def work(worker: int, call: Call) -> None:
         del worker
-        for part in remaining:
+        for part in each_once(remaining):
             if call.stopped:
                 return
             follow(part, call)

@@ -14,7 +14,7 @@ from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
 from npend_gym.envs.episodes import BoolArray, Episodes
 from npend_gym.envs.info import Info
-from npend_gym.envs.progress import Progress
+from npend_gym.envs.progress import CallGuard
 from npend_gym.window import Window
 
 RENDER_MODES = ("human", "rgb_array")
@@ -62,7 +62,7 @@ class Camera:
             self._show(episodes)
 
     def render(
-        self, env: Any, episodes: Episodes, progress: Progress
+        self, env: Any, episodes: Episodes, calls: CallGuard
     ) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of every lane, or show them and return None, as `env` is asked to."""
         if self.mode is None:
@@ -72,8 +72,8 @@ class Camera:
                 f'is made, such as gym.make("{name}", render_mode="rgb_array")'
             )
             return None
-        if progress is not Progress.READY:
-            raise progress.refuse("render")
+        if not calls.ready:
+            raise calls.refuse(env, "render")
         return self._show(episodes)
 
     def _show(self, episodes: Episodes) -> tuple[NDArray[np.uint8], ...] | None:

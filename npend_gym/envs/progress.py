@@ -1,14 +1,19 @@
-"""How far the last call has come, and the error of a call that must wait for a reset."""
+"""One call at a time changes an environment; how far the last one has come."""
 
 from __future__ import annotations
 
+import sys
+from _thread import get_ident
 from enum import Enum
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray
+
+_CHANGING = ("step", "reset", "set_state", "state")  # the calls that change an environment
 
 
 class Progress(Enum):
@@ -31,6 +36,77 @@ class Progress(Enum):
 
 class ResetNeeded(gym.error.ResetNeeded, RuntimeError):  # noqa: N818 - a name of Gymnasium
     """Raised by `step` and `render` where `reset` must be called first."""
+
+
+class EnvInUse(gym.error.AlreadyPendingCallError, RuntimeError):  # noqa: N818 - as ResetNeeded
+    """Raised by a call of an environment while another thread is inside `step` or `reset`."""
+
+    def __init__(self, call: str) -> None:
+        super().__init__(
+            f"{call}() was called while another thread is in step() or reset() of the same "
+            "environment: let threads take turns, with a lock, or make an environment for each",
+            call,
+        )
+
+
+class CallGuard:
+    """Lets one thread at a time change an environment, and keeps the `Progress` of its calls.
+
+    Attributes
+    ----------
+    ready : list
+        Holds one entry where the progress is READY, else none. A call that changes the environment
+        takes the entry and puts it back at its end: Python removes an entry for one thread alone,
+        and an exception of a signal comes before or after that.
+    """
+
+    __slots__ = ("_is_new", "ready")
+
+    def __init__(self) -> None:
+        self.ready: list[bool] = []
+        self._is_new = True
+
+    @property
+    def progress(self) -> Progress:
+        """How far the last call has come, or the one that another thread is in."""
+        if self.ready:
+            return Progress.READY
+        return Progress.NEW if self._is_new else Progress.UNFINISHED
+
+    def begin(self, env: Any, call: str, before: Progress = Progress.READY) -> None:
+        """Begin a call that changes `env`; `before` is the progress for which it was checked.
+
+        Raises
+        ------
+        ResetNeeded, EnvInUse
+            If the progress is another by now.
+        """
+        try:
+            self.ready.pop()
+        except IndexError:
+            if before is Progress.READY or self.progress is not before or _used_elsewhere(env):
+                raise self.refuse(env, call) from None
+        self._is_new = False
+
+    def finish(self) -> None:
+        """Note that the call has done everything."""
+        self.ready[:] = [True]
+
+    def refuse(self, env: Any, call: str) -> ResetNeeded | EnvInUse:
+        """Return the error of a call, by name, that must not be made now."""
+        return EnvInUse(call) if _used_elsewhere(env) else self.progress.refuse(call)
+
+
+def _used_elsewhere(env: Any) -> bool:
+    """Return whether another thread is inside a call that changes `env`."""
+    own = get_ident()
+    for thread, top in sys._current_frames().items():  # noqa: SLF001 - documented, for debuggers
+        frame = top if thread != own else None
+        while frame is not None:
+            if frame.f_code.co_name in _CHANGING and frame.f_locals.get("self") is env:
+                return True
+            frame = frame.f_back
+    return False
 
 
 def lanes_are_done(done: BoolArray) -> ResetNeeded:

@@ -20,13 +20,12 @@ from npend_gym.envs.inputs import checked_action, checked_state
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
 from npend_gym.envs.options import checked_options
 from npend_gym.envs.picture import Camera
-from npend_gym.envs.progress import Progress
+from npend_gym.envs.progress import CallGuard, Progress
 from npend_gym.envs.snapshots import States
 
 ObsArray = NDArray[np.float32]
 
 _THE_LANE, _LANE_0 = np.ones(1, np.bool_), np.zeros(1, np.int64)
-_READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 
 @with_config_keywords
@@ -245,7 +244,7 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         self._episodes: Episodes = Episodes(config, 1)
         self._action_shape = (config.joints.size,)
         self._is_seeded = False
-        self._progress = Progress.NEW
+        self._calls = CallGuard()
         if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them
             self.compute_reward = GoalReward(config.mode)
 
@@ -276,11 +275,9 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         ValueError, TypeError
             If an option is unknown or breaks its rule; the environment is then unchanged.
         """
-        broken = self._progress is _UNFINISHED
-        episodes = self._episodes.renewed() if broken else self._episodes
+        before = self._calls.progress
         checked = checked_options(options, self.config) if options else None
-        self._progress = _UNFINISHED
-        self._episodes = episodes
+        episodes = self._begin("reset", before)
         super().reset(seed=seed)
         self._seed(episodes, given=seed is not None)
         episodes.start(_THE_LANE, checked)
@@ -289,8 +286,15 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         if self.render_mode == "human":
             self.camera.follow(episodes)
         observation, _, _, _, info = episodes.outputs.only_lane()
-        self._progress = _READY
+        self._calls.finish()
         return observation, info
+
+    def _begin(self, call: str, before: Progress) -> Episodes:
+        """Begin a call that replaces everything; return the episodes for it."""
+        self._calls.begin(self, call, before)
+        if before is Progress.UNFINISHED:
+            self._episodes = self._episodes.renewed()
+        return self._episodes
 
     def _seed(self, episodes: Episodes, *, given: bool) -> None:
         """Give the episodes the seed of Gymnasium's generator, where it is new."""
@@ -313,17 +317,23 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             then.
         ResetNeeded
             Before the first reset, and after a call of `step` or `reset` that was interrupted.
+        EnvInUse
+            While another thread is inside `step` or `reset`; nothing has changed then.
         """
-        if self._progress is not _READY:
-            raise self._progress.refuse("step")
-        episodes = self._episodes
+        ready = self._calls.ready
+        if not ready:
+            raise self._calls.refuse(self, "step")
         checked = checked_action(action, self._action_shape, self.config.action_table)
-        self._progress = _UNFINISHED
+        try:
+            ready.pop()  # as CallGuard.begin does, in less time
+        except IndexError:
+            raise self._calls.refuse(self, "step") from None
+        episodes = self._episodes
         episodes.step(checked)
         result = episodes.outputs.only_lane()
         if self.render_mode is not None:
             self.camera.follow(episodes)
-        self._progress = _READY
+        ready.append(True)
         return result
 
     def get_state(self) -> States:
@@ -335,8 +345,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
             ``state["rods"]["theta"]`` and ``state["members"]["time"]`` are read like this; the
             other fields are named in its dtype. It can be copied and pickled.
         """
-        if self._progress is not _READY:
-            raise self._progress.refuse("get_state")
+        if not self._calls.ready:
+            raise self._calls.refuse(self, "get_state")
         return self._episodes.get_states(_LANE_0, np.zeros(1, np.bool_)).reshape(())
 
     def set_state(self, state: States) -> tuple[ObsArray, Info[float, int, bool]]:
@@ -360,17 +370,15 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         TypeError, ValueError
             If the state is none, or of another version or environment; nothing has changed then.
         """
-        broken = self._progress is _UNFINISHED
-        episodes = self._episodes.renewed() if broken else self._episodes
-        checked = episodes.snapshots.check(state, 1)
-        self._progress = _UNFINISHED
-        self._episodes = episodes
+        before = self._calls.progress
+        checked = self._episodes.snapshots.check(state, 1)
+        episodes = self._begin("set_state", before)
         episodes.set_states(_LANE_0, checked)
         if episodes.seeds[0] != self._np_random_seed:
             self._np_random, self._np_random_seed = seeding.np_random(episodes.seeds[0])
         self._is_seeded = True
         self.camera.forget(_THE_LANE)
-        self._progress = _READY
+        self._calls.finish()
         observation, _, _, _, info = episodes.outputs.only_lane()
         return observation, info
 
@@ -383,22 +391,25 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Setting it moves the chain there; pseudo-periods are measured from then on, and time, energy
         and work count from there.
         """
-        if self._progress is not _READY:
-            raise self._progress.refuse("state")
+        if not self._calls.ready:
+            raise self._calls.refuse(self, "state")
         return self._episodes.angles[0]
 
     @state.setter
     def state(self, value: ArrayLike) -> None:
-        if self._progress is not _READY:
-            raise self._progress.refuse("state")
-        self._episodes.angles = checked_state(value, (1, self.config.state_size), self.config.n)
+        if not self._calls.ready:
+            raise self._calls.refuse(self, "state")
+        checked = checked_state(value, (1, self.config.state_size), self.config.n)
+        self._calls.begin(self, "state")
+        self._episodes.angles = checked
+        self._calls.finish()
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return the picture (H, W, 3) in mode "rgb_array"; in mode "human" show it.
 
         Without a `render_mode` this warns and returns None, as in Gymnasium's own environments.
         """
-        frames = self.camera.render(self, self._episodes, self._progress)
+        frames = self.camera.render(self, self._episodes, self._calls)
         return None if frames is None else frames[0]
 
     def close(self) -> None:

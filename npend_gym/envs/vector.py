@@ -28,11 +28,9 @@ from npend_gym.envs.inputs import (
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
 from npend_gym.envs.options import checked_options
 from npend_gym.envs.picture import Camera
-from npend_gym.envs.progress import Progress, lanes_are_done
+from npend_gym.envs.progress import CallGuard, Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
 from npend_gym.envs.snapshots import States
-
-_READY, _UNFINISHED = Progress.READY, Progress.UNFINISHED
 
 ObsArray = NDArray[np.float32]
 
@@ -66,6 +64,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     Each key of `Info` has an array with a leading axis of B, and a mask (B,) named ``_key``.
     ``_pseudo_period`` and ``_pseudo_periods`` are True only in lanes where a bob has completed, and
     ``_pseudo_period_com`` where the centre of mass has.
+
+    One thread at a time: a call during the `step` or `reset` of another thread raises `EnvInUse`.
+    After a fork the threads of an environment start again where they are needed.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
@@ -100,7 +101,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self._episodes: Episodes = Episodes(config, self.num_envs, threads, self.max_episode_steps)
         self._seeds = Seeds(self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over
-        self._progress = Progress.NEW
+        self._calls = CallGuard()
         if config.goal_env:
             self.compute_reward = GoalReward(config.mode)
         self.closed = False
@@ -135,14 +136,12 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             If seed or options break a rule; no lane has then changed.
         """
         given = dict(options or {})
-        every = self._progress is not _READY
+        before = self._calls.progress
+        every = before is not Progress.READY
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
-        broken = self._progress is _UNFINISHED
-        episodes = self._episodes.renewed() if broken else self._episodes
         checked = checked_options(given, self.config, self.num_envs) if given else None
         checked_seed = self._seeds.checked(seed)
-        self._progress = _UNFINISHED
-        self._episodes = episodes
+        episodes = self._begin("reset", before)
         lanes, keys = self._seeds.choose(checked_seed, mask)
         episodes.seed(lanes, self._seeds.values, keys)
         episodes.start(mask, checked)
@@ -150,8 +149,15 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self.camera.forget(mask)
         self._done = self._done & ~mask
         result = episodes.outputs.observation, episodes.outputs.masked_info(mask.copy())
-        self._progress = _READY
+        self._calls.finish()
         return result
+
+    def _begin(self, call: str, before: Progress) -> Episodes:
+        """Begin a call that replaces everything; return the episodes for it."""
+        self._calls.begin(self, call, before)
+        if before is Progress.UNFINISHED:
+            self._episodes = self._episodes.renewed()
+        return self._episodes
 
     def step(
         self, actions: Any
@@ -166,16 +172,22 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         ResetNeeded
             Before the first reset, after a call of `step` or `reset` that was interrupted, or
             with autoreset disabled where a lane is done.
+        EnvInUse
+            While another thread is inside `step` or `reset`; nothing has changed then.
         """
-        if self._progress is not _READY:
-            raise self._progress.refuse("step")
-        waiting = self._done
-        if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
-            raise lanes_are_done(waiting)
-        episodes = self._episodes
+        ready = self._calls.ready
+        if not ready:
+            raise self._calls.refuse(self, "step")
         config = self.config
         action = checked_action(actions, (self.num_envs, config.joints.size), config.action_table)
-        self._progress = _UNFINISHED
+        try:
+            ready.pop()  # as CallGuard.begin does, in less time
+        except IndexError:
+            raise self._calls.refuse(self, "step") from None
+        episodes, waiting = self._episodes, self._done
+        if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
+            ready.append(True)
+            raise lanes_are_done(waiting)
         if np.count_nonzero(waiting) > 0:  # autoreset of NEXT_STEP
             episodes.step(action, waiting)
             self.camera.forget(waiting)
@@ -190,7 +202,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if self.render_mode is not None:
             self.camera.follow(episodes)
         result = episodes.outputs.observation, reward, terminated, truncated, info
-        self._progress = _READY
+        ready.append(True)
         return result
 
     def _reset_now(self, done: BoolArray) -> dict[str, Any]:
@@ -208,8 +220,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
 
         See `NPendulumEnv.get_state`. A record fits any lane, and the single environment.
         """
-        if self._progress is not _READY:
-            raise self._progress.refuse("get_state")
+        if not self._calls.ready:
+            raise self._calls.refuse(self, "get_state")
         chosen = checked_lanes(lanes, self.num_envs)
         return self._episodes.get_states(chosen, self._done[chosen])
 
@@ -237,20 +249,18 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
             If a state is none, or of another version or environment; no lane has changed then.
         """
         chosen = checked_lanes(lanes, self.num_envs)
-        if self._progress is not _READY and np.unique(chosen).size < self.num_envs:
-            raise self._progress.refuse("set_state of some lanes")
-        broken = self._progress is _UNFINISHED
-        episodes = self._episodes.renewed() if broken else self._episodes
-        checked = episodes.snapshots.check(state, chosen.size)
-        self._progress = _UNFINISHED
-        self._episodes = episodes
+        before = self._calls.progress
+        if before is not Progress.READY and np.unique(chosen).size < self.num_envs:
+            raise self._calls.refuse(self, "set_state of some lanes")
+        checked = self._episodes.snapshots.check(state, chosen.size)
+        episodes = self._begin("set_state", before)
         episodes.set_states(chosen, checked)
         self._seeds.replace(episodes.seeds)
         self._done = self._done.copy()
         self._done[chosen] = checked["done"] > 0
         moved = np.isin(np.arange(self.num_envs), chosen)
         self.camera.forget(moved)
-        self._progress = _READY
+        self._calls.finish()
         return episodes.outputs.observation, episodes.outputs.masked_info(moved)
 
     @property
@@ -259,24 +269,25 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
 
         Setting it is as in `NPendulumEnv`.
         """
-        if self._progress is not _READY:
-            raise self._progress.refuse("state")
+        if not self._calls.ready:
+            raise self._calls.refuse(self, "state")
         return self._episodes.angles
 
     @state.setter
     def state(self, value: ArrayLike) -> None:
-        if self._progress is not _READY:
-            raise self._progress.refuse("state")
-        self._episodes.angles = checked_state(
-            value, (self.num_envs, self.config.state_size), self.config.n
-        )
+        if not self._calls.ready:
+            raise self._calls.refuse(self, "state")
+        checked = checked_state(value, (self.num_envs, self.config.state_size), self.config.n)
+        self._calls.begin(self, "state")
+        self._episodes.angles = checked
+        self._calls.finish()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
         """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window.
 
         Without a `render_mode` this warns and returns None, as in Gymnasium's own environments.
         """
-        return self.camera.render(self, self._episodes, self._progress)
+        return self.camera.render(self, self._episodes, self._calls)
 
     def close_extras(self, **kwargs: Any) -> None:
         """End threads and window."""

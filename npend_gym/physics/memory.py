@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._threads import MAX_THREADS, Call, Helpers
+from npend_gym._threads import MAX_THREADS, Call, Helpers, each_once
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
@@ -247,7 +248,7 @@ class Memory:
         if plan.whole:
             kernel(*self.arrays, *arrays, plan.timing[0], (work or self._scratch)[0])
             return
-        chunks = iter(range(0, self.groups, plan.groups))
+        chunks = deque(range(0, self.groups, plan.groups))
 
         def share(thread: int, call: Call | None) -> None:
             timing, scratch = plan.timing[thread], (work or self._scratch)[thread]
@@ -264,9 +265,9 @@ class Memory:
             self._helpers = Helpers(min(self.threads, self.groups) - 1)
         self._helpers.run(share)
 
-    def _spans(self, chunks: Iterator[int], plan: Plan) -> Iterator[tuple[int, int, int, int]]:
+    def _spans(self, chunks: deque[int], plan: Plan) -> Iterator[tuple[int, int, int, int]]:
         """Yield the first and last group and substep of each call; threads share the chunks."""
-        for first in chunks:
+        for first in each_once(chunks):
             last = min(first + plan.groups, self.groups)
             for begin in range(0, max(1, plan.substeps), plan.piece):
                 yield first, last, begin, min(begin + plan.piece, plan.substeps)

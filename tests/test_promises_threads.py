@@ -1,0 +1,189 @@
+"""Two threads in one environment take turns or are refused; pools of threads survive a fork."""
+
+import os
+import sys
+import threading
+import time
+from collections import Counter, deque
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from npend_gym._threads import Helpers, each_once
+from npend_gym.envs import EnvInUse, Mode
+
+LANES = 40
+STEPS = 1000
+
+
+def make(lanes):
+    options = {"n": 2, "substeps": 2, "amplitude": 0.1, "mode": "calm"}
+    if lanes is None:
+        return gym.make("NPendulum-v0", **options).unwrapped, np.full(1, 0.4)
+    env = gym.make_vec("NPendulum-v0", lanes, threads=2, max_episode_steps=None, **options)
+    return env, np.linspace(-1.0, 1.0, lanes)[:, None]
+
+
+@pytest.fixture
+def quick_switches():
+    """Python changes threads after every few instructions."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("quick_switches")
+@pytest.mark.parametrize("lanes", [None, LANES])
+def test_steps_of_two_python_threads_are_whole_or_refused(lanes):
+    env, action = make(lanes)
+    env.reset(seed=0)
+    env.step(action)
+    counted, ready = Counter(), threading.Barrier(2)
+
+    def step():
+        try:
+            env.step(action)
+        except EnvInUse:
+            return "refused"
+        return "done"
+
+    def work():
+        ready.wait()
+        counted.update(step() for _ in range(STEPS))
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    other, _ = make(lanes)
+    other.reset(seed=0)
+    for _ in range(1 + counted["done"]):
+        other.step(action)
+    np.testing.assert_array_equal(env.state, other.state)
+    assert counted.total() == 2 * STEPS
+    assert counted["refused"] > 0
+
+
+class Waiting(Mode):
+    """A user's mode in which a step waits to be told to go on."""
+
+    def __init__(self):
+        self.inside, self.go_on = threading.Event(), threading.Event()
+        self.go_on.set()
+
+    def start(self, rng, n, amplitude, spread):  # noqa: ARG002
+        return rng.random(n), np.zeros(n)
+
+    def reward(self, quantities):
+        self.inside.set()
+        self.go_on.wait(20.0)
+        return quantities.height
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_calls_during_a_step_of_another_thread_are_refused_by_name(vector):
+    mode = Waiting()
+    if vector:
+        env = gym.make_vec("NPendulum-v0", 2, mode=mode)
+    else:
+        env = gym.make("NPendulum-v0", mode=mode).unwrapped
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape)
+    env.step(action)
+    state = env.get_state()
+    mode.inside.clear()
+    mode.go_on.clear()
+    stepping = threading.Thread(target=env.step, args=(action,))
+    stepping.start()
+    assert mode.inside.wait(20.0)
+    calls = {
+        "step": lambda: env.step(action),
+        "reset": env.reset,
+        "get_state": env.get_state,
+        "set_state": lambda: env.set_state(state),
+        "state": lambda: env.state,
+    }
+    for name, call in calls.items():
+        with pytest.raises(EnvInUse, match=rf"^{name}\(\) was called while another thread"):
+            call()
+    with pytest.raises(gym.error.AlreadyPendingCallError):
+        env.reset()
+    mode.go_on.set()
+    stepping.join()
+    env.step(action)
+    assert np.all(env.reset(seed=0)[1]["time"] == 0.0)
+
+
+def test_a_deque_gives_each_part_to_one_thread():
+    parts, taken = deque(range(20_000)), [[], []]
+
+    def take(place):
+        taken[place].extend(each_once(parts))
+
+    threads = [threading.Thread(target=take, args=(place,)) for place in (0, 1)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(taken[0] + taken[1]) == list(range(20_000))
+
+
+def in_a_fork(work):
+    """Return whether `work` returns True in a forked child within 60 s."""
+    child = os.fork()
+    if child == 0:
+        try:
+            os._exit(0 if work() else 1)
+        finally:
+            os._exit(2)
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status) == 0
+        time.sleep(0.01)
+    os.kill(child, 9)
+    os.waitpid(child, 0)
+    return False
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")  # Python's, about threads
+def test_an_environment_with_live_threads_works_after_a_fork():
+    env, action = make(LANES)
+    env.reset(seed=0)
+    env.step(action)
+    other, _ = make(LANES)
+    other.reset(seed=0)
+    for _ in range(3):
+        other.step(action)
+    expected = other.state
+
+    def step_twice():
+        env.step(action)
+        env.step(action)
+        return np.array_equal(env.state, expected)
+
+    assert in_a_fork(step_twice)
+    assert step_twice()  # here too
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_after_a_fork_helpers_start_threads_of_their_own():
+    helpers, seen = Helpers(1), []
+
+    def work(worker, _):
+        seen.append(worker)
+        time.sleep(0.3)  # until the other thread is awake
+
+    def both_work():
+        seen.clear()
+        helpers.run(work)
+        return sorted(seen) == [0, 1]
+
+    assert both_work()
+    assert in_a_fork(both_work)
