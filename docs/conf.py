@@ -4,6 +4,9 @@ import csv
 import os
 from pathlib import Path
 
+from docutils.nodes import SkipNode
+from latex2mathml.converter import convert
+
 from npend_gym import __version__
 from npend_gym.cli import parsers
 
@@ -16,9 +19,9 @@ version = release = __version__
 
 extensions = [
     "myst_parser",
+    "sphinx_design",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",  # its role "autolink" links what can be linked in docstrings
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
 ]
@@ -26,7 +29,11 @@ html_theme = "furo"
 html_title = f"npend_gym {version}"
 exclude_patterns = ["results"]
 
-myst_enable_extensions = ["dollarmath", "substitution"]
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_math_renderer = "mathml"  # what browsers show by themselves: no script, nothing to fetch
+
+myst_enable_extensions = ["colon_fence", "dollarmath", "substitution"]
 myst_heading_anchors = 3
 
 
@@ -74,9 +81,38 @@ def fill_in_commands(_app, docname: str, source: list[str]) -> None:
         source[0] = source[0].replace("{{ commands }}", commands())
 
 
+def formula(translator, node) -> None:
+    """Write a formula within a line as MathML."""
+    translator.body.append(convert(node.astext()))
+    raise SkipNode
+
+
+def displayed_formula(translator, node) -> None:
+    """Write a formula of its own as MathML, in a box that scrolls where the screen is narrow."""
+    mathml = convert(node.astext(), display="block")
+    translator.body.append(f'<div class="math" tabindex="0">{mathml}</div>')
+    raise SkipNode
+
+
+ACCESSIBLE = {
+    '<p class="caption" role="heading">': '<p class="caption" role="heading" aria-level="2">',
+    "<pre>": '<pre tabindex="0">',  # what scrolls can be reached by the keyboard
+    '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
+}
+
+
+def make_accessible(_app, _page, _template, context, _doctree) -> None:
+    """Give the elements of Sphinx and the theme what keyboards and screen readers need."""
+    for part in ("body", "furo_navigation_tree"):
+        for given, wanted in ACCESSIBLE.items():
+            context[part] = context.get(part, "").replace(given, wanted)
+
+
 def setup(app) -> None:
     """Tell Sphinx what this file adds to it."""
+    app.connect("html-page-context", make_accessible, priority=900)  # after the theme's own
     app.connect("source-read", fill_in_commands)
+    app.add_html_math_renderer("mathml", (formula, None), (displayed_formula, None))
 
 
 default_role = "autolink"
