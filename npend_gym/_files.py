@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 _CHUNK = 1 << 20  # bytes read at a time
 _MAX_TEXT = 10_000_000  # bytes of a JSON file
-_MAX_DEPTH = 32  # lists and dicts inside each other
+MAX_DEPTH = 32  # lists and dicts inside each other
 
 
 class Disk:
@@ -169,7 +169,7 @@ def parse_json(text: str) -> dict[str, Any]:
 def check_depth(value: Any) -> None:
     """Refuse a value whose lists and dicts are nested deeper than what is ever written."""
     level: list[Any] = [value]
-    for _ in range(_MAX_DEPTH):
+    for _ in range(MAX_DEPTH):
         entries: list[Any] = [
             entry
             for each in level
@@ -178,7 +178,7 @@ def check_depth(value: Any) -> None:
         level = [entry for entry in entries if isinstance(entry, (dict, list))]  # pyright: ignore[reportUnknownVariableType]
         if not level:
             return
-    raise ValueError(f"its lists and objects are nested deeper than {_MAX_DEPTH}")
+    raise ValueError(f"its lists and objects are nested deeper than {MAX_DEPTH}")
 
 
 def read_arrays(path: Path, max_bytes: int) -> dict[str, NDArray[Any]]:

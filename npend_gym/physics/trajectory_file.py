@@ -77,6 +77,8 @@ def _read(path: Path) -> Trajectory:
     made = _read_integration(about.get("integration"), chain.n)
     events: dict[str, Any] = {name: _read_events(data, name) for name in EVENTS}
     status = data.get("status", np.array(0))
+    if status.dtype.kind != "i" or status.shape not in ((), theta.shape[:-2]):
+        raise ValueError(f"status must hold an integer for each motion, got shape {status.shape}")
     return Trajectory(
         chain, times, theta, omega, made_by, pivot, springs=springs, integration=made,
         status=status if status.ndim else int(status), **beyond, **events,

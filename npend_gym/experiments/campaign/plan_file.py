@@ -21,13 +21,24 @@ def _toml(text: str) -> Any:
 def _yaml(text: str) -> Any:
     yaml: Any = import_module("yaml")
     try:
-        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
-            raise ValueError("it has an alias (*), by which a few lines may stand for gigabytes")
+        _check_tokens(yaml, text)
         return yaml.safe_load(text)
     except RecursionError:
         raise
     except Exception as error:  # its constructors raise their own kinds for bad dates and such
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
+
+
+def _check_tokens(yaml: Any, text: str) -> None:
+    """Refuse aliases, by which a few lines stand for gigabytes, and depth, which takes for ever."""
+    depth = 0
+    for token in yaml.scan(text):
+        name = type(token).__name__
+        depth += name.endswith("StartToken") - name.endswith("EndToken")
+        if name == "AliasToken":
+            raise ValueError("it has an alias (*)")
+        if depth > _files.MAX_DEPTH:
+            raise ValueError(f"its lists and mappings are nested deeper than {_files.MAX_DEPTH}")
 
 
 _READERS: dict[str, Callable[[str], Any]] = {

@@ -1,0 +1,249 @@
+"""Every reader of files, with good files to begin from: for the fuzzer and its tests."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mutations
+import numpy as np
+
+from npend_gym import Chain, Trajectory, simulate
+from npend_gym.experiments import Campaign, CampaignPlan, ReleaseExperiment, run_release
+from npend_gym.experiments.campaign.folder import read_plan
+from npend_gym.experiments.campaign.journal import read_journal
+from npend_gym.experiments.campaign.parts import RELEASES, read_releases
+from npend_gym.experiments.campaign.plan_file import read_plan_file
+from npend_gym.identification import read_motion
+from npend_gym.report import release_tables
+from npend_gym.rl import Policy
+
+CORPUS = Path(__file__).parent / "corpus"
+PLAN = CampaignPlan(n=2, amplitude=[0.3, 0.7], trials=20, batch=20)
+FILES, VALUES = (ValueError, OSError), (ValueError, OSError, TypeError)
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How a kind of file is read.
+
+    Attributes
+    ----------
+    path : Path
+        Where the reader expects the file.
+    read : callable
+        Is called without arguments, after bytes have been written to `path`.
+    mutate : callable
+        Changes bytes.
+    declared : tuple
+        What `read` may raise.
+    seeds : list of bytes
+        Good files.
+    """
+
+    path: Path
+    read: Callable[[], Any]
+    mutate: mutations.Mutation
+    declared: tuple[type[Exception], ...]
+    seeds: list[bytes]
+
+    def attempt(self, data: bytes) -> bool:
+        """Read `data`; return whether it was taken. What is not declared is raised."""
+        self.path.write_bytes(data)
+        try:
+            self.read()
+        except self.declared:
+            return False
+        return True
+
+
+def make_readers(folder: Path) -> dict[str, Reader]:
+    """Return the readers by name; `folder` gets a folder for each."""
+    made = [_policies, _trajectory, _campaign, _plan_files, _release, _motion]
+    readers: dict[str, Reader] = {}
+    for make in made:
+        own = folder / make.__name__.strip("_")
+        own.mkdir()
+        readers |= make(own)
+    return readers
+
+
+def _network(sizes: list[tuple[int, int]], scale: np.ndarray, env: dict[str, Any]) -> Policy:
+    rng = np.random.default_rng(0)
+    weights = [rng.normal(size=size).astype(np.float32) for size in sizes]
+    biases = [np.zeros(size[:1], np.float32) for size in sizes]
+    return Policy(scale.astype(np.float32), weights, biases, env, {"trained_by": "nobody"})
+
+
+def _act(policy: Policy) -> None:
+    """Let a policy that was taken act; what it does must be within bounds."""
+    if policy.has_memory:
+        policy.reset(2)
+    observed = np.full((2, policy.observed), 1e6, np.float32)
+    with np.errstate(all="raise", under="ignore"):
+        action = policy(observed)
+    if not (np.abs(action) <= 1.0).all():
+        raise AssertionError(f"an action is {action}")
+
+
+def _policies(folder: Path) -> dict[str, Reader]:
+    env = {"n": 2, "mode": "swingup", "observation": "sincos"}
+    random_env = env | {"randomize": {"masses": [0.8, 1.2], "damping": {"low": 0.0, "high": 0.1}}}
+    policies = [
+        _network([(3, 6), (1, 3)], np.ones(6), env),
+        _network([(2, 14), (1, 2)], np.ones((2, 7)), random_env),
+        _network([(1, 4)], np.ones(4), {"n": 2, "chain": "acrobot", "actuated": [1], "dt": 0.02}),
+    ]
+    kept: dict[str, list[bytes]] = {".npz": [], ".json": [], ".safetensors": []}
+    for policy in policies:
+        for name in ("a.npz", "a.safetensors"):
+            policy.save(folder / name)
+        for suffix, each in kept.items():
+            each.append((folder / f"a{suffix}").read_bytes())
+    del kept[".json"][1:], kept[".npz"][2:]  # they do not fit the file that stands beside them
+    places = {suffix: folder / suffix[1:] for suffix in kept}
+    for place in places.values():
+        place.mkdir()
+    (places[".json"] / "a.npz").write_bytes(kept[".npz"][0])
+    (places[".npz"] / "a.json").write_bytes(kept[".json"][0])
+
+    def reader(suffix: str, mutate: mutations.Mutation, opened: str) -> Reader:
+        file = places[suffix] / f"a{opened}"
+        return Reader(
+            places[suffix] / f"a{suffix}", lambda: _act(Policy.load(file)), mutate, FILES,
+            kept[suffix],
+        )  # fmt: skip
+
+    return {
+        "policy_npz": reader(".npz", mutations.of_archive, ".npz"),
+        "policy_json": reader(".json", mutations.of_json, ".npz"),
+        "policy_safetensors": reader(".safetensors", mutations.of_tensors, ".safetensors"),
+    }
+
+
+def _trajectory(folder: Path) -> dict[str, Reader]:
+    path, seeds = folder / "a.npz", list[bytes]()
+    times = np.linspace(0.0, 0.2, 4)
+    for motion in (
+        simulate(Chain([1.0, 0.5], [1.0, 0.7]), 1.0, 0.0, times),
+        simulate(Chain.uniform(1), [[0.5], [0.6]], 0.0, times),
+    ):
+        motion.save(path)
+        seeds.append(path.read_bytes())
+    return {
+        "trajectory": Reader(
+            path, lambda: Trajectory.load(path), mutations.of_archive, FILES, seeds
+        )
+    }
+
+
+def _campaign(folder: Path) -> dict[str, Reader]:
+    out = folder / "campaign"
+    with Campaign(PLAN, out) as running:
+        for _ in running.run("threading", 1):
+            pass
+    task = next(PLAN.tasks())
+    part, journal, plan = out / RELEASES / task.part, out / "journal.jsonl", out / "plan.json"
+    return {
+        "part": Reader(
+            part, lambda: read_releases(PLAN, out, task), mutations.of_bytes, FILES,
+            [part.read_bytes()],
+        ),
+        "journal": Reader(
+            journal, lambda: read_journal(journal, PLAN.digest), mutations.of_lines, FILES,
+            [journal.read_bytes()],
+        ),
+        "plan": Reader(plan, lambda: read_plan(out), mutations.of_json, FILES, [plan.read_bytes()]),
+    }  # fmt: skip
+
+
+def _plan_files(folder: Path) -> dict[str, Reader]:
+    toml = b"n = [2, 3]\namplitude = [0.3, 0.7]\ntrials = 50\nseed = 4\nmasses = [1.0, 2]\n"
+    yaml = b"n: [2, 3]\namplitude:\n  - 0.3\n  - 0.7\ntrials: 50\nreading: bob\nchain: null\n"
+    values = {"n": 2, "chain": {"masses": [1.0, 2.0], "lengths": [1.0, 1.0]}, "trials": 5}
+    given = {".toml": toml, ".yaml": yaml, ".json": json.dumps(values).encode()}
+    mutate = {".toml": mutations.of_bytes, ".yaml": mutations.of_bytes, ".json": mutations.of_json}
+
+    def reader(suffix: str) -> Reader:
+        path = folder / f"plan{suffix}"
+        return Reader(
+            path, lambda: CampaignPlan.from_dict(read_plan_file(path)), mutate[suffix], VALUES,
+            [given[suffix]],
+        )  # fmt: skip
+
+    return {f"plan_{suffix[1:]}": reader(suffix) for suffix in given}
+
+
+def _release(folder: Path) -> dict[str, Reader]:
+    out = folder / "release"
+    experiment = ReleaseExperiment(n_values=(1, 2), trials=2)
+    release_tables.write(experiment, run_release(experiment), out, figures=False)
+    again = folder / "again"
+    shutil.copytree(out, again)
+
+    def read_changed(name: str) -> None:
+        """Read a release whose manifest has the digest of the changed file."""
+        manifest = json.loads((out / "manifest.json").read_bytes())
+        manifest["sha256"][name] = hashlib.sha256((again / name).read_bytes()).hexdigest()
+        (again / "manifest.json").write_text(json.dumps(manifest))
+        for other in {"release.json", "periods.csv"} - {name}:
+            shutil.copyfile(out / other, again / other)
+        release_tables.read(again)
+
+    third = folder / "third"
+    shutil.copytree(out, third)
+    seeds = {name: [(out / name).read_bytes()] for name in ("release.json", "periods.csv")}
+    return {
+        "manifest": Reader(
+            third / "manifest.json", lambda: release_tables.read(third), mutations.of_json, FILES,
+            [(out / "manifest.json").read_bytes()],
+        ),
+        "release": Reader(
+            again / "release.json", lambda: read_changed("release.json"), mutations.of_json, FILES,
+            seeds["release.json"],
+        ),
+        "periods": Reader(
+            again / "periods.csv", lambda: read_changed("periods.csv"), mutations.of_lines, FILES,
+            seeds["periods.csv"],
+        ),
+    }  # fmt: skip
+
+
+def _motion(folder: Path) -> dict[str, Reader]:
+    path = folder / "a.csv"
+    rows = [
+        f"{0.01 * k:.2f},{np.sin(k):.4f},{np.cos(k):.4f},{k % 3}.5,{k // 30}" for k in range(60)
+    ]
+    seeds = ["\n".join(["time,theta0,theta1,tau0,piece", *rows]).encode()]
+    rows = [f"{0.01 * k:.2f},{np.sin(k):.4f}" for k in range(25)]
+    seeds.append("\r\n".join(["\ufefftime, theta0", *rows]).encode())
+    return {"motion": Reader(path, lambda: read_motion(path), mutations.of_lines, FILES, seeds)}
+
+
+def mutants(reader: Reader, seed: int, corpus: list[bytes]):
+    """Yield mutants of the reader's seeds and corpus without end; those taken join the corpus."""
+    rng = random.Random(seed)
+    pool = [*reader.seeds, *corpus]
+    while True:
+        data = rng.choice(pool)
+        for _ in range(rng.choice((1, 1, 1, 2, 4))):
+            data = _mutated(reader, data, rng)
+        taken = yield data
+        if taken and len(data) < 20_000:
+            if len(pool) < 300:
+                pool.append(data)
+            else:
+                pool[rng.randrange(len(reader.seeds), 300)] = data
+
+
+def _mutated(reader: Reader, data: bytes, rng: random.Random) -> bytes:
+    try:
+        return reader.mutate(data, rng)
+    except Exception:  # noqa: BLE001 - too damaged to be changed by its structure
+        return mutations.of_bytes(data, rng)

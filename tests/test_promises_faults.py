@@ -1,0 +1,122 @@
+"""Campaigns on disks that fail: every operation once, and the power cut after each of them."""
+
+import errno
+import random
+import shutil
+from pathlib import Path
+
+import pytest
+from disks import KINDS, LOSSES, FaultyDisk, Log, after_power_cut, chosen
+
+from npend_gym import _files
+from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
+from npend_gym.report.campaign_report import finish
+
+PLAN = CampaignPlan(n=[1, 2], amplitude=0.4, trials=4, batch=4)
+DECLARED = (DiskError, BusyError, ValueError, OSError)  # what the command tells in one line
+
+
+def work(out):
+    """Run the campaign in `out` to its end."""
+    with Campaign(PLAN, out) as campaign:
+        for _, record in campaign.run("threading", 1):
+            assert not record.error
+        text, complete = finish(campaign)
+        assert complete, text
+
+
+def content(out):
+    """Return the bytes of the plan and of all tables, and the ids of the tasks in the journal."""
+    files = [out / "plan.json", *out.rglob("*.parquet")]
+    assert not list(out.rglob("*.part"))
+    tasks = {line.split('"task"')[1] for line in (out / "journal.jsonl").read_text().splitlines()}
+    return {path.relative_to(out): path.read_bytes() for path in files}, tasks
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The content of an undisturbed run, its operations, and their log."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    work(folder / "plain")
+    logs = {}
+    for disk in (FaultyDisk(), Log()):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(_files, "disk", disk)
+            out = folder / type(disk).__name__
+            work(out)
+            logs[type(disk)] = disk
+        assert content(out)[0] == content(folder / "plain")[0]
+    return content(folder / "plain"), logs[FaultyDisk].done, logs[Log].entries, folder / "Log"
+
+
+def fail_once(number, kind, code, out, monkeypatch, expected):
+    """Let an operation of a campaign fail, then run the campaign again; return the first error."""
+    disk, error = FaultyDisk(number, kind, code), None
+    with monkeypatch.context() as patch:
+        patch.setattr(_files, "disk", disk)
+        try:
+            work(out)
+        except DECLARED as raised:
+            error = raised
+    assert len(disk.done) > number, "the operation was never reached"
+    if error is not None:
+        assert str(out) in str(error), error
+        work(out)
+    found = content(out)
+    assert found[0] == expected[0]
+    assert len(found[1]) == PLAN.task_count
+    shutil.rmtree(out)
+    return error
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.long)])
+def test_a_failed_operation_is_told_and_a_second_run_has_the_same_bytes(
+    kind, every, undisturbed, tmp_path, monkeypatch
+):
+    expected, operations, _, _ = undisturbed
+    assert {"open", "write", "sync", "close", "replace", "mkdir"} <= set(operations)
+    told = 0
+    for number in chosen(len(operations), every):
+        if kind == "half" and operations[number] != "write":
+            continue  # nothing else has halves
+        for code in (errno.EIO, errno.ENOSPC) if every == 1 else (errno.EIO,):
+            told += fail_once(number, kind, code, tmp_path / "a", monkeypatch, expected) is not None
+    assert told > 0
+
+
+@pytest.mark.parametrize("step", ["_acquire", "_release"])
+def test_a_lock_that_fails_is_told_and_a_second_run_has_the_same_bytes(
+    step, undisturbed, tmp_path, monkeypatch
+):
+    import filelock
+
+    done = getattr(filelock.FileLock, step)
+
+    def fail(lock):
+        if step == "_release":  # one that was not released would be held until the process ends
+            done(lock)
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    out = tmp_path / "a"
+    with monkeypatch.context() as patch:
+        patch.setattr(filelock.FileLock, step, fail)
+        with pytest.raises(DECLARED):
+            work(out)
+    work(out)
+    assert content(out)[0] == undisturbed[0][0]
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="asks Linux for the names of files")
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.long)])
+def test_after_a_power_cut_at_any_moment_the_same_command_comes_to_the_same_bytes(
+    loss, every, undisturbed, tmp_path
+):
+    expected, _, log, folder = undisturbed
+    for moment in chosen(len(log) + 1, every):
+        out = tmp_path / f"{moment}"
+        after_power_cut(log[:moment], loss, folder, out, random.Random(moment))
+        work(out)
+        assert content(out)[0] == expected[0]
+        shutil.rmtree(out)

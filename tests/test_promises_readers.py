@@ -1,0 +1,76 @@
+"""Readers of files under mutated files: taken, or refused as documented, without a warning."""
+
+import importlib
+import warnings
+from itertools import islice
+
+import pytest
+from readers import CORPUS, make_readers, mutants
+
+NAMES = (
+    "policy_npz", "policy_json", "policy_safetensors", "trajectory", "part", "journal", "plan",
+    "plan_toml", "plan_yaml", "plan_json", "manifest", "release", "periods", "motion",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def readers(tmp_path_factory):
+    made = make_readers(tmp_path_factory.mktemp("readers"))
+    assert sorted(made) == sorted(NAMES)
+    return made
+
+
+@pytest.fixture
+def strict():
+    """Every warning is an error, but for the documented one about degrees."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message="theta reaches")
+        yield
+
+
+@pytest.mark.usefixtures("strict")
+@pytest.mark.parametrize("name", NAMES)
+def test_good_files_are_taken_and_what_once_was_a_fault_is_refused(name, readers):
+    reader = readers[name]
+    for data in reader.seeds:
+        reader.path.write_bytes(data)
+        reader.read()
+    kept = sorted(file for file in (CORPUS / name).glob("*"))
+    assert not any(reader.attempt(file.read_bytes()) for file in kept)
+    assert kept or name not in ("trajectory", "plan_yaml")
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("strict")
+@pytest.mark.parametrize("name", NAMES)
+def test_mutated_files_are_taken_or_refused_as_documented(name, readers):
+    source = mutants(readers[name], 0, [])
+    data = next(source)
+    for _ in range(300):
+        data = source.send(readers[name].attempt(data))
+    twin = mutants(readers[name], 0, [])
+    assert list(islice(twin, 2)) == list(islice(mutants(readers[name], 0, []), 2))
+
+
+def test_the_fuzzer_finds_a_reader_that_breaks_its_promise(tmp_path, capsys, monkeypatch, readers):
+    fuzzer = importlib.import_module("fuzz_readers")
+    watch = fuzzer.Watch(tmp_path)
+    monkeypatch.setattr(fuzzer, "LONGEST", 0.05)
+    reader = readers["motion"]
+
+    def broken(read):
+        return type(reader)(reader.path, read, reader.mutate, reader.declared, reader.seeds)
+
+    def forever():
+        while True:
+            pass
+
+    assert not watch.attempt("motion", broken(lambda: {}["key"]), b"a")
+    assert not watch.attempt("motion", broken(forever), b"b")
+    assert not watch.attempt("motion", reader, b"c")
+    assert watch.attempt("motion", reader, reader.seeds[0])
+    assert {key.split()[1] for key in watch.found} == {"KeyError", "Hang"}
+    assert len(list((tmp_path / "motion").iterdir())) == 2
+    assert "4 inputs" in watch.text(1.0)
+    assert capsys.readouterr().out.count("FOUND") == 2
