@@ -142,7 +142,7 @@ def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monk
     def full_disk(*_args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("os.fsync", full_disk)
+    monkeypatch.setattr("npend_gym._files.disk.sync", full_disk)
     with pytest.raises((OSError, ValueError), match="No space left"):
         report.write(SMALL, runs[:1], tmp_path, figures=False)
     assert (tmp_path / "periods.csv").read_bytes() == before

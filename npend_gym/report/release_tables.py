@@ -31,8 +31,8 @@ LEGEND = """\
 measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed}
 T0: the paper's 2 pi N / sum sqrt(g m/(l M)), for point masses; T0+a: times its corrected series
 T1: period of the slowest normal mode; e: |measured - model| / measured
-com: measured, of the centre of mass; T(N,a): that of its small swings times the corrected series,
-for many equal rods 0.8223 2 pi sqrt((N + 1/2) l/g) times this series; e: between these two"""
+com: measured, of the centre of mass; T(N,a): 0.8223 2 pi sqrt((N + 1/2) l/g) times the corrected
+series (unequal rods: the exact period of small swings times it); e: between these two"""
 
 
 def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:

@@ -8,7 +8,12 @@ from typing import NamedTuple
 from numpy.typing import ArrayLike
 
 from npend_gym.chain import Chain
-from npend_gym.theory.closed_forms import amplitude_correction, ideal_period, pendulum_factor
+from npend_gym.theory.closed_forms import (
+    amplitude_correction,
+    ideal_period,
+    large_n_com_period,
+    pendulum_factor,
+)
 from npend_gym.theory.modes import fundamental_period
 from npend_gym.theory.small_releases import com_period
 
@@ -29,7 +34,8 @@ class Models(NamedTuple):
     fundamental : float
         T1, the period of the slowest normal mode, see `fundamental_period`.
     law : float
-        T(N, a) of the centre of mass, see `com_period`; NaN for more than 2000 unequal rods.
+        Of the centre of mass: T(N, a) of `large_n_com_period` for equal rods, and `com_period` for
+        other chains, NaN for more than 2000 of their rods.
     """
 
     ideal: float
@@ -45,7 +51,10 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
     """
     ideal = ideal_period(chain) if chain.has_bobs else math.nan
     corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
-    law = math.nan
-    if chain.n <= _LAW_UP_TO or chain.is_uniform:
-        law = float(com_period(chain)) * float(pendulum_factor(angle).mean())
+    small = math.nan
+    if chain.is_uniform and chain.gravity > 0.0:
+        small = float(large_n_com_period(chain.n, 0.0, float(chain.lengths[0]), chain.gravity))
+    elif chain.n <= _LAW_UP_TO:
+        small = float(com_period(chain))
+    law = small * float(pendulum_factor(angle).mean())
     return Models(ideal, corrected, fundamental_period(chain), law)
