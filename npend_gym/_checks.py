@@ -52,6 +52,12 @@ def within(name: str, value: FloatArray, limit: float) -> FloatArray:
     return value
 
 
+def in_radians(limit: str, angle: float) -> str:
+    """Return "within `limit` rad, got `angle`", and what `angle` is should it be in degrees."""
+    degrees = f": {angle:g} degrees are {math.radians(angle):.4g} rad"
+    return f"within {limit} rad, got {angle:g}" + (degrees if abs(angle) > math.tau else "")
+
+
 def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return `value`, one number or an array of `shape`, as a new array of `shape`."""
     out = array(name, value)

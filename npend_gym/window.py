@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
 from npend_gym import _checks
 from npend_gym.render import Frame, check_frame, pygame_module
+
+
+def check_display() -> None:
+    """See that a window would be shown: without a display SDL may draw where nobody sees it.
+
+    Raises
+    ------
+    RuntimeError
+        If there is no display, and the environment variable SDL_VIDEODRIVER asks for none.
+    """
+    pg = pygame_module()
+    pg.display.init()
+    driver = pg.display.get_driver()
+    if driver in ("offscreen", "dummy") and not os.environ.get("SDL_VIDEODRIVER"):
+        pg.display.quit()
+        raise RuntimeError(f"there is no display (the driver of SDL is {driver!r})")
 
 
 class Window:

@@ -1,4 +1,5 @@
 import json
+import math
 import os
 import subprocess
 import sys
@@ -7,7 +8,8 @@ import threading
 import pytest
 from interrupt import Interrupt
 
-from npend_gym.cli import COMMANDS, main
+from npend_gym.cli import COMMANDS, _Command, main
+from npend_gym.cli.common import angle
 
 
 def run(*arguments, **options):
@@ -52,6 +54,32 @@ def test_release_takes_every_option(capsys):
     assert 'reading "link", seed 5' in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("text", "radians"),
+    [
+        ("0.5", 0.5), ("-1e-3", -0.001), ("60deg", math.pi / 3), ("-22.5 degrees", -math.pi / 8),
+        ("pi", math.pi), ("pi/4", math.pi / 4), ("-pi/6", -math.pi / 6), ("2pi/3", 2 * math.pi / 3),
+        ("0.5*pi", math.pi / 2), ("1e-2deg", math.pi / 18000),
+    ],
+)  # fmt: skip
+def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
+    assert angle(text) == pytest.approx(radians, rel=1e-15)
+    parser = _Command(prog="npend chaos")
+    options = parser.parse_args(["map", "--centre", f"{text},1", "--width", text])
+    assert options.centre == pytest.approx([radians, 1.0])
+    assert options.width == pytest.approx(radians)
+
+
+@pytest.mark.parametrize("command", ["release --n 1 --trials 1", "law --n 1 --amplitudes 10deg"])
+def test_results_that_are_replaced_are_named(command, tmp_path, capsys):
+    arguments = [*command.split(), "--out", str(tmp_path)]
+    assert main(arguments) == 0
+    assert "replaces" not in capsys.readouterr().err
+    assert main(arguments) == 0
+    name = command.split()[0]
+    assert f"npend {name}: replaces the results in {tmp_path}\n" in capsys.readouterr().err
+
+
 def test_release_prints_json_for_scripts(capsys, tmp_path):
     assert main(["release", "--n", "1", "--trials", "2", "--json", "--out", str(tmp_path)]) == 0
     report = json.loads(capsys.readouterr().out)
@@ -69,11 +97,18 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("fly", "invalid choice: 'fly'"),
         ("release --n 0", "n must be between 1 and 1000000, got 0"),
         ("release --n 1000000000", "n must be between"),
-        ("release --n two", "--n"),
-        ("release --n 2,", "--n"),
+        ("release --n two", "--n: must be whole numbers joined by commas such as 1,2,3; got two"),
+        ("release --n 2,", "--n: must be whole numbers"),
+        ("release --n 1-5", "--n: must be whole numbers"),
+        ("release --n 1 --lengths 0.25,0.5,1", "lengths must be one number for n = 1, got shape"),
+        ("release --lengths 1;2", "--lengths: must be a number, or numbers joined by commas"),
         ("release --trials 0", "trials must be between 1 and"),
         ("release --amplitude nan", "amplitude must be finite"),
-        ("release --amplitude 4", "amplitude"),
+        ("release --amplitude 4", "must stay within pi rad, got 4\n"),
+        ("release --amplitude 60", "must stay within pi rad, got 60: 60 degrees are 1.047 rad"),
+        ("release --amplitude 60grad", "in degrees such as 60deg; got 60grad"),
+        ("release --amplitude pi/0", "in radians such as 0.5 or pi/3"),
+        ("law --amplitudes 0.1,60", "amplitudes must lie within pi rad, got 60: 60 degrees are"),
         ("release --spread -1", "spread must be zero or more"),
         ("release --seed -1", "seed must be between"),
         ("release --duration 0", "duration must be greater than zero"),
@@ -82,7 +117,12 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("release --masses 0", "masses must be greater than zero"),
         ("release --lengths inf", "lengths must be finite"),
         ("release --gravity -9.81", "gravity must be zero or more"),
-        ("release --colour red", "--colour"),
+        ("release --colour red", "release: error: unrecognized arguments: --colour red; See "),
+        ("release --angle 60", "--angle 60; did you mean --amplitude? See npend release --help"),
+        ("animate --out a.gif --friction=1", "did you mean --damping?"),
+        ("page --out a.html -n 3", "did you mean --n?"),
+        ("campaign --out a --trails 3", "did you mean --trials?"),
+        ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
         ("release --n 1 --out /dev/null/x", "out must be a folder"),
         ("release --n 1 --out /dev/null", "out must be a folder"),
     ],

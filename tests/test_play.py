@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym.cli import main
 from npend_gym.play import Game, play
 
 
@@ -210,12 +211,24 @@ def test_without_a_display_the_command_says_so():
     assert done.stderr.startswith("npend play: no window can be opened")
 
 
+@pytest.mark.parametrize("driver", ["offscreen", "dummy"])
+def test_a_driver_that_shows_nothing_is_no_display(driver, pg, monkeypatch, capsys):
+    monkeypatch.delenv("SDL_VIDEODRIVER")
+    monkeypatch.setattr(pg.display, "init", lambda: None)
+    monkeypatch.setattr(pg.display, "get_driver", lambda: driver)
+    assert main(["play"]) == 1
+    error = capsys.readouterr().err
+    assert "no window can be opened: there is no display" in error
+    assert "npend page" in error
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ("--n 0", "n must be between 1 and 200"),
         ("--n 201", "n must be between 1 and 200"),
-        ("--amplitude 0", "amplitude must be between 0 and pi"),
+        ("--amplitude 0", "amplitude must not be 0"),
+        ("--amplitude 60", "got 60: 60 degrees are 1.047 rad"),
         ("--amplitude nan", "amplitude must be finite"),
         ("--seed -1", "seed must be at least 0"),
         ("--n 3 --chain acrobot", "n must be left out where chain is given, got 3"),

@@ -66,9 +66,12 @@ class _Command(Parser):
         module.add_arguments(self)
 
     def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
-        """Add the options of the command, then parse."""
+        """Add the options of the command, then parse; what it does not know is refused here."""
         self.load()
-        return super().parse_known_args(*args, **kwargs)
+        options, unknown = super().parse_known_args(*args, **kwargs)
+        if unknown:
+            self.refuse(unknown)
+        return options, unknown
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,7 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import CHAIN_OPTION, FAILED, INTERRUPTED, OK, integers, printable, warn
+from npend_gym.cli.common import (
+    CHAIN_OPTION,
+    FAILED,
+    INTERRUPTED,
+    OK,
+    angles,
+    integers,
+    printable,
+    warn,
+)
 
 if TYPE_CHECKING:
     from npend_gym.experiments import Campaign, CampaignPlan
@@ -61,8 +70,13 @@ _OPTIONS = (
         "NAME,...",
         "when a pseudo-period ends (default bob)",
     ),
-    ("amplitude", _NUMBERS, "RAD,...", "starting angles of all rods (default pi/4)"),
-    ("spread", _NUMBERS, "RAD,...", "a trial adds one random angle from [0, RAD) (default 0.017)"),
+    (
+        "amplitude",
+        angles,
+        "RAD,...",
+        "starting angles of all rods; 60deg are degrees (default pi/4)",
+    ),
+    ("spread", angles, "RAD,...", "a trial adds one random angle from [0, RAD) (default 0.017)"),
     ("trials", int, "COUNT", "releases of each combination (default 3)"),
     ("seed", int, "SEED", "seed of the random angles (default 0)"),
     ("duration", float, "S", "longest time of a trial (default: until all bobs have completed)"),

@@ -6,7 +6,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from npend_gym.cli.common import OK, can_draw, numbers, progress, show_written, warn
+from npend_gym.cli.common import (
+    OK,
+    angle,
+    angles,
+    can_draw,
+    numbers,
+    progress,
+    show_written,
+    warn,
+)
 
 ABOUT = """\
 map: when a rod of a double pendulum first turns over, for a square of starting angles at rest.
@@ -23,8 +32,8 @@ examples:
 # Option, field of FlipMap that it sets, type, placeholder, help
 _OPTIONS = (
     ("--size", "size", int, "COUNT", "starts along each side (default 1000)"),
-    ("--centre", "centre", numbers, "RAD,RAD", "angles in the middle (default 0,0)"),
-    ("--width", "width", float, "RAD", "of the square (default 2 pi)"),
+    ("--centre", "centre", angles, "RAD,RAD", "angles in the middle (default 0,0)"),
+    ("--width", "width", angle, "RAD", "of the square (default 2 pi)"),
     ("--duration", "duration", float, "S", "how long a release is followed (default 10)"),
     ("--masses", "masses", numbers, "KG[,KG]", "of the bobs (default 1)"),
     ("--lengths", "lengths", numbers, "M[,M]", "of the rods (default 1)"),
@@ -50,6 +59,8 @@ def run(options: dict[str, Any]) -> int:
 
     options.pop("what")
     out, threads = options.pop("out", Path("chaos")), options.pop("threads", 1)
+    if out.suffix in (".png", ".npz"):
+        raise ValueError(f"out must be a folder, in which map.png and map.npz appear, got {out}")
     plan = FlipMap(**options)
     outputs.prepare_folder(out)
     try:

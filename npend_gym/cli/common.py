@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import json
+import math
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -15,6 +18,10 @@ _T = TypeVar("_T")
 
 OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, 130
 _SECONDS_BETWEEN_LINES = 10.0
+_ALIASES = {"angle": "amplitude", "theta": "amplitude", "friction": "damping"}  # of options
+_NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+"
+_DEGREES = re.compile(rf"([+-]?(?:{_NUMBER})) ?(?:deg|degrees)")
+_PI = re.compile(rf"([+-]?)(?:({_NUMBER}) ?\*? ?)?pi(?:/({_NUMBER}))?")
 
 
 class Parser(argparse.ArgumentParser):
@@ -22,10 +29,19 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+        self._negative_number_matcher = re.compile(r"-(\d|\.\d|pi)")  # -60deg is no option
 
     def error(self, message: str) -> NoReturn:
         """Leave with exit code 2."""
         self.exit(BAD_ARGUMENTS, f"{self.prog}: error: {printable(message)}\n")
+
+    def refuse(self, unknown: Sequence[str]) -> NoReturn:
+        """Leave because of `unknown` arguments, and name the option that may be meant."""
+        name = unknown[0].lstrip("-").partition("=")[0]
+        meant = f"--{_ALIASES.get(name, name)}"
+        near = difflib.get_close_matches(meant, self._option_string_actions, 1, 0.7)
+        guess = f"did you mean {near[0]}? " if near and unknown[0].startswith("-") else ""
+        self.error(f"unrecognized arguments: {' '.join(unknown)}; {guess}See {self.prog} --help")
 
 
 def printable(text: str) -> str:
@@ -40,13 +56,42 @@ def warn(text: str) -> None:
 
 def numbers(text: str) -> float | list[float]:
     """Return one number, or the numbers of a list joined by commas."""
-    values = [float(part) for part in text.split(",")]
+    values = _items(float, text, "a number, or numbers joined by commas such as 1,0.5,2")
     return values if len(values) > 1 else values[0]
 
 
 def integers(text: str) -> list[int]:
     """Return the integers of a list joined by commas."""
-    return [int(part) for part in text.split(",")]
+    return _items(int, text, "whole numbers joined by commas such as 1,2,3")
+
+
+def angle(text: str) -> float:
+    """Return an angle [rad] that is written as 0.5, pi/3 or 60deg."""
+    if degrees := _DEGREES.fullmatch(text):
+        return math.radians(float(degrees[1]))
+    if multiple := _PI.fullmatch(text):
+        sign, factor, divisor = multiple.groups()
+        if float(divisor or 1.0) > 0.0:
+            return float(f"{sign}1") * float(factor or 1.0) * math.pi / float(divisor or 1.0)
+    try:
+        return float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"must be an angle in radians such as 0.5 or pi/3, or in degrees such as 60deg; "
+            f"got {text}"
+        ) from error
+
+
+def angles(text: str) -> list[float]:
+    """Return the angles [rad] of a list joined by commas."""
+    return [angle(part) for part in text.split(",")]
+
+
+def _items(kind: Callable[[str], _T], text: str, rule: str) -> list[_T]:
+    try:
+        return [kind(part) for part in text.split(",")]
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"must be {rule}; got {text}") from error
 
 
 def chain_argument(text: str) -> Any:
@@ -95,8 +140,6 @@ def with_settings(
     return {**keywords, **dict(settings or ())}
 
 
-numbers.__name__, integers.__name__ = "number or list", "list of integers"  # for error messages
-
 CHAIN_OPTION = (
     "--chain", "chain", chain_argument, "NAME|FILE",
     "preset such as acrobot, or JSON file with a chain, for n, masses, lengths, gravity, damping",
@@ -106,8 +149,9 @@ CHAIN_OPTION = (
 _RELEASE_OPTIONS = (
     ("--n", "n_values", integers, "N,N,...", "numbers of pendulums (default 5,10,20,100)"),
     ("--trials", "trials", int, "COUNT", "trials for each N (default 3)"),
-    ("--amplitude", "amplitude", float, "RAD", "starting angle of all rods (default pi/4)"),
-    ("--spread", "spread", float, "RAD",
+    ("--amplitude", "amplitude", angle, "RAD",
+     "starting angle of all rods; 60deg are degrees (default pi/4)"),
+    ("--spread", "spread", angle, "RAD",
      "each trial adds one random angle from [0, RAD) to all rods (default 0.017)"),
     ("--seed", "seed", int, "SEED", "seed of the random angles (default 0)"),
     ("--duration", "duration", float, "S",
@@ -127,6 +171,21 @@ def add_release_options(parser: argparse.ArgumentParser, *, leave_out: Sequence[
     for option, field, kind, placeholder, text in _RELEASE_OPTIONS:
         if field not in leave_out:
             parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
+
+
+def prepare_results(out: Path, command: str) -> None:
+    """Make the folder `out` if need be, and say so where results of another run are replaced.
+
+    Raises
+    ------
+    ValueError
+        If `out` is no folder, or cannot be made or written to.
+    """
+    from npend_gym.report import outputs
+
+    outputs.prepare_folder(out)
+    if (out / "manifest.json").exists():
+        warn(f"{command}: replaces the results in {out}")
 
 
 def prepare_file(out: Path, suffixes: Sequence[str]) -> None:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from npend_gym.cli.common import (
     INTERRUPTED,
     OK,
+    angles,
     integers,
-    numbers,
+    prepare_results,
     progress,
     show_written,
     warn,
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--full", action="store_true", help=text)
     parser.add_argument("--n", type=integers, metavar="N,N,...", help="numbers of pendulums")
     text = "starting angles of all rods"
-    parser.add_argument("--amplitudes", type=numbers, metavar="RAD,...", help=text)
+    parser.add_argument("--amplitudes", type=angles, metavar="RAD,...", help=text)
     parser.add_argument("--threads", type=int, metavar="COUNT", help="threads (default 1)")
     text = "print the tables and their provenance as JSON"
     parser.add_argument("--json", action="store_true", help=text)
@@ -51,7 +52,7 @@ def run(options: dict[str, Any]) -> int:
     import numpy as np
 
     from npend_gym.experiments import LawGrid, limit_rows
-    from npend_gym.report import law_tables, outputs
+    from npend_gym.report import law_tables
 
     grid = LawGrid.full() if options.get("full") else LawGrid()
     grid = LawGrid(
@@ -59,7 +60,7 @@ def run(options: dict[str, Any]) -> int:
     )
     out: Path | None = options.get("out")
     if out is not None:
-        outputs.prepare_folder(out)
+        prepare_results(out, "npend law")
     cells: list[LawCell] = []
     code = OK
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from npend_gym.cli.common import CHAIN_OPTION, FAILED, OK, warn
+from npend_gym.cli.common import CHAIN_OPTION, FAILED, OK, angle, warn
 
 ABOUT = """\
 A window with a chain released from rest. Pull its bobs with the mouse, turn it at the pivot with
@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--n", type=int, help="number of pendulums (default 5)")
     option, field, kind, placeholder, text = CHAIN_OPTION
     parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
-    text = "starting angle of all rods (default pi/4)"
-    parser.add_argument("--amplitude", type=float, metavar="RAD", help=text)
+    text = "starting angle of all rods; 60deg are degrees (default pi/4)"
+    parser.add_argument("--amplitude", type=angle, metavar="RAD", help=text)
     text = "seed of the random angle that is added, up to 0.017 rad (default 0)"
     parser.add_argument("--seed", type=int, help=text)
 
@@ -37,11 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: dict[str, Any]) -> int:
     """Play until the player quits; return the exit code."""
     from npend_gym.play import Game, play
+    from npend_gym.window import check_display
 
     game = Game(**options)
     try:
+        check_display()
         play(game)
-    except RuntimeError as error:  # pygame's own, where there is no display
-        warn(f"npend play: no window can be opened: {error}")
+    except RuntimeError as error:  # also pygame's own
+        warn(f"npend play: no window can be opened: {error}; npend page needs none")
         return FAILED
     return OK

@@ -11,6 +11,7 @@ from npend_gym.cli.common import (
     OK,
     add_release_options,
     can_draw,
+    prepare_results,
     progress,
     show_written,
     warn,
@@ -39,14 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_release_options(parser)
     text = "print the summary and its provenance as JSON"
     parser.add_argument("--json", action="store_true", help=text)
-    text = "write tables (CSV), release.json, manifest.json and figures there"
+    text = (
+        "write tables (CSV), release.json, manifest.json and figures there, in place of older ones"
+    )
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
 
 
 def run(options: dict[str, Any]) -> int:
     """Run the experiment; return the exit code."""
     from npend_gym.experiments import ReleaseExperiment, measure
-    from npend_gym.report import outputs
     from npend_gym.report import release_tables as report
 
     out: Path | None = options.pop("out", None)
@@ -55,7 +57,7 @@ def run(options: dict[str, Any]) -> int:
     interrupted = False
     experiment = ReleaseExperiment(**options)
     if out is not None:
-        outputs.prepare_folder(out)
+        prepare_results(out, "npend release")
     try:
         for one in progress("release")(experiment.runs()):
             runs.append(measure(experiment, *one))  # noqa: PERF401 - kept when interrupted

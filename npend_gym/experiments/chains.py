@@ -34,7 +34,8 @@ def released_chain(
     for name, value in (("masses", mass), ("lengths", length)):
         if value.ndim and value.shape != (n,):
             raise ValueError(
-                f"{name} must be one number or {n} of them for n = {n}, got shape {value.shape}"
+                f"{name} must be one number{f' or {n} of them' if n > 1 else ''} for n = {n}, "
+                f"got shape {value.shape}"
             )
     return Chain(ones * mass, ones * length, gravity, damping)
 

@@ -99,7 +99,9 @@ class LawGrid:
         angles = _checks.positive(
             "amplitudes", np.atleast_1d(_checks.array("amplitudes", self.amplitudes))
         )
-        theory.pendulum_factor(angles)
+        largest = float(angles.max(initial=0.0))
+        if largest >= np.pi:
+            raise ValueError(f"amplitudes must lie {_checks.in_radians('pi', largest)}")
 
     @classmethod
     def full(cls) -> LawGrid:

@@ -77,8 +77,8 @@ class ReleaseExperiment:
         spread = _checks.nonnegative_number("spread", self.spread)
         if amplitude == 0.0 or amplitude + spread >= math.pi:
             raise ValueError(
-                f"amplitude must not be 0 and, with the spread of {spread:g}, must stay within pi, "
-                f"got {self.amplitude:g}"
+                f"amplitude must not be 0 and, with the spread of {spread:g}, must stay "
+                f"{_checks.in_radians('pi', self.amplitude)}"
             )
         if self.duration is not None:
             _checks.positive_number("duration", self.duration)

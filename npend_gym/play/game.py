@@ -54,7 +54,8 @@ class Game:
         self.n = _checks.count("n", self._given.n if self._given else count, high=MAX_N)
         self.amplitude = _checks.number("amplitude", amplitude)
         if not 0.0 < abs(self.amplitude) < math.pi:
-            raise ValueError(f"amplitude must be between 0 and pi, got {amplitude}")
+            rule = f"must not be 0, and must be {_checks.in_radians('pi', self.amplitude)}"
+            raise ValueError(f"amplitude {rule}")
         self.seed = _checks.count("seed", seed, low=0)
         self.paused = self.over = False
         self._painter = Painter(SIZE)
