@@ -39,11 +39,14 @@ disk = Disk()
 
 
 @contextmanager
-def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, None]:
+def replacing(
+    path: Path, *, binary: bool = False, inside: Path | None = None
+) -> Generator[IO[Any], None, None]:
     """Open a file that takes the place of `path` when the block ends without an error.
 
     Until then, and after an error, what stood at `path` stays untouched. Text is UTF-8 with the
-    same line ends on every system.
+    same line ends on every system. The file is written beside `path`, or `inside` another folder
+    of the same file system.
 
     Raises
     ------
@@ -52,7 +55,7 @@ def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, N
     """
     if path.exists() and not path.is_file():
         raise FileExistsError(errno.EEXIST, "exists and is not a regular file", str(path))
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    temporary = (inside or path.parent) / f".{path.name}.{secrets.token_hex(4)}.part"
     try:
         with _opened(temporary, "x", binary=binary) as file:
             yield file

@@ -120,7 +120,8 @@ class Log(_files.Disk):
 
     def replace(self, source, target):
         status = Path(source).stat()
-        number = self._files[(status.st_dev, status.st_ino)]
+        place = status.st_dev, status.st_ino
+        number = None if Path(source).is_dir() else self._files[place]
         os.replace(source, target)
         self.entries.append(("name", Path(target).parent, Path(target), number))
         self.entries.append(("unname", Path(source).parent, Path(source)))

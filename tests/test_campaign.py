@@ -1,5 +1,6 @@
 """Campaigns: every release once, the same bits however it is shared out, nothing lost."""
 
+import contextlib
 import json
 import os
 import resource
@@ -11,16 +12,19 @@ from pathlib import Path
 
 import deadly
 import numpy as np
+import psutil
 import pytest
 from campaign_tables import read_table, table_digest
 
 from npend_gym import Chain, pseudo_periods
+from npend_gym._files import replacing
 from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
 from npend_gym.experiments.campaign import engine
-from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, read_part
+from npend_gym.experiments.campaign.lease import remove_ended, take_lease
+from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, read_part, write_parts
 from npend_gym.experiments.campaign.plan_file import read_plan_file
-from npend_gym.experiments.campaign.task import measure_task
+from npend_gym.experiments.campaign.task import WriteFailed, measure_task, run_task
 
 SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
 
@@ -478,3 +482,61 @@ def test_a_campaign_whose_driver_and_workers_are_killed_ends_with_the_same_bytes
     assert "200 of 200 releases done" in capsys.readouterr().out
     plan = CampaignPlan(**(SMALL.as_dict() | {"batch": 1}))
     assert digests(plan, tmp_path) == digests(SMALL, undisturbed)
+
+
+# Workers that have lost their driver
+
+
+def test_nothing_is_written_under_a_lease_that_has_ended(tmp_path):
+    plan = CampaignPlan(n=[2], trials=4)
+    (task,) = plan.tasks()
+    first = take_lease(tmp_path)
+    part = tmp_path / BOBS / task.part
+    values = measure_task(plan, task)
+    write_parts(plan, tmp_path, task, *values, first)
+    whole = part.read_bytes()
+    late = replacing(part, binary=True, inside=first)
+    late.__enter__().write(b"of an earlier campaign")  # by a worker that was stopped here
+    second = take_lease(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        late.__exit__(None, None, None)
+    assert part.read_bytes() == whole
+    assert isinstance(run_task(plan, tmp_path / "elsewhere", task, first), WriteFailed)
+    assert not (tmp_path / "elsewhere").exists()
+    assert not run_task(plan, tmp_path, task, second).error
+    remove_ended(tmp_path)
+    assert [path.name for path in tmp_path.glob(".*")] == [second.name]
+
+
+def test_a_campaign_leaves_no_lease_behind(undisturbed):
+    assert sorted(path.name for path in undisturbed.iterdir()) == [
+        ".lock", "bobs", "cells.parquet", "journal.jsonl", "plan.json", "releases",
+    ]  # fmt: skip
+
+
+@pytest.mark.long
+def test_workers_whose_driver_was_killed_end_and_write_nothing_more(undisturbed, tmp_path):
+    arguments = ["--n", "2", "--trials", "1000000", "--batch", "16", "--workers", "2"]
+    process = subprocess.Popen(command(tmp_path, *arguments), stdout=subprocess.DEVNULL)
+    wait_for_records(tmp_path, 20, process)
+    below = psutil.Process(process.pid).children(recursive=True)
+    workers = [each for each in below if any("popen_loky" in word for word in each.cmdline())]
+    assert len(workers) == 2
+    workers[0].suspend()  # it is in the middle of something, and hears nothing for now
+    process.kill()
+    process.wait()
+    try:
+        assert psutil.wait_procs(workers[1:], timeout=10.0)[1] == []
+        for name in ("plan.json", "journal.jsonl"):
+            (tmp_path / name).unlink()
+        completed(SMALL, tmp_path)  # another plan, whose parts have the same names
+        workers[0].resume()
+        assert psutil.wait_procs(below, timeout=10.0)[1] == []  # helpers of the workers too
+    finally:
+        for each in below:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                each.kill()
+    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
+    with Campaign(SMALL, tmp_path) as campaign:
+        assert campaign.status.damaged == 0
+        assert len(campaign.status.records) == SMALL.task_count

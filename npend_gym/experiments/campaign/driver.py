@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +23,7 @@ from npend_gym.experiments.campaign.folder import (
     write_plan,
 )
 from npend_gym.experiments.campaign.journal import Journal, Record
+from npend_gym.experiments.campaign.lease import end_leases, remove_ended, take_lease
 from npend_gym.experiments.campaign.parts import write_cells
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 from npend_gym.experiments.campaign.task import WriteFailed, run_task
@@ -85,6 +87,7 @@ class Campaign:
             raise ValueError(f"{self.out} holds another plan, with {_difference(plan, present)}")
         self.plan = plan or present or CampaignPlan()
         self.status: FolderStatus
+        self._lease: Path
         self._new = present is None
         self._lock = filelock.FileLock(self.out / LOCK, blocking=False)
 
@@ -113,6 +116,7 @@ class Campaign:
             if self._new:
                 write_plan(self.plan, self.out)
             write_cells(self.plan, self.out / CELLS)
+            self._lease = take_lease(self.out)  # before any part is read
             self.status = check_folder(self.plan, self.out, clean=True)
         except OSError as error:
             raise DiskError(f"{self.out} cannot be written to: {error.strerror}") from error
@@ -132,7 +136,7 @@ class Campaign:
         WorkersLostError
             If workers are lost again and again without any result.
         """
-        work = partial(run_task, self.plan, self.out)
+        work = partial(run_task, self.plan, self.out, lease=self._lease)
         tasks = remaining_tasks(self.plan, self.status)
         try:
             with (
@@ -156,7 +160,12 @@ class Campaign:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:  # fmt: skip
-        self._lock.release()
+        try:
+            with suppress(OSError):  # the next driver will do it
+                end_leases(self.out)
+                remove_ended(self.out)
+        finally:
+            self._lock.release()
 
 
 def _difference(plan: CampaignPlan, present: CampaignPlan) -> str:

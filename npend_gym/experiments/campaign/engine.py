@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import _thread
+import multiprocessing
+import os
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
+from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from npend_gym import _checks, _extras
@@ -61,6 +66,8 @@ def workers(
             _ray(stack, count, address)
         elif backend == "dask":
             _dask(stack, count, address)
+        elif backend == "loky":
+            backend = _loky()
         stack.enter_context(joblib.parallel_config(backend=backend, n_jobs=count))
         yield
 
@@ -75,6 +82,40 @@ def check_workers(backend: str, count: int | None, address: str | None) -> None:
             f"address must be left out where backend is {backend}: it is that of a Ray or Dask "
             f"cluster, got {_checks.show(address)}"
         )
+
+
+@cache
+def _loky() -> str:
+    """Register loky's backend with workers that end with this process; return its name."""
+    # the class has no public name
+    loky: Any = _extras.require("joblib._parallel_backends", "campaign", "campaigns").LokyBackend
+
+    # The end of a process, however it ends, closes its end of the pipe, on every system
+    driver_is_alive, kept_open = multiprocessing.Pipe(duplex=False)
+    own: Any = {"initializer": end_with_the_driver, "initargs": (driver_is_alive,)}
+
+    class EndingLoky(loky):
+        """Loky with an initializer for its workers."""
+
+        lifeline = kept_open
+
+        def configure(self, *arguments: Any, **options: Any) -> Any:
+            """Start the workers, or take those that wait."""
+            return super().configure(*arguments, **(options | own))
+
+    joblib.register_parallel_backend("npend-loky", EndingLoky)
+    return "npend-loky"
+
+
+def end_with_the_driver(driver_is_alive: Connection) -> None:
+    """Let this worker end when the other end of a pipe is closed."""
+
+    def wait() -> None:
+        with suppress(OSError, EOFError):
+            driver_is_alive.poll(None)
+        os._exit(1)
+
+    _thread.start_new_thread(wait, ())
 
 
 def _ray(stack: ExitStack, count: int, address: str | None) -> None:

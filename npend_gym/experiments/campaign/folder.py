@@ -11,6 +11,7 @@ from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign.journal import Record, read_journal
+from npend_gym.experiments.campaign.lease import half_written, remove_ended
 from npend_gym.experiments.campaign.parts import TABLES
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
@@ -119,7 +120,8 @@ def read_plan(out: Path) -> CampaignPlan | None:
 def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> FolderStatus:
     """Read and check every part of the campaign `plan` in `out`.
 
-    With `clean`, half-written files are removed, which only the driver that holds the lock may do.
+    With `clean`, half-written files are removed, which only the driver that holds the lock may do,
+    having ended earlier leases.
     """
     records, bad_lines = read_journal(out / JOURNAL, plan.digest)
     done: dict[str, Record] = {}
@@ -141,10 +143,13 @@ def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> Folde
     leftovers = list(_leftovers(out))
     for path in leftovers if clean else ():
         _files.remove(path)
+    if clean:
+        remove_ended(out)
     return FolderStatus(done, failed, damaged, missing, unrecorded, len(leftovers), bad_lines)
 
 
 def _leftovers(out: Path) -> Iterator[Path]:
+    yield from half_written(out)
     yield from out.glob(".*.part")
     for table in TABLES:
         yield from (out / table).glob("*/.*.part")

@@ -36,15 +36,22 @@ _THRIFT = {"thrift_string_size_limit": 1_000_000, "thrift_container_size_limit":
 
 
 def write_parts(
-    plan: CampaignPlan, out: Path, task: Task, starts: FloatArray, periods: FloatArray
+    plan: CampaignPlan,
+    out: Path,
+    task: Task,
+    starts: FloatArray,
+    periods: FloatArray,
+    lease: Path | None = None,
 ) -> dict[str, str]:
-    """Write the parts of a task, whole or not at all; return table -> SHA-256."""
+    """Write the parts of a task, whole or not at all, under a lease; return table -> SHA-256."""
     about = provenance({"plan": plan.digest, "task": task.id}, plan.seed)
     tables = {
         RELEASES: _releases(plan, task, starts, periods),
         BOBS: _bobs(plan, task, periods),
     }
-    return {name: _write(table, out / name / task.part, about) for name, table in tables.items()}
+    return {
+        name: _write(table, out / name / task.part, about, lease) for name, table in tables.items()
+    }
 
 
 def _releases(plan: CampaignPlan, task: Task, starts: FloatArray, periods: FloatArray) -> Any:
@@ -93,15 +100,17 @@ def _nullable(values: FloatArray) -> Any:
     return pa.array(values, mask=np.isnan(values))
 
 
-def _write(table: Any, path: Path, about: dict[str, Any]) -> str:
+def _write(table: Any, path: Path, about: dict[str, Any], lease: Path | None = None) -> str:
     """Write `table` to `path` and return the SHA-256 of the file."""
     sink = pa.BufferOutputStream()
     table = table.replace_schema_metadata({"npend_gym": json.dumps(about, sort_keys=True)})
     pq.write_table(table, sink, compression="zstd", use_dictionary=False)
     data = sink.getvalue().to_pybytes()
-    _files.make_folder(path.parent)
-    with _files.replacing(path, binary=True) as file:
+    if lease is None:
+        _files.make_folder(path.parent)
+    with _files.replacing(path, binary=True, inside=lease) as file:
         file.write(data)
+        _files.make_folder(path.parent)  # by nobody who has lost the lease
     return hashlib.sha256(data).hexdigest()
 
 

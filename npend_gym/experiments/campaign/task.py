@@ -26,8 +26,12 @@ class WriteFailed:
     reason: str
 
 
-def run_task(plan: CampaignPlan, out: Path, task: Task) -> Record | WriteFailed:
+def run_task(
+    plan: CampaignPlan, out: Path, task: Task, lease: Path | None = None
+) -> Record | WriteFailed:
     """Measure the releases of `task` and write them below `out`; return what to record.
+
+    They are written under the `lease` of the driver, see `npend_gym.experiments.campaign.lease`.
 
     An error in the measurement is recorded, and the other tasks can continue.
     """
@@ -37,7 +41,7 @@ def run_task(plan: CampaignPlan, out: Path, task: Task) -> Record | WriteFailed:
     except Exception as error:  # noqa: BLE001 - whatever it is, it is recorded
         return Record(plan.digest, task.id, error=f"{type(error).__name__}: {error}")
     try:
-        digests = write_parts(plan, out, task, starts, periods)
+        digests = write_parts(plan, out, task, starts, periods, lease)
     except OSError as error:
         return WriteFailed(f"{error.strerror or error}: {error.filename or out}")
     return Record(plan.digest, task.id, digests, cpu_s=round(time.process_time() - started, 6))
