@@ -48,7 +48,8 @@ def pseudo_periods(
     theta, omega : array_like, shape (n,) or (R, n)
         Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases, which
         are followed side by side, a few times faster than one by one and with the same results to
-        the last bit. One number stands for all.
+        the last bit. One number stands for all. At rest angles beyond 2 pi are refused, as they
+        are likely to be degrees.
     reading : {"bob", "link", "height", "com", "listing"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
@@ -147,6 +148,12 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
     _checks.within("theta", given["theta"], MAX_ANGLE)
     _checks.within("omega", given["omega"], MAX_SPEED)
     counts = [array.shape[0] for array in given.values() if array.ndim == 2]
+    if not np.any(given["omega"]):
+        largest = float(np.abs(given["theta"]).max(initial=0.0))
+        if largest > 2.0 * np.pi:
+            raise ValueError(
+                f"theta must be {_checks.in_radians('2 pi', largest)} (np.radians converts)"
+            )
     if not counts:
         return _checks.vector("theta", theta, chain.n), _checks.vector("omega", omega, chain.n)
     shape = (max(counts), chain.n)

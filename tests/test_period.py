@@ -300,3 +300,13 @@ def test_one_release_more_or_less_changes_no_other(uneven):
 def test_releases_of_other_shapes_are_refused_by_name(uneven, theta, omega, name):
     with pytest.raises(ValueError, match=f"^{name} must"):
         pseudo_periods(uneven, theta, omega)
+
+
+def test_degrees_are_not_taken_for_radians():
+    chain = Chain.uniform(7, length=0.3)
+    with pytest.raises(ValueError, match=r"60 degrees are 1\.047 rad"):
+        pseudo_periods(chain, 60)
+    with pytest.raises(ValueError, match="theta must be within 2 pi rad"):
+        pseudo_periods(chain, np.full((2, 7), [[0.1], [-45.0]]))
+    turned = pseudo_periods(chain, 0.3 + 4.0 * np.pi, 0.01)  # unwrapped, in motion
+    np.testing.assert_allclose(turned, pseudo_periods(chain, 0.3, 0.01), rtol=1e-6)

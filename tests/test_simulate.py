@@ -7,6 +7,7 @@ from scipy.interpolate import CubicSpline
 
 import npend_gym
 from npend_gym import Chain, IntegrationError, Trajectory, simulate, theory
+from npend_gym.identification import read_motion
 from npend_gym.physics import Pivot
 
 
@@ -159,6 +160,31 @@ def test_saved_trajectory_comes_back_whole(uneven, tmp_path):
     for name in ("times", "theta", "omega"):
         np.testing.assert_array_equal(getattr(again, name), getattr(path, name))
     assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
+
+
+@pytest.mark.parametrize("torque", [0.0, [0.3, 0.0, -0.1]])
+def test_a_motion_in_a_csv_file_is_read_as_measured_motion_to_the_same_bits(torque, tmp_path):
+    motion = simulate(Chain.uniform(3), 0.4, 0.1, np.linspace(0.0, 1.0, 31), torque=torque)
+    motion.to_csv(tmp_path / "a.csv")
+    heads, first = (tmp_path / "a.csv").read_text().splitlines()[:2]
+    assert heads.startswith("time,theta0,theta1,theta2,omega0,omega1,omega2")
+    assert first.startswith("0.0,0.4,0.4,0.4,0.1,0.1,0.1")
+    read = read_motion(tmp_path / "a.csv")
+    np.testing.assert_array_equal(read.times, motion.times)
+    np.testing.assert_array_equal(read.theta, motion.theta)
+    if np.any(torque):
+        np.testing.assert_array_equal(read.torque, np.tile(torque, (31, 1)))
+    else:
+        assert read.torque is None
+
+
+def test_names_of_files_that_promise_another_form_are_refused(uneven, tmp_path):
+    with pytest.raises(ValueError, match=r"must end in \.npz, got .*a\.csv; to_csv\(path\) writes"):
+        simulate(uneven, 0.4, 0.0, [0.0, 1.0]).save(tmp_path / "a.csv")
+    many = simulate(uneven, np.full((2, uneven.n), 0.4), 0.0, [0.0, 1.0])
+    with pytest.raises(ValueError, match=r"one motion, got 2: trajectory\[k\]"):
+        many.to_csv(tmp_path / "a.csv")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_truncated_trajectory_file_is_refused(uneven, tmp_path):

@@ -370,12 +370,32 @@ class Trajectory:
 
         Raises
         ------
+        ValueError
+            If `path` ends in something other than ".npz"; `to_csv` writes text.
         OSError
             If `path` cannot be written.
         """
         from npend_gym.physics.trajectory_file import write_trajectory
 
         write_trajectory(self, Path(path))
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write times, angles and angular velocities to `path` as text, whole or not at all.
+
+        The columns are ``time`` [s], ``theta0``, ... [rad] and ``omega0``, ... [rad/s], and where
+        the motion had a constant torque ``tau0``, ... [N m]: the form that `npend identify` and
+        `identification.read_motion` read. Numbers are read back to the same bits.
+
+        Raises
+        ------
+        ValueError
+            If these are many motions side by side.
+        OSError
+            If `path` cannot be written.
+        """
+        from npend_gym.physics.trajectory_file import write_csv
+
+        write_csv(self, Path(path))
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Trajectory:

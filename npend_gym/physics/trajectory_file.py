@@ -19,6 +19,8 @@ from npend_gym.physics.trajectory import AXIAL, EVENTS, MAX_BYTES, OF_PIVOT, Int
 
 def write_trajectory(motion: Trajectory, path: Path) -> None:
     """Write `motion` to `path` as an npz archive, whole or not at all."""
+    if path.suffix != ".npz":
+        raise ValueError(f"path must end in .npz, got {path}; to_csv(path) writes text")
     made = motion.integration
     about = json.dumps(
         {
@@ -43,6 +45,20 @@ def write_trajectory(motion: Trajectory, path: Path) -> None:
                 arrays[f"{name}_{k}_sizes"] = np.array([len(each) for each in listed])
     with _files.replacing(path, binary=True) as file:
         np.savez_compressed(file, about=np.array(about), **arrays)
+
+
+def write_csv(motion: Trajectory, path: Path) -> None:
+    """Write `motion` to `path` as a CSV file, whole or not at all."""
+    if motion.theta.ndim > 2:
+        raise ValueError(f"to_csv writes one motion, got {len(motion)}: trajectory[k].to_csv(path)")
+    columns = {"theta": motion.theta, "omega": motion.omega}
+    if motion.integration is not None and np.any(motion.integration.torque):
+        columns["tau"] = np.broadcast_to(motion.integration.torque, motion.theta.shape)
+    names = ["time", *(f"{name}{k}" for name in columns for k in range(motion.chain.n))]
+    table = np.column_stack([motion.times, *columns.values()]).tolist()
+    with _files.replacing(path) as file:
+        for row in (names, *table):
+            file.write(",".join(map(str, row)) + "\n")  # floats as repr
 
 
 def read_trajectory(path: Path) -> Trajectory:
