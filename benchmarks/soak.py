@@ -9,6 +9,7 @@ broken::
     python benchmarks/soak.py batch --steps 1000000000
     python benchmarks/soak.py make --times 10000
     python benchmarks/soak.py files --flips 100000
+    python benchmarks/soak.py properties --cases 10000 --seed 1
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 import copy
 import pickle
+import random
 import sys
 import tempfile
 import time
@@ -42,10 +44,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(dest="what", required=True)
     for name, (_, option, default) in RUNS.items():
-        commands.add_parser(name).add_argument(
-            f"--{option}", dest="amount", type=int, default=default
-        )
+        command = commands.add_parser(name)
+        command.add_argument(f"--{option}", dest="amount", type=int, default=default)
+        command.add_argument("--seed", type=int, default=0, help="of fuzz and properties (0)")
     arguments = parser.parse_args()
+    random.seed(arguments.seed)
     start_time = time.process_time()
     kept, text = RUNS[arguments.what][0](arguments.amount)
     took = time.process_time() - start_time
@@ -91,7 +94,7 @@ def fuzz(calls: int) -> tuple[bool, str]:
     import test_promises_fuzz as fuzzing
 
     warnings.simplefilter("ignore")
-    made = seeds = 0
+    made, seeds = 0, random.getrandbits(32)
     while made < calls:
         made += fuzzing.fuzz(100, seeds)
         seeds += 1
@@ -197,6 +200,17 @@ def files(flips: int) -> tuple[bool, str]:
     return lies == 0, f"of {flips} flipped bits {refused} refused, {lies} read as something else"
 
 
+def properties(cases: int) -> tuple[bool, str]:
+    """Check the engine against itself; a case that breaks a property ends the run with it."""
+    sys.path.insert(0, TESTS)
+    import test_promises_symmetries as symmetries
+
+    seed, count = random.getrandbits(32), len(symmetries.PROPERTIES)
+    for name in symmetries.PROPERTIES:
+        symmetries.run(name, -(-cases // count), seed)
+    return True, f"{-(-cases // count)} cases of each of {count} properties, seed {seed}"
+
+
 RUNS = {
     "bits": (bits, "steps", 1_000_000),
     "fuzz": (fuzz, "calls", 1_000_000),
@@ -204,6 +218,7 @@ RUNS = {
     "batch": (batch, "steps", 1_000_000_000),
     "make": (make, "times", 10_000),
     "files": (files, "flips", 10_000),
+    "properties": (properties, "cases", 10_000),
 }
 
 if __name__ == "__main__":
