@@ -96,7 +96,7 @@ def fuzz(calls: int) -> tuple[bool, str]:
     warnings.simplefilter("ignore")
     made, seeds = 0, random.getrandbits(32)
     while made < calls:
-        made += fuzzing.fuzz(100, seeds)
+        made += fuzzing.fuzz(100, seeds, extras=seeds % 4 > 0)
         seeds += 1
     return True, f"{made} calls answered or refused as declared, all observations finite"
 

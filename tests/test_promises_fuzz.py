@@ -16,15 +16,42 @@ CALLS = 20_000
 
 DTYPES = st.sampled_from(["f2", "f4", "f8", "i1", "i8", "u1", "?", "c16", "U3", "O"])
 ODD = st.sampled_from([None, "x", b"", {}, np.nan, 10**400, [[1], 2], np.zeros((3, 3)), 1j])
+SMALL, SHARE = st.sampled_from([0.0, 0.01, 0.3]), st.sampled_from([0.0, 0.02, 0.1])
+EXTRAS = st.fixed_dictionaries({}, optional={
+    "mode": st.sampled_from(["transition", "balance", "swingup"]),
+    "base": st.sampled_from(["pivot", "cart"]),
+    "cart_mass": st.sampled_from([None, 1.0, 0.2]),
+    "max_force": st.sampled_from([None, 10.0]),
+    "rail": st.sampled_from([None, 1.0, 2.4]),
+    "rail_damping": SMALL,
+    "goal_env": st.booleans(),
+    "difficulty": st.sampled_from([None, "easy", "hard", 0.3, "no such"]),
+    "actuated": st.sampled_from([[0], [1], [0, 1], []]),
+    "dt": st.sampled_from([None, 0.02, 0.1]),
+    "substeps": st.sampled_from([None, 1, 5]),
+    "damping": SMALL, "drag": SMALL, "quadratic_drag": SMALL,
+    "observe_context": st.booleans(),
+    "randomize": st.sampled_from([
+        None, {"masses": [0.8, 1.2]}, {"gravity": {"low": 5.0, "high": 15.0}, "lengths": [1, 2]},
+        {"max_torque": [0.5, 1.0]}, {"motor_lag": {"low": 0.0, "high": 0.1}}, {"masses": [2, 1]},
+    ]),
+    "angle_noise": SMALL, "velocity_noise": SMALL,
+    "angle_resolution": SMALL, "velocity_resolution": SMALL,
+    "observation_delay": SHARE, "action_delay": SHARE, "motor_lag": SHARE,
+    "torque_noise": SMALL, "torque_ripple": SMALL, "ripple_cycles": st.sampled_from([1, 6]),
+    "push_rate": st.sampled_from([0.0, 0.5, 5.0]), "push_force": st.sampled_from([0.0, 1.0, 50.0]),
+})  # fmt: skip
 
 
 class LifeCycle(RuleBasedStateMachine):
     """Make, reset, step, render and close environments in any order, with anything for arguments.
 
-    `calls` counts them, over all runs.
+    `calls` counts them, over all runs; with `extras` environments also get the keywords of carts,
+    goals, motors, sensors, pushes and randomisation, which may contradict each other.
     """
 
     calls = 0
+    extras = False
 
     def __init__(self):
         super().__init__()
@@ -49,21 +76,19 @@ class LifeCycle(RuleBasedStateMachine):
         picture=st.sampled_from([None, None, None, "rgb_array"]),
         reward_type=st.sampled_from(["dense", "sparse"]),
         levels=st.sampled_from([None, None, 2, 3]),
+        extras=EXTRAS,
     )
-    def make(self, lanes, mode, autoreset, steps, picture, levels, **keywords):
+    def make(self, lanes, mode, autoreset, steps, picture, levels, extras, **keywords):
         keywords |= {"mode": mode, "render_mode": picture}
         keywords |= {} if mode == "passive" else {"torque_levels": levels}
+        keywords |= extras if LifeCycle.extras else {}
+        keywords |= {"id": "NPendulum-v0", "max_episode_steps": steps}
         if lanes is None:
-            self.env = gym.make(
-                "NPendulum-v0", max_episode_steps=steps, disable_env_checker=True, **keywords
-            )
+            made = self.call(gym.make, disable_env_checker=True, **keywords)
         else:
-            self.env = gym.make_vec(
-                "NPendulum-v0", num_envs=lanes, max_episode_steps=steps, autoreset_mode=autoreset,
-                **keywords,
-            )  # fmt: skip
-        LifeCycle.calls += 1
-        self.ready = False
+            made = self.call(gym.make_vec, num_envs=lanes, autoreset_mode=autoreset, **keywords)
+        assert made is not None or LifeCycle.extras
+        self.env, self.ready = made or self.env, self.ready and made is None
 
     def look(self, seen):
         assert self.env.observation_space.contains(seen[0])
@@ -118,9 +143,9 @@ class LifeCycle(RuleBasedStateMachine):
         self.call(self.env.close)
 
 
-def fuzz(examples, number=0):
+def fuzz(examples, number=0, *, extras=False):
     """Run so many random life cycles, others for each number; return how many calls were made."""
-    LifeCycle.calls = 0
+    LifeCycle.calls, LifeCycle.extras = 0, extras
     run_state_machine_as_test(
         hypothesis.seed(number)(LifeCycle),
         settings=settings(max_examples=examples, stateful_step_count=40, deadline=None),
@@ -134,3 +159,9 @@ def test_calls_in_any_order_are_answered_or_refused_as_declared():
     while calls < CALLS:
         calls += fuzz(50, number)
         number += 1
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")
+def test_calls_are_answered_or_refused_whatever_keywords_stand_together():
+    assert fuzz(40, 0, extras=True) > 1000
