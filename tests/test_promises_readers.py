@@ -1,8 +1,12 @@
 """Readers of files under mutated files: taken, or refused as documented, without a warning."""
 
 import importlib
+import os
+import shutil
+import subprocess
 import warnings
 from itertools import islice
+from pathlib import Path
 
 import pytest
 from readers import CORPUS, make_readers, mutants
@@ -74,3 +78,24 @@ def test_the_fuzzer_finds_a_reader_that_breaks_its_promise(tmp_path, capsys, mon
     assert len(list((tmp_path / "motion").iterdir())) == 2
     assert "4 inputs" in watch.text(1.0)
     assert capsys.readouterr().out.count("FOUND") == 2
+
+
+@pytest.mark.skipif(not shutil.which("bash"), reason="a script of bash")
+def test_the_command_of_the_night_runs_parts_by_their_numbers_and_refuses_others():
+    script = Path(__file__).parents[1] / ".ci" / "nightly"
+    refused = subprocess.run([script, "x=1"], capture_output=True, text=True, check=False)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "a part is NAME=NUMBER" in refused.stderr
+    assert "readers" in refused.stderr
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not shutil.which("bash"), reason="a script of bash")
+def test_a_rehearsal_of_the_night_ends_well(tmp_path):
+    script = Path(__file__).parents[1] / ".ci" / "nightly"
+    done = subprocess.run(
+        [script, "readers=28", "properties=7"], capture_output=True, text=True, check=False,
+        env={**os.environ, "CORPUS": str(tmp_path), "SEED": "3"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 cases of each of 7 properties" in done.stdout
