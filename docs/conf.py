@@ -8,7 +8,7 @@ from docutils.nodes import SkipNode
 from latex2mathml.converter import convert
 
 from npend_gym import __version__
-from npend_gym.cli import parsers
+from npend_gym.cli import main, parsers
 
 ROOT = Path(__file__).parent.parent
 
@@ -108,9 +108,16 @@ def make_accessible(_app, _page, _template, context, _doctree) -> None:
             context[part] = context.get(part, "").replace(given, wanted)
 
 
+def write_live_page(app, exception: Exception | None) -> None:
+    """Put the page to play with beside live_page.html, which shows it in a frame."""
+    if exception is None and app.builder.format == "html":
+        main(["page", "--live", "--out", str(Path(app.outdir) / "live.html")])
+
+
 def setup(app) -> None:
     """Tell Sphinx what this file adds to it."""
     app.connect("html-page-context", make_accessible, priority=900)  # after the theme's own
+    app.connect("build-finished", write_live_page)
     app.connect("source-read", fill_in_commands)
     app.add_html_math_renderer("mathml", (formula, None), (displayed_formula, None))
 

@@ -104,3 +104,24 @@ def browser():
         browser = started.chromium.launch(executable_path=program, args=["--no-sandbox"])
         yield browser
         browser.close()
+
+
+@pytest.fixture
+def open_page(browser):
+    """Open a file in a tab without a network; at the end nothing must have gone wrong in any."""
+    contexts, wrong = [], []
+
+    def open_file(path, **options):
+        context = browser.new_context(offline=True, **({"color_scheme": "light"} | options))
+        contexts.append(context)
+        tab, url = context.new_page(), path.as_uri()
+        tab.on("console", lambda message: message.type != "error" or wrong.append(message.text))
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.on("request", lambda request: request.url == url or wrong.append(request.url))
+        tab.goto(url)
+        return tab
+
+    yield open_file
+    for context in contexts:
+        context.close()
+    assert wrong == []

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accessibility import grave_findings
 
 from npend_gym import __version__, theory
 from npend_gym.cli import main
@@ -149,17 +150,9 @@ def test_bad_arguments_of_page_exit_with_2(arguments, message, refusal, tmp_path
 
 
 @pytest.fixture
-def page(browser, path):
-    """The page in a tab; at the end nothing must have gone wrong in it."""
-    context = browser.new_context(offline=True, color_scheme="light")
-    tab, wrong = context.new_page(), []
-    tab.on("console", lambda message: message.type != "error" or wrong.append(message.text))
-    tab.on("pageerror", lambda error: wrong.append(str(error)))
-    tab.on("request", lambda request: request.url == path.as_uri() or wrong.append(request.url))
-    tab.goto(path.as_uri())
-    yield tab
-    context.close()
-    assert wrong == []
+def page(open_page, path):
+    """The page in a tab."""
+    return open_page(path)
 
 
 def go(page, time):
@@ -297,6 +290,13 @@ def test_every_control_and_picture_has_a_name_for_a_screen_reader(page):
     assert 'table "Pseudo-period of each bob, as they complete"' in names
     go(page, 1.0)
     assert page.get_attribute("#time", "aria-valuetext") == "1.00 seconds"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious(open_page, path, scheme):
+    page = open_page(path, color_scheme=scheme)
+    go(page, 3.0)
+    assert grave_findings(page) == []
 
 
 def test_the_page_fits_a_narrow_screen(page):

@@ -17,8 +17,8 @@ from scripts import run_python
 pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parent.parent
-MAIN = ("index", "tutorial", "gallery", "tasks/swing_up", "howto/simulate", "explanation/tensions",
-        "results", "commands", "reference/physics")  # fmt: skip
+MAIN = ("index", "tutorial", "gallery", "live_page", "tasks/swing_up", "howto/simulate",
+        "explanation/tensions", "results", "commands", "reference/physics")  # fmt: skip
 WIDTH = 390  # of a phone
 
 

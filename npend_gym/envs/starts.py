@@ -242,6 +242,16 @@ def scale_all(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) ->
         _scale(members, rods, k, rods.shape[2] // (n + 1), n)
 
 
+@kernel
+def begin_one(members: FloatArray, rods: FloatArray, chain: FloatArray) -> None:
+    """Give a single environment of point masses a chain, and measure from its present state."""
+    members, rods, chain = bare(members), bare(rods), bare(chain)
+    n = chain.shape[1]
+    write_chain(members, rods, None, 0, 1, chain)
+    _scale(members, rods, 0, 1, n)
+    begin_to_measure(members, rods, 0, 1, n)
+
+
 def start_plan(mode: Mode, spread: float) -> FloatArray:
     """Return `start` of a mode; of one of the user's own, Python calls its `start`.
 

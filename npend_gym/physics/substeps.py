@@ -13,10 +13,10 @@ MAX_SUBSTEPS = 100_000
 # By default a substep is so short that the fastest normal mode turns by no more than this [rad],
 # and that what damping and drag brake decays by no more than this. Turning points of a release
 # then come out within 1e-6 s of the adaptive method's for the paper's chains up to N = 20.
-_PHASE = 1.0 / 16.0
+MAX_PHASE = 1.0 / 16.0
 # Dry friction is as steep as a damper only while a joint is nearly at rest, where all else is slow:
 # substeps in which it would decay by 1/e follow RealAIGym's C.1 within some 1e-4 rad over 5 s.
-_FRICTION = _PHASE
+_FRICTION = MAX_PHASE
 # A torque between two links turns them fastest where the chain is straight; folded chains of three
 # or more links had rates up to four times as large.
 _FOLDED = 4.0
@@ -31,7 +31,7 @@ def default_substeps(chain: Chain, dt: float) -> int:
     In each the fastest normal mode turns by at most 1/16 rad, and what damping and drag brake
     decays by at most that much; dry friction, at its steepest, by at most 1.
     """
-    return max(1, min(MAX_SUBSTEPS, math.ceil(dt * _fastest_rate(chain) / _PHASE)))
+    return max(1, min(MAX_SUBSTEPS, math.ceil(dt * _fastest_rate(chain) / MAX_PHASE)))
 
 
 def substeps_of(chains: ChainParameters, dt: float) -> int:

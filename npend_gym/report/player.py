@@ -50,7 +50,8 @@ def centres(motion: Any) -> list[float]:
 
 def as_json(data: Mapping[str, Any]) -> str:
     """Return data as the content of a script element, which no "<" in a text can end."""
-    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")
 
 
 def palette_css() -> str:

@@ -1,0 +1,71 @@
+"""The environments' step for a browser: its kernels as WebAssembly, and where the numbers stand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from npend_gym.chain import ChainParameters
+from npend_gym.compiled.wasm import wasm_module
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.kernels import step_one
+from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Task
+from npend_gym.envs.starts import begin_one
+from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing
+from npend_gym.physics.kernels.rk4 import RK4_ROWS
+from npend_gym.physics.substeps import MAX_PHASE, MAX_ROTATION
+
+_MEMORY = "float64[:, ::1], float64[:, :, ::1]"  # `members` and `rods` of one chain
+_KERNELS = {
+    begin_one: f"void({_MEMORY}, float64[:, ::1])",
+    step_one: f"void({_MEMORY}, none, float64[:, ::1], float32[:, ::1], float64[:, ::1], "
+    "boolean[:, ::1], float64[::1], float64[::1], float64[:, ::1])",
+}
+
+
+def step_module() -> bytes:
+    """Return the WebAssembly module of one environment of point masses.
+
+    It exports `begin_one` and `step_one`, to be called as `wasm_module` says. The first call on a
+    machine compiles, for about a minute.
+    """
+    return wasm_module(_KERNELS)
+
+
+def step_layout() -> dict[str, Any]:
+    """Return the rows of the arrays that the kernels take, by their names.
+
+    Returns
+    -------
+    dict
+        A dict of rows, or entries, for each of Member (with those of Episode), Rod, Timing, Output,
+        Flag, Task and Parameter, and the number of rows of the scratch.
+    """
+    fields = Rod, Timing, Output, Flag, Task
+    layout: dict[str, Any] = {
+        type(each).__name__.removesuffix("Fields"): each._asdict() for each in fields
+    }
+    layout["Member"] = Member._asdict() | Episode._asdict()
+    layout["Parameter"] = {name: row for row, name in enumerate(ChainParameters._fields)}
+    return layout | {"scratchRows": RK4 + RK4_ROWS}
+
+
+def step_constants(config: EnvConfig) -> dict[str, Any]:
+    """Return what a step is told of the physics, and of the task of an environment.
+
+    Returns
+    -------
+    dict
+        `phase` and `rotation` [rad], by which the substeps are chosen; of the `task` its number and
+        the observation's, time of a step and of holding the goal [s], the limit of the torque over
+        `Chain.lifting_energy`, and how near the equilibrium an episode starts [rad and rad/s].
+    """
+    task = {
+        "mode": NUMBER_OF[type(config.mode)],
+        "form": SINCOS,
+        "dt": config.dt,
+        "hold": config.mode.hold,
+        "torque": config.max_torque / config.chain.lifting_energy,
+        "speedLimit": config.speed_limit,
+        "nearness": getattr(config.mode, "nearness", 0.0),
+    }
+    return {"phase": MAX_PHASE, "rotation": MAX_ROTATION, "task": task}

@@ -1,0 +1,148 @@
+// The physics: kernels of npend_gym in WebAssembly, on arrays laid out as the package lays them out.
+
+const START = 64; // bytes at address 0 that kernels may write what they return to
+
+/** A chain of point masses that hangs from a pivot; all quantities in SI units. */
+class Chain {
+  /** Compile the module; `layout` names the rows of its arrays, `physics` has the constants. */
+  static async load(module, layout, physics) {
+    const memory = new WebAssembly.Memory({ initial: 8 });
+    const { instance } = await WebAssembly.instantiate(module, { env: { __linear_memory: memory } });
+    return new Chain(instance.exports, memory.buffer, layout, physics);
+  }
+
+  constructor(kernels, buffer, layout, physics) {
+    Object.assign(this, { kernels, buffer, layout, physics, n: 0, torque: [] });
+  }
+
+  /** Make arrays for n rods: `arrays` has their numbers, `handed` what kernels are told of them. */
+  allocate(n) {
+    const { Member, Rod, Parameter, Output, Flag, Task, Timing, scratchRows } = this.layout;
+    const rows = (fields) => Object.keys(fields).length;
+    let free = START;
+    [this.n, this.arrays, this.handed] = [n, {}, {}];
+    const array = (name, shape, type = Float64Array) => {
+      const size = shape.reduce((product, length) => product * length, 1);
+      const bytes = type.BYTES_PER_ELEMENT, strides = shape.map((_, axis) =>
+        shape.slice(axis + 1).reduce((product, length) => product * length, bytes));
+      this.arrays[name] = new type(this.buffer, free, size).fill(0);
+      this.handed[name] = [0, 0, BigInt(size), BigInt(bytes), free, ...shape.map(BigInt), ...strides.map(BigInt)];
+      free += 8 * Math.ceil((size * bytes) / 8);
+    };
+    array("members", [rows(Member), 1]);
+    array("rods", [1, rows(Rod), n + 1]);
+    array("chain", [rows(Parameter), n]);
+    array("actions", [0, 1]); // none: `torque` says what acts
+    array("observation", [1, 3 * n], Float32Array);
+    array("outputs", [rows(Output) + 3 * n, 1]);
+    array("flags", [rows(Flag), 1], Uint8Array);
+    array("task", [rows(Task) + n]);
+    array("timing", [rows(Timing)]);
+    array("scratch", [scratchRows, n + 2]);
+    const row = (field) => this.arrays.rods.subarray(Rod[field] * (n + 1), Rod[field] * (n + 1) + n);
+    [this.theta, this.omega, this.torque] = [row("THETA"), row("OMEGA"), row("TORQUE")];
+    [this.periods, this.lengths, this.masses] = [row("PERIOD"), row("LENGTH"), row("MASS")];
+    this.observation = this.arrays.observation;
+    const { task } = this.arrays, { mode, form, speedLimit } = this.physics.task;
+    task.fill(1, rows(Task)); // the factors of observed angular velocities
+    [task[Task.MODE], task[Task.FORM]] = [mode, form];
+    [task[Task.MAX_STEPS], task[Task.SPEED_LIMIT]] = [Infinity, speedLimit];
+  }
+
+  call(name, ...given) {
+    const { members, rods } = this.handed;
+    const failed = this.kernels[name](0, START / 2, ...members, ...rods, ...given.flat());
+    if (failed) throw new Error(`the kernel ${name} failed`);
+  }
+
+  /** Give it parameters and a state; time, work and pseudo-periods begin there. */
+  begin({ masses, lengths, gravity, damping }, theta, omega) {
+    if (masses.length !== this.n) this.allocate(masses.length);
+    const { Parameter, Member } = this.layout, { n } = this, { chain, members } = this.arrays;
+    const given = { masses, lengths, damping, centres: lengths, gravity: [gravity], gear: [Infinity], friction_speed: [1] };
+    for (const [name, row] of Object.entries(Parameter)) {
+      const values = given[name] ?? [0];
+      for (let i = 0; i < n; i++) chain[row * n + i] = values[values.length > 1 ? i : 0];
+    }
+    [members[Member.WITH_COM], members[Member.HAS_BOBS], members[Member.STARTING]] = [1, 1, 1];
+    this.theta.set(theta);
+    this.omega.set(omega);
+    this.rate = this.fastestRate({ masses, lengths, gravity, damping });
+    this.call("begin_one", this.handed.chain);
+    this.step(0, 0, 0);
+  }
+
+  /**
+   * A bound [1/s] of the frequencies of all normal modes, by Gershgorin's circles on the matrix of
+   * small motions, whose entries are tensions over lengths and masses; and of what damping brakes.
+   */
+  fastestRate({ masses, lengths, gravity, damping }) {
+    let [tension, below, fastest, braking] = [0, 0, 0, 0];
+    for (let i = masses.length - 1; i >= 0; i--) {
+      tension += masses[i] * (gravity || this.physics.gravity);
+      const pull = tension / lengths[i];
+      fastest = Math.max(fastest, (2 * (pull + below)) / masses[i]);
+      const mobility = 1 / masses[i] + (i > 0 ? 1 / masses[i - 1] : 0);
+      const joints = damping[i] + (damping[i + 1] ?? 0);
+      braking = Math.max(braking, (4 * mobility * joints) / lengths[i] ** 2);
+      below = pull;
+    }
+    return Math.sqrt(fastest) + braking;
+  }
+
+  /** Advance by `dt` under the torques, in as many substeps as the package would take, or a few more. */
+  advance(dt, substeps = Math.max(1, Math.ceil((dt * this.rate) / this.physics.phase))) {
+    const { Task } = this.layout;
+    this.arrays.task[Task.HOLD_STEPS] = Math.ceil(this.physics.task.hold / dt);
+    this.step(dt, substeps, 1 / this.physics.rotation);
+  }
+
+  step(dt, substeps, perRotation) {
+    const { Timing, Member } = this.layout, { timing, members } = this.arrays;
+    timing.fill(0);
+    [timing[Timing.DT], timing[Timing.SUBSTEPS], timing[Timing.LAST_SUBSTEP]] = [dt, substeps, substeps];
+    [timing[Timing.PER_ROTATION], timing[Timing.LAST_GROUP]] = [perRotation, 1];
+    members[Member.OBSERVED] = 1;
+    const { handed } = this;
+    this.call("step_one", 0, handed.actions, handed.observation, handed.outputs, handed.flags,
+      handed.task, handed.timing, handed.scratch);
+  }
+
+  output(name) { return this.arrays.outputs[this.layout.Output[name]]; }
+  flag(name) { return this.arrays.flags[this.layout.Flag[name]] !== 0; }
+
+  /** Energy that lifts the hanging chain upright [J]. */
+  get liftingEnergy() { return 1 / this.arrays.members[this.layout.Member.PER_ENERGY]; }
+  get totalLength() { return 1 / this.arrays.members[this.layout.Member.PER_LENGTH]; }
+  get totalMass() { return this.masses.reduce((sum, mass) => sum + mass, 0); }
+
+  /** Places of the joints [m], from the pivot: x and y in turns, y upwards. */
+  places() {
+    const places = new Float64Array(2 * this.n + 2);
+    for (let i = 0; i < this.n; i++) {
+      places[2 * i + 2] = places[2 * i] + this.lengths[i] * Math.sin(this.theta[i]);
+      places[2 * i + 3] = places[2 * i + 1] - this.lengths[i] * Math.cos(this.theta[i]);
+    }
+    return places;
+  }
+
+  /** Velocity of a bob, counted from 0 [m/s]. */
+  velocity(bob) {
+    let [x, y] = [0, 0];
+    for (let i = 0; i <= bob; i++) {
+      const speed = this.lengths[i] * this.omega[i];
+      x += speed * Math.cos(this.theta[i]);
+      y += speed * Math.sin(this.theta[i]);
+    }
+    return [x, y];
+  }
+
+  /** Add torques at the joints that do what a force [N] on a bob does. */
+  push(bob, x, y) {
+    let torque = 0; // on joint i acts what turns the rods from i on
+    for (let i = bob; i >= 0; i--) {
+      torque += this.lengths[i] * (x * Math.cos(this.theta[i]) + y * Math.sin(this.theta[i]));
+      this.torque[i] += torque;
+    }
+  }
+}

@@ -1,0 +1,121 @@
+"""A page on which the chain moves in the reader's browser: one HTML file, no network."""
+
+from __future__ import annotations
+
+import base64
+import math
+import zlib
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _files, theory
+from npend_gym._version import __version__
+from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.report import player
+
+SUFFIXES = (".html",)
+MAX_N = 100
+# Bits of a weight, by the rods that are swung up: with these 256 of 256 starts succeed; with 8 in
+# place of 10 two rods are swung up from 6 starts of 100, four from 52
+_BITS = {2: 10, 3: 8, 4: 10}
+_PACKED_BITS = 10
+_MAX_DEGREES = 175  # of the release
+_SCRIPTS = "chain.js", "policy.js", "stage.js", "app.js"
+
+
+class Network(NamedTuple):
+    """A policy as the page takes it: float32 arrays, as those of `npend_gym.rl.Policy`."""
+
+    n: int  # rods of the chain that it swings up
+    scale: NDArray[np.float32]
+    weights: Sequence[NDArray[np.float32]]
+    biases: Sequence[NDArray[np.float32]]
+
+
+class Engine(NamedTuple):
+    """What computes the motion."""
+
+    module: bytes  # WebAssembly
+    layout: Mapping[str, Any]  # of the arrays that its functions take
+    constants: Mapping[str, Any]  # of the physics and of the task of the networks
+
+
+def write(engine: Engine, networks: Sequence[Network], angle: float, path: Path) -> Path:
+    """Write `page` to `path`, whole or not at all."""
+    text = page(engine, networks, angle)
+    with _files.replacing(path) as file:
+        file.write(text)
+    return path
+
+
+def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
+    """Return the page as text; the chain is released from `angle` [rad] at first."""
+    packed = [part for network in networks for part in _packed(network)]
+    unit = [Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1)]
+    factor = theory.pendulum_factor(np.radians(np.arange(_MAX_DEGREES + 1)))
+    data = {
+        "layout": engine.layout,
+        "physics": {"gravity": STANDARD_GRAVITY, **engine.constants},
+        "law": [_short(theory.com_period(chain)) for chain in unit],
+        "factor": [_short(one) for one in factor],
+        "palette": player.PALETTE,
+        "policies": [
+            {
+                "n": network.n,
+                "shapes": [weight.shape for weight in network.weights],
+                "scale": [_short(one) for one in network.scale],
+            }
+            for network in networks
+        ],
+        "moduleBytes": len(engine.module),
+        "binary": base64.b64encode(zlib.compress(b"".join([engine.module, *packed]), 9)).decode(),
+    }
+    folder = files("npend_gym.report") / "live"
+    style = (files("npend_gym.report") / "page.css").read_text("utf-8")
+    return Template((folder / "live.html").read_text("utf-8")).substitute(
+        version=__version__,
+        most=MAX_N,
+        angle=round(math.degrees(angle)),
+        gravity=STANDARD_GRAVITY,
+        motors="\n".join(_choice(network.n) for network in networks),
+        data=player.as_json(data),
+        style=player.palette_css() + style + (folder / "live.css").read_text("utf-8"),
+        script="\n".join((folder / name).read_text("utf-8") for name in _SCRIPTS),
+    )
+
+
+def _choice(n: int) -> str:
+    rods = f"{n} rods" if n > 1 else "1 rod"
+    button = f'<input type="radio" name="motor" value="{n}"><span>{rods}</span>'
+    return f"          <label>{button}</label>"
+
+
+def _short(value: Any) -> float:
+    return float(f"{float(value):.7g}")
+
+
+def _packed(network: Network) -> list[bytes]:
+    bits = _BITS.get(network.n, _PACKED_BITS)
+    layers = zip(network.weights, network.biases, strict=True)
+    return [pack(weight, bias, bits) for weight, bias in layers]
+
+
+def pack(weight: NDArray[np.float32], bias: NDArray[np.float32], bits: int) -> bytes:
+    """Return weights (outputs, inputs) and biases (outputs,) of a layer in a small form.
+
+    Biases and a factor for each row as float32; then the weights over that factor, rounded to whole
+    numbers of 10 bits, of which the first `bits` are used: the upper eight as int8, and then the
+    two lower ones, for which the compression of the whole needs no more than these.
+    """
+    largest, spare = np.abs(weight).max(axis=1), 1 << (_PACKED_BITS - bits)
+    levels = spare * ((1 << (bits - 1)) - 1)
+    factor = (np.where(largest > 0.0, largest, 1.0) / levels).astype("<f4")
+    whole = (spare * np.round(weight / (spare * factor[:, None]))).astype(np.int16)
+    high, low = (whole >> 2).astype("i1"), (whole & 3).astype("u1")
+    return bias.astype("<f4").tobytes() + factor.tobytes() + high.tobytes() + low.tobytes()

@@ -1,0 +1,348 @@
+"""The live page: what a browser computes with it, and how it answers to the reader."""
+
+import re
+
+import numpy as np
+import pytest
+from accessibility import grave_findings
+
+from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym.cli import main
+from npend_gym.physics import Ensemble
+from npend_gym.physics.substeps import default_substeps
+from npend_gym.rl import Policy
+
+pytestmark = pytest.mark.long  # the first page of a version compiles for a minute
+
+UNEVEN = Chain([1.0, 0.4, 2.0], [0.7, 1.2, 0.5], gravity=3.7, damping=[0.1, 0.02, 0.3])
+CHAINS = {
+    "1": Chain.uniform(1),
+    "2": Chain.uniform(2),
+    "5": Chain.uniform(5),
+    "20": Chain.uniform(20),
+    "100": Chain.uniform(100),
+    "unequal, damped": UNEVEN,
+    "20, damped": Chain.uniform(20, damping=0.2),
+}
+
+
+@pytest.fixture(scope="session")
+def path(tmp_path_factory):
+    out = tmp_path_factory.mktemp("live") / "live.html"
+    assert main(["page", "--live", "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture
+def page(open_page, path):
+    return opened(open_page, path)
+
+
+def opened(open_page, path, **options):
+    tab = open_page(path, **options)
+    tab.wait_for_selector("body[data-ready]")
+    return tab
+
+
+def wait_for(page, true, seconds=30):
+    """Wait until it is true; the page lets no text be run as a program."""
+    for _ in range(20 * seconds):
+        if true():
+            return
+        page.wait_for_timeout(50)
+    raise TimeoutError
+
+
+def plain(chain):
+    """A chain as the scripts of the page take it."""
+    values = chain.as_dict()
+    return {name: values[name] for name in ("masses", "lengths", "gravity", "damping")}
+
+
+# ---- what it computes ----------------------------------------------------------------------------
+
+ADVANCE = """async ([chain, theta, omega, torque, dt, substeps, steps]) => {
+  const { npend } = globalThis, { moduleBytes, binary, layout, physics } = npend.data;
+  const bytes = await npend.unpacked(binary);
+  const live = await npend.Chain.load(bytes.subarray(0, moduleBytes), layout, physics);
+  live.begin(chain, theta, omega);
+  const states = [];
+  for (let step = 0; step < steps; step++) {
+    live.torque.set(torque);
+    if (substeps) live.step(dt, substeps, 0); else live.advance(dt);
+    states.push([...live.theta, ...live.omega]);
+  }
+  const periods = [...live.periods].map((t) => (t > 0 ? t : -1));
+  return { states, periods, energy: live.output("ENERGY"), error: live.output("ENERGY_ERROR"),
+    centre: live.output("PSEUDO_PERIOD_COM") };
+}"""
+
+
+def advanced(page, chain, start, torque, dt, substeps, steps):
+    found = page.evaluate(ADVANCE, [plain(chain), *start, torque, dt, substeps, steps])
+    return np.array(found.pop("states")), found
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_browser_computes_the_bits_of_the_package(page, name):
+    chain = CHAINS[name]
+    rng = np.random.default_rng(chain.n)
+    theta, omega = rng.uniform(-2.0, 2.0, chain.n), rng.normal(size=chain.n)
+    torque = rng.normal(size=chain.n) * 3.0
+    start = theta.tolist(), omega.tolist()
+    states, found = advanced(page, chain, start, torque.tolist(), 0.02, 40, 100)
+    ensemble = Ensemble(chain, 1, joints=range(chain.n))
+    ensemble.set_state(0, theta, omega)
+    expected = []
+    for _ in range(100):
+        ensemble.advance(torque[None], 0.02, 40)
+        expected.append(np.concatenate([ensemble.theta[0], ensemble.omega[0]]))
+    np.testing.assert_array_equal(states, expected)
+    np.testing.assert_array_equal(
+        found["periods"], np.nan_to_num(ensemble.pseudo_periods[0], nan=-1.0)
+    )
+    assert found["energy"] == pytest.approx(ensemble.energy[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_trajectories_agree_with_the_adaptive_method_to_1e_9_over_2_s(page, name):
+    chain = CHAINS[name]
+    theta = np.linspace(0.9, 0.5, chain.n)
+    torque = np.zeros(chain.n)
+    torque[0] = 3.0  # N m; more would whip the long chains, whose motion no method knows so well
+    start = theta.tolist(), [0.0] * chain.n
+    states, _ = advanced(page, chain, start, torque.tolist(), 0.1, 800, 20)
+    exact = simulate(
+        chain, theta, 0.0, np.linspace(0.0, 2.0, 21), torque=torque, rtol=1e-13, atol=1e-14
+    )
+    np.testing.assert_allclose(states[:, : chain.n], exact.theta[1:], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(states[:, chain.n :], exact.omega[1:], rtol=0.0, atol=1e-8)
+
+
+def test_pseudo_periods_are_those_of_the_package(page):
+    chain, start = Chain.uniform(5), np.pi / 4
+    _, found = advanced(page, chain, ([start] * 5, [0.0] * 5), [0.0] * 5, 1 / 120, None, 600)
+    np.testing.assert_allclose(found["periods"], pseudo_periods(chain, start), atol=2e-6)
+    assert found["centre"] == pytest.approx(theory.com_period(chain, start).item(), rel=4e-3)
+    assert abs(found["error"]) < 1e-8
+
+
+def test_substeps_are_as_many_as_the_package_takes_or_a_few_more(page):
+    rng = np.random.default_rng(0)
+    drawn = [
+        Chain(
+            rng.uniform(0.3, 2, n), rng.uniform(0.3, 2, n), damping=rng.uniform(0, 1, n) * (n % 2)
+        )
+        for n in (2, 3, 5, 10, 40)
+    ]
+    for chain in [*CHAINS.values(), Chain.uniform(5, gravity=0.0), *drawn]:
+        found = page.evaluate("chain => globalThis.npend.chain.fastestRate(chain)", plain(chain))
+        needed = default_substeps(chain, 100.0)
+        assert needed <= found * 100.0 * 16.0 + 1 <= 2.0 * needed + 1
+
+
+SWING_UP = """([n, starts]) => {
+  const { chain, policies } = globalThis.npend, policy = policies.get(n);
+  const { dt, torque } = chain.physics.task, same = new Array(n).fill(1);
+  return starts.map(([theta, omega]) => {
+    const { gravity } = chain.physics, damping = same.map(() => 0);
+    chain.begin({ masses: same, lengths: same, gravity, damping }, theta, omega);
+    for (let step = 0; step < 400; step++) {
+      chain.torque[0] = torque * chain.liftingEnergy * policy.act(chain.observation);
+      chain.advance(dt);
+    }
+    return chain.flag("SUCCESS");
+  });
+}"""
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_the_networks_swing_up_in_the_browser_from_every_start(open_page, path, n):
+    page = opened(open_page, path, reduced_motion="reduce")  # it stands still meanwhile
+    starts = np.random.default_rng(n).uniform(-0.05, 0.05, (48, 2, n)).tolist()
+    assert page.evaluate(SWING_UP, [n, starts]) == [True] * 48
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_the_networks_act_as_the_policies_of_the_package(page, n):
+    policy = Policy.pretrained(f"swingup-{n}")
+    observations = np.random.default_rng(n).uniform(-0.2, 0.2, (50, 3 * n)).astype(np.float32)
+    run = "([n, all]) => all.map((one) => globalThis.npend.policies.get(n).act(one))"
+    found = page.evaluate(run, [n, observations.tolist()])
+    np.testing.assert_allclose(found, policy(observations)[:, 0], atol=0.12)
+
+
+# ---- the file ------------------------------------------------------------------------------------
+
+
+def test_the_page_is_one_file_below_200_kb_that_refers_to_nothing_outside(path):
+    text = path.read_text("utf-8")
+    assert path.stat().st_size < 200_000
+    assert set(re.findall(r"https?://[^\"' ]+", text)) == {"http://www.w3.org/2000/svg"}
+    assert not re.search(r"<(link|script|img)[^>]+(src|href)=\"(?!data:)", text)
+
+
+@pytest.mark.parametrize("arguments", ["--n 3", "--from results", "--seed 1"])
+def test_options_of_a_recorded_release_are_refused(arguments, refusal, tmp_path):
+    out = tmp_path / "live.html"
+    message = refusal("page", "--live", *arguments.split(), "--out", str(out))
+    assert "must be left out with --live" in message
+    assert not out.exists()
+
+
+# ---- what the reader does ------------------------------------------------------------------------
+
+
+def slide(page, name, value):
+    page.evaluate(
+        "([id, value]) => { const slider = document.getElementById(id); slider.value = value;"
+        " slider.dispatchEvent(new Event('input')); }",
+        [name, value],
+    )
+
+
+def clock(page):
+    return float(page.text_content("#clock").split()[0])
+
+
+def pixel_of_bob(page, bob):
+    """Where a bob is on the screen."""
+    place = page.evaluate(
+        """(bob) => {
+          const { chain } = globalThis.npend, places = chain.places();
+          const box = document.getElementById("chain").getBoundingClientRect();
+          const scale = 0.46 * Math.min(box.width, box.height) / chain.totalLength;
+          const [x, y] = [places[2 * bob], places[2 * bob + 1]];
+          return [box.x + box.width / 2 + scale * x, box.y + box.height / 2 - scale * y];
+        }""",
+        bob,
+    )
+    return np.array(place)
+
+
+def test_a_bob_follows_the_pointer_and_is_measured_after_it_is_let_go(page):
+    slide(page, "damping", 0.5)
+    page.select_option("#speed", "0.1")
+    start = pixel_of_bob(page, 5)
+    page.mouse.move(*start)
+    page.mouse.down()
+    goal = start + np.array([-120.0, -40.0])
+    page.mouse.move(*goal)
+    page.select_option("#speed", "4")
+    wait_for(page, lambda: np.hypot(*(pixel_of_bob(page, 5) - goal)) < 60.0)
+    wait_for(page, lambda: "is pulled" in page.text_content("#status"))
+    page.mouse.up()
+    wait_for(page, lambda: clock(page) < 2.0)
+    slide(page, "damping", 0.0)
+    page.evaluate("document.querySelector('details').open = true")
+    wait_for(page, lambda: re.search(r"\d\.\d{4}", page.text_content("#table")) is not None)
+
+
+def test_while_paused_a_bob_stays_where_it_is_put(page):
+    page.click("#play")
+    start = pixel_of_bob(page, 3)
+    page.mouse.move(*start)
+    page.mouse.down()
+    goal = start + np.array([30.0, -50.0])
+    page.mouse.move(*goal)
+    page.mouse.up()
+    np.testing.assert_allclose(pixel_of_bob(page, 3), goal, atol=1.0)
+    places = page.evaluate("() => [...globalThis.npend.chain.places()]")
+    lengths = np.hypot(*np.diff(np.reshape(places, (-1, 2)), axis=0).T)
+    np.testing.assert_allclose(lengths, 1.0, atol=1e-12)
+
+
+def test_the_picture_answers_to_keys(page):
+    page.focus("#chain")
+    page.keyboard.press("Space")
+    assert page.text_content("#play") == "Run"
+    paused = clock(page)
+    page.keyboard.press(".")
+    wait_for(page, lambda: paused < clock(page) < paused + 0.03)
+    page.keyboard.press("ArrowUp")
+    assert page.get_attribute("#chain", "aria-label") == "5 pendulums; bob 5 is chosen"
+    before = pixel_of_bob(page, 5)
+    page.keyboard.press("ArrowRight")
+    assert pixel_of_bob(page, 5)[0] > before[0] - 0.5
+    page.keyboard.press("r")
+    wait_for(page, lambda: clock(page) == 0.0)
+    page.keyboard.press("Space")
+    wait_for(page, lambda: clock(page) > 0.1)
+    page.keyboard.down("ArrowLeft")
+    wait_for(page, lambda: "Bob 5 of 5 is pulled." in page.text_content("#status"))
+    page.keyboard.up("ArrowLeft")
+    wait_for(page, lambda: "pulled" not in page.text_content("#status"))
+
+
+def test_a_network_stands_the_rods_up_and_a_pull_brings_them_down(page):
+    page.select_option("#speed", "4")
+    page.check("input[name=motor][value='2']", force=True)
+    wait_for(page, lambda: "2 rods stand upright" in page.text_content("#status"))
+    assert not page.is_visible("#measured")
+    assert page.text_content("#n-value") == "2 pendulums"
+    page.click("#release")
+    assert page.is_checked("input[name=motor][value='0']")
+    assert page.is_visible("#measured")
+
+
+def test_the_sliders_change_the_chain(page):
+    slide(page, "n", 100)
+    slide(page, "gravity", 1.62)
+    slide(page, "lengths", 1)
+    chain = page.evaluate(
+        "() => { const { chain } = globalThis.npend;"
+        " return [chain.n, [...chain.lengths], chain.totalLength, chain.output('ENERGY_ERROR')] }"
+    )
+    assert chain[0] == 100
+    assert chain[1][-1] / chain[1][0] == pytest.approx(2.0)
+    assert chain[2] == pytest.approx(100.0)
+    assert page.get_attribute("#gravity", "aria-valuetext") == "1.62 m/s\u00b2"
+
+
+@pytest.mark.parametrize("n", [5, 100])
+def test_the_page_has_time_to_spare_at_60_pictures_a_second(page, n):
+    slide(page, "n", n)
+    spent = page.evaluate(
+        """() => new Promise((resolve) => {
+          const spent = [], real = globalThis.requestAnimationFrame;
+          globalThis.requestAnimationFrame = (callback) => real((now) => {
+            const start = performance.now();
+            callback(now);
+            spent.push(performance.now() - start);
+            if (spent.length === 150) resolve(spent);
+          });
+        })"""
+    )
+    assert np.median(spent) < 1000.0 / 60.0 / 2.0
+
+
+def test_with_reduced_motion_nothing_moves_until_asked(open_page, path):
+    page = opened(open_page, path, reduced_motion="reduce")
+    page.wait_for_timeout(300)
+    assert (clock(page), page.text_content("#play")) == (0.0, "Run")
+    page.click("#play")
+    wait_for(page, lambda: clock(page) > 0.1)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("motor", [False, True])
+def test_axe_finds_nothing_serious(open_page, path, scheme, motor):
+    page = opened(open_page, path, color_scheme=scheme)
+    page.evaluate("document.querySelector('details').open = true")
+    if motor:
+        page.check("input[name=motor][value='3']", force=True)
+    assert grave_findings(page) == []
+
+
+def test_every_control_has_a_name_for_a_screen_reader(page):
+    names = page.locator("body").aria_snapshot()
+    for name in ('slider "Pendulums"', 'slider "Gravity"', 'button "Pause"', 'combobox "Speed"',
+                 'radio "4 rods"', 'img "Pseudo-period of each of 5 bobs', "status"):  # fmt: skip
+        assert name in names
+
+
+@pytest.mark.parametrize("width", [390, 320])
+def test_the_page_fits_a_phone(open_page, path, width):
+    page = opened(open_page, path, viewport={"width": width, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.locator("#chain").bounding_box()["height"] > 0.8 * width
