@@ -7,7 +7,8 @@ a small campaign runs while drivers and workers are killed with SIGKILL at rando
 start of the interpreter to the last line of the journal; between two drivers a part or the journal
 is sometimes damaged as well. The same command is repeated until it reports that everything is done;
 then every part must have the bytes that an undisturbed run wrote. Further campaigns follow until
-the number of kills is reached. Linux only.
+the number of kills is reached. No process of a killed driver may be alive ten seconds later. Linux
+only.
 """
 
 from __future__ import annotations
@@ -60,7 +61,39 @@ def is_worker(process: psutil.Process) -> bool:
     return False
 
 
-def disturb(process: subprocess.Popen[bytes], rng: random.Random, longest: float) -> str:
+class Orphans:
+    """The processes below drivers that were killed."""
+
+    PATIENCE = 10.0  # s
+
+    def __init__(self) -> None:
+        self.seen = self.alive = 0
+        self._waiting: list[tuple[float, psutil.Process]] = []
+
+    def add(self, driver: int) -> None:
+        """Remember the processes below a driver that is killed next."""
+        with suppress(psutil.NoSuchProcess):
+            below = psutil.Process(driver).children(recursive=True)
+            self.seen += len(below)
+            self._waiting += [(time.monotonic() + self.PATIENCE, process) for process in below]
+
+    def look(self, *, at_end: bool = False) -> None:
+        """Count, and end, those that are alive though their time is over."""
+        while at_end and self._waiting and self._waiting[-1][0] > time.monotonic():
+            time.sleep(0.1)
+        due = [process for when, process in self._waiting if when <= time.monotonic()]
+        self._waiting = [each for each in self._waiting if each[1] not in due]
+        for process in due:
+            with suppress(psutil.NoSuchProcess):
+                if process.status() != psutil.STATUS_ZOMBIE:
+                    print("alive:", process.cmdline(), flush=True)
+                    self.alive += 1
+                    process.kill()
+
+
+def disturb(
+    process: subprocess.Popen[bytes], rng: random.Random, longest: float, orphans: Orphans
+) -> str:
     """Kill the driver or a worker after a random time; return what happened."""
     try:
         process.wait(rng.uniform(0.0, longest))
@@ -70,6 +103,7 @@ def disturb(process: subprocess.Popen[bytes], rng: random.Random, longest: float
             with suppress(psutil.NoSuchProcess):
                 rng.choice(workers).kill()
             return "worker killed"
+        orphans.add(process.pid)
         process.kill()
         process.wait()
         return "driver killed"
@@ -104,13 +138,13 @@ def damage(out: Path, rng: random.Random) -> str:
 
 
 def main() -> int:
-    """Kill until the number of kills is reached; return 1 if any bytes differed."""
+    """Kill until the number of kills is reached; return 1 if bytes differed or a worker lived."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--longest", type=float, help="between two [s] (1.2 times a whole run)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments (0)")
     arguments = parser.parse_args()
-    rng, counts = random.Random(arguments.seed), Counter[str]()
+    rng, counts, orphans = random.Random(arguments.seed), Counter[str](), Orphans()
     with tempfile.TemporaryDirectory() as folder:
         began = 0.0
         for name in ("warm-up", "undisturbed"):  # the first may compile
@@ -123,9 +157,10 @@ def main() -> int:
         while kills < arguments.kills:
             out = Path(folder) / f"campaign {campaigns}"
             process = start(out, rng.choice((1, 2)))
-            while (what := disturb(process, rng, longest)) != "ended":
+            while (what := disturb(process, rng, longest, orphans)) != "ended":
                 counts[what] += 1
                 kills += what.endswith("killed")
+                orphans.look()
                 if what == "gave up":
                     print(out.with_suffix(".log").read_text()[-1000:], flush=True)
                 if what == "worker killed":
@@ -137,7 +172,12 @@ def main() -> int:
             same = digest(out) == expected
             counts["campaign the same" if same else "campaign DIFFERENT"] += 1
             print(f"{kills} kills, {campaigns} campaigns:", dict(+counts), flush=True)
-    return int(counts["campaign DIFFERENT"] > 0)
+        orphans.look(at_end=True)
+        print(
+            f"{orphans.seen} processes below killed drivers, {orphans.alive} of them alive after "
+            f"{orphans.PATIENCE:g} s"
+        )
+    return int(counts["campaign DIFFERENT"] > 0 or orphans.alive > 0)
 
 
 if __name__ == "__main__":

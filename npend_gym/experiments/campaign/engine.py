@@ -101,7 +101,7 @@ def _loky() -> str:
 
         def configure(self, *arguments: Any, **options: Any) -> Any:
             """Start the workers, or take those that wait."""
-            return super().configure(*arguments, **(options | own))
+            return super().configure(*arguments, **(options | own))  # pyright: ignore[reportUnknownVariableType]
 
     joblib.register_parallel_backend("npend-loky", EndingLoky)
     return "npend-loky"
