@@ -21,6 +21,7 @@ from npend_gym._files import replacing
 from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
 from npend_gym.experiments.campaign import engine
+from npend_gym.experiments.campaign.estimate import duration, estimate, relative_time
 from npend_gym.experiments.campaign.lease import remove_ended, take_lease
 from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, read_part, write_parts
 from npend_gym.experiments.campaign.plan_file import read_plan_file
@@ -134,6 +135,62 @@ def test_a_bad_plan_file_is_refused(name, text, message, tmp_path):
         (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=message):
         read_plan_file(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"trials": 10**12}, "trials must be so few, or batch so large"),
+        ({"n": range(1, 1_000_001)}, "n must name at most 10000 values, got 1000000"),
+        ({"n": list(range(1, 1_000_001))}, "n must name at most 10000 values"),
+        ({"n": range(1, 10**15)}, "n must name at most 10000 values"),
+        ({"amplitude": np.linspace(0.1, 1.0, 1_000_000)}, "amplitude must name at most 10000"),
+        ({"n": range(1, 201), "gravity": np.linspace(1.0, 9.0, 100)}, "the number of chains"),
+        ({"gravity": 1e30}, r"gravity must be 0 or such that sqrt\(l/g\)"),
+        ({"gravity": 1e-30}, "gravity must be 0 or such that"),
+        ({"lengths": 1e-29}, "gravity must be 0 or such that"),
+    ],
+)
+def test_plans_of_absurd_size_are_refused_at_once(values, message):
+    began = time.process_time()
+    with pytest.raises(ValueError, match=message):
+        CampaignPlan.from_dict(values)
+    assert time.process_time() - began < 1.0
+
+
+def test_an_estimate_is_what_a_campaign_takes_within_a_factor(tmp_path):
+    plan = CampaignPlan(n=[2, 20], amplitude=[0.3, 0.7], trials=200)
+    campaign, records = completed(plan, tmp_path, backend="threading")
+    expected = estimate(plan)
+    assert (expected.cells, expected.releases, expected.tasks) == (4, 800, plan.task_count)
+    size = sum(path.stat().st_size for path in campaign.out.rglob("*.parquet"))
+    assert 0.5 < expected.size / size < 2.0
+    assert 0.25 < expected.seconds / sum(record.cpu_s for record in records) < 4.0
+
+
+def test_the_estimated_time_grows_as_it_was_measured():
+    counts = np.array([1, 3, 5, 100, 1000])
+    relative = relative_time(counts)
+    assert relative[2] == pytest.approx(1.0)
+    assert np.all(np.diff(relative) > 0.0)
+    assert relative[4] / relative[3] == pytest.approx(10.0**2.1, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.5, "0.5 s"), (200.0, "3.33 min"), (1e5, "27.8 h"), (1e9, "31.7 years")]
+)
+def test_times_have_a_unit_that_people_count_in(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_a_dry_run_tells_what_it_would_take_and_writes_nothing(tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = ["--n", "2", "--trials", "1000000000", "--batch", "100000", "--workers", "4"]
+    assert main(["campaign", "--out", str(out), *arguments, "--dry-run"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("1 cells, 1000000000 releases in 10000 tasks: about ")
+    assert " with 4 worker(s), and " in text
+    assert not out.exists()
 
 
 # The draws

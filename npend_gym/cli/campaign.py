@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Generator
@@ -35,6 +36,7 @@ examples:
   npend campaign --out results --n 3 --masses 1,2,1:2:0.5      all 1, all 2, and 1, 2, 0.5 kg
   npend campaign --out results --chain chain.json --amplitude 0.1,0.4,0.7,1.0
   npend campaign plan.toml --out results                       n = [10, 20], trials = 100, ...
+  npend campaign plan.toml --out results --dry-run             how long it would take
   npend campaign --out results                                 continue with the plan in the folder
   npend campaign plan.yaml --out /shared/results --backend ray --address auto
   npend analyse results
@@ -99,6 +101,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--address", help=text)
     text = "number of workers (default: one for each core)"
     parser.add_argument("--workers", type=int, metavar="COUNT", help=text)
+    text = "write nothing: print the number of releases and tasks, and about how long they take"
+    parser.add_argument("--dry-run", dest="dry_run", action="store_true", help=text)
 
 
 def run(options: dict[str, Any]) -> int:
@@ -108,6 +112,12 @@ def run(options: dict[str, Any]) -> int:
 
     workers = options.get("backend", "loky"), options.get("workers"), options.get("address")
     check_workers(*workers)
+    if options.get("dry_run"):
+        from npend_gym.experiments.campaign.estimate import estimate
+
+        plan = Campaign(_plan(options), options["out"]).plan
+        print(estimate(plan).text(workers[1] or os.cpu_count() or 1))
+        return OK
     with Campaign(_plan(options), options["out"]) as campaign, _sigterm_interrupts():
         return _run(campaign, workers)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import fields
 from typing import Any
 
@@ -12,6 +13,10 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym.chain import STANDARD_GRAVITY, Chain, as_chain
 
+MAX_VALUES = 10_000  # of one name of a sweep
+# Of sqrt(l/g) [s], l being the mean length: instants are located to 1e-11 s, and angular velocities
+# to about 1e-12 rad/s
+TIME_SCALES = 1e-6, 1e6
 REPLACED = ("masses", "lengths", "gravity", "damping")  # what `chain` is given in place of
 
 
@@ -38,6 +43,25 @@ def released_chain(
                 f"got shape {value.shape}"
             )
     return Chain(ones * mass, ones * length, gravity, damping)
+
+
+def check_time_scale(chain: Chain) -> None:
+    """Refuse a chain that swings too fast or too slowly for its instants to be resolved.
+
+    Raises
+    ------
+    ValueError
+        If sqrt(l/g) is not within `TIME_SCALES`. Without gravity there is no scale.
+    """
+    if chain.gravity == 0.0:
+        return
+    length = float(chain.lengths.mean())
+    if not TIME_SCALES[0] <= math.sqrt(length / chain.gravity) <= TIME_SCALES[1]:
+        raise ValueError(
+            f"gravity must be 0 or such that sqrt(l/g) is between {TIME_SCALES[0]:g} and "
+            f"{TIME_SCALES[1]:g} s, l being the mean length of the rods, {length:g} m; got "
+            f"{chain.gravity:g} m/s^2: choose another unit of time"
+        )
 
 
 def take_chain(described: Any, n_name: str) -> None:
@@ -86,3 +110,33 @@ def plain_fields(described: Any, n_name: str) -> dict[str, Any]:
         values = {name: values[name] for name in values if name not in (n_name, *REPLACED)}
         values["chain"] = chain.as_dict()
     return json.loads(json.dumps(values, default=lambda value: np.asarray(value).tolist()))
+
+
+def swept_values(name: str, value: Any) -> tuple[Any, ...]:
+    """Return the values of a swept name as a tuple, each of them checked."""
+    size = len(value) if isinstance(value, (list, tuple, range)) else np.size(value)  # pyright: ignore[reportUnknownArgumentType]
+    if size > MAX_VALUES:
+        raise ValueError(f"{name} must name at most {MAX_VALUES} values, got {size}")
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    values: tuple[Any, ...] = tuple(value) if isinstance(value, (list, tuple, range)) else (value,)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+    if not values:
+        raise ValueError(f"{name} must name at least one value, got none")
+    if name == "n":
+        values = tuple(_checks.count(name, value) for value in values)
+    elif name in ("masses", "lengths"):
+        values = tuple(_per_rod(name, value) for value in values)
+    elif name != "reading":
+        values = tuple(_checks.number(name, value) for value in values)
+    seen: set[str] = set()
+    for one in values:
+        if repr(one) in seen:
+            raise ValueError(f"{name} must name each value once, got {_checks.show(one)} twice")
+        seen.add(repr(one))
+    return values
+
+
+def _per_rod(name: str, value: Any) -> float | tuple[float, ...]:
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return tuple(_checks.array(name, value).ravel().tolist())
+    return _checks.number(name, value)

@@ -13,7 +13,12 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
-from npend_gym.experiments.chains import plain_fields, released_chain, take_chain
+from npend_gym.experiments.chains import (
+    check_time_scale,
+    plain_fields,
+    released_chain,
+    take_chain,
+)
 from npend_gym.experiments.draws import starts
 from npend_gym.period import READINGS, pseudo_periods
 
@@ -85,7 +90,7 @@ class ReleaseExperiment:
         if len(self.n_values) == 0:
             raise ValueError("n_values must name at least one number of pendulums, got none")
         for n in self.n_values:
-            self.chain_of(n)
+            check_time_scale(self.chain_of(n))
 
     def chain_of(self, n: int) -> Chain:
         """Return the chain of `n` rods that is released."""

@@ -16,7 +16,13 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._version import __version__
 from npend_gym.chain import STANDARD_GRAVITY, Chain
-from npend_gym.experiments.chains import REPLACED, plain_fields, released_chain, take_chain
+from npend_gym.experiments.chains import (
+    REPLACED,
+    plain_fields,
+    released_chain,
+    swept_values,
+    take_chain,
+)
 from npend_gym.experiments.release import (
     PAPER_AMPLITUDE,
     PAPER_N,
@@ -30,8 +36,10 @@ PerRod: TypeAlias = float | Sequence[float]
 # A cell has one value of each, and the last name varies fastest. The names that make the chain come
 # first, so that neighbouring cells have equal chains and are measured side by side.
 SWEPT = ("n", "masses", "lengths", "gravity", "damping", "reading", "amplitude", "spread")
-_CHECKED_TOGETHER = (("n", "masses", "lengths"), ("amplitude", "spread"))
+_OF_CHAIN = SWEPT[:5]
 MAX_CELLS = 1_000_000
+MAX_CHAINS = 10_000
+MAX_TASKS = 1_000_000
 MAX_TRIALS_PER_CELL = 10**12
 MAX_BATCH = 1_000_000
 _SMALLEST, _LARGEST = 16, 4096  # releases in a task, where the plan does not say
@@ -93,18 +101,30 @@ class CampaignPlan:
     def __post_init__(self) -> None:
         take_chain(self, "n")
         for name in SWEPT:
-            object.__setattr__(self, name, _values(name, getattr(self, name)))
+            object.__setattr__(self, name, swept_values(name, getattr(self, name)))
         _checks.count("trials", self.trials, high=MAX_TRIALS_PER_CELL)
         if self.batch is not None:
             _checks.count("batch", self.batch, high=MAX_BATCH)
         _checks.count("the number of cells, the product of all lists,", self.cells, high=MAX_CELLS)
-        single = [(name,) for name in SWEPT if name not in itertools.chain(*_CHECKED_TOGETHER)]
-        for names in (*_CHECKED_TOGETHER, *single):
-            for values in itertools.product(*(self._sweep(name) for name in names)):
-                first = {name: self._sweep(name)[0] for name in SWEPT}
-                if "n" not in names:  # the chain has been checked
-                    first |= {"masses": 1.0, "lengths": 1.0}
-                self._release(first | dict(zip(names, values, strict=True)))
+        chains = math.prod(len(self._sweep(name)) for name in _OF_CHAIN)
+        _checks.count("the number of chains, the product of their lists,", chains, high=MAX_CHAINS)
+        self._check_cells()
+        if self.task_count > MAX_TASKS:
+            raise ValueError(
+                f"trials must be so few, or batch so large, that there are at most {MAX_TASKS} "
+                f"tasks, got {self.task_count}: give fewer trials, or a batch of up to {MAX_BATCH}"
+            )
+
+    def _check_cells(self) -> None:
+        """Check the values of each name by themselves, and those that have a rule together."""
+        first = {name: self._sweep(name)[0] for name in SWEPT}
+        for values in itertools.product(*(self._sweep(name) for name in _OF_CHAIN)):
+            self._release(first | dict(zip(_OF_CHAIN, values, strict=True)))
+        for name in SWEPT[len(_OF_CHAIN) :]:
+            for value in self._sweep(name):
+                self._release(first | {name: value})
+        largest = {"amplitude": max(self._sweep("amplitude"), key=abs)}
+        self._release(first | largest | {"spread": max(self._sweep("spread"))})
 
     def _sweep(self, name: str) -> tuple[Any, ...]:
         return getattr(self, name)
@@ -221,28 +241,3 @@ class Task:
     def releases(self) -> int:
         """Number of releases."""
         return self.last - self.first
-
-
-def _values(name: str, value: Any) -> tuple[Any, ...]:
-    """Return the values of a swept name as a tuple, each of them checked."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    values: tuple[Any, ...] = tuple(value) if isinstance(value, (list, tuple, range)) else (value,)  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
-    if not values:
-        raise ValueError(f"{name} must name at least one value, got none")
-    if name == "n":
-        values = tuple(_checks.count(name, value) for value in values)
-    elif name in ("masses", "lengths"):
-        values = tuple(_per_rod(name, value) for value in values)
-    elif name != "reading":
-        values = tuple(_checks.number(name, value) for value in values)
-    for k, value in enumerate(values):
-        if value in values[:k]:
-            raise ValueError(f"{name} must name each value once, got {_checks.show(value)} twice")
-    return values
-
-
-def _per_rod(name: str, value: Any) -> float | tuple[float, ...]:
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return tuple(_checks.array(name, value).ravel().tolist())
-    return _checks.number(name, value)
