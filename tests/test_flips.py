@@ -78,15 +78,37 @@ def test_the_map_goes_on_where_it_was_interrupted(tmp_path):
     assert not done.exists()
 
 
-def test_the_command_draws_a_pixel_for_each_start(tmp_path, capsys):
+def test_the_command_draws_the_map_with_axes_and_a_scale(tmp_path, capsys):
     image = pytest.importorskip("matplotlib.image")
     arguments = ["chaos", "map", "--size", "20", "--duration", "2", "--out", str(tmp_path / "a")]
     assert main(arguments) == 0
     assert "map.png" in capsys.readouterr().out
-    assert image.imread(tmp_path / "a" / "map.png").shape[:2] == (20, 20)
+    assert image.imread(tmp_path / "a" / "map.png").shape[:2] == (833, 966)
     with pytest.raises(SystemExit, match="2"):
         main([*arguments, "--centre", "3,3", "--width", "9"])
     assert "centre and width must keep" in capsys.readouterr().err
+
+
+def test_each_start_of_the_map_is_a_pixel_at_its_angles():
+    pytest.importorskip("matplotlib")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from npend_gym.report.flip_map_figure import flip_map_figure
+
+    plan = FlipMap(size=1000, centre=(0.5, -0.25), width=1.0, duration=10.0)
+    times = np.full((1000, 1000), 10.0)
+    times[100, 200] = 0.1  # bright, second angle -0.65, first 0.2
+    times[300, 400] = np.nan
+    figure = flip_map_figure(plan, times)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
+    yellow = (pixels[..., 0] > 200) & (pixels[..., 2] < pixels[..., 0] - 60)
+    (bright,) = np.argwhere(yellow[:, :1100])
+    x, y = figure.axes[0].transData.inverted().transform((bright[1] + 0.5, 1190 - bright[0] - 0.5))
+    assert (x, y) == pytest.approx(np.degrees([0.2005, -0.6495]), abs=1e-3)
+    assert figure.axes[0].get_xlim() == pytest.approx(np.degrees([0.0, 1.0]))
+    assert figure.axes[1].get_ylabel() == "time [s]"
 
 
 def test_control_c_is_answered_at_once():

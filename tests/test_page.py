@@ -220,6 +220,24 @@ def test_pseudo_periods_appear_as_they_complete(page, runs):
     assert table(page) == [f"{t:.4f}" for t in periods]
 
 
+def test_the_menu_names_the_chain_that_is_shown(page):
+    assert page.input_value("#release") == "1"
+    assert page.get_attribute("#chain", "aria-label").startswith("Animation of 5")
+
+
+def test_the_summary_fits_its_frame_and_models_have_one_name_everywhere(page, runs):
+    page.set_viewport_size({"width": 1200, "height": 900})
+    frame = page.locator("details .scroll")
+    assert frame.evaluate("box => box.scrollWidth - box.clientWidth") == 0
+    texts = "all => all.map(one => one.textContent)"
+    heads = page.eval_on_selector_all("details th", texts)
+    legend = page.eval_on_selector_all("#law ~ figcaption .legend span", texts)
+    for name in ("T0", "T0+a", "T1", "T(N,a)"):
+        assert f"{name} [s]" in heads
+        assert name in legend
+        assert f" {name} " in results.summary_text(PLAN, runs)
+
+
 def test_another_number_of_pendulums_can_be_chosen(page, runs):
     page.select_option("#release", "0")
     page.evaluate("document.activeElement.blur()")

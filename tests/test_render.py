@@ -156,6 +156,28 @@ def test_text_stands_in_the_corners_and_never_in_the_disc():
     assert np.hypot(rows - 239.5, columns - 239.5).min() > 0.44 * 480
 
 
+@pytest.mark.parametrize(
+    ("n", "completed", "label"),
+    [
+        (20, 4, "mean of 4 of 20 bobs: 4.291 s"),
+        (20, 0, "mean of 0 of 20 bobs: -"),
+        (1, 1, "pseudo-period: 4.291 s"),
+    ],
+)
+def test_a_mean_over_some_of_the_bobs_is_not_called_the_period(n, completed, label, monkeypatch):
+    import pygame
+
+    class Font(pygame.font.Font):
+        def render(self, text, *arguments):
+            written.append(text)
+            return super().render(text, *arguments)
+
+    written = []
+    monkeypatch.setattr(pygame.font, "Font", Font)
+    Painter().paint(hanging_arc(n, pseudo_period=4.291 * bool(completed), completed=completed))
+    assert label in written
+
+
 def test_small_pictures_have_no_text():
     painter = Painter(96)
     plain, written = hanging_arc(2), hanging_arc(2, time=3.0, energy=2.0, caption="passive, n = 2")

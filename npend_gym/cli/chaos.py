@@ -55,7 +55,6 @@ def run(options: dict[str, Any]) -> int:
     """Compute, write and draw; return the exit code."""
     from npend_gym.experiments import FlipMap
     from npend_gym.report import outputs
-    from npend_gym.report.flip_map_figure import draw_flip_map
 
     options.pop("what")
     out, threads = options.pop("out", Path("chaos")), options.pop("threads", 1)
@@ -70,6 +69,8 @@ def run(options: dict[str, Any]) -> int:
         raise
     written = [out / "map.npz"]
     if can_draw():
-        written.append(draw_flip_map(times, plan.duration, out / "map.png"))
+        from npend_gym.report.flip_map_figure import flip_map_figure
+
+        written.append(outputs.write_figure(out / "map.png", flip_map_figure(plan, times)))
     show_written(written)
     return OK

@@ -59,7 +59,10 @@ def _write(fonts: Any, picture: Any, scene: Scene) -> None:
     font = fonts.Font(None, max(13, round(0.046 * size)))
     margin = round(0.018 * size)
     period = f"{scene.pseudo_period:.3f} s" if scene.pseudo_period else "-"
-    period = f"T = {period} ({scene.completed}/{len(scene.positions)})"
+    if len(scene.positions) > 1:
+        period = f"mean of {scene.completed} of {len(scene.positions)} bobs: {period}"
+    else:
+        period = f"pseudo-period: {period}"
     energy = f"E = {scene.energy:#.4g}".rstrip(".") + " J"
     rows = (scene.caption, f"t = {scene.time:.2f} s"), (energy, period)
     for (left, right), top in zip(rows, (margin, size - margin - font.get_height()), strict=True):

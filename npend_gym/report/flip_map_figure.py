@@ -1,43 +1,65 @@
-"""The picture of a map of chaos: dark where no rod turns over, bright where one does at once."""
+"""The picture of a map of chaos: bright where a rod turns over at once, black where none does."""
 
 # Matplotlib's stubs leave parts unknown
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any
 
 import numpy as np
 
-from npend_gym import _files
+from npend_gym import _extras
 from npend_gym._checks import FloatArray
-from npend_gym._extras import require
+from npend_gym.experiments import FlipMap
+
+try:
+    import matplotlib as mpl
+    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+except ImportError as error:
+    raise _extras.missing("matplotlib", "plot", "figures", error) from error
+from npend_gym.report.style import styled
 
 _EARLIEST = 0.05  # of the window: what turns over before has the brightest colour
-_NEVER = (0.02, 0.02, 0.06, 1.0)
+_NEVER = (0.02, 0.02, 0.06)
+_SIDE, _LEFT, _BOTTOM, _WIDTH, _HEIGHT = 5.0, 0.85, 0.6, 6.9, 5.95  # inches
+_LEAST_DPI = 140.0
 
 
-def draw_flip_map(times: FloatArray, duration: float, path: Path) -> Path:
-    """Write the map as a PNG, a pixel for each start, the second angle upwards.
+@styled
+def flip_map_figure(plan: FlipMap, times: FloatArray) -> Figure:
+    """Draw the map, at least a pixel for each start, over its two angles.
 
     Parameters
     ----------
+    plan : FlipMap
     times : ndarray, shape (size, size)
-        From `npend_gym.experiments.FlipMap.run`.
-    duration : float
-        Of the releases [s].
-    path : Path
-        Ends in ".png".
+        What `plan.run` returned.
     """
-    require("matplotlib", "plot", "figures")
-    import matplotlib as mpl
-    from matplotlib.image import imsave
+    figure = Figure(figsize=(_WIDTH, _HEIGHT), dpi=max(_LEAST_DPI, plan.size / _SIDE))
+    figure.set_layout_engine("none")  # so that a start is a pixel
 
-    shown = np.clip(np.where(np.isfinite(times), times, duration), _EARLIEST * duration, duration)
-    level = 1.0 - np.log(shown / (_EARLIEST * duration)) / np.log(1.0 / _EARLIEST)
-    colours: Any = mpl.colormaps["inferno"](0.12 + 0.85 * level)
-    colours[~np.isfinite(times)] = _NEVER
-    pixels = np.asarray(np.round(255.0 * colours[::-1, :, :3]), np.uint8)
-    with _files.replacing(path, binary=True) as file:
-        imsave(cast("BinaryIO", file), pixels, format="png")
-    return path
+    def place(left: float, width: float) -> Any:
+        box = (left / _WIDTH, _BOTTOM / _HEIGHT, width / _WIDTH, _SIDE / _HEIGHT)
+        return figure.add_axes(box)
+
+    axes, bar = place(_LEFT, _SIDE), place(_LEFT + _SIDE + 0.15, 0.18)
+    colours = ListedColormap(mpl.colormaps["inferno"](np.linspace(0.97, 0.12, 256)))
+    first, second = np.degrees(np.array(plan.centre)[:, None] + plan.width * np.array([-0.5, 0.5]))
+    shown = axes.imshow(
+        np.ma.masked_invalid(times), cmap=colours.with_extremes(bad=_NEVER),
+        origin="lower", interpolation="nearest",
+        norm=LogNorm(_EARLIEST * plan.duration, plan.duration, clip=True),
+        extent=(*first, *second),
+    )  # fmt: skip
+    axes.set(xlabel="first angle [degrees]", ylabel="second angle [degrees]")
+    axes.set_title(f"when a rod first turns over (black: not within {plan.duration:g} s)")
+    axes.grid(visible=False)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(8, steps=[1, 1.5, 2, 3, 4.5, 5, 9, 10]))
+    scale = figure.colorbar(shown, cax=bar, extend="min", label="time [s]")
+    scale.locator, scale.formatter = LogLocator(subs=(1, 2, 5)), FuncFormatter("{0:g}".format)
+    scale.minorlocator = NullLocator()
+    scale.update_ticks()
+    return figure

@@ -100,6 +100,7 @@ const beside = { chosen() {}, shown() {} }; // what a page shows beside the chai
 
 function choose(index) {
   release = data.releases[index];
+  $("release").value = index;
   time = 0;
   $("time").max = release.end;
   $("chain").setAttribute("aria-label", `Animation of ${release.label}`);

@@ -21,6 +21,7 @@ from npend_gym.report.style import shade, styled
 
 _IDEAL, _CORRECTED, _FUNDAMENTAL, _LAW = ORANGE, AMBER, GREEN, PINK
 _MEASURED, _BOB = BLUE, shade(0.3)
+_BESIDE = 0.94  # times N: where the bobs stand, so that means do not hide them
 _TRIALS = (shade(0.15), BLUE, BLACK)
 
 
@@ -32,14 +33,13 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
     n_values = sorted({run.n for run in runs})
     _draw_models(axes, experiment, n_values)
     for run in runs:
-        jitter = 1.0 + 0.03 * (run.trial - (experiment.trials + 1) / 2)
-        x = np.full(run.n, run.n * jitter)
-        axes.plot(x, run.periods, "_", color=_BOB, markersize=7, markeredgewidth=0.6)
-        axes.plot(run.n * jitter, run.mean, "o", color=_MEASURED, markersize=5)
-        axes.plot(run.n * jitter, run.com, "D", color=BLACK, markersize=4)
-    axes.plot([], [], "o", color=_MEASURED, markersize=5, label="measured, mean of a trial")
+        bobs = np.full(run.n, run.n * _BESIDE)
+        axes.plot(bobs, run.periods, "_", color=_BOB, markersize=7, markeredgewidth=0.6)
+        axes.plot(run.n, run.mean, "o", color=_MEASURED, markersize=6)
+        axes.plot(run.n, run.com, "D", color=BLACK, markersize=3.5)
+    axes.plot([], [], "o", color=_MEASURED, markersize=6, label="measured, mean of a trial")
     axes.plot([], [], "_", color=_BOB, markersize=7, label="measured, each bob")
-    axes.plot([], [], "D", color=BLACK, markersize=4, label="measured, centre of mass")
+    axes.plot([], [], "D", color=BLACK, markersize=3.5, label="measured, centre of mass")
     axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
     axes.set_title(f'Release from {experiment.amplitude:.3g} rad, reading "{experiment.reading}"')
     axes.xaxis.set(major_locator=FixedLocator(n_values), minor_locator=NullLocator())
@@ -58,10 +58,10 @@ def _draw_models(axes: Any, experiment: ReleaseExperiment, n_values: Sequence[in
     ideal, corrected, fundamental, law = np.array(models).T
     marker = "_" if len(grid) == 1 else None
     for values, style, color, label in (
-        (corrected, "--", _CORRECTED, "$T_0$ with the pendulum's amplitude correction"),
+        (corrected, "--", _CORRECTED, "$T_0$+a, $T_0$ times the corrected series"),
         (ideal, "-", _IDEAL, r"the paper's $T_0 = 2\pi\sqrt{N l/g}$" if not per_rod else "$T_0$"),
         (fundamental, "-", _FUNDAMENTAL, "$T_1$, slowest normal mode"),
-        (law, "-", _LAW, "$T(N, a)$, law of the centre of mass"),
+        (law, "-", _LAW, "$T(N,a)$, law of the centre of mass"),
     ):
         if np.isfinite(values).any():  # the paper's model knows point masses alone
             axes.plot(grid, values, style, color=color, label=label, marker=marker, markersize=16)

@@ -23,12 +23,12 @@ from npend_gym.report import player
 from npend_gym.report.release_tables import LEGEND
 
 SUFFIXES = (".html",)
-_COLORS = {"T0": "orange", "T0 + ampl.": "amber", "T1": "green", "T(N, a)": "pink"}
-_STYLES = {"T0 + ampl.": "dashed"}
+_COLORS = {"T0": "orange", "T0+a": "amber", "T1": "green", "T(N,a)": "pink"}
+_STYLES = {"T0+a": "dashed"}
 _COLUMNS = {
     "n": "N", "measured_s": "measured [s]", "bob_spread_s": "over bobs [s]",
-    "trial_spread_s": "over trials [s]", "completed": "completed", "bobs": "bobs",
-    "ideal_s": "T0 [s]", "corrected_s": "T0 + ampl. [s]", "fundamental_s": "T1 [s]",
+    "trial_spread_s": "over trials [s]", "completed": "completed",
+    "ideal_s": "T0 [s]", "corrected_s": "T0+a [s]", "fundamental_s": "T1 [s]",
     "ideal_error": "e(T0)", "corrected_error": "e(T0+a)", "fundamental_error": "e(T1)",
     "com_s": "com [s]", "law_s": "T(N,a) [s]", "law_error": "e",
 }  # fmt: skip
@@ -164,7 +164,10 @@ def _law(
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the rows of the summary as an HTML table."""
 
-    def cell(name: str, value: float) -> str:
+    def cell(row: Mapping[str, Any], name: str) -> str:
+        value = row[name]
+        if name == "completed":
+            return f"{value}/{row['bobs']}"
         if math.isnan(value):
             return "-"
         if isinstance(value, int):
@@ -173,7 +176,6 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> str:
 
     heads = "".join(f'<th scope="col">{html.escape(title)}</th>' for title in _COLUMNS.values())
     body = "".join(
-        f"<tr>{''.join(f'<td>{cell(name, row[name])}</td>' for name in _COLUMNS)}</tr>\n"
-        for row in rows
+        f"<tr>{''.join(f'<td>{cell(row, name)}</td>' for name in _COLUMNS)}</tr>\n" for row in rows
     )
     return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>"
