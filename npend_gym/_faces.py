@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ast
+import difflib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 from types import MethodType
@@ -25,17 +26,12 @@ def attach_stub(
     package, file : str
         ``__name__`` and ``__file__`` of the package.
     """
-    stub = ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8"))
-    sources = {
-        alias.asname or alias.name: node.module or package
-        for node in stub.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
+    sources = _read_stub(Path(file).with_suffix(".pyi"), package)
 
     def get_attribute(name: str) -> object:
         if name not in sources:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            hint = "" if name.startswith("_") else _hint(package, name, sources)
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
         if sources[name] == package:  # a module of the package itself
             return import_module(f"{package}.{name}")
         value = getattr(import_module(sources[name]), name)
@@ -43,6 +39,28 @@ def attach_stub(
         return value
 
     return get_attribute, lambda: sorted(sources), list(sources)
+
+
+def _read_stub(path: Path, package: str) -> dict[str, str]:
+    """Return the module that each name of a stub is imported from."""
+    stub = ast.parse(path.read_text(encoding="utf-8"))
+    return {
+        alias.asname or alias.name: node.module or package
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+def _hint(package: str, name: str, own: Iterable[str]) -> str:
+    """Return where a public name stands that a package lacks, or the nearest one that it has."""
+    root = Path(__file__).parent
+    for stub in sorted(root.glob("**/__init__.pyi")):
+        face = ".".join((root.name, *stub.parent.relative_to(root).parts))
+        if face != package and name in _read_stub(stub, face):
+            return f"; it is in {face}"
+    close = difflib.get_close_matches(name, own, n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 class MethodFromAbove:

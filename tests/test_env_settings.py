@@ -165,3 +165,20 @@ def test_importing_the_package_and_its_settings_names_compiles_nothing():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_number_of_rods_is_that_of_the_masses_where_it_is_not_given():
+    assert EnvConfig(masses=[1.0, 2.0, 3.0]).n == 3
+    assert EnvConfig(lengths=np.array([1.0])).n == 1
+    assert EnvConfig(masses=2.0).n == EnvConfig().n == 2
+    with pytest.raises(ValueError, match=r"masses must be one number or an array of shape \(2,\)"):
+        EnvConfig(n=2, masses=[1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(("name", "hint"), [
+    ("num_links", "did you mean 'n'"), ("frame_skip", "did you mean 'substeps'"),
+    ("seed", r"a seed is given to reset\(seed=...\)"),
+])  # fmt: skip
+def test_the_words_of_other_packages_are_answered_with_ours(name, hint):
+    with pytest.raises(TypeError, match=hint):
+        NPendulumEnv(**{name: 3})

@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.compiled import notice
 from npend_gym.compiled.jit import cache_folder
@@ -207,3 +208,10 @@ def test_results_are_the_same_bits_when_compiled_for_the_plainest_processor(tmp_
         "PYTHONPATH": str(Path(__file__).parent),
     }
     assert python(code, **environment) == fingerprint()
+
+
+def test_a_name_that_a_package_lacks_is_answered_with_where_it_stands():
+    with pytest.raises(AttributeError, match=r"no attribute 'Policy'; it is in npend_gym\.rl"):
+        npend_gym.Policy  # noqa: B018
+    with pytest.raises(AttributeError, match="did you mean 'simulate'"):
+        npend_gym.simulat  # noqa: B018

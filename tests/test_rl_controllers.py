@@ -116,3 +116,18 @@ def test_the_interval_of_the_success_rate_is_wilsons():
         assert abs(p - bound) == pytest.approx(z * np.sqrt(bound * (1.0 - bound) / 100), rel=1e-9)
     assert low < p < high
     assert evaluation.as_row()["success_low"] == round(low, 4)
+
+
+def test_evaluation_takes_models_with_predict_and_refuses_what_cannot_act():
+    class Still:
+        def predict(self, observation, *, deterministic):
+            assert deterministic
+            return np.zeros((len(observation), 1), np.float32), None
+
+    task = {"n": 1, "mode": "balance", "max_episode_steps": 20}
+    still = evaluate(lambda observation, _: np.zeros((len(observation), 1)), task, episodes=3)
+    assert np.array_equal(evaluate(Still(), task, episodes=3).returns, still.returns)
+    with pytest.raises(TypeError, match="controller must be callable as"):
+        evaluate("swingup-2", task)
+    with pytest.raises(TypeError, match=r'keywords must be a dict .* env_id="npend/SwingUp-v1"'):
+        evaluate(Still(), "npend/SwingUp-v1")

@@ -165,3 +165,10 @@ def test_a_robust_policy_holds_over_the_whole_range_of_training(task):
         assert evaluate(policy, keywords, episodes=40).success_rate >= 0.95
     falls = evaluate(nominal, nominal.env | {"randomize": heavy}, episodes=40).success_rate
     assert falls == (0.0 if task == "swingup-1" else 1.0)  # calming forgives much
+
+
+def test_an_observation_of_another_environment_is_refused_with_the_way_out():
+    policy = Policy.pretrained("swingup-2")
+    with pytest.raises(ValueError, match=r"must have 6 entries, got \(9,\): make the environment"):
+        policy(np.zeros(9, np.float32))
+    assert repr(policy).startswith("Policy(6-64-64-1, env={'n': 2")

@@ -94,6 +94,11 @@ def _algorithm(task: str, name: str | None) -> str:
     if name != "es":
         require("torch", "rl", "trainers")
     known = [each for each in ALGORITHMS if name is None and task in _trainer(each).TASKS]
+    if name is None and not known:
+        warn(
+            f"no settings are known for {task}: {ALGORITHMS[0]} with its defaults, which --set "
+            "changes; docs/results.md has what was reached"
+        )
     return name or next(iter(known), ALGORITHMS[0])
 
 

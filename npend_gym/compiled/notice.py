@@ -9,7 +9,7 @@ from typing import Any
 from numba.core import event as events
 
 NOTICE = (
-    "npend_gym: compiling for this machine, once per version; this takes up to half a minute"
+    "npend_gym: compiling for this machine, for up to half a minute; the machine code is kept"
     " (NPEND_GYM_QUIET=1 hides this line)"
 )
 

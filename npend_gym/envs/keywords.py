@@ -156,13 +156,24 @@ class PlainSpec:
         vars(env)["spec"] = spec
 
 
+# What other packages call a keyword
+_OTHER_NAMES = {
+    "N": "n", "num_links": "n", "n_links": "n", "num_rods": "n", "n_rods": "n", "num_poles": "n",
+    "num_pendulums": "n", "mass": "masses", "length": "lengths", "g": "gravity", "timestep": "dt",
+    "frame_skip": "substeps", "obs": "observation", "obs_type": "observation",
+    "torque_limit": "max_torque", "task": "mode", "domain_randomization": "randomize",
+}  # fmt: skip
+
+
 def check_names(owner: type, keywords: Mapping[str, Any]) -> None:
     """Raise a TypeError that names the first keyword which `owner` lacks, and the nearest one."""
     for name in keywords:
         if name not in EnvKeywords.__annotations__:
             valid = list(inspect.signature(owner).parameters)
-            close = difflib.get_close_matches(name, valid, n=1)
+            close = [*filter(None, [_OTHER_NAMES.get(name)])]
+            close = close or difflib.get_close_matches(name, valid, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else ";"
+            hint = "; a seed is given to reset(seed=...)." if name == "seed" else hint
             raise TypeError(
                 f"{owner.__name__} got an unexpected keyword argument {name!r}{hint} "
                 f"It takes {', '.join(valid)}"
@@ -174,7 +185,7 @@ def chain_of(keywords: Mapping[str, Any]) -> Chain:
     own = {name: keywords[name] for name in CHAIN_KEYWORDS if name in keywords}
     given = keywords.get("chain")
     if given is None:
-        n = _checks.count("n", keywords.get("n", DEFAULTS["n"]), high=MAX_RODS)
+        n = _checks.count("n", keywords.get("n", _listed(own)), high=MAX_RODS)
         for name in ("masses", "lengths"):
             own[name] = _checks.vector(name, own.get(name, DEFAULTS[name]), n)
         return Chain(**own)
@@ -190,6 +201,14 @@ def chain_of(keywords: Mapping[str, Any]) -> Chain:
             f"got {_checks.show(keywords['n'])}"
         )
     return chain
+
+
+def _listed(own: Mapping[str, Any]) -> int:
+    """Return how many rods have a mass or a length of their own, or else the default number."""
+    for name in ("masses", "lengths"):
+        if isinstance(own.get(name), (list, tuple, np.ndarray)) and np.ndim(own[name]) == 1:
+            return len(own[name])
+    return DEFAULTS["n"]
 
 
 def check_weight(chain: _Weighed) -> _Weighed:

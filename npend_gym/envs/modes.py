@@ -91,6 +91,10 @@ class Mode:
     has_goals: ClassVar[bool] = False
     measures_com: ClassVar[bool] = False
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={value!r}" for name, value in vars(self).items())
+        return f"{type(self).__name__}({values})"
+
     def start(
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
     ) -> tuple[FloatArray, FloatArray]:

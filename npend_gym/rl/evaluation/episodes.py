@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,13 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.evaluation.rollouts import Controller, make_envs, rollout
+from npend_gym.rl.evaluation.rollouts import (
+    Controller,
+    Model,
+    acting,
+    make_envs,
+    rollout,
+)
 
 HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
 
@@ -73,8 +80,8 @@ class Evaluation:
 
 
 def evaluate(
-    controller: Controller,
-    keywords: dict[str, Any],
+    controller: Controller | Model,
+    keywords: Mapping[str, Any],
     *,
     episodes: int = 100,
     seed: int = HELD_OUT,
@@ -84,8 +91,9 @@ def evaluate(
 
     Parameters
     ----------
-    controller : callable
-        ``controller(observation, info)`` returns the actions, see `Controller`.
+    controller : callable, or a model of Stable-Baselines3
+        ``controller(observation, info)`` returns the actions, see `Controller`. Of a model the
+        deterministic actions are taken.
     keywords : dict
         Keywords of ``gym.make_vec(env_id, ...)``. Those of a policy, ``policy.env``, make the
         environment show what the policy observes, whatever the environment shows by default.
@@ -103,8 +111,9 @@ def evaluate(
     Raises
     ------
     ValueError, TypeError
-        If a keyword breaks its rule.
+        If an argument or a keyword breaks its rule.
     """
+    controller = acting(controller)
     envs = make_envs(env_id, _checks.count("episodes", episodes), keywords)
     config = envs.unwrapped.config
     shape = (episodes, config.joints.size)

@@ -51,7 +51,12 @@ class Step(NamedTuple):
 
 
 def make_envs(env_id: str, num_envs: int, keywords: Mapping[str, Any]) -> Any:
-    """Return a vector environment."""
+    """Return a vector environment, or say which of its arguments is none."""
+    if not isinstance(keywords, Mapping):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(
+            'keywords must be a dict of keywords of the environment, such as {"n": 1}, whose id is '
+            f'given as env_id="npend/SwingUp-v1"; got {_checks.show(keywords)}'
+        )
     register_envs()
     return gym.make_vec(env_id, num_envs=num_envs, **keywords)
 
@@ -100,6 +105,33 @@ def nominal_env(
         raise ValueError('base must be "pivot": this score is defined for joints, got "cart"')
     steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
     return nominal | {"max_episode_steps": steps}, config, steps
+
+
+class Model(Protocol):
+    """A trained model of Stable-Baselines3, or of a library with the same method."""
+
+    def predict(self, observation: Any, *, deterministic: bool) -> tuple[NDArray[Any], Any]:
+        """Return the actions, and the state of a recurrent model."""
+        ...
+
+
+def acting(controller: Controller | Model) -> Controller:
+    """Return the controller itself, or the deterministic actions of a model of Stable-Baselines3.
+
+    Raises
+    ------
+    TypeError
+        If it is neither.
+    """
+    if callable(controller):
+        return controller
+    if not hasattr(controller, "predict"):
+        raise TypeError(
+            "controller must be callable as controller(observation, info), or a model with the "
+            f"method predict of Stable-Baselines3; got {_checks.show(controller)}"
+        )
+    model = controller
+    return lambda observation, _: model.predict(observation, deterministic=True)[0]
 
 
 def rollout(

@@ -20,9 +20,14 @@ from npend_gym.rl.policies.hub import POLICY_FILE, download
 PRETRAINED = Path(__file__).parent / "pretrained"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Policy:
     """A network of tanh layers from observations to the mean action, in NumPy.
+
+    It observes what `env` says, which is not what every environment shows by default::
+
+        policy = Policy.pretrained("swingup-2")
+        env = gym.make("npend/SwingUp-v1", **policy.env)
 
     A policy with memory acts on its last observations, each with the action that it took before
     it. It acts in the environments of one vector environment at a time: `reset` makes it forget.
@@ -53,6 +58,10 @@ class Policy:
             joints = len(self.biases[-1])
             history = History(length, entries - joints, joints)
         object.__setattr__(self, "_history", history)
+
+    def __repr__(self) -> str:
+        sizes = [self.scale.size, *map(len, self.biases)]
+        return f"Policy({'-'.join(map(str, sizes))}, env={self.env})"
 
     @property
     def observed(self) -> int:
@@ -89,8 +98,14 @@ class Policy:
         Raises
         ------
         ValueError
-            If a policy with memory is called with other environments than before.
+            If the observation has another number of entries than the policy was trained with, or a
+            policy with memory is called with other environments than before.
         """
+        if np.shape(observation)[-1:] != (self.observed,):
+            raise ValueError(
+                f"observation must have {self.observed} entries, got {np.shape(observation)}: make "
+                "the environment with the policy's keywords, gym.make(..., **policy.env)"
+            )
         if self._history is None:
             return self._act(observation / self.scale)
         frames = self._remembered(self._history, observation, info)
