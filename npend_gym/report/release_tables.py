@@ -28,7 +28,8 @@ _COLUMNS = (
 
 
 LEGEND = """\
-measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed}
+measured: mean pseudo-period [s] over bobs and trials, reading "{reading}", seed {seed};
+it includes the bobs near the pivot that complete half a swing early; com is the whole chain's
 T0: the paper's 2 pi N / sum sqrt(g m/(l M)), for point masses; T0+a: times its corrected series
 T1: period of the slowest normal mode; e: |measured - model| / measured
 com: measured, of the centre of mass; T(N,a): 0.8223 2 pi sqrt((N + 1/2) l/g) times the corrected
