@@ -22,8 +22,8 @@ ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
 100 held-out episodes, and writes OUT/TASK.npz, its description TASK.json and its learning curve
-TASK.csv. One seed gives the same policy again (by shac, to rounding); what is interrupted begins
-again. Needs the extra "rl", but for --algorithm es.
+TASK.csv. One seed gives the same policy again (by shac, to rounding). Now and then it writes
+OUT/TASK.checkpoint, from which --resume goes on, to the same policy. Needs the extra "rl".
 """
 EXAMPLES = """\
 examples:
@@ -33,6 +33,7 @@ examples:
   npend train swingup-2-robust                survives wrong chains, noise, delay, pushes
   npend train calm-2 --env damping=0.02 --set total_timesteps=100000
   npend train swingup-1 --env "randomize={\\"masses\\": [0.8, 1.2]}" --out heavy
+  npend train swingup-4 --resume              goes on with what was interrupted
   npend evaluate runs/swingup-2.npz --robust
 """
 
@@ -51,6 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="(default: here)")
     text = "train again where OUT has a policy of this name"
     parser.add_argument("--overwrite", action="store_true", help=text)
+    text = "go on from OUT/TASK.checkpoint, which an interrupted run with these options has left"
+    parser.add_argument("--resume", action="store_true", help=text)
 
 
 def run(options: dict[str, Any]) -> int:
@@ -58,6 +61,7 @@ def run(options: dict[str, Any]) -> int:
     from npend_gym.report import outputs, write_csv
     from npend_gym.report.robustness_report import evaluation_text
     from npend_gym.rl import evaluate
+    from npend_gym.rl.training.checkpoints import Checkpoint
 
     task: str = options["task"]
     algorithm = _algorithm(task, options.get("algorithm"))
@@ -67,15 +71,21 @@ def run(options: dict[str, Any]) -> int:
         raise ValueError(f"{path} exists: give --overwrite to train it again, or another --out")
     trainer = _trainer(algorithm)
     settings = _settings(trainer, task, options)
+    kept = path.with_suffix(".checkpoint")
+    checkpoint = Checkpoint(settings, kept, resume=options.get("resume", False))
     try:
-        policy, curve = trainer.train(settings, task)
+        policy, curve = trainer.train(settings, task, checkpoint)
     except KeyboardInterrupt:
-        warn("nothing was written: training begins again when it is run again")
+        if kept.exists():
+            warn(f"{kept} holds what was learned: the same command with --resume goes on from it")
+        else:
+            warn("nothing was written: training begins again when it is run again")
         raise
     row = evaluate(policy, policy.env).as_row()
     policy.provenance["evaluation"] = row
     written = [write_csv(path.with_suffix(".csv"), curve), path, path.with_suffix(".json")]
     policy.save(path)
+    kept.unlink(missing_ok=True)
     print(f"{printable(str(task))} by {algorithm}, {curve[-1]['steps']} steps")
     print(evaluation_text(row))
     show_written(written, figures=False)

@@ -20,10 +20,10 @@ from npend_gym.rl.controllers.transcription import Transcription
 # Of one rod or joint at a time: what parameters of the chain are multiplied by, or their values
 _FACTORS = 0.75, 0.8125, 0.875, 0.9375, 1.0625, 1.125, 1.1875, 1.25
 _DAMPINGS = 0.025, 0.05, 0.075, 0.1  # N m s/rad
-# Of all rods or joints
-_ALL = {"masses": (0.9, 0.95, 1.05, 1.1), "lengths": (0.925, 0.95, 0.975, 1.025, 1.05, 1.075)}
-# Of each rod or joint by itself: how many chains, and between which factors or values
-_DRAWN = {"masses": (30, 0.88, 1.12), "lengths": (40, 0.94, 1.06), "damping": (15, 0.0, 0.1)}
+# Of all rods or joints: how many chains, between which factors or values
+_ALL = {"masses": (4, 0.9, 1.1), "lengths": (30, 0.94, 1.06), "damping": (16, 0.00625, 0.1)}
+# Of each rod or joint by itself, drawn
+_EACH = {"masses": (30, 0.88, 1.12), "lengths": (40, 0.94, 1.06), "damping": (30, 0.0, 0.1)}
 _NEAREST = 3  # plans from which another one is sought
 _DAMPING_UNIT = 1.0 / 3.0  # N m s/rad: what changes a plan as much as a factor of two
 _BACK, _AHEAD = 2, 4  # steps within which the nearest state of a plan is sought
@@ -35,19 +35,16 @@ Changes = Mapping[str, FloatArray]
 def wrong_chains(chain: Chain, seed: int) -> list[Changes]:
     """Return parameters of chains, by name, (n,) each: of one rod wrong, of all, of each."""
     n, rng, every = chain.n, np.random.default_rng(seed), list[Changes]()
-    nominal = {"masses": chain.masses, "lengths": chain.lengths}
-    for name, values in nominal.items():
-        for i in range(n):
-            one: FloatArray = np.arange(n) == i
-            every += [{name: np.where(one, factor * values, values)} for factor in _FACTORS]
+    unit = {"masses": chain.masses, "lengths": chain.lengths, "damping": np.ones(n)}
     for i in range(n):
-        every += [{"damping": np.where(np.arange(n) == i, value, 0.0)} for value in _DAMPINGS]
-    every += [{"damping": np.full(n, value)} for value in _DAMPINGS]
-    for name, factors in _ALL.items():
-        every += [{name: factor * nominal[name]} for factor in factors]
-    for name, (count, low, high) in _DRAWN.items():
-        unit = nominal.get(name, np.ones(n))
-        every += [{name: unit * drawn} for drawn in rng.uniform(low, high, (count, n))]
+        one: FloatArray = np.arange(n) == i
+        for name in ("masses", "lengths"):
+            every += [{name: np.where(one, k * unit[name], unit[name])} for k in _FACTORS]
+        every += [{"damping": np.where(one, value, 0.0)} for value in _DAMPINGS]
+    for name, (count, low, high) in _ALL.items():
+        every += [{name: factor * unit[name]} for factor in np.linspace(low, high, count)]
+    for name, (count, low, high) in _EACH.items():
+        every += [{name: unit[name] * drawn} for drawn in rng.uniform(low, high, (count, n))]
     return every
 
 

@@ -20,10 +20,25 @@ _MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
 class Dataset:
     """Observations, what the expert would have done there, and how much that matters."""
 
+    changes = ("size", "filled")
+
     def __init__(self, max_states: int, inputs: int, joints: int) -> None:
         self.size = 0
         self.observations = torch.empty(max_states, inputs)
         self.actions, self.weights = torch.empty(2, max_states, joints)
+
+    @property
+    def filled(self) -> list[torch.Tensor]:
+        """The rows that are in use, of observations, actions and weights."""
+        return [part[: self.size].clone() for part in self._parts()]
+
+    @filled.setter
+    def filled(self, rows: list[torch.Tensor]) -> None:
+        for part, saved in zip(self._parts(), rows, strict=True):
+            part[: len(saved)] = saved
+
+    def _parts(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        return self.observations, self.actions, self.weights
 
     def add(
         self, observations: Any, tracking: Tracking, chosen: Any, rng: np.random.Generator
@@ -60,6 +75,8 @@ class Fit:
     distance : float
         Mean of that from the expert's actions, in the last call.
     """
+
+    changes = ("optimizer", "shuffler", "updates", "distance")
 
     def __init__(
         self, student: nn.Module, dataset: Dataset, obs_scale: torch.Tensor, settings: Any

@@ -50,6 +50,11 @@ class DisturbedCollector:
         Those of `robust_shac`.
     """
 
+    changes = (
+        "rng", "calls", "context", "states", "actions", "observations", "noise", "time", "pulses",
+        "age", "lanes",
+    )  # fmt: skip
+
     def __init__(self, task: DisturbedTask, settings: Any) -> None:
         self.task, self.config, self.settings = task, task.config, settings
         self.rng, size = np.random.default_rng(settings.seed), settings.num_envs
@@ -89,13 +94,8 @@ class DisturbedCollector:
         ideal = rng.random(count) < self.settings.ideal_share
         scale = np.where(ideal, 0.0, self.level)[:, None]
         self.context[over] = self.nominal + scale * (drawn - self.nominal)
-        chain = self.config.chain.repeated(count)
-        context = self.context[over]
-        changes = {k: self.task.values(k, context) for k in OF_CHAIN if self.task.columns[k]}
-        if "gravity" in changes:
-            changes["gravity"] = changes["gravity"][:, 0]
         lanes = np.flatnonzero(over)
-        self.lanes.set_chain(lanes, chain.changed(changes))
+        self._set_chains(lanes)
         theta, omega = self.starts(count)
         self.lanes.set_state(lanes, theta, omega)
         self.noise[over], self.time[over] = rng.normal(size=count), 0.0
@@ -108,6 +108,20 @@ class DisturbedCollector:
         self.actions = [torch.where(mask, 0.0, each) for each in self.actions]
         shown = self.task.sense(self.states, drawn, torch.randn(len(over), 2 * n))
         self.observations = [torch.where(mask, shown, each) for each in self.observations]
+
+    def _set_chains(self, lanes: np.ndarray) -> None:
+        """Give some lanes the chains that were drawn."""
+        context = self.context[lanes]
+        changes = {k: self.task.values(k, context) for k in OF_CHAIN if self.task.columns[k]}
+        if "gravity" in changes:
+            changes["gravity"] = changes["gravity"][:, 0]
+        self.lanes.set_chain(lanes, self.config.chain.repeated(lanes.size).changed(changes))
+
+    def restored(self) -> None:
+        """Renew the chains; their states stay what they are."""
+        theta, omega = self.lanes.theta, self.lanes.omega
+        self._set_chains(np.arange(len(self.noise)))
+        self.lanes.set_state(slice(None), theta, omega)
 
     def starts(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return angles and speeds: some as the task starts, some near upright, some anywhere.

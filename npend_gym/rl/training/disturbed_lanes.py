@@ -12,13 +12,13 @@ from npend_gym.rl.training.context_plans import ContextPlans
 # What is wrong in an episode, and in which share of the episodes. In the last some of the others
 # are wrong at once, half as much
 ERRORS = {
-    "nothing": 0.08,
-    "chain": 0.36,
-    "velocity_noise": 0.15,
-    "torque_noise": 0.08,
+    "nothing": 0.06,
+    "chain": 0.38,
+    "velocity_noise": 0.14,
+    "torque_noise": 0.07,
     "motor_lag": 0.02,
-    "delay": 0.13,
-    "pulses": 0.13,
+    "delay": 0.16,
+    "pulses": 0.12,
     "several": 0.05,
 }
 _NAMES = tuple(ERRORS)
@@ -26,7 +26,7 @@ _SEVERAL = {"chain": 0.5, "velocity_noise": 0.5, "torque_noise": 0.3, "delay": 0
 _VELOCITY_NOISE = 0.5  # rad/s
 _TORQUE_NOISE = 1.1 / 6.0  # over the torque limit
 _LAG = 0.02  # s
-_DELAY = 1.2  # steps; whatever is drawn above 1 is 1
+_DELAY = 1.5  # steps; whatever is drawn above 1 is 1
 _PULSE_RATE, _PAUSE = 0.35, 0.8  # a second; s, at least, between two pulses
 _PULSE_WIDTH, _PULSE = (0.05, 0.1), (1.0 / 12.0, 5.0 / 6.0)  # s; peaks over the torque limit
 _START = 0.05  # rad, rad/s
@@ -60,6 +60,11 @@ class DisturbedLanes:
         Where an episode begins.
     """
 
+    changes = (
+        "error", "which", "age", "begins", "_rng", "_past", "_last", "_noise", "_torque_noise",
+        "_lag", "_delay", "_pulse",
+    )  # fmt: skip
+
     def __init__(self, config: EnvConfig, plans: ContextPlans, size: int, seed: int) -> None:
         self.config, self.plans, self.size = config, plans, size
         self._rng = np.random.default_rng([seed, 1])
@@ -79,23 +84,32 @@ class DisturbedLanes:
 
     def restart(self, over: BoolArray) -> None:
         """Begin new episodes in some lanes."""
-        lanes, rng, n, plans = np.flatnonzero(over), self._rng, self.config.n, self.plans
+        lanes, rng, n = np.flatnonzero(over), self._rng, self.config.n
         if lanes.size == 0:
             return
         shares = np.array(list(ERRORS.values()))
         error = rng.choice(len(ERRORS), lanes.size, p=shares / shares.sum())
         self._draw_errors(lanes, error)
-        which, own = self.which[lanes], self.config.chain
-        chains = own.repeated(
-            lanes.size,
-            masses=plans.masses[which], lengths=plans.lengths[which], damping=plans.damping[which],
-        )  # fmt: skip
-        self._lanes.set_chain(lanes, chains)
+        self._set_chains(lanes)
         theta, omega = rng.uniform(-_START, _START, (2, lanes.size, n))
         self._lanes.set_state(lanes, theta, omega)
         self._past[lanes] = np.hstack([theta, omega])[:, None]
         self._last[lanes], self.age[lanes], self.begins[lanes] = 0.0, 0, True
         self._pulse[:, lanes] = np.array([-1.0, 1.0, 0.0])[:, None]
+
+    def restored(self) -> None:
+        """Put all lanes into the states that were restored."""
+        self._set_chains(np.arange(self.size))
+        self._lanes.set_state(slice(None), *np.split(self.states, 2, axis=1))
+
+    def _set_chains(self, lanes: np.ndarray) -> None:
+        """Give some lanes the chains of their plans."""
+        plans, which = self.plans, self.which[lanes]
+        chains = self.config.chain.repeated(
+            lanes.size,
+            masses=plans.masses[which], lengths=plans.lengths[which], damping=plans.damping[which],
+        )  # fmt: skip
+        self._lanes.set_chain(lanes, chains)
 
     def _draw_errors(self, lanes: np.ndarray, error: np.ndarray) -> None:
         """Draw what is wrong in some lanes."""

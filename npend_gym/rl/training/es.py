@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.rollouts import make_envs
 from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.tasks import Curve, env_of_task, evaluation_env, made_by
 
 
@@ -50,39 +50,59 @@ def settings_of(task: str, **changes: Any) -> Settings:
     return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
-    """Return the trained policy and its learning curve, a row for every tenth update."""
-    rng = np.random.default_rng(settings.seed)
-    keywords = settings.env | {"max_episode_steps": None}
-    envs = make_envs(ENV_ID, 2 * settings.pairs, keywords)
-    weights = np.zeros(envs.single_observation_space.shape[0])
-    odd = np.repeat([1.0, 0.0, 1.0], weights.size // 3)  # sines, cosines, speeds
-    first_moment, second_moment = np.zeros((2, weights.size))  # of Adam
-    curve: Curve = []
-    start_time = time.perf_counter()
-    for update in tqdm(range(1, settings.updates + 1), progress, disable=None, unit="update"):
-        noise = odd * rng.normal(size=(settings.pairs, weights.size))
-        candidates = weights + settings.noise_std * np.concatenate([noise, -noise])
+class Search:
+    """A linear policy that follows the returns of candidates near it."""
+
+    changes = ("rng", "weights", "moments")
+
+    def __init__(self, settings: Settings, inputs: int) -> None:
+        self.settings, self.rng = settings, np.random.default_rng(settings.seed)
+        self.weights = np.zeros(inputs)
+        self.moments = np.zeros((2, inputs))  # of Adam
+        self.odd = np.repeat([1.0, 0.0, 1.0], inputs // 3)  # sines, cosines, speeds
+
+    def update(self, envs: Any, update: int) -> tuple[FloatArray, BoolArray]:
+        """Improve the policy; return the returns and successes of the candidates."""
+        settings = self.settings
+        noise = self.odd * self.rng.normal(size=(settings.pairs, self.weights.size))
+        candidates = self.weights + settings.noise_std * np.concatenate([noise, -noise])
         # the same start for all; training takes seeds below 10^6, evaluation those from there on
         seed = 1000 * settings.seed + update
         returns, success = play(envs, candidates, settings.num_steps, seed)
         ranks = returns.argsort().argsort() / (returns.size - 1)
         gradient = (ranks[: settings.pairs] - ranks[settings.pairs :]) @ noise / settings.pairs
-        first_moment = 0.9 * first_moment + 0.1 * gradient
-        second_moment = 0.99 * second_moment + 0.01 * gradient**2
+        first_moment, second_moment = self.moments
+        first_moment[:] = 0.9 * first_moment + 0.1 * gradient
+        second_moment[:] = 0.99 * second_moment + 0.01 * gradient**2
         mean, square = first_moment / (1.0 - 0.9**update), second_moment / (1.0 - 0.99**update)
         learning_rate = settings.learning_rate * (1.0 - (update - 1) / settings.updates)
-        weights += learning_rate * (mean / (np.sqrt(square) + 1e-8))
+        self.weights += learning_rate * (mean / (np.sqrt(square) + 1e-8))
+        return returns, success
+
+
+def train(
+    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
+) -> tuple[Policy, Curve]:
+    """Return the trained policy and its learning curve, a row for every tenth update."""
+    keywords = settings.env | {"max_episode_steps": None}
+    envs = make_envs(ENV_ID, 2 * settings.pairs, keywords)
+    search = Search(settings, envs.single_observation_space.shape[0])
+    curve: Curve = []
+    clock = Stopwatch(time.perf_counter)
+    parts = {"search": search, "curve": curve, "clock": clock}
+    checkpoint = checkpoint or Checkpoint(settings)
+    for update in checkpoint.rounds(parts, settings.updates, progress, "update"):
+        returns, success = search.update(envs, update)
         if update % 10 == 0 or update == settings.updates:
             curve.append({
                 "steps": update * returns.size * settings.num_steps,
-                "seconds": round(time.perf_counter() - start_time, 2),
+                "seconds": round(clock.seconds, 2),
                 "return": round(float(returns.mean()), 4),
                 "success": round(float(success.mean()), 4),
                 "std": settings.noise_std,
             })  # fmt: skip
     envs.close()
-    return policy_of(weights, settings, curve[-1]), curve
+    return policy_of(search.weights, settings, curve[-1]), curve
 
 
 def play(envs: Any, weights: FloatArray, steps: int, seed: int) -> tuple[FloatArray, BoolArray]:

@@ -14,20 +14,19 @@ with noise (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the s
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_swing_up
 from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.rollouts import make_envs
 from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, Fit
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
@@ -39,7 +38,7 @@ class Settings:
     env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of gym.make_vec
     seed: int = 0
     seconds: float = 4.5  # of a planned trajectory
-    guesses: int = 4  # that lead to trajectories: see `experts_of`
+    guesses: int = 4  # that may lead to trajectories, each an expert
     rounds: int = 24  # after a first one, in which the expert acts alone
     num_envs: int = 512
     expert_fraction: float = 0.25  # of the environments: the expert acts, with noise
@@ -73,6 +72,8 @@ def settings_of(task: str, **changes: Any) -> Settings:
 
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
+
+    changes = ("student", "dataset", "fit")
 
     def __init__(self, settings: Settings, envs: Any, expert: Any) -> None:
         self.settings, self.envs, self.expert = settings, envs, expert
@@ -133,58 +134,71 @@ class DAgger:
         return means | {"taken_over": round(float(steps_taken / steps), 4)}
 
 
-def experts_of(settings: Settings, config: Any) -> list[PlannedTransition | PlannedTransitions]:
-    """Return plans for the task, each by itself an expert; with goals one has those of all pairs.
+def expert_of(
+    settings: Settings, config: Any, guess: int
+) -> PlannedTransition | PlannedTransitions | None:
+    """Return the plan that a guess leads to, if any; with goals an expert has those of all pairs.
 
     Nothing calms the chain before a plan begins: without a clock, holding looks like leaving.
     """
     if config.mode.has_goals:
         options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
-        return [planned_transitions(config, settings.seconds, **options)]
-    found: list[PlannedTransition | PlannedTransitions] = []
-    for guess in range(settings.guesses):
-        seed = settings.guesses * settings.seed + guess
-        with suppress(RuntimeError):  # this guess leads to no trajectory
-            found.append(
-                planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
-            )
-    if not found:
-        raise RuntimeError("no guess led to a trajectory: give it more seconds or guesses")
-    return found
+        return planned_transitions(config, settings.seconds, **options) if guess == 0 else None
+    seed = settings.guesses * settings.seed + guess
+    with suppress(RuntimeError):  # this guess leads to no trajectory
+        return planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
+    return None
 
 
-def begin(settings: Settings, envs: Any) -> list[DAgger]:
-    """Return students after two rounds, that which is nearest to its expert first.
+def begin(settings: Settings, envs: Any) -> tuple[DAgger, int, int]:
+    """Return the student that is nearest to its expert after two rounds.
 
     Some trajectories are much harder to learn than others, and nothing else tells which.
+
+    Returns
+    -------
+    tuple
+        The student, the number of its guess, and how many students were tried.
     """
-    begun: list[DAgger] = []
-    for expert in experts_of(settings, envs.unwrapped.config):
+    begun: list[tuple[DAgger, int]] = []
+    for guess in range(settings.guesses):
+        expert = expert_of(settings, envs.unwrapped.config, guess)
+        if expert is None:
+            continue
         dagger = DAgger(settings, envs, expert)
         dagger.play(0)
         dagger.fit(settings.first_updates)
         dagger.play(1)
         dagger.fit(settings.updates)
-        begun.append(dagger)
-    return sorted(begun, key=lambda dagger: dagger.fit.distance)
+        begun.append((dagger, guess))
+    if not begun:
+        raise RuntimeError("no guess led to a trajectory: give it more seconds or guesses")
+    return *min(begun, key=lambda pair: pair[0].fit.distance), len(begun)
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
+def train(
+    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
+) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every round from the third on.
 
     Its "seconds" are processor time.
     """
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
-    start_time = time.process_time()
+    clock, curve = Stopwatch(), Curve()
     envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"max_episode_steps": None})
-    dagger, *others = begin(settings, envs)
-    curve: Curve = []
-    for round_ in tqdm(range(2, settings.rounds + 1), progress, disable=None, unit="round"):
+    checkpoint = checkpoint or Checkpoint(settings)
+    if checkpoint.saved is None:
+        dagger, guess, tried = begin(settings, envs)
+    else:  # the others have been tried
+        guess, tried = checkpoint.saved["parts"]["choice"]
+        dagger = DAgger(settings, envs, expert_of(settings, envs.unwrapped.config, guess))
+    parts = {"dagger": dagger, "choice": [guess, tried], "curve": curve, "clock": clock}
+    for round_ in checkpoint.rounds(parts, settings.rounds, progress, "round", first=2):
         score = dagger.play(round_)
         dagger.fit(settings.updates)
-        steps = (2 * len(others) + round_ + 1) * dagger.episode_steps * settings.num_envs
-        counts = {"steps": steps, "seconds": round(time.process_time() - start_time, 2)}
+        steps = (2 * (tried - 1) + round_ + 1) * dagger.episode_steps * settings.num_envs
+        counts = {"steps": steps, "seconds": round(clock.seconds, 2)}
         curve.append(counts | score | {"distance": round(dagger.fit.distance, 4)})
     envs.close()
     student, scale = dagger.student, dagger.obs_scale

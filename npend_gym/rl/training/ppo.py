@@ -18,12 +18,12 @@ import numpy as np
 import torch
 from torch import nn
 from torch.distributions.normal import Normal
-from tqdm import tqdm
 
 from npend_gym._checks import BoolArray
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.rollouts import make_envs
 from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
 
@@ -85,6 +85,8 @@ class Rollout(NamedTuple):
 class Collector:
     """Steps the environments, and records the episodes that end."""
 
+    changes = ("envs", "obs", "returns", "finished")
+
     def __init__(self, envs: Any, settings: Settings) -> None:
         self.envs, self.settings = envs, settings
         self.returns = np.zeros(envs.num_envs)
@@ -122,7 +124,9 @@ class Collector:
         self.returns[done] = 0.0
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
+def train(
+    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
+) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every 16 iterations."""
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
@@ -136,8 +140,13 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
     batch_size = settings.num_envs * settings.num_steps
     num_iterations = max(1, settings.total_timesteps // batch_size)
     curve: Curve = []
-    start_time = time.perf_counter()
-    for iteration in tqdm(range(1, num_iterations + 1), progress, disable=None, unit="update"):
+    clock = Stopwatch(time.perf_counter)
+    parts = {
+        "agent": agent, "optimizer": optimizer, "collector": collector, "shuffler": shuffler,
+        "random": TorchRandom(), "curve": curve, "clock": clock,
+    }  # fmt: skip
+    checkpoint = checkpoint or Checkpoint(settings)
+    for iteration in checkpoint.rounds(parts, num_iterations, progress, "update"):
         frac = 1.0 - (iteration - 1) / num_iterations
         optimizer.param_groups[0]["lr"] = frac * settings.learning_rate
         update(agent, optimizer, settings, shuffler, collector.collect(agent))
@@ -146,7 +155,7 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
             means = np.mean(finished, axis=0).round(4).tolist() if finished else (None, None)
             curve.append({
                 "steps": iteration * batch_size,
-                "seconds": round(time.perf_counter() - start_time, 2),
+                "seconds": round(clock.seconds, 2),
                 "return": means[0],
                 "success": means[1],
                 "std": round(float(agent.actor_logstd.detach().exp().mean()), 4),

@@ -12,19 +12,18 @@ history, is rapid motor adaptation (A. Kumar and others, arXiv:2107.04034) witho
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from npend_gym._checks import BoolArray
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import planned_swing_up
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.context_plans import ContextPlans, wrong_chains
 from npend_gym.rl.training.dataset import Dataset, Fit
 from npend_gym.rl.training.disturbed_lanes import DisturbedLanes
@@ -43,7 +42,7 @@ class Settings:
     plan_seed: int = 5  # of the first guess that leads to the plan
     seconds: float = 4.5  # of the plan
     wrong_chains: bool = True  # whether there are plans for others than the nominal chain
-    rounds: int = 40  # after a first one, in which the teacher acts alone
+    rounds: int = 48  # after a first one, in which the teacher acts alone
     num_envs: int = 320
     num_steps: int = 120  # of a round
     student_fraction: float = 0.35  # of the lanes: the student acts, and nobody takes over
@@ -58,7 +57,7 @@ class Settings:
     updates: int = 400  # after every other round
     minibatch_size: int = 1024
     learning_rate: float = 2e-3  # falls to zero along a cosine
-    length: int = 8  # observations that the student is given
+    length: int = 12  # observations that the student is given
     hidden: int = 184
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of changes in a step
@@ -78,6 +77,8 @@ def settings_of(task: str, **changes: Any) -> Settings:
 
 class RobustDAgger:
     """A student with memory, and the dataset that it learns from."""
+
+    changes = ("student", "dataset", "fit", "lanes", "history", "rng", "phase", "taken", "ended")
 
     def __init__(self, settings: Settings) -> None:
         self.settings, config = settings, EnvConfig(**settings.env)
@@ -159,7 +160,9 @@ class RobustDAgger:
         return replace(made, scale=frames, weights=[first.numpy(), *made.weights[1:]])
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
+def train(
+    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
+) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every fourth round.
 
     Its "seconds" are processor time; "stood" is the share of the episodes that the student alone
@@ -167,20 +170,23 @@ def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curv
     """
     torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
-    start_time = time.process_time()
+    clock, curve = Stopwatch(), Curve()
     dagger = RobustDAgger(settings)
-    dagger.play(_LONGEST, first=True)
-    dagger.ended.clear()
-    dagger.fit(settings.first_updates)
-    curve: Curve = []
-    for round_ in tqdm(range(1, settings.rounds + 1), progress, disable=None, unit="round"):
+    parts = {"dagger": dagger, "curve": curve, "clock": clock}
+    checkpoint = checkpoint or Checkpoint(settings)
+    for round_ in checkpoint.rounds(parts, settings.rounds, progress, "round", first=0):
+        if round_ == 0:
+            dagger.play(_LONGEST, first=True)
+            dagger.ended.clear()
+            dagger.fit(settings.first_updates)
+            continue
         taken_over = dagger.play(settings.num_steps)
         dagger.fit(settings.updates)
         if round_ % 4 == 0 or round_ == settings.rounds:
             ended, dagger.ended = dagger.ended, []
             curve.append({
                 "steps": (_LONGEST + round_ * settings.num_steps) * settings.num_envs,
-                "seconds": round(time.process_time() - start_time, 2),
+                "seconds": round(clock.seconds, 2),
                 "stood": round(float(np.mean([stood for _, stood in ended] or [0.0])), 4),
                 "taken_over": round(float(taken_over), 4),
                 "distance": round(dagger.fit.distance, 4),

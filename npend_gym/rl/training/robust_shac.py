@@ -19,6 +19,7 @@ import torch
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training import shac
+from npend_gym.rl.training.checkpoints import Checkpoint
 from npend_gym.rl.training.disturbed_horizons import DisturbedCollector, DisturbedTask
 from npend_gym.rl.training.short_horizons import Horizons
 from npend_gym.rl.training.tasks import Curve, env_of_task
@@ -91,12 +92,14 @@ class RobustLearner(shac.Learner):
         return replace(policy, scale=frames, weights=weights, env=env, provenance=about)
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
+def train(
+    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
+) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth; see `shac.learn`."""
     torch.manual_seed(settings.seed)
     task = DisturbedTask(EnvConfig(**settings.env), settings)
     collector = DisturbedCollector(task, settings)
-    return shac.learn(collector, RobustLearner(task, 1, settings), progress)
+    return shac.learn(collector, RobustLearner(task, 1, settings), progress, checkpoint)
 
 
 RANDOMIZE: dict[str, Any] = {

@@ -15,17 +15,16 @@ simulation", ICLR 2022. It differs from that paper in three things, all of which
 from __future__ import annotations
 
 import copy
-import time
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import nn
-from tqdm import tqdm
 
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
@@ -63,12 +62,15 @@ class Settings:
 class Learner:
     """The actor, the critic and the critic's target, with what has been simulated lately."""
 
+    changes = ("actor", "critic", "target", "memory")
+
     def __init__(self, task: Task, actions: int, settings: Settings) -> None:
         self.task, self.settings = task, settings
         self.actor = network(task.inputs, actions, settings.hidden, last_gain=0.1)
         judged = 3 * task.n + task.contexts
         self.critic = network(judged, 1, settings.critic_hidden, last_gain=1.0)
         self.target = copy.deepcopy(self.critic)
+        self.memory: Horizons | None = None
         self.discounts = settings.gamma ** torch.arange(settings.horizon + 1.0)
         self.optimizers = [
             torch.optim.Adam(self.actor.parameters(), betas=(0.9, 0.95), fused=True),
@@ -188,16 +190,20 @@ def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
     return Horizons(*(torch.cat(pair)[-most:] for pair in zip(memory, new, strict=True)))
 
 
-def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:
+def train(
+    settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
+) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth; see `learn`."""
     torch.manual_seed(settings.seed)
     config = EnvConfig(**settings.env)
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
-    return learn(collector, Learner(task, config.joints.size, settings), progress)
+    return learn(collector, Learner(task, config.joints.size, settings), progress, checkpoint)
 
 
-def learn(collector: Any, learner: Learner, progress: str | None) -> tuple[Policy, Curve]:
+def learn(
+    collector: Any, learner: Learner, progress: str | None, checkpoint: Checkpoint | None
+) -> tuple[Policy, Curve]:
     """Let the learner learn from what the collector simulates.
 
     Its seconds are processor time. The episodes that it tells of are played without noise and teach
@@ -208,24 +214,28 @@ def learn(collector: Any, learner: Learner, progress: str | None) -> tuple[Polic
     collector.lanes.step_jacobian(0.0, collector.config.dt)  # compiles, where not done yet
     batch_size = settings.num_envs * settings.horizon
     num_iterations = max(1, settings.total_timesteps // batch_size)
-    memory: Horizons | None = None
-    curve: Curve = []
-    seconds = 0.0
-    for k in tqdm(range(num_iterations), progress, disable=None, unit="horizon"):
-        began, left = time.process_time(), 1.0 - k / num_iterations
+    clock, curve = Stopwatch(), Curve()
+    parts = {
+        "learner": learner, "collector": collector, "random": TorchRandom(), "curve": curve,
+        "optimizers": dict(enumerate(learner.optimizers)), "clock": clock,
+    }  # fmt: skip
+    checkpoint = checkpoint or Checkpoint(settings)
+    for k in checkpoint.rounds(parts, num_iterations, progress, "horizon"):
+        left = 1.0 - (k - 1) / num_iterations
         rates = settings.actor_learning_rate, settings.critic_learning_rate
         for optimizer, rate in zip(learner.optimizers, rates, strict=True):
             optimizer.param_groups[0]["lr"] = rate * min(1.0, 1.5 * left + 0.02)
         new = collector.collect(learner.actor, settings.exploration * left)
-        memory = remembered(memory, new, settings.memory)
-        told = [learner.update(memory) for _ in range(settings.updates)][-1]
-        seconds += time.process_time() - began
-        if (k + 1) % max(1, num_iterations // 10) == 0 or k + 1 == num_iterations:
-            curve.append({"steps": (k + 1) * batch_size, "seconds": round(seconds, 2)})
+        learner.memory = remembered(learner.memory, new, settings.memory)
+        told = [learner.update(learner.memory) for _ in range(settings.updates)][-1]
+        if k % max(1, num_iterations // 10) == 0 or k == num_iterations:
+            seconds = clock.seconds
+            curve.append({"steps": k * batch_size, "seconds": round(seconds, 2)})
             policy = learner.policy({})
             trial = evaluate(policy, policy.env, episodes=20, seed=0)
             shown = {"return": float(trial.returns.mean()), "success": trial.success_rate} | told
             curve[-1] |= {name: round(value, 6) for name, value in shown.items()}
+            clock.seconds = seconds
     return learner.policy(curve[-1]), curve
 
 

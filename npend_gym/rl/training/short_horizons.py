@@ -108,6 +108,8 @@ class Collector:
         Those of `shac`.
     """
 
+    changes = ("rng", "lanes", "noise", "age")
+
     def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:
         self.config, self.task, self.settings = config, task, settings
         self.rng, size = np.random.default_rng(settings.seed), settings.num_envs

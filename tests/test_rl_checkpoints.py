@@ -1,0 +1,129 @@
+"""Training that is interrupted and resumed ends with the same policy, to the last bit."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from npend_gym.cli import main  # noqa: E402
+from npend_gym.rl.training import (  # noqa: E402
+    es,
+    imitation,
+    ppo,
+    robust_imitation,
+    robust_shac,
+    shac,
+)
+from npend_gym.rl.training.checkpoints import Checkpoint  # noqa: E402
+
+pytestmark = pytest.mark.long
+
+ONE = {"n": 1, "mode": "swingup", "observation": "sincos"}
+SHORT = {"rounds": 5, "updates": 20, "first_updates": 40, "hidden": 16}
+RUNS = {
+    "es": (es, es.settings_of("calm-2", updates=12, pairs=4, num_steps=30)),
+    "ppo": (ppo, ppo.settings_of("swingup-1-robust", total_timesteps=16_384, hidden=16)),
+    "imitation": (imitation, imitation.Settings(ONE, seconds=3.0, guesses=2, num_envs=8, **SHORT)),
+    "robust_imitation": (
+        robust_imitation,
+        robust_imitation.Settings(
+            ONE, plan_seed=0, seconds=3.0, num_envs=16, num_steps=40, **SHORT
+        ),
+    ),
+    "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, updates=2, num_envs=16)),
+    "robust_shac": (
+        robust_shac,
+        robust_shac.settings_of("swingup-2-robust", total_timesteps=960, updates=1, num_envs=32),
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def few_wrong_chains(monkeypatch):
+    few = [{"lengths": np.array([1.1])}, {"damping": np.array([0.05])}]
+    monkeypatch.setattr(robust_imitation, "wrong_chains", lambda *_: few)
+
+
+class StoppedError(Exception):
+    """Stands for Ctrl-C."""
+
+
+class StoppedCheckpoint(Checkpoint):
+    """Writes after every round, and stops in the middle of one."""
+
+    def rounds(self, parts, last, title, unit, first=1):
+        for round_ in super().rounds(parts, last, title, unit, first):
+            yield round_
+            if round_ >= (first + last) // 2:
+                raise StoppedError  # after the round, before it is written
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_run_that_was_stopped_ends_as_one_that_was_not(name, tmp_path):
+    trainer, settings = RUNS[name]
+    whole, curve = trainer.train(settings)
+    path = tmp_path / "run.checkpoint"
+    with pytest.raises(StoppedError):
+        trainer.train(settings, None, StoppedCheckpoint(settings, path, seconds=0.0))
+    torch.manual_seed(123)
+    policy, resumed = trainer.train(settings, None, Checkpoint(settings, path, resume=True))
+    pairs = zip(policy.weights + policy.biases, whole.weights + whole.biases, strict=True)
+    for ours, theirs in pairs:
+        np.testing.assert_array_equal(ours, theirs)
+    without = [{k: v for k, v in row.items() if k != "seconds"} for row in curve]
+    assert [{k: v for k, v in row.items() if k != "seconds"} for row in resumed] == without
+
+
+def test_a_checkpoint_of_other_settings_or_none_is_refused(tmp_path):
+    trainer, settings = RUNS["es"]
+    path = tmp_path / "run.checkpoint"
+    with pytest.raises(ValueError, match="there is no checkpoint"):
+        Checkpoint(settings, path, resume=True)
+    with pytest.raises(StoppedError):
+        trainer.train(settings, None, StoppedCheckpoint(settings, path, seconds=0.0))
+    with pytest.raises(ValueError, match="has the settings"):
+        Checkpoint(es.settings_of("calm-2", seed=1), path, resume=True)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(ValueError, match="is no checkpoint"):
+        Checkpoint(settings, path, resume=True)
+
+
+def test_a_checkpoint_runs_no_code(tmp_path):
+    import pickle
+
+    class Evil:
+        def __reduce__(self):
+            return (tmp_path.joinpath("was_run").mkdir, ())
+
+    path = tmp_path / "run.checkpoint"
+    torch.save({"about": Evil()}, path)
+    with pytest.raises(ValueError, match="is no checkpoint"):
+        Checkpoint(RUNS["es"][1], path, resume=True)
+    path.write_bytes(pickle.dumps(Evil()))
+    with pytest.raises(ValueError, match="is no checkpoint"):
+        Checkpoint(RUNS["es"][1], path, resume=True)
+    assert not tmp_path.joinpath("was_run").exists()
+
+
+def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
+    common = ["train", "calm-1", "--algorithm", "es", "--set", "updates=6", "--set", "pairs=2",
+              "--set", "num_steps=20"]  # fmt: skip
+    assert main([*common, "--out", str(tmp_path / "whole")]) == 0
+    play, calls = es.play, []
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return play(*arguments)
+
+    monkeypatch.setattr(es, "play", interrupted)
+    monkeypatch.setattr(Checkpoint.__init__, "__kwdefaults__", {"resume": False, "seconds": 0.0})
+    out = ["--out", str(tmp_path / "two")]
+    assert main([*common, *out]) == 130
+    assert "--resume goes on" in capsys.readouterr().err
+    assert main([*common, *out, "--resume"]) == 0
+    assert not list(tmp_path.glob("two/*.checkpoint"))
+    runs = [np.load(tmp_path / folder / "calm-1.npz") for folder in ("whole", "two")]
+    for name in runs[0].files:
+        np.testing.assert_array_equal(*(run[name] for run in runs))
