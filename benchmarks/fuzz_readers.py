@@ -15,6 +15,7 @@ was a finding.
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import hashlib
 import importlib
 import random
@@ -201,6 +202,7 @@ def main() -> int:
     parser.add_argument("--guided", action="store_true", help="by coverage, one reader, Atheris")
     options = parser.parse_args()
     sys.path.insert(0, str(TESTS))
+    faulthandler.enable()  # a library may end the process
     from readers import make_readers
 
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as own:

@@ -119,9 +119,8 @@ class Log(_files.Disk):
         self.entries.append(("sync", place if place.is_dir() else self._number(descriptor)))
 
     def replace(self, source, target):
-        status = Path(source).stat()
-        place = status.st_dev, status.st_ino
-        number = None if Path(source).is_dir() else self._files[place]
+        status, folder = Path(source).stat(), Path(source).is_dir()
+        number = None if folder else self._files[(status.st_dev, status.st_ino)]
         os.replace(source, target)
         self.entries.append(("name", Path(target).parent, Path(target), number))
         self.entries.append(("unname", Path(source).parent, Path(source)))
@@ -164,8 +163,9 @@ def after_power_cut(
         ):  # fmt: skip
             if kind == "name":
                 names[rest[0]] = rest[1]
-            else:
-                names.pop(rest[0], None)
+            elif names.pop(rest[0], 0) is None:  # what is in a folder goes where its name goes
+                for path in [path for path in names if rest[0] in path.parents]:
+                    del names[path]
     out.mkdir()
     for path, number in sorted(names.items(), key=lambda item: len(item[0].parts)):
         place = out / path.relative_to(folder)

@@ -70,7 +70,7 @@ def fail_once(number, kind, code, out, monkeypatch, expected):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("every", [27, pytest.param(1, marks=pytest.mark.long)])
 def test_a_failed_operation_is_told_and_a_second_run_has_the_same_bytes(
     kind, every, undisturbed, tmp_path, monkeypatch
 ):
@@ -109,7 +109,7 @@ def test_a_lock_that_fails_is_told_and_a_second_run_has_the_same_bytes(
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="asks Linux for the names of files")
 @pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("every", [13, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("every", [27, pytest.param(1, marks=pytest.mark.long)])
 def test_after_a_power_cut_at_any_moment_the_same_command_comes_to_the_same_bytes(
     loss, every, undisturbed, tmp_path
 ):

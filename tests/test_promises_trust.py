@@ -228,8 +228,8 @@ def with_column(name, values):
 
 
 FORGERIES = {
-    "empty": (b"", "size is 0 bytes"),
-    "text": (b"cell,trial\n1,2\n", "magic bytes|too small|smaller"),
+    "empty": (b"", "no Parquet file"),
+    "text": (b"cell,trial\n1,2\n", "no Parquet file"),
     "no rows": (lambda table: table.slice(0, 0), "20 rows"),
     "no column": (lambda table: table.drop_columns(["median_s"]), "columns"),
     "another column": (lambda table: table.append_column("x", table["cell"]), "columns"),
@@ -279,7 +279,7 @@ def test_a_part_whose_pages_expand_beyond_its_rows_is_refused(lie, tmp_path):
         assert whole[at + 1] >= 128 > whole[at + 2]
         whole[at : at + 3] = bytes((number & 127 | 128, number >> 7 & 127 | 128, number >> 14))
         path.write_bytes(whole)
-        with pytest.raises(ValueError, match=r"is no part .*column median_s has too many bytes"):
+        with pytest.raises(ValueError, match=r"is no part .*a column has [0-9]+ bytes, at most"):
             read_releases(plan, tmp_path, task)
     else:
         assert read_releases(plan, tmp_path, task)["median_s"].size == 4000

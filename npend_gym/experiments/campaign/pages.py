@@ -1,20 +1,51 @@
-"""How large the pages of a Parquet column unpack, read from their headers and nothing else.
+"""How large the columns of a Parquet file unpack, read from its headers and nothing else.
 
-A part comes from a folder that others may have written, and a header decides how much memory its
-page takes: a thousand bytes may say, and be, two gigabytes. Headers are in Thrift's compact
-protocol: https://github.com/apache/parquet-format, `PageHeader`.
+A part comes from a folder that others may have written, and the header of a page decides how much
+memory it takes: some thousand bytes may say, and be, two gigabytes. pyarrow tells neither that nor,
+for damaged files, where columns are: it ends the process. Headers are in Thrift's compact protocol:
+https://github.com/apache/parquet-format, `FileMetaData` and `PageHeader`.
 """
 
 from __future__ import annotations
 
-_TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY, _STRUCT = 1, 2, 3, 7, 8, 12  # kinds of a field
+from typing import Any
+
+_TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY, _LIST, _SET, _STRUCT = 1, 2, 3, 7, 8, 9, 10, 12  # kinds
 _INTEGERS = (4, 5, 6)
-_MAX_DEPTH = 8
-_UNCOMPRESSED, _COMPRESSED = 2, 3  # fields of a PageHeader
+_MAX_DEPTH = 16
+_MAGIC = b"PAR1"
+_ROW_GROUPS, _COLUMNS, _META = 4, 1, 3  # fields: of a file, of a group of rows, of a column
+_SIZE, _FIRST_PAGE, _DICTIONARY = 7, 9, 11  # of what describes a column
+_UNPACKED, _PACKED = 2, 3  # of a page
+
+
+def unpacked_sizes(data: bytes) -> list[int]:
+    """Return how many bytes the pages of each column say that they take, all together.
+
+    Raises
+    ------
+    ValueError
+        If `data` is no Parquet file of one group of rows, without dictionaries.
+    """
+    end = len(data) - 8
+    if end < 0 or data[-4:] != _MAGIC:
+        raise ValueError("it is no Parquet file")
+    start = end - int.from_bytes(data[end : end + 4], "little")
+    if start < 0:
+        raise ValueError("it is cut off")
+    try:
+        (group,) = _Header(data[:end], start).struct()[_ROW_GROUPS]
+        columns = [column[_META] for column in group[_COLUMNS]]
+        if any(_DICTIONARY in column for column in columns):
+            raise ValueError("it has a dictionary")
+        spans = [(column[_FIRST_PAGE], column[_SIZE]) for column in columns]
+        return [unpacked_size(data[at : at + size]) for at, size in spans if at >= 0 <= size]
+    except (KeyError, TypeError) as error:
+        raise ValueError("its description is incomplete") from error
 
 
 def unpacked_size(column: bytes) -> int:
-    """Return how many bytes the pages of a column chunk say that they take, all together.
+    """Return how many bytes the pages in `column` say that they take, all together.
 
     Raises
     ------
@@ -24,52 +55,60 @@ def unpacked_size(column: bytes) -> int:
     total = at = 0
     while at < len(column):
         header = _Header(column, at)
-        sizes = header.integers()
-        unpacked, packed = sizes.get(_UNCOMPRESSED, -1), sizes.get(_COMPRESSED, -1)
-        at = header.at + packed
-        if unpacked < 0 or packed < 0 or at > len(column):
+        sizes = header.struct()
+        unpacked, packed = sizes.get(_UNPACKED), sizes.get(_PACKED)
+        if (
+            not isinstance(unpacked, int)
+            or not isinstance(packed, int)
+            or min(unpacked, packed) < 0
+        ):
             raise ValueError("the sizes of its pages are wrong")
+        at = header.at + packed
         total += unpacked
+    if at > len(column):
+        raise ValueError("its pages are cut off")
     return total
 
 
 class _Header:
-    """A header that begins at `at`; `integers` goes to its end."""
+    """A struct that begins at `at`; reading it moves `at` to its end."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self.data, self.at = data, at
 
-    def integers(self, depth: int = 0) -> dict[int, int]:
-        """Return the integers of a struct by the numbers of their fields."""
+    def struct(self, depth: int = 0) -> dict[int, Any]:
+        """Return the values of a struct by the numbers of their fields."""
         if depth > _MAX_DEPTH:
-            raise ValueError("the headers of its pages are nested too deep")
-        found: dict[int, int] = {}
+            raise ValueError("its pages, or their description, are nested too deep")
+        found: dict[int, Any] = {}
         field = 0
         while byte := self._byte():
             field = field + (byte >> 4) if byte >> 4 else self._integer()
             kind = byte & 15
-            if kind in _INTEGERS:
-                found[field] = self._integer()
-            elif kind not in (_TRUE, _FALSE):
-                self._skip(kind, depth)
+            found[field] = kind == _TRUE if kind <= _FALSE else self._value(kind, depth)
         return found
 
-    def _skip(self, kind: int, depth: int) -> None:
+    def _value(self, kind: int, depth: int) -> Any:
+        """Return an integer, a struct or a list; skip what nobody asks for."""
+        if kind in _INTEGERS:
+            return self._integer()
         if kind == _STRUCT:
-            self.integers(depth + 1)
-        elif kind == _BINARY:
-            size = self._varint()
-            self.at += size
-        elif kind == _DOUBLE:
-            self.at += 8
-        elif kind == _BYTE:
-            self.at += 1
-        else:  # PageHeader has no lists, sets and maps
-            raise ValueError("the headers of its pages are none of Parquet's")
+            return self.struct(depth + 1)
+        if kind in (_LIST, _SET):
+            byte = self._byte()
+            count = self._varint() if byte >> 4 == 15 else byte >> 4
+            if count > len(self.data) - self.at:  # each takes a byte at least
+                raise ValueError("its pages, or their description, are cut off")
+            return [self._value(byte & 15, depth + 1) for _ in range(count)]
+        if kind not in (_TRUE, _FALSE, _BYTE, _DOUBLE, _BINARY):
+            raise ValueError("its pages, or their description, are none of Parquet's")
+        size = self._varint() if kind == _BINARY else 8 if kind == _DOUBLE else 1
+        self.at += size
+        return None
 
     def _byte(self) -> int:
         if self.at >= len(self.data):
-            raise ValueError("its pages are cut off")
+            raise ValueError("its pages, or their description, are cut off")
         self.at += 1
         return self.data[self.at - 1]
 
@@ -80,7 +119,7 @@ class _Header:
             value |= (byte & 127) << shift
             if byte < 128:
                 return value
-        raise ValueError("the headers of its pages are none of Parquet's")
+        raise ValueError("its pages, or their description, are none of Parquet's")
 
     def _integer(self) -> int:
         value = self._varint()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.experiments.campaign.pages import unpacked_size
+from npend_gym.experiments.campaign.pages import unpacked_sizes
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
@@ -186,6 +186,9 @@ def _read_bounded(path: Path, rows: int) -> Any:
     if not path.is_file() or path.stat().st_size > len(_TYPES) * _most_bytes(rows):
         raise ValueError("it is no file of such a size")
     data = path.read_bytes()
+    sizes = unpacked_sizes(data)
+    if max(sizes, default=0) > _most_bytes(rows):
+        raise ValueError(f"a column has {max(sizes)} bytes, at most {_most_bytes(rows)}")
     file = pq.ParquetFile(pa.BufferReader(data), **_THRIFT)
     kinds = {each.name: str(each.type) for each in file.schema_arrow}
     if list(kinds) != list(_TYPES) or len(kinds) < len(file.schema_arrow):
@@ -195,16 +198,8 @@ def _read_bounded(path: Path, rows: int) -> Any:
     for name, kind in kinds.items():
         if kind != _TYPES[name]:
             raise ValueError(f"its {name} must have the type {_TYPES[name]}, got {kind}")
-    if (file.metadata.num_rows, file.metadata.num_row_groups) != (rows, 1):
-        raise ValueError(f"it must have {rows} rows in one group, got {file.metadata.num_rows}")
-    group = file.metadata.row_group(0)
-    for k in range(group.num_columns):
-        column = group.column(k)
-        first, size = column.data_page_offset, column.total_compressed_size
-        if column.has_dictionary_page or first < 0 or size < 0:
-            raise ValueError("its pages are none that a campaign writes")
-        if unpacked_size(data[first : first + size]) > _most_bytes(rows):
-            raise ValueError(f"its column {column.path_in_schema} has too many bytes")
+    if file.metadata.num_rows != rows:
+        raise ValueError(f"it must have {rows} rows, got {file.metadata.num_rows}")
     return file.read(use_threads=False)
 
 
