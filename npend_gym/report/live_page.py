@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym import _files, theory
+from npend_gym import _checks, _files, theory
 from npend_gym._version import __version__
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.report import player
@@ -25,8 +25,11 @@ MAX_N = 100
 # place of 10 two rods are swung up from 6 starts of 100, four from 52
 _BITS = {2: 10, 3: 8, 4: 10}
 _PACKED_BITS = 10
-_MAX_DEGREES = 175  # of the release
-_SCRIPTS = "chain.js", "policy.js", "stage.js", "app.js"
+_DEGREES = 5, 175  # of the release: the ends of its slider
+_SCRIPTS = (
+    "diagram.js",
+    *(f"live/{name}.js" for name in ("chain", "policy", "stage", "motion", "tell", "app")),
+)
 
 
 class Network(NamedTuple):
@@ -56,9 +59,13 @@ def write(engine: Engine, networks: Sequence[Network], angle: float, path: Path)
 
 def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
     """Return the page as text; the chain is released from `angle` [rad] at first."""
+    degrees = math.degrees(_checks.number("amplitude", angle))
+    if not _DEGREES[0] <= degrees <= _DEGREES[1]:
+        low, high = (math.radians(end) for end in _DEGREES)
+        raise ValueError(f"amplitude must be between {low:.2f} and {high:.2f} rad, got {angle}")
     packed = [part for network in networks for part in _packed(network)]
     unit = [Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1)]
-    factor = theory.pendulum_factor(np.radians(np.arange(_MAX_DEGREES + 1)))
+    factor = theory.pendulum_factor(np.radians(np.arange(_DEGREES[1] + 1)))
     data = {
         "layout": engine.layout,
         "physics": {"gravity": STANDARD_GRAVITY, **engine.constants},
@@ -73,19 +80,21 @@ def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
             }
             for network in networks
         ],
-        "moduleBytes": len(engine.module),
-        "binary": base64.b64encode(zlib.compress(b"".join([engine.module, *packed]), 9)).decode(),
+        "module": _text(engine.module),
+        "weights": _text(b"".join(packed)),
     }
-    folder = files("npend_gym.report") / "live"
-    style = (files("npend_gym.report") / "page.css").read_text("utf-8")
-    return Template((folder / "live.html").read_text("utf-8")).substitute(
+    folder = files("npend_gym.report")
+    styles = ((folder / name).read_text("utf-8") for name in ("page.css", "live/live.css"))
+    return Template((folder / "live/live.html").read_text("utf-8")).substitute(
         version=__version__,
         most=MAX_N,
-        angle=round(math.degrees(angle)),
+        angle=round(degrees),
+        least_angle=_DEGREES[0],
+        most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
         motors="\n".join(_choice(network.n) for network in networks),
         data=player.as_json(data),
-        style=player.palette_css() + style + (folder / "live.css").read_text("utf-8"),
+        style=player.palette_css() + "".join(styles),
         script="\n".join((folder / name).read_text("utf-8") for name in _SCRIPTS),
     )
 
@@ -106,16 +115,23 @@ def _packed(network: Network) -> list[bytes]:
     return [pack(weight, bias, bits) for weight, bias in layers]
 
 
+def _text(numbers: bytes) -> str:
+    """Return numbers compressed, as text."""
+    return base64.b64encode(zlib.compress(numbers, 9)).decode()
+
+
 def pack(weight: NDArray[np.float32], bias: NDArray[np.float32], bits: int) -> bytes:
     """Return weights (outputs, inputs) and biases (outputs,) of a layer in a small form.
 
     Biases and a factor for each row as float32; then the weights over that factor, rounded to whole
     numbers of 10 bits, of which the first `bits` are used: the upper eight as int8, and then the
-    two lower ones, for which the compression of the whole needs no more than these.
+    two lower ones, of four weights in a byte.
     """
     largest, spare = np.abs(weight).max(axis=1), 1 << (_PACKED_BITS - bits)
     levels = spare * ((1 << (bits - 1)) - 1)
     factor = (np.where(largest > 0.0, largest, 1.0) / levels).astype("<f4")
     whole = (spare * np.round(weight / (spare * factor[:, None]))).astype(np.int16)
-    high, low = (whole >> 2).astype("i1"), (whole & 3).astype("u1")
-    return bias.astype("<f4").tobytes() + factor.tobytes() + high.tobytes() + low.tobytes()
+    high, low = (whole >> 2).astype("i1"), np.zeros(-(-whole.size // 4) * 4, np.uint8)
+    low[: whole.size] = whole.ravel() & 3
+    together = np.bitwise_or.reduce(low.reshape(-1, 4) << np.array([0, 2, 4, 6], np.uint8), axis=1)
+    return bias.astype("<f4").tobytes() + factor.tobytes() + high.tobytes() + together.tobytes()

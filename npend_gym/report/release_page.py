@@ -23,6 +23,7 @@ from npend_gym.report import player
 from npend_gym.report.release_tables import LEGEND
 
 SUFFIXES = (".html",)
+_SCRIPTS = "player.js", "diagram.js", "page.js"
 _COLORS = {"T0": "orange", "T0+a": "amber", "T1": "green", "T(N,a)": "pink"}
 _STYLES = {"T0+a": "dashed"}
 _COLUMNS = {
@@ -72,7 +73,7 @@ def page(
         summary=_table(rows),
         data=player.as_json(data),
         style=player.palette_css() + (folder / "page.css").read_text("utf-8"),
-        script="".join((folder / name).read_text("utf-8") for name in ("player.js", "page.js")),
+        script="".join((folder / name).read_text("utf-8") for name in _SCRIPTS),
     )
 
 

@@ -12,9 +12,12 @@ class Policy {
     this.layers = shapes.map(([outputs, inputs]) => {
       const biases = floats(outputs), factors = floats(outputs), size = outputs * inputs;
       const high = new Int8Array(bytes.buffer, bytes.byteOffset + place, size);
-      const low = bytes.subarray(place + size, place + 2 * size);
-      place += 2 * size;
-      const weights = Float32Array.from(high, (value, k) => (4 * value + low[k]) * factors[Math.floor(k / inputs)]);
+      const low = bytes.subarray(place + size); // two bits of each weight, four weights in a byte
+      place += size + Math.ceil(size / 4);
+      const weights = Float32Array.from(high, (value, k) => {
+        const whole = 4 * value + ((low[k >> 2] >> (2 * (k & 3))) & 3);
+        return whole * factors[Math.floor(k / inputs)];
+      });
       return { weights, biases };
     });
     this.end = place;

@@ -1,4 +1,4 @@
-// The picture of the chain, and the diagram of the pseudo-periods.
+// The picture of the chain.
 
 const SHARE = 0.46; // of the canvas that the straight chain reaches from the middle
 const TRACE = 360; // places of the tip, in ticks
@@ -92,47 +92,4 @@ class Stage {
     pen.arc(...place, 16, Math.PI / 2, Math.PI / 2 - action * Math.PI, action > 0);
     pen.stroke();
   }
-}
-
-// ---- the diagram -----------------------------------------------------------------------------
-
-const BOX = { width: 480, height: 220, left: 40, right: 470, top: 12, bottom: 182 };
-
-function element(parent, name, attributes, text) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  if (text !== undefined) made.textContent = text;
-  return parent.appendChild(made);
-}
-
-/** At most seven round numbers from 0 to `high`; whole ones only, if so told. */
-function ticks(high, whole) {
-  const sizes = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].filter((size) => !whole || size >= 1);
-  const step = sizes.find((size) => high / size <= 7) ?? sizes.at(-1);
-  return Array.from({ length: Math.floor(high / step) + 1 }, (_, k) => Number((k * step).toPrecision(6)));
-}
-
-/** Draw the pseudo-periods of the bobs, that of the centre of mass, and the law, if it is known. */
-function drawPeriods(svg, periods, centre, law) {
-  const n = periods.length, known = periods.filter((period) => period > 0);
-  const high = 1.15 * Math.max(...known, centre, law ?? 0, 1);
-  const across = (bob) => BOX.left + ((bob - 0.5) / n) * (BOX.right - BOX.left);
-  const up = (value) => BOX.bottom - (value / high) * (BOX.bottom - BOX.top);
-  svg.replaceChildren();
-  svg.setAttribute("viewBox", `0 0 ${BOX.width} ${BOX.height}`);
-  for (const value of ticks(high, false)) {
-    element(svg, "line", { class: "grid", x1: BOX.left, x2: BOX.right, y1: up(value), y2: up(value) });
-    element(svg, "text", { x: BOX.left - 6, y: up(value) + 4, "text-anchor": "end" }, value);
-  }
-  for (const bob of ticks(n, true).map((value) => Math.max(value, 1)))
-    element(svg, "text", { x: across(bob), y: BOX.bottom + 16, "text-anchor": "middle" }, bob);
-  element(svg, "text", { x: (BOX.left + BOX.right) / 2, y: BOX.height - 4, "text-anchor": "middle" }, "bob, from the pivot");
-  const level = (value, color) => element(svg, "line", {
-    class: "line", style: `--color: var(--${color})`, x1: BOX.left, x2: BOX.right, y1: up(value), y2: up(value) });
-  if (law) level(law, "orange").classList.add("dashed");
-  if (centre > 0) level(centre, "pink");
-  periods.forEach((period, k) => {
-    const shape = { class: "dot", style: "--color: var(--blue)", cx: across(k + 1), cy: up(period), r: n > 40 ? 2.5 : 4 };
-    if (period > 0) element(svg, "circle", shape);
-  });
 }
