@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -215,3 +216,17 @@ def test_a_name_that_a_package_lacks_is_answered_with_where_it_stands():
         npend_gym.Policy  # noqa: B018
     with pytest.raises(AttributeError, match="did you mean 'simulate'"):
         npend_gym.simulat  # noqa: B018
+
+
+def test_the_versions_with_digests_are_those_of_the_constraints():
+    root = Path(__file__).parents[1]
+    pinned = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
+
+    def versions(path):
+        found = pinned.findall((root / path).read_text())
+        return {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in found}
+
+    text = (root / ".ci" / "requirements.txt").read_text()
+    assert versions(".ci/requirements.txt") == versions("constraints.txt")
+    each = re.split(r"\n(?=\S)", text.partition("\nabsl")[2])
+    assert all("--hash=sha256:" in one for one in each)
