@@ -10,6 +10,8 @@ const TOUCH = 44; // pixels within which a bob is grabbed
 const MAX_PARTS = 64; // of a tick, while a bob is pulled
 const reduced = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
+if (!globalThis.WebAssembly || !globalThis.DecompressionStream)
+  $("status").textContent = "This browser is too old: the pendulums need WebAssembly and DecompressionStream.";
 const chain = await Chain.load(await unpacked(data.module), data.layout, physics);
 const policies = new Map(), weights = await unpacked(data.weights);
 let end = 0;
@@ -23,10 +25,10 @@ const stage = new Stage($("chain"), data.palette, reduced);
 let running = !reduced, dirty = true, owed = 0, ticked = 0, slow = false;
 let motor = null; // the policy that acts, if any
 let action = 0; // its last
-let pull = null; // {bob, x, y, by}: a bob, and where it is pulled to [m]
+let pull = null; // {bob, x, y}: a bob, and where it is pulled to [m]; {key}: by a key
 let chosen = null; // the bob that keys push
-let released = null; // the angle of the release, while nothing else has moved the chain
-let upright = 0; // s for which the goal of the motor has been met
+let released = null; // rad, of the release, while nothing else has moved the chain
+let upright = false; // whether the network has met its goal for as long as success needs
 
 const value = (id) => Number($(id).value);
 const parameters = () => {
@@ -46,7 +48,7 @@ function begin(theta, omega) {
   chain.begin(parameters(), theta, omega);
   chain.torque.fill(0);
   stage.clear();
-  [owed, ticked, upright, action, dirty] = [0, 0, 0, 0, true];
+  [owed, ticked, upright, action, dirty] = [0, 0, false, 0, true];
   tell.reset();
 }
 
@@ -85,7 +87,7 @@ function tick() {
     if (pull) addPull();
     chain.advance(TICK / parts);
   }
-  upright = motor && !pull && chain.flag("SUCCESS") ? task.hold : 0;
+  upright = motor && !pull && chain.flag("SUCCESS");
   stage.follow(chain, !motor && !pull);
   if (chain.flag("DIVERGED")) release();
 }
