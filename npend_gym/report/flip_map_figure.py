@@ -16,7 +16,13 @@ try:
     import matplotlib as mpl
     from matplotlib.colors import ListedColormap, LogNorm
     from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+    from matplotlib.ticker import (
+        FuncFormatter,
+        LogLocator,
+        MaxNLocator,
+        MultipleLocator,
+        NullLocator,
+    )
 except ImportError as error:
     raise _extras.missing("matplotlib", "plot", "figures", error) from error
 from npend_gym.report.style import styled
@@ -57,7 +63,7 @@ def flip_map_figure(plan: FlipMap, times: FloatArray) -> Figure:
     axes.set_title(f"when a rod first turns over (black: not within {plan.duration:g} s)")
     axes.grid(visible=False)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(8, steps=[1, 1.5, 2, 3, 4.5, 5, 9, 10]))
+        axis.set_major_locator(MultipleLocator(45) if plan.width > np.pi else MaxNLocator(8))
     scale = figure.colorbar(shown, cax=bar, extend="min", label="time [s]")
     scale.locator, scale.formatter = LogLocator(subs=(1, 2, 5)), FuncFormatter("{0:g}".format)
     scale.minorlocator = NullLocator()
