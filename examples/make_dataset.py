@@ -26,7 +26,7 @@ from npend_gym.rl import Controller, PlannedTransitions, Policy, planned_transit
 
 KINDS = "random", "medium", "expert", "release", "transitions"
 # Deviation of the noise on the actions of "medium", under which a part of the episodes fails
-MEDIUM = {2: 0.08, 3: 0.1, 4: 0.03}
+MEDIUM = {2: 0.08, 3: 0.1, 4: 0.08}
 
 
 class Source(NamedTuple):
