@@ -161,6 +161,8 @@ def main() -> int:
                 counts[what] += 1
                 kills += what.endswith("killed")
                 orphans.look()
+                if kills % 10 == 0:
+                    print(f"{kills} kills so far:", dict(+counts), flush=True)
                 if what == "gave up":
                     print(out.with_suffix(".log").read_text()[-1000:], flush=True)
                 if what == "worker killed":

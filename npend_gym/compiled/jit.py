@@ -90,6 +90,7 @@ else:
     from numba import config, njit
     from numba.extending import overload
 
+    from npend_gym.compiled.machine_code import CheckedCache
     from npend_gym.compiled.notice import announce_first_compilation
 
     announce_first_compilation()
@@ -99,11 +100,13 @@ else:
         """Compile `function` with Numba."""
         before, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)  # read when decorating
         try:
-            # cache: compiled once per machine, not per process.
             # nogil: other Python threads run on while a kernel does.
             # error_model: 1/0 is inf as in C, without the branch that stops vectorisation.
             # fastmath stays off: it reorders sums, and the bits would depend on the machine.
-            return njit(cache=True, nogil=True, error_model="numpy")(function)
+            compiled = njit(nogil=True, error_model="numpy")(function)
+            if not config.DISABLE_JIT:
+                compiled._cache = CheckedCache(function)  # noqa: SLF001 - once per machine
+            return compiled
         finally:
             config.CACHE_DIR = before
 

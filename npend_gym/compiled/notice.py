@@ -1,4 +1,4 @@
-"""One line on the terminal when the first use on a machine compiles, so that nobody is puzzled."""
+"""Lines on the terminal about what is compiled, so that nobody is puzzled."""
 
 from __future__ import annotations
 
@@ -12,6 +12,16 @@ NOTICE = (
     "npend_gym: compiling for this machine, for up to half a minute; the machine code is kept"
     " (NPEND_GYM_QUIET=1 hides this line)"
 )
+
+
+_said: set[str] = set()
+
+
+def say(text: str) -> None:
+    """Print a line about the machine code, the same one once per process."""
+    if text not in _said and sys.stderr is not None and not os.environ.get("NPEND_GYM_QUIET"):
+        print(f"npend_gym: {text}", file=sys.stderr, flush=True)
+    _said.add(text)
 
 
 class FirstCompilation(events.Listener):
