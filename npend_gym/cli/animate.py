@@ -80,10 +80,13 @@ def run(options: dict[str, Any]) -> int:
     return OK
 
 
-def _release(interval: float, **options: Any) -> Recording:
+def _release(interval: float, *, trust: bool = False, **options: Any) -> Recording:
     """Measure one release and record it every `interval` [s]."""
     from npend_gym.experiments import ReleaseExperiment, measure
     from npend_gym.recording import record_release
+
+    if trust:
+        raise ValueError("--trust is for files of policies: give --policy with it")
 
     if "n" in options or "chain" not in options:
         options["n_values"] = [options.pop("n", 5)]
