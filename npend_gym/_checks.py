@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import difflib
+import functools
+import inspect
 import math
 import numbers
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+_P = ParamSpec("_P")
 
 # Sizes of numbers in SI units; products of several stay far from the ends of float64's range.
 SMALLEST, LARGEST = 1e-30, 1e30
@@ -155,3 +161,27 @@ def choice(name: str, value: Any, options: tuple[str, ...]) -> str:
     if not isinstance(value, str) or value not in options:
         raise ValueError(f"{name} must be one of {', '.join(options)}; got {show(value)}")
     return value
+
+
+def nearest(name: object, valid: Iterable[str]) -> str:
+    """Return "; did you mean ...?" with the name among `valid` that is like `name`, or ";"."""
+    close = difflib.get_close_matches(str(name), list(valid), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ";"
+
+
+def names_keywords(function: Callable[_P, None]) -> Callable[_P, None]:
+    """Let an ``__init__`` refuse an unknown keyword with the nearest one, and with all it takes."""
+    owner = function.__qualname__.partition(".")[0]
+    valid = list(inspect.signature(function).parameters)[1:]
+
+    @functools.wraps(function)
+    def checked(*args: _P.args, **kwargs: _P.kwargs) -> None:
+        for name in kwargs:
+            if name not in valid:
+                raise TypeError(
+                    f"{owner} got an unexpected keyword argument {name!r}{nearest(name, valid)} "
+                    f"It takes {', '.join(valid)}"
+                )
+        function(*args, **kwargs)
+
+    return checked

@@ -1,3 +1,4 @@
+import inspect
 import json
 import pickle
 from dataclasses import FrozenInstanceError
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain
+from npend_gym.chain import ChainParameters
 
 
 def test_scalars_stand_for_every_rod():
@@ -101,7 +103,11 @@ def test_a_chain_goes_through_json_and_back():
     [
         ([1.0, 2.0], TypeError, "a chain must be a dict of parameters"),
         ({"masses": 1.0}, ValueError, "has no 'lengths'; its keys are masses, lengths, gravity"),
-        ({"masses": 1.0, "lengths": 1.0, "mass": 2.0}, ValueError, "must not have 'mass'"),
+        (
+            {"masses": 1.0, "lengths": 1.0, "mass": 2.0},
+            ValueError,
+            "'mass'; did you mean 'masses'[?] its",
+        ),
         ({"masses": 1.0, "lengths": -1.0}, ValueError, "lengths must be greater than zero"),
     ],
 )
@@ -122,6 +128,12 @@ def test_many_chains_have_the_parameters_of_one_and_their_changes():
         LINKS.repeated(2, inertias=-np.ones((2, 3)))
     with pytest.raises(ValueError, match="those of link 0 are 0"):
         LINKS.repeated(2, centres=np.zeros((2, 3)))
+
+
+def test_an_unknown_keyword_is_refused_with_the_nearest_one_and_all_there_are():
+    with pytest.raises(TypeError, match=r"did you mean 'inertias'\? It takes masses, .*, gear$"):
+        Chain(1.0, [1.0, 1.0], inertia=0.1)
+    assert list(inspect.signature(Chain).parameters) == list(ChainParameters._fields)
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain
+from npend_gym import Chain, simulate
 from npend_gym.cli import main
 from npend_gym.identification import read_motion
+from npend_gym.identification.motion import check_motion
+from npend_gym.identification.parameters import new_model, values_of
+from npend_gym.identification.problem import Problem
+from npend_gym.identification.uncertainty import undetermined
 
 DATA = Path(__file__).parent.parent / "examples" / "data"
 GOOD = "".join(f"{0.02 * k:.2f},{np.sin(0.15 * k):.6f}\n" for k in range(60))
@@ -144,3 +148,63 @@ def test_the_licences_of_the_measured_data_stand_beside_them():
     assert "MIT License" in (DATA / "LICENSE-multiarm").read_text()
     assert "BSD 3-Clause License" in (DATA / "LICENSE-realaigym").read_text()
     assert sum(path.stat().st_size for path in DATA.iterdir()) < 200_000
+
+
+@pytest.mark.parametrize(
+    ("unit", "arguments"), [(1000.0, "--lengths 1"), (1.0, "--lengths 0.1 --centres 90000")]
+)
+def test_times_and_lengths_in_other_units_are_refused(unit, arguments, motion_file, refusal):
+    swings = "".join(f"{0.02 * k * unit:.6f},{np.sin(0.06 * k):.6f}\n" for k in range(200))
+    error = refusal("identify", motion_file("time,theta0\n" + swings), *arguments.split())
+    assert "times must be in seconds, and lengths and centres in metres" in error
+    assert "are these milliseconds, or millimetres?" in error
+
+
+def test_lengths_in_millimetres_bring_a_warning_before_the_fit():
+    times = np.arange(200) * 0.02
+    with pytest.warns(UserWarning, match="with one of about 35 s; are these milliseconds"):
+        Problem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, 300.0))
+    Problem(check_motion(times, np.sin(3.0 * times)), Chain(1.0, 1.0))  # warns of nothing
+    slowly = check_motion(times * 50.0, np.sin(3.0 * times), np.sin(times))
+    Problem(slowly, Chain(1.0, 1.0))  # nor where motors move the link so slowly
+
+
+def test_what_was_taken_in_place_of_masses_and_centres_is_said():
+    bobs = Chain([0.45, 0.32], [0.30, 0.25])
+    links = Chain([0.563, 0.32], bobs.lengths, centres=[0.16, 0.12], inertias=[0.0042, 0.0021])
+    model = new_model(bobs, None, driven=False)
+    fitted = model.pack(values_of(links))
+    sentences = undetermined(model, links, fitted, np.zeros(fitted.size), driven=False)
+    assert (
+        "lift0 = 0.231 kg m of the given chain was kept, whose centres of mass are at the "
+        in (sentences[0])
+    )
+    changed = [one for one in sentences if one.startswith("masses[")]
+    assert len(changed) == 1
+    assert changed[0].startswith("masses[0]: 0.563 kg was taken for the given 0.45 kg")
+    model = new_model(links, None, driven=False)
+    sentences = undetermined(model, links, model.pack(values_of(links)), fitted * 0.0, driven=False)
+    assert "centres" not in sentences[0]
+    assert not any(one.startswith("masses[") for one in sentences)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("absolute", [True, False])
+def test_angles_of_joints_given_as_absolute_ones_bring_a_warning(absolute, tmp_path, capsys):
+    links = Chain(
+        [0.45, 0.32], [0.30, 0.25], damping=[0.004, 0.003], centres=[0.16, 0.12],
+        inertias=[0.0042, 0.0021], friction=[0.01, 0.008],
+    )  # fmt: skip
+    times, rng = np.arange(0.0, 4.0, 0.01), np.random.default_rng(1)
+    rows = ["piece,time,theta0,theta1"]
+    for piece, start in enumerate(([1.2, -0.5], [-0.8, 1.0], [0.6, 1.5], [1.5, 1.5])):
+        theta = simulate(links, start, 0.0, times).theta + 0.002 * rng.normal(size=(400, 2))
+        given = theta if absolute else np.diff(theta, axis=1, prepend=0.0)
+        rows += [f"{piece},{t},{a},{b}" for t, (a, b) in zip(times, given, strict=True)]
+    (tmp_path / "m.csv").write_text("\n".join(rows))
+    known = ["--lengths", "0.30,0.25", "--masses", "0.45,0.32"]
+    assert main(["identify", str(tmp_path / "m.csv"), *known]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    told = any("times better if they are relative to the link above" in line for line in lines)
+    assert told == (not absolute)
+    assert not (absolute and lines)

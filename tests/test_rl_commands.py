@@ -76,6 +76,15 @@ def test_evaluate_takes_controllers_by_name_and_prints_the_scores(capsys):
     assert "recovery 0.9" in printed
 
 
+def test_a_policy_that_never_succeeds_on_the_chain_of_a_file_is_told_why(tmp_path, capsys):
+    (tmp_path / "fit.json").write_text('{"masses": [1.0], "lengths": [0.5]}')
+    settings = f"chain={tmp_path / 'fit.json'}", "max_episode_steps=3"
+    options = [word for one in settings for word in ("--env", one)]
+    assert main(["evaluate", "swingup-1", "--episodes", "2", *options]) == 0
+    told = "swingup-1 succeeds in no episode: --env gives it another chain, max_episode_steps than"
+    assert told in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("command", "text"),
     [
@@ -85,6 +94,7 @@ def test_evaluate_takes_controllers_by_name_and_prints_the_scores(capsys):
         (["evaluate", "swingup-99"], "policy must be a file or one of"),
         (["evaluate", "--controller", "PID"], "controller must be one of LQR, MPC"),
         (["evaluate", "swingup-1", "--env", "dampign=1"], "did you mean 'damping'"),
+        (["evaluate", "swingup-1", "--env", "chain=none.json"], "must be one of acrobot"),
         (["evaluate", "swingup-1", "--env", "damping"], "must be NAME=VALUE, got damping"),
         (["train", "swingup-2-fast"], 'task must be like "swingup-2" or "swingup-2-robust"'),
         (["train", "swing-2"], 'task must be like "swingup-2"'),

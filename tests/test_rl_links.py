@@ -55,8 +55,28 @@ def test_lqr_takes_dry_friction_so_that_it_balances_from_farther_away(monkeypatc
     regulator = regulators.lqr(config)
     assert balanced(regulator, 0.02) >= 95
     # instead as the damper that it is at rest, in all joints
-    monkeypatch.setattr(regulators, "_with_dampers", lambda config, **_: config.chain)
+    monkeypatch.setattr(regulators, "_with_dampers", lambda config, _: config.chain)
     assert balanced(regulator, 0.05) >= balanced(regulators.lqr(config), 0.05) + 30
+
+
+WEAK = Chain(
+    [0.45, 0.32], [0.30, 0.25], damping=[0.004, 0.003],
+    centres=[0.16, 0.12], inertias=[0.0042, 0.0021], friction=[0.01, 0.008],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_lqr_leaves_weak_friction_of_a_passive_joint_out_where_a_damper_needs_large_gains(joint):
+    keywords = {"mode": "balance", "max_torque": 1.0, "dt": 0.01, "actuated": (joint,)}
+    gains = [
+        regulators.lqr(EnvConfig(chain=chain, **keywords)).gain
+        for chain in (WEAK, Chain.from_dict(WEAK.as_dict() | {"friction": 0.0}))
+    ]
+    np.testing.assert_array_equal(*gains)
+    assert np.abs(regulators.lqr(EnvConfig(**ELBOW)).gain).max() < 10.0  # strong friction holds
+    regulator = regulators.StateFeedback(np.pi, gains[0])
+    evaluation = evaluate(regulator, {"chain": WEAK, **keywords}, episodes=50)
+    assert evaluation.success_rate >= (1.0 if joint == 0 else 0.8)
 
 
 def test_friction_is_a_damper_as_strong_as_it_is_in_a_small_swing():

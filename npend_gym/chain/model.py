@@ -83,6 +83,7 @@ class Chain:
     armature: FloatArray
     gear: FloatArray
 
+    @_checks.names_keywords
     def __init__(
         self,
         masses: ArrayLike,

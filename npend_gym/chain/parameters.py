@@ -143,10 +143,14 @@ def check_keys(given: Any) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
         raise TypeError(f"a chain must be a dict of parameters, got {_checks.show(given)}")
     values, fields = cast("Mapping[str, Any]", given), ChainParameters._fields
-    missing = [f"has no {name!r}" for name in ("masses", "lengths") if name not in values]
-    unknown = [f"must not have {name!r}" for name in values if name not in fields]
-    for fault in missing + unknown:
-        raise ValueError(f"the dict of a chain {fault}; its keys are {', '.join(fields)}")
+    missing = [f"has no {name!r};" for name in ("masses", "lengths") if name not in values]
+    unknown = [
+        f"must not have {name!r}{_checks.nearest(name, fields)}"
+        for name in values
+        if name not in fields
+    ]
+    for fault in unknown + missing:
+        raise ValueError(f"the dict of a chain {fault} its keys are {', '.join(fields)}")
     return values
 
 

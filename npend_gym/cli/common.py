@@ -110,14 +110,18 @@ def chain_argument(text: str) -> Any:
 
 
 def setting(text: str) -> tuple[str, Any]:
-    """Return name and value of NAME=VALUE: a value of JSON, or else a text."""
+    """Return name and value of NAME=VALUE: a value of JSON, or else a text.
+
+    A text for the chain is that of `chain_argument`, a preset's name or a file.
+    """
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise argparse.ArgumentTypeError(f"must be NAME=VALUE, got {text}")
     try:
-        return name, json.loads(value)
+        given = json.loads(value)
     except ValueError:
-        return name, value
+        given = value
+    return name, chain_argument(given) if name == "chain" and isinstance(given, str) else given
 
 
 def add_env_option(parser: argparse.ArgumentParser) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from npend_gym.cli.common import (
     can_draw,
     progress,
     show_written,
+    warn,
     with_settings,
 )
 
@@ -30,6 +32,7 @@ examples:
   npend evaluate mine.npz --episodes 500
   npend evaluate swingup-2 --robust --out results
   npend evaluate swingup-2 --env damping=0.05 --env "masses=[1.0, 1.1]"
+  npend evaluate mine.npz --env chain=results/fit.json --env max_torque=0.5
   npend evaluate --controller plan --task swingup-3 --scores
 """
 
@@ -74,11 +77,14 @@ def run(options: dict[str, Any]) -> int:
     place = {"seed": options.pop("seed", rl.HELD_OUT), "env_id": options.pop("env_id", ENV_ID)}
     if out is not None:
         outputs.prepare_folder(out)
+    changed = [key for key, _ in options.get("settings") or () if options.get("policy")]
     name, controller, keywords = _chosen(**options)
     row = rl.evaluate(controller, keywords, episodes=episodes, **place).as_row()
     made = {"env": plain_keywords(keywords), "env_id": place["env_id"], "episodes": episodes}
     about = {"name": name, "provenance": provenance(made, place["seed"])}
     result: dict[str, Any] = about | {"evaluation": row}
+    if row["success"] == 0.0:
+        warn(_failure(name, changed, robust))
     register_envs()
     text = [report.evaluation_text(row, gym.spec(place["env_id"]).reward_threshold)]
     if scores:
@@ -100,6 +106,14 @@ def run(options: dict[str, Any]) -> int:
         if not as_json:
             show_written(written)
     return OK
+
+
+def _failure(name: str, changed: Sequence[str], robust: bool) -> str:
+    """Return what a policy or controller that never succeeds should be asked about."""
+    text = f"{name} succeeds in no episode"
+    if changed:
+        text += f": --env gives it another {', '.join(changed)} than it was made for"
+    return text + ("; no criterion can be survived more often" if robust else "")
 
 
 def _line(name: str, row: dict[str, float]) -> str:

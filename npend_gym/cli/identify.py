@@ -30,7 +30,7 @@ piece, the number of the recording. See docs/howto/real_pendulum.md.
 """
 EXAMPLES = """\
 examples:
-  npend identify motion.csv --lengths 0.17,0.23 --masses 0.1,0.14 --out results
+  npend identify motion.csv --lengths 0.17,0.23 --masses 0.1,0.14 --centres 0.11,0.12
   npend identify examples/data/multiarm_double.csv --chain "multiarm 2"
   npend identify first.csv second.csv --chain robot.json --segment 1 --json
   npend identify encoders.csv --lengths 0.2,0.3 --degrees --relative
@@ -45,12 +45,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend identify`."""
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="CSV files")
     option, field, kind, placeholder, _ = CHAIN_OPTION
-    text = "what is known, in place of --lengths, --masses and --gravity: a preset or a JSON file"
+    text = "what is known, in place of the four options below: a preset's name or a JSON file"
     parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
     text = "length of each link, from joint to joint"
     parser.add_argument("--lengths", type=numbers, metavar="M,...", help=text)
     text = "mass of each link (default 1)"
     parser.add_argument("--masses", type=numbers, metavar="KG,...", help=text)
+    text = "distance of each link's centre of mass from its upper joint (default its length: a bob)"
+    parser.add_argument("--centres", type=numbers, metavar="M,...", help=text)
     text = "acceleration of gravity (default 9.81)"
     parser.add_argument("--gravity", type=float, metavar="M/S2", help=text)
     text = (
@@ -97,14 +99,15 @@ def run(options: dict[str, Any]) -> int:
 
 @contextmanager
 def _warnings_in_lines() -> Generator[None, None, None]:
-    """Print each warning as one line, when the block ends."""
-    with warnings.catch_warnings(record=True) as caught:
+    """Print each warning as one line, at once: what follows may take minutes."""
+
+    def show(message: Warning | str, *_: Any) -> None:
+        warn(f"npend identify: {message}")
+
+    with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        try:
-            yield
-        finally:
-            for one in caught:
-                warn(f"npend identify: {one.message}")
+        warnings.showwarning = show
+        yield
 
 
 def _read(options: dict[str, Any]) -> Motion:
@@ -117,9 +120,8 @@ def _read(options: dict[str, Any]) -> Motion:
 
 def _known(options: dict[str, Any]) -> Any:
     """Take what is known of the chain out of the options."""
-    single = {
-        name: options.pop(name) for name in ("lengths", "masses", "gravity") if name in options
-    }
+    names = ("lengths", "masses", "centres", "gravity")
+    single = {name: options.pop(name) for name in names if name in options}
     if "chain" in options:
         if single:
             raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")

@@ -58,14 +58,16 @@ def identify(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule.
+        If an argument breaks its rule, or free swings are 100 times as slow or as fast as those of
+        the given chain: times in milliseconds are refused.
     RuntimeError
         If no chain with the given lengths moves like the data.
 
     Warns
     -----
     UserWarning
-        If the angles are likely to be degrees, or the fitted chain moves otherwise than the data.
+        If the angles are likely to be degrees or those of joints, lengths are likely to be
+        millimetres, or the fitted chain moves otherwise than the data.
 
     Notes
     -----

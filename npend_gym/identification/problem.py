@@ -14,6 +14,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import OFFSET, Model, new_model
+from npend_gym.identification.plausibility import check_units, warn_of_other_angles
 from npend_gym.identification.result import Identification
 from npend_gym.identification.segments import cut
 from npend_gym.identification.stages import Fit, Stages
@@ -22,6 +23,7 @@ from npend_gym.identification.uncertainty import uncertainty, undetermined
 _PERIODS = 4.0  # typical periods of the motion in the longest segments, by default
 _MANY = 12  # iterations: more are needed only where the given chain is hopeless
 _POOR = 0.05  # scatter of the errors, of that of the angles, from which on there is a warning
+_SHORT = 0.6  # of the segments' longest duration: where fewer could be followed, angles are doubted
 _OUTLIER = 6.0  # times the scatter
 
 
@@ -51,6 +53,7 @@ class Problem:
         if self.held_out > 0.5:
             raise ValueError(f"held_out must be a share between 0 and 0.5, got {held_out}")
         self.driven = motion.torque is not None and bool(np.any(motion.torque))
+        check_units(known, motion, driven=self.driven)
         self.stages = Stages(motion, new_model(known, fit, driven=self.driven))
         self.longest = self.stages.period * _PERIODS
         if segment is not None:
@@ -75,9 +78,12 @@ class Problem:
         motion, blocks = self.stages.motion, self.blocks()
         held = _hold_out(len(blocks), self.held_out)
         training = [rows for k, rows in enumerate(blocks) if k not in held]
-        fitted, duration = self.stages.lengthen(training, self.stages.start(training))
+        fitted, duration = self._fit(training)
         judged = cut(motion, [blocks[k] for k in held], duration)
         moved = float(np.std(np.concatenate([motion.theta[rows] for rows in training])))
+        possible = max(float(np.ptp(motion.times[rows])) for rows in training)
+        if motion.links > 1 and (fitted.scatter > _POOR * moved or duration < _SHORT * possible):
+            warn_of_other_angles(motion, self.stages.model, fitted)
         if fitted.scatter > _POOR * moved:
             warnings.warn(
                 f"the fitted chain moves otherwise than the data, by {fitted.scatter:.2g} rad "
@@ -86,6 +92,17 @@ class Problem:
                 stacklevel=3,
             )
         return _result(self, fitted, judged)
+
+    def _fit(self, training: list[slice]) -> tuple[Fit, float]:
+        """Return the fit over the longest segments that are possible, and their duration [s]."""
+        try:
+            return self.stages.lengthen(training, self.stages.start(training))
+        except np.linalg.LinAlgError as error:
+            raise RuntimeError(
+                "no chain near the given one moves like the data: check lengths, centres and "
+                "times, which must be in metres and seconds, the signs of angles and torques, and "
+                "whether angles are absolute"
+            ) from error
 
 
 def _hold_out(count: int, share: float) -> list[int]:
@@ -126,7 +143,9 @@ def _result(problem: Problem, fitted: Fit, judged: Sequence[slice]) -> Identific
         outliers=np.abs(residuals) > _OUTLIER * scatter,
         residuals=residuals,
         held_out=held_out,
-        undetermined=tuple(undetermined(model, solution.fitted, errors.errors, problem.driven)),
+        undetermined=tuple(
+            undetermined(model, chain, solution.fitted, errors.errors, driven=problem.driven)
+        ),
         provenance=problem.provenance,
     )
 

@@ -78,7 +78,7 @@ class Stages:
 
     def __init__(self, motion: Motion, model: Model) -> None:
         self.motion, self.model = motion, model
-        self.period = _typical_period(motion)
+        self.period = typical_period(motion)
         self._interval = float(np.median(np.diff(motion.times)))
         self._curves = smooth(motion, 0.25 * self.period)
         speed = float(np.nanquantile(np.abs(self._curves.omega), 0.999))
@@ -166,6 +166,10 @@ class Stages:
         final = self._fit(self.model, best.segments.rows, best)
         return final or best, reached
 
+    def fit_once(self, parts: Sequence[slice]) -> Fit | None:
+        """Return the fit over these parts as they are, from the values of `start`."""
+        return self._fit(self.model, parts, self.model.pack(self.start(parts)), converged=_PASSING)
+
     def _durations(self, parts: Sequence[slice]) -> list[float]:
         """Return how long segments are in each stage [s]: twice as long each time."""
         times = self.motion.times
@@ -175,10 +179,10 @@ class Stages:
         return [longest / 2**k for k in range(stages, -1, -1)]
 
 
-def _typical_period(motion: Motion) -> float:
+def typical_period(motion: Motion, most: float = math.inf) -> float:
     """Return 2 pi times the median deviation of the angles over the median speed [s].
 
-    It is the period of a swing that is a sine.
+    It is the period of a swing that is a sine. Deviations above `most` [rad] count as that.
     """
     periods: list[float] = []
     for rows in motion.stretches():
@@ -187,7 +191,7 @@ def _typical_period(motion: Motion) -> float:
         speed = np.median(np.abs(rates), axis=0)
         away = np.median(np.abs(theta - np.median(theta, axis=0)), axis=0)
         moving = (speed > 0.0) & (away > 0.0)
-        periods += (2.0 * np.pi * away[moving] / speed[moving]).tolist()
+        periods += (2.0 * np.pi * np.minimum(away, most)[moving] / speed[moving]).tolist()
     if not periods:
         raise ValueError("theta must move, but each measured angle is at rest most of the time")
     return float(np.median(periods))

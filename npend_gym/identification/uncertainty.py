@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
 from npend_gym.identification.least_squares import Solution
 from npend_gym.identification.parameters import (
     ARMATURE,
@@ -89,22 +90,19 @@ def _clusters(scores: FloatArray, fitted: int) -> FloatArray:
     return np.add.reduceat(scores, edges, axis=1).reshape(size * parts, fitted)
 
 
-def undetermined(model: Model, fitted: FloatArray, errors: FloatArray, driven: bool) -> list[str]:
-    """Return in sentences what the data leave open, and what was taken in its place."""
+def undetermined(
+    model: Model, found: Chain, fitted: FloatArray, errors: FloatArray, *, driven: bool
+) -> list[str]:
+    """Return in sentences what the data leave open, and what the chain `found` has in its place."""
     chain, free = model.chain, model.free
-    out: list[str] = []
-    if not driven:
-        kept = f"lift0 = {chain.lift[0]:.6g} kg m" if chain.gravity else "inertia0"
-        out.append(
-            "the scale: free swings do not change when all masses, inertias, damping, friction and "
-            f"drag are multiplied by one factor; {kept} of the given chain was kept"
-        )
+    out = [] if driven else [_scale(chain)]
     if free[INERTIA].any() or free[LIFT].any():
         out.append(
             "masses: the motion depends on two numbers of each link, inertia and lift, and not on "
             "its mass, centre and inertia about the centre separately; the given masses were kept "
             "where they leave no negative inertia"
         )
+        out += _other_masses(chain, found)
     taken = f"gravity {chain.gravity:g} m/s^2"
     if free[LENGTH].any():
         taken += ", which sets their scale, and the last one"
@@ -126,3 +124,25 @@ def undetermined(model: Model, fitted: FloatArray, errors: FloatArray, driven: b
         elif error > _VAGUE * abs(value) and row not in (OFFSET, LIFT):
             out.append(f"{name}: {value:.3g} +- {error:.2g} is not told from zero")
     return out
+
+
+def _scale(chain: Chain) -> str:
+    """Return what sets the scale of free swings."""
+    kept = f"lift0 = {chain.lift[0]:.6g} kg m" if chain.gravity else "inertia0"
+    text = (
+        "the scale: free swings do not change when all masses, inertias, damping, friction and "
+        f"drag are multiplied by one factor; {kept} of the given chain was kept"
+    )
+    if np.array_equal(chain.centres, chain.lengths):
+        text += ", whose centres of mass are at the ends of its links: give centres if they are not"
+    return text
+
+
+def _other_masses(chain: Chain, found: Chain) -> list[str]:
+    """Return which masses of the chain `found` are not those given."""
+    moved = np.flatnonzero(np.abs(found.masses - chain.masses) > 1e-6 * chain.masses)
+    return [
+        f"masses[{i}]: {found.masses[i]:.3g} kg was taken for the given {chain.masses[i]:.3g} kg, "
+        "with which no link has the fitted inertia and lift: check the given masses and centres"
+        for i in moved.tolist()
+    ]

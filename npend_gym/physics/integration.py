@@ -82,5 +82,6 @@ def check_angles(theta: FloatArray, time: float) -> None:
     if np.any(np.abs(theta) > MAX_ANGLE):
         raise IntegrationError(
             f"a rod has turned by more than {MAX_ANGLE:g} rad soon after t = {time:g} s: "
-            "continue in segments, each begun with the last angles less whole turns"
+            "where a torque drives it faster and faster, check the sign of its feedback; a motion "
+            "that is right continues in segments, each begun with the last angles less whole turns"
         )

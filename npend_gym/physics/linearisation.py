@@ -57,6 +57,7 @@ def jacobian(
     Notes
     -----
     Each column takes O(n) operations: `npend_gym.physics.kernels.virtual_power` has the equations.
+    Dry friction near rest is the damper friction / friction_speed, see `linearise`.
     """
     whole = _by_chunks(_rates, chain, theta, omega, torque, range(check_chain(chain).n))
     return np.concatenate(whole, axis=-1)
@@ -87,6 +88,14 @@ def linearise(
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Notes
+    -----
+    The derivatives are exact, and so at rest dry friction is the damper friction / friction_speed:
+    0.2 N m s/rad for 0.01 N m. It is that strong only where joints turn more slowly than
+    `friction_speed`; a regulator designed with it may have gains of the wrong sign for any faster
+    motion. Linearise the chain without friction, ``Chain.from_dict(chain.as_dict() | {"friction":
+    0.0})``, or use `npend_gym.rl.lqr`, which weighs friction by the swing that it must catch.
     """
     return _by_chunks(_rates, chain, theta, omega, torque, joints)
 

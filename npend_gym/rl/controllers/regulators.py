@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize_scalar
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
@@ -20,12 +20,13 @@ _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 
 
 def discretise(
-    config: EnvConfig, angle: float | FloatArray, *, motors_rub: bool = True
+    config: EnvConfig, angle: float | FloatArray, *, rub: bool | BoolArray = True
 ) -> tuple[FloatArray, FloatArray]:
     """Return the linear map of one environment step about rest at `angle` [rad], (n,) or for all.
 
     Dry friction is taken as the damper that brakes as much in a swing of 0.03 rad; its slope at
-    rest holds for far slower motions alone. Without `motors_rub` joints with a motor have none.
+    rest holds for far slower motions alone. `rub`, for all joints or for each, (n,), says which
+    have friction at all.
 
     Returns
     -------
@@ -36,22 +37,20 @@ def discretise(
         hold): the exponential of dt [[A, B], [0, 0]] contains both matrices.
     """
     n, joints = check_base(config).chain.n, config.joints.tolist()
-    rates = linearise(_with_dampers(config, motors_rub=motors_rub), angle, joints=joints)
+    rates = linearise(_with_dampers(config, rub), angle, joints=joints)
     block = np.zeros((2 * n + len(joints),) * 2)
     block[: 2 * n] = np.hstack([rates.A, rates.B * config.max_torque])
     step: FloatArray = np.asarray(expm(block * config.dt))
     return step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :]
 
 
-def _with_dampers(config: EnvConfig, *, motors_rub: bool) -> Chain:
+def _with_dampers(config: EnvConfig, rub: bool | BoolArray) -> Chain:
     """Return the chain with dampers in place of dry friction, see `discretise`."""
     chain = config.chain
     if not np.any(chain.friction):
         return chain
     dampers = chain.friction / np.hypot(chain.friction_speed, _SWING / time_scale(config))
-    if not motors_rub:
-        dampers[config.joints] = 0.0
-    damping = (chain.damping + dampers).tolist()
+    damping = (chain.damping + np.where(rub, dampers, 0.0)).tolist()
     return Chain.from_dict(chain.as_dict() | {"friction": 0.0, "damping": damping})
 
 
@@ -80,9 +79,13 @@ def lqr(
     """Return the linear-quadratic regulator about rest in an equilibrium.
 
     It minimises the sum over all steps of (theta - angle)^2 + (l / g) omega^2, added up over the
-    rods, plus `action_weight` times the squared actions; l is the mean length of the rods. Dry
-    friction is taken as a damper, see `discretise`, and in joints with a motor as none: so the
-    regulator balances from farther away than by the slope of friction at rest.
+    rods, plus `action_weight` times the squared actions; l is the mean length of the rods.
+
+    Dry friction is no linear force. In joints with a motor it is taken as none, and in the others
+    as none or as the damper of a swing of 0.03 rad, see `discretise`: whichever has the smaller
+    gains, so that the motor reaches its limit at larger deviations. Strong friction holds a passive
+    joint still and is best taken as a damper, weak friction is best left out, and between them
+    the gains with a damper become infinite.
 
     Parameters
     ----------
@@ -105,12 +108,18 @@ def riccati(
     config: EnvConfig, angle: float | FloatArray, action_weight: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): the cost from x on is x S x."""
-    a, b = discretise(config, angle, motors_rub=False)
-    q = state_weights(config)
-    r = action_weight * np.eye(b.shape[1])
-    s = np.asarray(solve_discrete_are(a, b, q, r), np.float64)
-    gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
-    return np.asarray(gain, np.float64), s
+    passive = np.ones(check_base(config).chain.n, np.bool_)
+    passive[config.joints] = False
+    q, free = state_weights(config), np.zeros_like(passive)
+    solutions: list[tuple[FloatArray, FloatArray]] = []
+    for rub in (passive, free) if np.any(config.chain.friction[passive]) else (free,):
+        a, b = discretise(config, angle, rub=rub)
+        r = action_weight * np.eye(b.shape[1])
+        s: FloatArray = np.asarray(solve_discrete_are(a, b, q, r), np.float64)
+        gain = np.linalg.solve(r + b.T @ s @ b, b.T @ s @ a)
+        solutions.append((np.asarray(gain, np.float64), s))
+    # (l / g) omega^2 weighs like an angle
+    return min(solutions, key=lambda one: float(np.linalg.norm(one[0] / np.sqrt(np.diag(q)))))
 
 
 def state_weights(config: EnvConfig) -> FloatArray:

@@ -1,0 +1,89 @@
+"""What is likely wrong with measured motion, or with what is known of its chain: units, angles."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.identification.motion import Motion
+from npend_gym.identification.parameters import INERTIA, LIFT, Model, values_of
+from npend_gym.identification.stages import Fit, Stages, typical_period
+
+_UNLIKELY, _IMPOSSIBLE = 10.0, 100.0  # times the expected period: milliseconds give 1000
+_BETTER = 3.0  # times smaller are the errors of angles that were taken wrongly
+
+
+def _added_up(theta: FloatArray) -> FloatArray:
+    return np.cumsum(theta, axis=1)
+
+
+def _differences(theta: FloatArray) -> FloatArray:
+    return np.diff(theta, axis=1, prepend=0.0)
+
+
+_READINGS = (
+    (_added_up, "are relative to the link above: convert with np.cumsum(theta, axis=1), or give"),
+    (_differences, "were absolute before they were added up: give them as measured, or leave out"),
+)
+
+
+def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
+    """Compare the period of the measured swings with that which the given chain would have.
+
+    Motors may move a chain as slowly as they like, so that of a `driven` one only haste is judged.
+
+    Raises
+    ------
+    ValueError
+        If the period differs by a factor above 100: times are in milliseconds, for example.
+
+    Warns
+    -----
+    UserWarning
+        If it differs by a factor above 10.
+    """
+    values, measured = values_of(chain), typical_period(motion, most=np.pi)
+    lift = chain.gravity * np.abs(values[LIFT])
+    if not np.all(lift > 0.0):  # nothing makes such a link swing
+        return
+    expected = 2.0 * np.pi * float(np.median(np.sqrt(values[INERTIA] / lift)))
+    factor = measured / expected
+    if factor >= 1.0 / _UNLIKELY and (driven or factor <= _UNLIKELY):
+        return
+    text = (
+        "times must be in seconds, and lengths and centres in metres: the angles swing with a "
+        f"period of about {measured:.2g} s, those of a chain like the one given with one of about "
+        f"{expected:.2g} s; are these milliseconds, or millimetres?"
+    )
+    if max(factor, 1.0 / factor) > _IMPOSSIBLE:
+        raise ValueError(text)
+    warnings.warn(text, stacklevel=4)
+
+
+def warn_of_other_angles(motion: Motion, model: Model, fitted: Fit) -> None:
+    """Warn if the angles fit much better where they are taken as those of joints, or not so.
+
+    Parameters
+    ----------
+    motion, model
+        What was measured, and what was fitted to it.
+    fitted : Fit
+        The fit of the angles as they were given; the same segments are fitted again.
+    """
+    for convert, meaning in _READINGS:
+        stages = Stages(replace(motion, theta=convert(motion.theta)), model)
+        try:
+            other = stages.fit_once(fitted.segments.rows)
+        except (RuntimeError, np.linalg.LinAlgError):
+            continue
+        if other is not None and other.rmse * _BETTER < fitted.rmse:
+            warnings.warn(
+                "theta must be absolute angles, but those given fit "
+                f"{fitted.rmse / other.rmse:.1f} times better if they {meaning} --relative of "
+                "npend identify",
+                stacklevel=4,
+            )
