@@ -97,6 +97,13 @@ def pseudo_periods(
     10 rtol of the chain's length as a return, at the instant of the touch (for one pendulum at T/2:
     the paper asks for the height, not the side).
     Instants are zeros of the dense solution, located to 1e-11 s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, pseudo_periods
+    >>> pseudo_periods(Chain.uniform(3), np.pi / 4).round(4).tolist()
+    [3.1361, 3.2237, 3.2233]
     """
     check_chain(chain)
     theta, omega = _starts(chain, theta, omega)

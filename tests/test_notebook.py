@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from accessibility import grave_findings
 from PIL import Image
 from scripts import run_python
 
@@ -89,6 +90,18 @@ def test_the_player_plays_in_a_browser(browser, motion, tmp_path):
     assert "0.30" < frame.locator("#clock").inner_text() < "3"
     assert wrong == []
     context.close()
+
+
+def test_the_player_is_accessible(browser, motion, tmp_path):
+    pytest.importorskip("axe_playwright_python", reason="axe is not installed")
+    path = tmp_path / "player.html"
+    path.write_text(document_of(motion._repr_html_()), "utf-8")
+    for scheme in ("light", "dark"):
+        context = browser.new_context(offline=True, color_scheme=scheme)
+        tab = context.new_page()
+        tab.goto(path.as_uri())
+        assert grave_findings(tab) == []
+        context.close()
 
 
 def test_a_motion_is_plotted_as_it_was_computed(motion):

@@ -24,6 +24,12 @@ def as_chain(value: Any) -> Chain:
     ------
     TypeError, ValueError
         If it is none of them, or a parameter breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym.chain import as_chain
+    >>> as_chain("acrobot").n
+    2
     """
     if isinstance(value, Chain):
         return value
@@ -39,12 +45,28 @@ def as_chain(value: Any) -> Chain:
 
 
 def preset_name(chain: Chain) -> str | None:
-    """Return which of PRESETS equals `chain`; None where none does."""
+    """Return which of PRESETS equals `chain`; None where none does.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain
+    >>> from npend_gym.chain import preset_name
+    >>> preset_name(Chain.acrobot())
+    'acrobot'
+    """
     return next((name for name in PRESETS if Chain.preset(name) == chain), None)
 
 
 def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keywords that JSON can hold: chains as dicts, arrays as lists."""
+    """Return keywords that JSON can hold: chains as dicts, arrays as lists.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain
+    >>> from npend_gym.chain import plain_keywords
+    >>> plain_keywords({"chain": Chain.uniform(1), "dt": 0.1})["dt"]
+    0.1
+    """
 
     def plain(value: Any) -> Any:
         if isinstance(value, Chain):

@@ -68,6 +68,16 @@ class Chain:
     ------
     TypeError, ValueError
         If an argument is not numeric, not finite, of the wrong sign or of the wrong shape.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain
+    >>> Chain(masses=[1.0, 0.5], lengths=[1.0, 0.4], damping=0.01)
+    Chain(n=2, masses=[1.  0.5], lengths=[1.  0.4], gravity=9.81, damping=0.01)
+    >>> Chain.uniform(3).total_length
+    3.0
+    >>> Chain.preset("acrobot").n
+    2
     """
 
     masses: FloatArray

@@ -63,6 +63,13 @@ def flip_times(
     time. A rod that passes upright and comes back within one step is found where its angular
     velocity changes sign once. Such maps are those of J. S. Heyl, "The double pendulum fractal"
     (2008).
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> starts = [[1.0, 1.0], [3.0, 3.0]]
+    >>> chaos.flip_times(Chain.uniform(2), starts, duration=10.0).round(4).tolist()
+    [nan, 0.5645]
     """
     n = check_chain(chain).n
     states = check_states(n, theta=theta, omega=omega)

@@ -97,6 +97,13 @@ def tangent_growth(
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> growth = chaos.tangent_growth(Chain.uniform(2), [2.0, 2.0], duration=10.0)
+    >>> bool(growth.logarithm[-1] > 0.0)
+    True
     """
     return Growth(*log_growth(chain, theta, omega, duration))
 
@@ -149,6 +156,15 @@ def neighbour_distance(
     -------
     ndarray, shape (T,)
         The largest difference of an angle [rad].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, chaos
+    >>> times = np.linspace(0.0, 5.0, 6)
+    >>> apart = chaos.neighbour_distance(Chain.uniform(2), [2.0, 2.0], 1e-9, times)
+    >>> apart.shape
+    (6,)
     """
     first, second = (
         simulate(chain, start, 0.0, times, rtol=1e-13, atol=1e-14).theta
@@ -163,6 +179,12 @@ def volume_change(chain: Chain, theta0: float = 1.0, duration: float = 2.0) -> f
     The determinant of the flow's derivative in (theta, omega), times that of the mass matrix at
     the end by that at the start: the volume in angles and momenta. The motion starts with all rods
     at `theta0` [rad] and 0.5 rad/s, and lasts `duration` [s].
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> abs(chaos.volume_change(Chain.uniform(2))) < 1e-6  # Liouville: none without damping
+    True
     """
     path = simulate(chain, theta0, 0.5, [0.0, duration], rtol=1e-12, atol=1e-14)
     start, end = np.linalg.slogdet(mass_matrix(chain, path.theta))[1]

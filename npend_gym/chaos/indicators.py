@@ -129,6 +129,13 @@ def largest_lyapunov(
     To it is added, in quadrature, ln(10) / (t - t0), the rate of the linear growth that regular
     motion has. Where a motion stays near islands of regular motion for long, no estimate sees what
     comes after.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> found = chaos.largest_lyapunov(Chain.uniform(2), [2.0, 2.0], duration=100.0)
+    >>> found.exponent > 0.3  # 1/s: chaotic
+    True
     """
     times, logarithm, made_by = _grow(chain, theta, omega, duration, rtol, progress)
     first = times.size // _SETTLING
@@ -176,6 +183,12 @@ def megno(
     and the mean of Y over [0, t] tends to 2 where neighbours part linearly, to lambda t / 2 where
     they part as exp(lambda t). It converges as 1/t, while a Lyapunov exponent of regular motion
     falls to zero as log t / t only.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> chaos.megno(Chain.uniform(2), [2.0, 2.0], duration=100.0).value > 4.0  # 2 where regular
+    True
     """
     times, logarithm, made_by = _grow(chain, theta, omega, duration, rtol, progress)
     integral = cumulative_trapezoid(np.append(0.0, logarithm), np.append(0.0, times))

@@ -120,6 +120,13 @@ def periodic_orbits(
     It is then looked for at larger energies; in the gap it has no orbits. An amplitude that the
     family has more than once belongs to the first orbit. Small changes grow by the largest
     multiplier in a period, and so do rounding errors: `closure` is about that times 1e-16.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> (orbit,) = chaos.periodic_orbits(Chain.uniform(2), 0, amplitudes=[0.5])
+    >>> round(orbit.period, 4), orbit.closure < 1e-9
+    (2.6495, True)
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_RODS)
     mode = _checks.count("mode", mode, low=0, high=n - 1)

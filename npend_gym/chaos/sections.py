@@ -91,6 +91,13 @@ def poincare_section(
 
     A section of two rods, of one energy and with one direction, is a plane in which regular motion
     draws curves, and chaos fills areas (M. Henon and C. Heiles, Astron. J. 69, 1964).
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> section = chaos.poincare_section(Chain.uniform(2), [0.5, 0.5], duration=20.0)
+    >>> section.theta.shape[1], bool(abs(section.theta[:, 0]).max() < 1e-8)
+    (2, True)
     """
     n = check_chain(chain).n
     rod = _checks.count("rod", rod, low=-n, high=n - 1)

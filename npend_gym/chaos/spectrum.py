@@ -100,6 +100,14 @@ def lyapunov_spectrum(
     omega) the sum has the term [log det M(start) - log det M(end)] / t besides. With damping, the
     sum at any time is the mean of the flow's divergence, of -trace(M^-1 D) if the damping torques
     are -D omega.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, chaos
+    >>> chain = Chain.uniform(2, damping=0.1)
+    >>> spectrum = chaos.lyapunov_spectrum(chain, [2.0, 2.0], duration=20.0)
+    >>> spectrum.exponents.shape, bool(spectrum.exponents.sum() < 0.0)
+    ((4,), True)
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_RODS)
     count = 2 * n if count is None else _checks.count("count", count, high=2 * n)

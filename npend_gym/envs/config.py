@@ -75,6 +75,13 @@ class EnvConfig:
     ------
     TypeError, ValueError
         If a keyword breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym.envs import EnvConfig
+    >>> config = EnvConfig(n=3, mode="balance")
+    >>> config.chain.n, config.dt
+    (3, 0.02)
     """
 
     mode: Mode

@@ -229,6 +229,14 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
     ----------
     S. Charles, "The Lagrangian Mechanics and Pseudo-Periodicity of The Many-Body Planar Pendulum
     System", 2019.
+
+    Examples
+    --------
+    >>> from npend_gym import NPendulumEnv
+    >>> env = NPendulumEnv(n=3, mode="swingup")
+    >>> observation, info = env.reset(seed=0)
+    >>> observation.shape, round(info["tip_height"], 3)
+    ((6,), -2.998)
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012

@@ -67,6 +67,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
 
     One thread at a time: a call during the `step` or `reset` of another thread raises `EnvInUse`.
     After a fork the threads of an environment start again where they are needed.
+
+    Examples
+    --------
+    >>> from npend_gym import NPendulumVectorEnv
+    >>> envs = NPendulumVectorEnv(64, n=2)
+    >>> observation, info = envs.reset(seed=0)
+    >>> envs.step(envs.action_space.sample())[1].shape
+    (64,)
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012

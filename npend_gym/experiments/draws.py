@@ -30,6 +30,12 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
     -------
     ndarray, shape (count,)
         [rad]
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> experiments.starts(0, 0, 3, 0.785, 0.017).round(3).tolist()
+    [0.785, 0.79, 0.793]
     """
     keys = keys_of(seed + first, count)
     return amplitude + spread * first_units(keys, step=0, purpose=Purpose.START, episode=0)

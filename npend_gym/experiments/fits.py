@@ -35,6 +35,12 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
     -------
     Estimate
         Its error is NaN where there are only two points.
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> round(experiments.power_law([1.0, 2.0, 4.0], [1.0, 1.41421, 2.0]).value, 3)
+    0.5
     """
     fit = linregress(np.log(x), np.log(y))
     return Estimate(float(fit.slope), float(_student(np.size(y) - 2) * fit.stderr))

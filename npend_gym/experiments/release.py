@@ -58,6 +58,13 @@ class ReleaseExperiment:
     chain : Chain, dict or str, optional
         One chain in place of all that `n_values`, `masses`, `lengths`, `gravity` and `damping`
         describe: a `Chain`, the dict of its parameters, or a preset's name.
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> experiment = experiments.ReleaseExperiment(n_values=[1, 2], trials=1, spread=0.0)
+    >>> [round(float(run.mean), 4) for run in experiments.run_release(experiment)]
+    [2.0863, 2.7165]
     """
 
     n_values: Sequence[int] = PAPER_N
@@ -138,7 +145,15 @@ class Run:
 
 
 def measure(experiment: ReleaseExperiment, n: int, trial: int, start: float) -> Run:
-    """Measure one run of `experiment`, from rest with all rods at `start` [rad]."""
+    """Measure one run of `experiment`, from rest with all rods at `start` [rad].
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> plan = experiments.ReleaseExperiment(n_values=[2], trials=1)
+    >>> experiments.measure(plan, *plan.runs()[0]).n
+    2
+    """
     bobs, com = (
         pseudo_periods(experiment.chain_of(n), start, reading=reading, duration=experiment.duration)
         for reading in (experiment.reading, "com")
@@ -150,12 +165,28 @@ def run_release(
     experiment: ReleaseExperiment,
     progress: Callable[[Iterable[_Planned]], Iterable[_Planned]] = iter,
 ) -> list[Run]:
-    """Measure every run of `experiment`; `progress` may wrap the iteration, for a progress bar."""
+    """Measure every run of `experiment`; `progress` may wrap the iteration, for a progress bar.
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> plan = experiments.ReleaseExperiment(n_values=[2], trials=1, spread=0.0)
+    >>> experiments.run_release(plan)[0].periods.round(4).tolist()
+    [2.7157, 2.7173]
+    """
     return [measure(experiment, *run) for run in progress(experiment.runs())]
 
 
 def bob_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return the tidy table: a row for every n, trial and bob (counted from 1 at the pivot)."""
+    """Return the tidy table: a row for every n, trial and bob (counted from 1 at the pivot).
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> plan = experiments.ReleaseExperiment(n_values=[2], trials=1)
+    >>> len(experiments.bob_rows(experiments.run_release(plan)))
+    2
+    """
     return [
         {
             "n": run.n,
@@ -176,6 +207,13 @@ def summary_rows(experiment: ReleaseExperiment, runs: Sequence[Run]) -> list[dic
 
     The relative error is the paper's, \|S - T\| / S with S measured and T the model. For the law S
     is the pseudo-period of the centre of mass.
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> plan = experiments.ReleaseExperiment(n_values=[1, 2], trials=1)
+    >>> [row["n"] for row in experiments.summary_rows(plan, experiments.run_release(plan))]
+    [1, 2]
     """
     return [
         _summary(experiment, n, [run for run in runs if run.n == n])

@@ -75,6 +75,16 @@ def identify(
     Multiple shooting refines them: segments of the motion are simulated, each from a first state of
     its own, and their angles fitted by robust least squares, with segments that become longer. Its
     results do not depend on chance. docs/howto/real_pendulum.md has an example.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, identify, simulate
+    >>> times = np.linspace(0.0, 5.0, 501)
+    >>> motion = simulate(Chain([1.0], [0.8], damping=0.05), 0.7, 0.0, times)
+    >>> found = identify(times, motion.theta, chain=Chain([1.0], [0.8]), fit=["damping"])
+    >>> round(float(found.chain.damping[0]), 3)
+    0.05
     """
     motion = check_motion(times, theta, torque, piece)
     return Problem(motion, chain, fit, segment, held_out).solve()
@@ -109,6 +119,17 @@ def prediction_rmse(
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, simulate
+    >>> from npend_gym.identification import prediction_rmse
+    >>> times = np.linspace(0.0, 2.0, 201)
+    >>> chain = Chain.uniform(1)
+    >>> theta = simulate(chain, 0.5, 0.0, times).theta
+    >>> prediction_rmse(times, theta, chain=chain) < 1e-3
+    True
     """
     problem = Problem(check_motion(times, theta, torque, piece), chain, segment=segment)
     fit = problem.stages.judge(problem.stages.model.known, problem.blocks())

@@ -41,6 +41,16 @@ class Signal:
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, Signal, simulate
+    >>> times = np.linspace(0.0, 1.0, 11)
+    >>> push = Signal(times, 5.0 * np.sin(times)[:, None], kind="linear")
+    >>> motion = simulate(Chain.uniform(1), 0.0, 0.0, [0.0, 1.0], torque=push)
+    >>> motion.theta[-1].round(4).tolist()
+    [0.478]
     """
 
     times: ArrayLike

@@ -43,6 +43,12 @@ def accelerations(
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, physics
+    >>> physics.accelerations(Chain.uniform(3), [0.1, 0.2, 0.3], 0.0).round(4).tolist()
+    [0.9035, -1.9112, -1.8829]
     """
     return _solve(chain, theta, omega, torque)[0]
 
@@ -63,6 +69,12 @@ def tensions(
     ValueError, TypeError
         If an argument breaks its rule, or the chain is not one of point masses on massless rods,
         the only ones on which all force is along the rod.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, physics
+    >>> physics.tensions(Chain.uniform(3), 0.0, 0.0).round(2).tolist()
+    [29.43, 19.62, 9.81]
     """
     if not check_chain(chain).is_ideal:
         raise ValueError(
@@ -95,6 +107,12 @@ def mass_matrix(chain: Chain, theta: ArrayLike) -> FloatArray:
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, physics
+    >>> physics.mass_matrix(Chain.uniform(2), [0.0, 0.0]).tolist()
+    [[2.0, 1.0], [1.0, 1.0]]
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     (angles,) = check_states(n, theta=theta)
@@ -121,6 +139,12 @@ def momentum_jacobian(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> Float
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, physics
+    >>> physics.momentum_jacobian(Chain.uniform(2), 0.0, 1.0)[:, 2:].tolist()  # M
+    [[2.0, 1.0], [1.0, 1.0]]
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
     angles, speeds = check_states(n, theta=theta, omega=omega)

@@ -43,6 +43,15 @@ class Event:
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, Event, simulate
+    >>> top = Event("angular_velocity", rod=0, direction=-1)
+    >>> motion = simulate(Chain.uniform(1), 0.5, 0.0, [0.0, 5.0], events=[top])
+    >>> motion.t_events[0].round(4).tolist()
+    [2.0379, 4.0757]
     """
 
     quantity: str

@@ -58,6 +58,12 @@ def jacobian(
     -----
     Each column takes O(n) operations: `npend_gym.physics.kernels.virtual_power` has the equations.
     Dry friction near rest is the damper friction / friction_speed, see `linearise`.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, physics
+    >>> physics.jacobian(Chain.uniform(1), [0.0]).round(4).tolist()
+    [[0.0, 1.0, 0.0], [-9.81, 0.0, 1.0]]
     """
     whole = _by_chunks(_rates, chain, theta, omega, torque, range(check_chain(chain).n))
     return np.concatenate(whole, axis=-1)
@@ -96,6 +102,16 @@ def linearise(
     `friction_speed`; a regulator designed with it may have gains of the wrong sign for any faster
     motion. Linearise the chain without friction, ``Chain.from_dict(chain.as_dict() | {"friction":
     0.0})``, or use `npend_gym.rl.lqr`, which weighs friction by the swing that it must catch.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, physics
+    >>> A, B = physics.linearise(Chain.uniform(2), np.pi)
+    >>> A.shape, B.shape
+    ((4, 4), (4, 1))
+    >>> float(np.linalg.eigvals(A).real.max().round(4))  # 1/s: how fast it falls from upright
+    5.7874
     """
     return _by_chunks(_rates, chain, theta, omega, torque, joints)
 
@@ -133,6 +149,13 @@ def step_jacobian(
         If an argument breaks its rule.
     FloatingPointError
         If a state leaves all bounds in the step.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, physics
+    >>> A, B = physics.step_jacobian(Chain.uniform(2), 0.1, dt=0.02)
+    >>> A.shape, B.shape
+    ((4, 4), (4, 1))
     """
 
     def step(ensemble: DifferentiableEnsemble, loads: FloatArray) -> FloatArray:

@@ -130,6 +130,16 @@ def simulate(
     The sign of an event is looked at in four places of each step, so two zeros that are nearer to
     each other may be missed; zeros are located to 1e-12 s on the polynomials between steps. A
     motion that begins at a zero is no event there.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, simulate
+    >>> motion = simulate(Chain.uniform(2), 1.0, 0.0, np.linspace(0.0, 10.0, 101))
+    >>> motion.theta.shape
+    (101, 2)
+    >>> motion.positions()[-1, -1].round(4).tolist()
+    [-1.4371, -1.3377]
     """
     settings = check_settings(method, rtol, atol, dt)
     threads = _checks.count("threads", threads, high=MAX_THREADS)

@@ -100,6 +100,17 @@ class Trajectory:
     Positions, velocities and energy are relative to the pivot, also where it moves. Of B motions
     side by side `theta` and `omega` have the shape (B, T, n), and what follows from them has the
     same leading axis; `trajectory[k]` is one of them, a trajectory of its own.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, simulate
+    >>> motion = simulate(Chain.uniform(2), 1.0, 0.0, np.linspace(0.0, 2.0, 21))
+    >>> motion.positions().shape
+    (21, 2, 2)
+    >>> theta, omega = motion.at(1.23)
+    >>> theta.round(4).tolist()
+    [-0.8631, -1.0712]
     """
 
     chain: Chain

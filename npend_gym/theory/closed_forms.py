@@ -27,6 +27,12 @@ def ideal_period(chain: Chain) -> float:
     ------
     ValueError
         If the chain has links or rotors, to which the paper's formula does not apply.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, theory
+    >>> round(theory.ideal_period(Chain.uniform(4)), 4)
+    4.0121
     """
     if not chain.has_bobs:
         raise ValueError(
@@ -59,6 +65,13 @@ def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatAr
     ------
     ValueError
         If \|theta0\| >= pi, where the period is infinite, or `terms` is negative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import theory
+    >>> float(theory.amplitude_correction(np.pi / 4).round(4))
+    0.04
     """
     m = _modulus("theta0", theta0)
     if terms is None:
@@ -77,6 +90,13 @@ def pendulum_factor(amplitude: ArrayLike) -> FloatArray:
     ------
     ValueError
         If \|amplitude\| >= pi.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import theory
+    >>> theory.pendulum_factor([0.0, np.pi / 2]).round(4).tolist()
+    [1.0, 1.1803]
     """
     return np.asarray(2.0 * ellipk(_modulus("amplitude", amplitude)) / np.pi)
 
@@ -92,12 +112,27 @@ def _modulus(name: str, angle: ArrayLike) -> FloatArray:
 def pendulum_period(
     theta0: ArrayLike, length: float = 1.0, gravity: float = STANDARD_GRAVITY
 ) -> FloatArray:
-    """Return the exact period [s] of a single pendulum released from `theta0` [rad]."""
+    """Return the exact period [s] of a single pendulum released from `theta0` [rad].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import theory
+    >>> theory.pendulum_period([0.01, np.pi / 2]).round(4).tolist()
+    [2.0061, 2.3678]
+    """
     return single_period(length, gravity) * (1.0 + amplitude_correction(theta0))
 
 
 def single_period(length: float = 1.0, gravity: float = STANDARD_GRAVITY) -> float:
-    """Return 2 pi sqrt(l/g) [s], the paper's Eq. (simpleperiod)."""
+    """Return 2 pi sqrt(l/g) [s], the paper's Eq. (simpleperiod).
+
+    Examples
+    --------
+    >>> from npend_gym import theory
+    >>> round(theory.single_period(), 4)
+    2.0061
+    """
     length = _checks.positive_number("length", length)
     gravity = _checks.positive_number("gravity", gravity)
     return 2.0 * math.pi * math.sqrt(length / gravity)
@@ -110,6 +145,12 @@ def uniform_frequencies(
 
     omega_k^2 = (g/l) x_k with x_k the zeros of the Laguerre polynomial L_n, found as the
     eigenvalues of its Jacobi matrix.
+
+    Examples
+    --------
+    >>> from npend_gym import theory
+    >>> theory.uniform_frequencies(3).round(4).tolist()
+    [2.0196, 4.7441, 7.8552]
     """
     n = _checks.count("n", n, high=MAX_DENSE)
     zeros = eigh_tridiagonal(2.0 * np.arange(n) + 1.0, np.arange(1.0, n), eigvals_only=True)
@@ -136,6 +177,13 @@ def large_n_period(
         1, or 2 for the next order as well, a factor 1 - (j01^2 - 2) / (96 (n + 1/2)^2): the error
         is then 3.7e-6, 2.8e-7 and 3.3e-11. It comes from the zeros of the Laguerre polynomial L_n,
         x_1 = j01^2 / (4 nu) (1 + (j01^2 - 2) / (48 nu^2) + ...), nu = n + 1/2 (DLMF 18.16.14).
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, theory
+    >>> exact = theory.fundamental_period(Chain.uniform(100))
+    >>> round(theory.large_n_period(100), 3), round(exact, 3)
+    (16.725, 16.725)
     """
     n = _checks.count("n", n, high=10**30)
     limit = 2.0 / SLOWEST * single_period(length, gravity) * math.sqrt(n + 0.5)
@@ -171,6 +219,13 @@ def large_n_com_period(
     -----
     At small angles the relative error is 7e-3, 1.9e-3, 6.5e-4 and 2.6e-4 at n = 1, 2, 3 and 5, and
     below 6e-6 from n = 10; `com_period` has none there. See it for the error at larger angles.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import theory
+    >>> float(theory.large_n_com_period(100, np.pi / 4).round(4))
+    17.1982
     """
     limit = com_ratio() * large_n_period(n, length, gravity)
     return limit * pendulum_factor(amplitude)

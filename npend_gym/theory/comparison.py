@@ -48,6 +48,13 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
     """Return the models of the pseudo-period of `chain`, released from `angle` [rad].
 
     Where `angle` is an array, the mean of the corrections of its entries is taken.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, theory
+    >>> [round(float(period), 4) for period in theory.models(Chain.uniform(5), np.pi / 4)]
+    [4.4857, 4.665, 3.9076, 4.0233]
     """
     ideal = ideal_period(chain) if chain.has_bobs else math.nan
     corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))

@@ -35,6 +35,13 @@ def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
     and K = diag(g h), h_i = l_i sum_{k>=i} m_k. The inverse of that M is tridiagonal, so that
     omega^2 are the eigenvalues of the symmetric tridiagonal K^(1/2) M^(-1) K^(1/2). With links,
     h is `Chain.lift`; a link with h < 0 rests upright, and its angles are measured from there.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, theory
+    >>> omega, modes = theory.normal_modes(Chain.uniform(2))
+    >>> omega.round(4).tolist(), modes.shape
+    ([2.3972, 5.7874], (2, 2))
     """
     _checks.count("n", chain.n, high=MAX_DENSE)
     if chain.has_bobs:
@@ -52,13 +59,26 @@ def fundamental_period(chain: Chain) -> float:
     """Return the period [s] of the slowest normal mode.
 
     NaN where nothing swings back: without gravity, or where a link is balanced on its joint.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, theory
+    >>> round(theory.fundamental_period(Chain.uniform(3)), 4)
+    3.1111
     """
     frequency = _frequency(chain, 0) if chain.gravity > 0.0 else 0.0
     return 2.0 * math.pi / frequency if frequency > 0.0 else math.nan
 
 
 def fastest_frequency(chain: Chain) -> float:
-    """Return the angular frequency [rad/s] of the fastest normal mode; zero without gravity."""
+    """Return the angular frequency [rad/s] of the fastest normal mode; zero without gravity.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, theory
+    >>> round(theory.fastest_frequency(Chain.uniform(3)), 4)
+    7.8552
+    """
     return _frequency(chain, chain.n - 1)
 
 

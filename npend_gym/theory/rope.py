@@ -93,6 +93,12 @@ def release_profile(s: ArrayLike) -> FloatArray:
     Of N equal rods in small motion, that of `small_angle_periods`, the bobs differ from it by
     1.5e-3, 2.4e-4 and 1.5e-5 (root mean square) at N = 20, 100 and 1000, and by 4.9e-3, 1.2e-3 and
     1.3e-4 at the worst bob, apart from a few near the pivot that turn early: 2, 4 and 12 of them.
+
+    Examples
+    --------
+    >>> from npend_gym import theory
+    >>> theory.release_profile([0.2, 0.8]).round(3).tolist()
+    [0.988, 0.938]
     """
     height = _checks.array("s", s)
     if np.any((height < 0.0) | (height > 1.0)):
@@ -107,6 +113,12 @@ def com_ratio() -> float:
 
     The second root t of sum_k sin(j_k t/2) / j_k^3, whose terms are what the modes of the straight
     rope have of the momentum.
+
+    Examples
+    --------
+    >>> from npend_gym import theory
+    >>> round(theory.com_ratio(), 6)
+    0.988746
     """
 
     def momentum(tau: float) -> float:

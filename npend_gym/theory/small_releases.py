@@ -41,6 +41,12 @@ def small_angle_periods(chain: Chain) -> FloatArray:
     -----
     Reversals are seen in samples, eight in a period of the fastest mode, and then halved in on to
     rounding. One pair of reversals between two samples is not seen.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, theory
+    >>> theory.small_angle_periods(Chain.uniform(2)).round(4).tolist()
+    [2.4429, 2.6343]
     """
     frequencies, angles = _superposition(chain)
     if frequencies.size == 0:
@@ -79,6 +85,13 @@ def com_period(chain: Chain | int, amplitude: ArrayLike = 0.0) -> FloatArray:
     by simulation, within 0.2 % up to 1 rad; `docs/explanation/pseudo_period.md` has its error for
     other chains, angles up to 1.2 rad and N = 1 to 1600. T(0) of more than 200 equal rods is that
     of `large_n_com_period`, which is the same to 2e-7.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, theory
+    >>> float(theory.com_period(Chain.uniform(5), np.pi / 4).round(4))
+    4.0222
     """
     if not isinstance(chain, Chain):
         chain = Chain.uniform(_checks.count("chain", chain))

@@ -63,6 +63,12 @@ def amplitude_growth(chain: Chain) -> AmplitudeGrowth:
     -----
     The centre of mass reverses at T(0) + a^2 T2 where its momentum h . (theta' cos theta) is zero,
     which is T2 = -P3 / P1' at T(0), with P1 and P3 the momentum of order a and a^3.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain, theory
+    >>> round(theory.amplitude_growth(Chain.uniform(1)).com, 4)  # 1/16 for one pendulum
+    0.0625
     """
     n = _checks.count("n", chain.n, high=MAX_THIRD_ORDER)
     lift, gravity, inertia = chain.lift, chain.gravity, link_inertia(chain)

@@ -63,6 +63,14 @@ class DifferentiableVectorEnv:
     -----
     The graph of past steps grows until `detach` cuts it, or `reset` begins anew. It keeps states
     and actions alone; a backward pass takes every step once more.
+
+    Examples
+    --------
+    >>> from npend_gym.torch import DifferentiableVectorEnv
+    >>> env = DifferentiableVectorEnv(4, n=2)
+    >>> observation, info = env.reset(seed=0)
+    >>> observation.shape
+    torch.Size([4, 4])
     """
 
     def __init__(

@@ -76,6 +76,17 @@ def step(
     -----
     `torch.func.grad`, `vjp`, `jacrev` and `vmap` work. `torch.compile` leaves a step as it is and
     compiles what stands around it; it cannot with ``fullgraph=True``.
+
+    Examples
+    --------
+    >>> import torch
+    >>> from npend_gym import Chain
+    >>> from npend_gym.torch import step
+    >>> theta = torch.tensor([0.5, 0.5], dtype=torch.float64, requires_grad=True)
+    >>> after, omega = step(Chain.uniform(2), theta, dt=0.1)
+    >>> after.sum().backward()
+    >>> theta.grad.shape
+    torch.Size([2])
     """
     check_chain(chain)
     steps = _kept_steps(chain, tuple(joints))

@@ -82,6 +82,12 @@ class CampaignPlan:
     ------
     TypeError, ValueError
         If a value breaks its rule, alone or together with others, or is named twice.
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> experiments.CampaignPlan(n=[2, 5], trials=100).releases
+    200
     """
 
     n: int | Sequence[int] = PAPER_N

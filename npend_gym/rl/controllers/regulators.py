@@ -100,6 +100,14 @@ def lqr(
     ------
     numpy.linalg.LinAlgError
         If the actuated joints cannot stabilise this equilibrium.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> from npend_gym.envs import EnvConfig
+    >>> task = {"n": 2, "mode": "balance"}
+    >>> rl.evaluate(rl.lqr(EnvConfig(**task)), task, episodes=2).success.tolist()
+    [True, True]
     """
     return StateFeedback(angle, riccati(config, angle, action_weight)[0])
 
@@ -138,6 +146,14 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     Its strength minimises the spectral radius of a step of the linear system about hanging at
     rest. A brake takes energy out of every mode of the chain; a brake that is too strong holds the
     upper rod still while the others continue to swing.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> from npend_gym.envs import EnvConfig
+    >>> task = {"n": 2, "mode": "calm"}
+    >>> rl.evaluate(rl.modal_damping(EnvConfig(**task)), task, episodes=2).success.tolist()
+    [True, True]
     """
     a, b = discretise(config, 0.0)
     gain = np.zeros((b.shape[1], a.shape[0]))
@@ -189,6 +205,14 @@ def energy_swing_up(
 
     The defaults did best for n = 2 among gains of 3 to 100 and costs of 5 to 50, in the 200
     episodes of the seeds 0 to 199.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> from npend_gym.envs import EnvConfig
+    >>> task = {"n": 1, "mode": "swingup"}
+    >>> rl.evaluate(rl.energy_swing_up(EnvConfig(**task)), task, episodes=2).success.tolist()
+    [True, True]
     """
     gain, cost = riccati(config, np.pi, action_weight=1.0)
     balance, upright_energy = StateFeedback(np.pi, gain), config.chain.lifting_energy

@@ -112,6 +112,13 @@ def evaluate(
     ------
     ValueError, TypeError
         If an argument or a keyword breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> policy = rl.Policy.pretrained("balance-2")
+    >>> rl.evaluate(policy, policy.env, episodes=2).success.tolist()
+    [True, True]
     """
     controller = acting(controller)
     envs = make_envs(env_id, _checks.count("episodes", episodes), keywords)

@@ -32,6 +32,12 @@ def interquartile_mean(scores: ArrayLike) -> float:
     ------
     ValueError
         If the scores are not finite, or of another shape.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> rl.interquartile_mean([[0.0], [0.9], [1.0], [1.0]])
+    0.95
     """
     from scipy.stats import trim_mean  # takes long to import
 
@@ -70,6 +76,13 @@ def bootstrap_interval(
     ------
     ValueError, TypeError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> low, high = rl.bootstrap_interval([[0.7], [0.8], [0.9], [1.0]])
+    >>> bool(0.7 <= low < high <= 1.0)
+    True
     """
     given = _scores(scores)
     share = _checks.positive_number("confidence", confidence)
@@ -102,6 +115,12 @@ def performance_profile(scores: ArrayLike, thresholds: ArrayLike) -> FloatArray:
     ------
     ValueError
         If the scores are not finite, or of another shape.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> rl.performance_profile([[0.2], [0.6], [0.9], [1.0]], [0.5, 0.95]).tolist()
+    [0.75, 0.25]
     """
     limits = _checks.array("thresholds", thresholds)
     return (_scores(scores).ravel() > limits[:, None]).mean(axis=1)

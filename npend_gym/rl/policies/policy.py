@@ -42,6 +42,16 @@ class Policy:
         Keywords of the environment that the policy is made for.
     provenance : dict
         What the policy was made with: settings, versions, its evaluation.
+
+    Examples
+    --------
+    >>> import gymnasium as gym
+    >>> from npend_gym import rl
+    >>> policy = rl.Policy.pretrained("swingup-1")
+    >>> envs = gym.make_vec("NPendulum-v0", num_envs=3, **policy.env)
+    >>> observation, info = envs.reset(seed=0)
+    >>> policy(observation, info).shape
+    (3, 1)
     """
 
     scale: Float32Array
@@ -219,7 +229,14 @@ class Policy:
 
 
 def pretrained_names() -> tuple[str, ...]:
-    """Return the names of the policies that come with the package."""
+    """Return the names of the policies that come with the package.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> "swingup-4" in rl.pretrained_names()
+    True
+    """
     return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
 
 
