@@ -175,7 +175,7 @@ def read_releases(plan: CampaignPlan, out: Path, task: Task) -> dict[str, NDArra
             if np.isnan(values).sum() != table[name].null_count:
                 raise ValueError(f"its {name} is NaN where it should be null")
         _check_releases(plan, task, columns)
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except (pa.ArrowException, OSError, ValueError, LookupError) as error:  # as pyarrow likes
         first = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{path} is no part of this campaign: {first}") from error
     return columns
