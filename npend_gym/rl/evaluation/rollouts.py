@@ -131,7 +131,12 @@ def acting(controller: Controller | Model) -> Controller:
             f"method predict of Stable-Baselines3; got {_checks.show(controller)}"
         )
     model = controller
-    return lambda observation, _: model.predict(observation, deterministic=True)[0]
+
+    def of_model(observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
+        del info
+        return model.predict(observation, deterministic=True)[0]
+
+    return of_model
 
 
 def rollout(
