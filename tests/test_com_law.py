@@ -49,7 +49,7 @@ def test_the_command_prints_and_writes_the_same_table(tmp_path, capsys):
     [
         ("--n 0", "n must be between"),
         ("--amplitudes 0", "amplitudes must be greater than zero"),
-        ("--amplitudes 3.2", "amplitude must lie between"),
+        ("--amplitudes 3.2", "amplitudes must lie within pi"),
     ],
 )
 def test_bad_grids_are_refused(arguments, message, capsys):

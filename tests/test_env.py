@@ -260,7 +260,7 @@ def test_bad_options_are_refused_and_change_nothing(options, error, message):
         ({"mode": "fly"}, ValueError, "mode must be one of passive, swingup, balance, calm"),
         ({"mode": None}, ValueError, "mode must be one of"),
         ({"masses": 0.0}, ValueError, "masses must be greater"),
-        ({"masses": [1.0]}, ValueError, "masses must be one number"),
+        ({"n": 2, "masses": [1.0]}, ValueError, "masses must be one number"),
         ({"lengths": "11"}, TypeError, "lengths must hold real"),
         ({"gravity": -1.0}, ValueError, "gravity must be zero"),
         ({"damping": [0.1, -0.1]}, ValueError, "damping must be zero"),

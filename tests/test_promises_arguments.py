@@ -37,6 +37,10 @@ def periods(**change):
     return pseudo_periods(**({"chain": Chain.uniform(2), "theta": 0.1} | change))
 
 
+def two_rods(**keywords):
+    return NPendulumEnv(n=2, **keywords)
+
+
 def reset(**option):
     env = NPendulumEnv(n=2)
     env.reset(seed=0, options=option)
@@ -45,8 +49,8 @@ def reset(**option):
 CASES = [
     (NPendulumEnv, "n", (*NO_COUNTS, 10**9)),
     (NPendulumEnv, "mode", NO_CHOICES),
-    (NPendulumEnv, "masses", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
-    (NPendulumEnv, "lengths", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
+    (two_rods, "masses", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
+    (two_rods, "lengths", (*NO_ARRAYS, 0.0, [1.0, -1.0], 1e-31)),
     (NPendulumEnv, "gravity", (*NO_NUMBERS, -1.0, [9.81], None, 5e-324)),
     (NPendulumEnv, "damping", (*NO_ARRAYS, -1.0, 1e-40)),
     (NPendulumEnv, "drag", (*NO_ARRAYS, -1.0)),

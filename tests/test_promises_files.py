@@ -172,7 +172,7 @@ def test_an_archive_that_would_fill_the_memory_is_refused(file):
 
 @posix
 def test_a_fifo_or_a_folder_is_neither_read_nor_replaced(path, tmp_path):
-    fifo, folder = tmp_path / "fifo", tmp_path / "folder"
+    fifo, folder = tmp_path / "fifo.npz", tmp_path / "folder.npz"
     os.mkfifo(fifo)
     folder.mkdir()
     for place in (fifo, folder):

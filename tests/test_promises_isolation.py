@@ -114,4 +114,4 @@ def test_a_read_only_installation_works_without_a_home(tmp_path, mounting):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "(0.0, 1.0)"
-    assert list(cache.rglob("*.nbi"))
+    assert list(cache.rglob("*.code"))

@@ -164,9 +164,9 @@ def test_a_page_has_the_centres_of_mass_of_links(runs, tmp_path):
     path = release_page.write(EXPERIMENT, runs, recordings, tmp_path / "links.html")
     (release,) = data_of(path)["releases"]
     np.testing.assert_allclose(release["centres"] * CHAIN.lengths, CHAIN.centres)
-    assert set(release["models"]) == {"T1", "T(N, a)"}
+    assert set(release["models"]) == {"T1", "T(N,a)"}
     assert {one["name"] for one in data_of(path)["law"]["series"]} == {
-        "T1", "T(N, a)", "each bob", "mean of a trial", "centre of mass",
+        "T1", "T(N,a)", "each bob", "mean of a trial", "centre of mass",
     }  # fmt: skip
     words = shlex.split(release_page.command(EXPERIMENT))
     assert words[:4] == ["npend", "release", "--chain", NAME]

@@ -7,6 +7,7 @@ import difflib
 import inspect
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
@@ -206,8 +207,13 @@ def chain_of(keywords: Mapping[str, Any]) -> Chain:
 def _listed(own: Mapping[str, Any]) -> int:
     """Return how many rods have a mass or a length of their own, or else the default number."""
     for name in ("masses", "lengths"):
-        if isinstance(own.get(name), (list, tuple, np.ndarray)) and np.ndim(own[name]) == 1:
-            return len(own[name])
+        given = own.get(name)
+        if isinstance(given, list | tuple):
+            vector = all(isinstance(each, Real) for each in given)
+        else:
+            vector = isinstance(given, np.ndarray) and given.ndim == 1
+        if vector and 0 < len(given) <= MAX_RODS:
+            return len(given)
     return DEFAULTS["n"]
 
 
