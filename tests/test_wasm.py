@@ -41,6 +41,13 @@ def test_sines_and_cosines_have_the_same_bits_in_a_browser(browser):
     np.testing.assert_allclose(sines, np.sin(angles), rtol=0.0, atol=2.3e-16)
 
 
+def test_what_this_process_has_compiled_already_changes_no_module(monkeypatch, tmp_path):
+    before = wasm.wasm_module({sincos_all: VECTORS})
+    sincos_all(np.ones(3), *np.empty((2, 3)))  # compiles, or has compiled
+    monkeypatch.setattr(wasm, "cache_folder", lambda *_: tmp_path)
+    assert wasm.wasm_module({sincos_all: VECTORS}) == before
+
+
 def test_a_module_is_compiled_once(monkeypatch):
     first = wasm.wasm_module({sincos_all: VECTORS})
     monkeypatch.setattr(wasm, "_compiled", None)
@@ -55,12 +62,13 @@ def test_where_no_file_can_be_written_modules_are_compiled_again(monkeypatch, tm
     assert wasm.wasm_module({sincos_all: VECTORS}) == b"compiled"
 
 
-def test_kernels_that_call_a_library_are_refused():
-    @inner_kernel
-    def grow(x):
-        for i in range(x.size):
-            x[i] = math.exp(x[i])
+@inner_kernel
+def grow(x):
+    for i in range(x.size):
+        x[i] = math.exp(x[i])
 
+
+def test_kernels_that_call_a_library_are_refused():
     with pytest.raises(RuntimeError, match="must need memory alone"):
         wasm.wasm_module({grow: "void(float64[::1])"})
 

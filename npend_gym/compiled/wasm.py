@@ -11,12 +11,17 @@ functions are called.
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from npend_gym import _files
@@ -30,6 +35,9 @@ _LINES = re.MULTILINE
 # Sections of a module, WebAssembly Core Specification 2.0, 5.5.2: their numbers and their order
 _CUSTOM, _TYPE, _IMPORT, _FUNCTION, _EXPORT, _CODE = 0, 1, 2, 3, 7, 10
 _HEADER = b"\0asm\x01\0\0\0"
+_PROGRAM = (
+    "import sys; from npend_gym.compiled.wasm import write_module; write_module(*sys.argv[1:])"
+)
 # The table of symbols in the section "linking", tool-conventions/Linking.md
 _SYMBOL_TABLE, _IS_FUNCTION, _UNDEFINED = 8, 0, 0x10
 
@@ -45,8 +53,8 @@ def wasm_module(kernels: Mapping[Callable[..., Any], str]) -> bytes:
     Parameters
     ----------
     kernels : mapping
-        Functions decorated with `kernel`, each with the types of its arguments as Numba writes
-        them, such as "void(float64[:, ::1], none)".
+        Functions of a module, decorated with `kernel`, each with the types of its arguments as
+        Numba writes them, such as "void(float64[:, ::1], none)".
 
     Raises
     ------
@@ -73,6 +81,41 @@ def _write(path: Path, module: bytes) -> None:
 
 
 def _compiled(kernels: Mapping[Callable[..., Any], str]) -> bytes:
+    """Compile the kernels in a process of its own.
+
+    In this one, kernels that they call may have been compiled already, for its processor; and what
+    is compiled for a browser must not be kept as machine code of this computer.
+    """
+    named = [(one.__module__, one.__name__, types) for one, types in kernels.items()]
+    with TemporaryDirectory() as folder:
+        module = Path(folder) / "kernels.wasm"
+        done = subprocess.run(  # noqa: S603 - this Python
+            [sys.executable, "-W", "ignore", "-c", _PROGRAM, json.dumps(named), str(module)],
+            env=os.environ
+            | {
+                "NUMBA_CACHE_DIR": folder,
+                "NPEND_GYM_QUIET": "1",
+                "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            },
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            raise RuntimeError((done.stderr.strip() or "compiling ended").splitlines()[-1])
+        return module.read_bytes()
+
+
+def write_module(named: str, out: str) -> None:
+    """Compile kernels that are given as JSON, (module, name, types) each, into the file `out`."""
+    kernels = {getattr(import_module(at), name): types for at, name, types in json.loads(named)}
+    try:
+        Path(out).write_bytes(_compiled_here(kernels))
+    except RuntimeError as error:
+        raise SystemExit(str(error)) from error
+
+
+def _compiled_here(kernels: Mapping[Callable[..., Any], str]) -> bytes:
     """Compile the kernels together."""
     llvm: Any = import_module("llvmlite.binding")
     if not hasattr(llvm, "create_pass_builder"):

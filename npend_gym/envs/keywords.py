@@ -207,13 +207,11 @@ def chain_of(keywords: Mapping[str, Any]) -> Chain:
 def _listed(own: Mapping[str, Any]) -> int:
     """Return how many rods have a mass or a length of their own, or else the default number."""
     for name in ("masses", "lengths"):
-        given = own.get(name)
-        if isinstance(given, list | tuple):
-            vector = all(isinstance(each, Real) for each in given)
-        else:
-            vector = isinstance(given, np.ndarray) and given.ndim == 1
-        if vector and 0 < len(given) <= MAX_RODS:
-            return len(given)
+        given: Any = own.get(name)
+        if isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim == 1):
+            values: Any = given  # pyright: ignore[reportUnknownVariableType]
+            if 0 < len(values) <= MAX_RODS and all(isinstance(each, Real) for each in values):
+                return len(values)
     return DEFAULTS["n"]
 
 
