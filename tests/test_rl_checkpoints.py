@@ -124,6 +124,9 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
     assert "--resume goes on" in capsys.readouterr().err
     assert main([*common, *out, "--resume"]) == 0
     assert not list(tmp_path.glob("two/*.checkpoint"))
-    runs = [np.load(tmp_path / folder / "calm-1.npz") for folder in ("whole", "two")]
-    for name in runs[0].files:
+    runs = list[dict[str, np.ndarray]]()
+    for folder in ("whole", "two"):
+        with np.load(tmp_path / folder / "calm-1.npz") as file:
+            runs.append(dict(file))
+    for name in runs[0]:
         np.testing.assert_array_equal(*(run[name] for run in runs))

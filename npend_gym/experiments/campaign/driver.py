@@ -74,8 +74,8 @@ class Campaign:
     --------
     >>> plan = CampaignPlan(n=[2, 3], trials=100)
     >>> with Campaign(plan, "results") as campaign:
-    ...     for task, record in campaign.run():
-    ...         print(task.id, record.error)
+    ...     print(sum(not record.error for _, record in campaign.run()), "tasks are done")
+    2 tasks are done
     """
 
     def __init__(self, plan: CampaignPlan | None, out: Path | str) -> None:
