@@ -6,9 +6,7 @@ import base64
 import math
 import zlib
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +28,7 @@ _SCRIPTS = (
     "diagram.js",
     *(f"live/{name}.js" for name in ("chain", "policy", "stage", "motion", "tell", "app")),
 )
+_STYLES = "page.css", "live/live.css"
 
 
 class Network(NamedTuple):
@@ -69,9 +68,8 @@ def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
     data = {
         "layout": engine.layout,
         "physics": {"gravity": STANDARD_GRAVITY, **engine.constants},
-        "law": [_short(theory.com_period(chain)) for chain in unit],
+        "law": [_short(theory.models(chain, 0.0).law) for chain in unit],
         "factor": [_short(one) for one in factor],
-        "palette": player.PALETTE,
         "policies": [
             {
                 "n": network.n,
@@ -83,9 +81,11 @@ def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
         "module": _text(engine.module),
         "weights": _text(b"".join(packed)),
     }
-    folder = files("npend_gym.report")
-    styles = ((folder / name).read_text("utf-8") for name in ("page.css", "live/live.css"))
-    return Template((folder / "live/live.html").read_text("utf-8")).substitute(
+    return player.page(
+        "live/live.html",
+        data,
+        _SCRIPTS,
+        _STYLES,
         version=__version__,
         most=MAX_N,
         angle=round(degrees),
@@ -93,9 +93,6 @@ def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
         most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
         motors="\n".join(_choice(network.n) for network in networks),
-        data=player.as_json(data),
-        style=player.palette_css() + "".join(styles),
-        script="\n".join((folder / name).read_text("utf-8") for name in _SCRIPTS),
     )
 
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import html
 import math
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,13 +40,12 @@ def as_html(motion: Any) -> str:
     places = _MOST_PLACES // len(each)
     releases = [_played(one, k, places) for k, one in enumerate(each)]
     title = f"Motion of {motion.chain.n} pendulums"
-    folder = files("npend_gym.report")
-    text = Template((folder / "player.html").read_text("utf-8")).substitute(
+    text = player.page(
+        "player.html",
+        {"releases": releases},
+        ["player.js"],
         title=title,
-        hidden="" if many else " hidden",
-        data=player.as_json({"releases": releases, "palette": player.PALETTE}),
-        style=player.palette_css() + (folder / "page.css").read_text("utf-8"),
-        script=(folder / "player.js").read_text("utf-8"),
+        playback=player.playback("Motion", hidden=not many),
     )
     return (
         f'<iframe title="{title}" sandbox="allow-scripts" srcdoc="{html.escape(text)}" '

@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,47 @@ def centres(motion: Any) -> list[float]:
     """Return where the centres of mass are along links that are bodies, over their lengths."""
     chain = motion.chain
     return (chain.centres / chain.lengths).tolist() if motion.bodies().size else []
+
+
+def page(
+    template: str,
+    data: Mapping[str, Any],
+    scripts: Sequence[str],
+    styles: Sequence[str] = ("page.css",),
+    **texts: object,
+) -> str:
+    """Return a page of this folder, in one text with all that it needs.
+
+    Parameters
+    ----------
+    template : str
+        File with the places ``$data``, ``$style`` and ``$script``, and those of `texts`.
+    data : mapping
+        What the scripts show; they are given the palette too.
+    scripts, styles : sequence of str
+        Files, in the order in which they stand in the page.
+    **texts : object
+        HTML of the other places.
+    """
+    return _template(template).substitute(
+        texts,
+        data=as_json({**data, "palette": PALETTE}),
+        style=palette_css() + "".join(map(_read, styles)),
+        script="".join(map(_read, scripts)),
+    )
+
+
+def playback(choice: str, *, hidden: bool = False) -> str:
+    """Return the controls of `player.js`; `choice` is what a motion is called there."""
+    return _template("playback.html").substitute(choice=choice, hidden=" hidden" if hidden else "")
+
+
+def _template(name: str) -> Template:
+    return Template(_read(name))
+
+
+def _read(name: str) -> str:
+    return (files("npend_gym.report") / name).read_text("utf-8")
 
 
 def as_json(data: Mapping[str, Any]) -> str:

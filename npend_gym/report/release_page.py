@@ -6,9 +6,7 @@ import html
 import math
 import shlex
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -54,7 +52,6 @@ def page(
         "provenance": provenance(experiment.as_dict(), experiment.seed),
         "releases": [_recorded(experiment, recording) for recording in recordings],
         "law": _law(experiment, runs, rows),
-        "palette": player.PALETTE,
     }
     n_values = ", ".join(str(row["n"]) for row in rows)
     start, spread = math.degrees(experiment.amplitude), math.degrees(experiment.spread)
@@ -67,13 +64,13 @@ def page(
         "command": command(experiment),
         "version": __version__,
     }
-    folder = files("npend_gym.report")
-    return Template((folder / "page.html").read_text("utf-8")).substitute(
-        {name: html.escape(text) for name, text in texts.items()},
+    return player.page(
+        "page.html",
+        data,
+        _SCRIPTS,
+        **{name: html.escape(text) for name, text in texts.items()},
+        playback=player.playback("Pendulums"),
         summary=_table(rows),
-        data=player.as_json(data),
-        style=player.palette_css() + (folder / "page.css").read_text("utf-8"),
-        script="".join((folder / name).read_text("utf-8") for name in _SCRIPTS),
     )
 
 
