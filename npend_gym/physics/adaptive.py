@@ -39,6 +39,11 @@ class Steps(NamedTuple):
             p = (p + poly[..., row, :]) * (u if row % 2 else x)
         return self.states[step] + (p + poly[..., 0, :]) * x
 
+    def parts(self, size: int) -> Iterator[Steps]:
+        """Yield these steps, so many at a time."""
+        for first in range(0, len(self.begin), size):
+            yield Steps(*(each[first : first + size] for each in self))
+
     def at(self, times: FloatArray) -> FloatArray:
         """Return the states at instants within the steps, shape (..., m)."""
         step = np.clip(np.searchsorted(self.end, times), 0, self.end.size - 1)

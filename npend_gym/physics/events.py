@@ -18,6 +18,7 @@ from npend_gym.physics.adaptive import Steps
 QUANTITIES = ("angle", "angular_velocity", "velocity", "height", "energy", "flip")
 _PARTS = 4  # of a step, at whose ends the sign is looked at
 _RESOLUTION = 1e-13  # s, of an instant
+_RODS_AT_ONCE = 10_000  # rods times steps: what is copied of them stays small, and Ctrl-C is heard
 
 
 @dataclass(frozen=True)
@@ -207,7 +208,13 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
 
 
 def occurrences(event: Watched, steps: Steps, n: int) -> list[Occurrence]:
-    """Return the zeros of an event within steps, in order.
+    """Return the zeros of an event within steps, in order."""
+    size = max(1, _RODS_AT_ONCE // n)
+    return [found for part in steps.parts(size) for found in _occurrences(event, part, n)]
+
+
+def _occurrences(event: Watched, steps: Steps, n: int) -> list[Occurrence]:
+    """Return the zeros within steps that are looked at together.
 
     The sign is looked at in a few places of each step. A value of zero has no sign: a motion that
     begins there is no event, and one that comes there is.
