@@ -3,13 +3,13 @@
 Each prints one line that says what was run and found. The exit code is 1 where a promise is
 broken::
 
-    python benchmarks/soak.py bits --steps 1000000
-    python benchmarks/soak.py fuzz --calls 1000000
-    python benchmarks/soak.py steps --steps 4300000
-    python benchmarks/soak.py batch --steps 1000000000
-    python benchmarks/soak.py make --times 10000
-    python benchmarks/soak.py files --flips 100000
-    python benchmarks/soak.py properties --cases 10000 --seed 1
+    python stress/soak.py bits --steps 1000000
+    python stress/soak.py fuzz --calls 1000000
+    python stress/soak.py steps --steps 4300000
+    python stress/soak.py batch --steps 1000000000
+    python stress/soak.py make --times 10000
+    python stress/soak.py files --flips 100000
+    python stress/soak.py properties --cases 10000 --seed 1
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Mutated files for every reader of files: whether each is taken, or refused as documented.
 
-    python benchmarks/fuzz_readers.py --inputs 1000000
-    python benchmarks/fuzz_readers.py --inputs 100000 --readers part,journal --corpus corpus
+    python stress/fuzz_readers.py --inputs 1000000
+    python stress/fuzz_readers.py --inputs 100000 --readers part,journal --corpus corpus
 
 Good files of each kind are changed, byte by byte and inside their containers
 (`tests/mutations.py`), and read (`tests/readers.py`). An exception other than the documented ones,

@@ -1,6 +1,6 @@
 """Whether a campaign writes the same bytes, however often it is killed.
 
-    python benchmarks/kill_campaign.py --kills 100
+    python stress/kill_campaign.py --kills 100
 
 Why: "nothing is lost and nothing is done twice" is a claim about moments that no test chooses. Here
 a small campaign runs while drivers and workers are killed with SIGKILL at random moments, from the

@@ -1,6 +1,6 @@
 """Whether anything is torn, stuck or left behind by interrupts at random instants.
 
-    python benchmarks/random_interrupts.py --count 10000
+    python stress/random_interrupts.py --count 10000
 
 Why: the exception of a signal, such as that of Ctrl-C, can be raised after any bytecode. Each kind
 of work below runs in a process of its own, where a timer, or another process at moments of its own,
