@@ -29,6 +29,11 @@ html_theme = "furo"
 html_title = f"npend_gym {version}"
 exclude_patterns = ["results"]
 
+# The theme's own, and at the end the releases that `.ci/site` builds side by side
+html_sidebars = {"**": [*(f"sidebar/{name}.html" for name in (
+    "brand", "search", "scroll-start", "navigation", "scroll-end")), "versions.html"]}  # fmt: skip
+html_context = {"versions": os.environ.get("NPEND_VERSIONS", "").split()}
+templates_path = ["templates"]
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"  # what browsers show by themselves: no script, nothing to fetch
