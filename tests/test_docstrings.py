@@ -1,4 +1,4 @@
-"""Examples in docstrings: they run and print what they show, and few public functions lack one."""
+"""Examples in docstrings: they run and print what they show, and every public function has one."""
 
 import doctest
 import inspect
@@ -13,12 +13,6 @@ pytestmark = pytest.mark.long
 
 PACKAGE = Path(npend_gym.__file__).parent
 FACES = ("chaos", "experiments", "identification", "physics", "rl", "theory", "torch")
-# These take minutes, or a folder of results or of files: examples/ and the pages show them
-WITHOUT = {
-    "analyse", "count_exponent", "fit_law", "law_rows", "limit_rows", "performance",
-    "planned_swing_up", "planned_transition", "planned_transitions", "read_motion", "recovery",
-    "robustness", "scan", "scan_rows", "tangents", "write_repository",
-}  # fmt: skip
 NEEDS = {"torch": "torch", "rl": "stable_baselines3", "notebook": "PIL"}
 
 
@@ -40,7 +34,7 @@ def test_examples_print_what_they_show(name, tmp_path, monkeypatch):
     assert found.failed == 0
 
 
-def test_no_other_public_function_lacks_an_example():
+def test_no_public_function_lacks_an_example():
     pytest.importorskip("stable_baselines3", reason="stable_baselines3 is not installed")
     faces = [import_module(f"npend_gym.{name}") for name in FACES]
     public = {name: getattr(face, name) for face in faces for name in face.__all__}
@@ -50,4 +44,4 @@ def test_no_other_public_function_lacks_an_example():
         if not inspect.isclass(found) and not inspect.ismodule(found) and callable(found)
     }
     lacking = {name for name, found in functions.items() if ">>> " not in found.__doc__}
-    assert lacking == WITHOUT
+    assert lacking == set()

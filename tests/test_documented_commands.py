@@ -1,12 +1,16 @@
-"""Every command that a page names is one that the command line and the examples understand."""
+"""Every command that a page names is understood, and those in blocks do their work."""
 
 import re
 import shlex
+import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from scripts import run_script
+from suites import timing
 
-from npend_gym.cli import parsers
+from npend_gym.cli import main, parsers
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -51,3 +55,77 @@ def test_commands_of_the_page_are_understood(page, capsys):
 
 def test_the_pages_name_many_commands():
     assert sum(len(list(commands(page))) for page in PAGES) > 200
+
+
+ELSEWHERE = {  # why a command is not run here
+    "train_rllib": "Ray has an environment of its own",
+    "make_dataset": "Minari, too",
+    "clone_behaviour": "Minari, too",
+    "--address": "it needs a cluster",
+    "--only gpu": "it needs a GPU",
+    "--out results/paper": "its findings are tested one by one, and take long together",
+    "--only hesitation": "minutes; tests/test_paper_hesitation.py runs it",
+    "--only tables-together": "minutes; tests/test_paper_tables.py runs it",
+    "--only chaos-n": "minutes: exponents up to N = 100",
+    "--resume": "it goes on with what was interrupted; tests/test_rl_checkpoints.py",
+    "results.py": "training that takes hours; tests/test_rl_examples.py runs a part",
+    "robustness.py": "it takes long; tests/test_rl_robustness.py runs a part",
+    "drive1.csv": "the recordings are a reader's own",
+    "my-swing-up/": "the policy is a reader's own",
+}
+SHORTER = {  # with less of what takes minutes
+    "npend train swingup-2-robust": "--set total_timesteps=8192",
+    "npend train": "--set total_timesteps=4096",
+    "npend evaluate": "--episodes 4",
+    "npend chaos map": "--size 60",
+    "npend animate": "--duration 2",
+    "python examples/evaluate.py": "--episodes 2 --seconds 1",
+    "python examples/train_sb3.py": "--steps 4096",
+    "python examples/train_torchrl.py": "--steps 4096",
+}
+LIBRARIES = {"train_sb3": "stable_baselines3", "train_torchrl": "torchrl", "npend train": "torch"}
+OWN = {"motion.csv": "multiarm_double.csv", "double.csv": "multiarm_double.csv"}
+
+
+def runs_here(line):
+    """Whether a command is one that is run, with the libraries that are there."""
+    missing = [mark for mark, library in LIBRARIES.items() if not find_spec(library)]
+    return not any(mark in line for mark in [*ELSEWHERE, *missing])
+
+
+def in_blocks(page):
+    """Return the commands of a page's blocks that are run here, each as words."""
+    return [words for words, whole in commands(page) if whole and runs_here(" ".join(words))]
+
+
+def shorter(words):
+    """Return the words with the options that stand for them in SHORTER."""
+    line = " ".join(words)
+    added = [more.split() for start, more in SHORTER.items() if line.startswith(start)]
+    return words + (added or [[]])[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if in_blocks(page)],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
+def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, monkeypatch):
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for name, data in OWN.items():
+        shutil.copy(ROOT / "examples" / "data" / data, tmp_path / name)
+    plan = re.search(r"```toml\n(n = .*?)```", page.read_text("utf-8"), re.DOTALL)
+    if plan:
+        (tmp_path / "plan.toml").write_text(plan[1].replace("trials = 1000", "trials = 2"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    monkeypatch.setattr(timing, "SECONDS", 1e-4)  # of a round of `npend bench`
+    for words in in_blocks(page):
+        if words[1] != "analyse":  # which reads what the command before has written
+            for folder in {"results", "FOLDER"} & set(words):
+                shutil.rmtree(folder, ignore_errors=True)
+        if words[0] == "python":
+            run_script(ROOT / words[1], *shorter(words)[2:], cwd=tmp_path)
+        else:
+            assert main(shorter(words)[1:]) == 0, words

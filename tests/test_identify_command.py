@@ -69,6 +69,35 @@ def test_columns_are_found_by_name_and_angles_of_joints_in_degrees_are_converted
     assert not motion.piece.any()
 
 
+def test_columns_of_other_names_are_read_by_those_names(motion_file, capsys):
+    lines = [f"{0.1 * k},{0.01 * k},7,{0.5 * k},8\n" for k in range(40)]
+    path = motion_file("t [s],q1,theta0,u,tau1\n" + "".join(lines))
+    named = {"time": "t [s]", "theta0": "q1", "tau0": "u", "tau1": "theta0"}
+    with pytest.raises(ValueError, match="an angle for each torque"):
+        read_motion(path, columns=named)
+    motion = read_motion(path, columns=named | {"theta1": "theta0", "tau1": "tau1"})
+    k = np.arange(40)
+    assert motion.theta == pytest.approx(np.array([0.01 * k, 0.0 * k + 7.0]).T)
+    assert motion.torque == pytest.approx(np.array([0.5 * k, 0.0 * k + 8.0]).T)
+    with pytest.raises(SystemExit):
+        main(["identify", path, "--lengths", "1", "--columns", "time=t [s],theta0=q2"])
+    assert "has no column 'q2': it has 't [s], q1, theta0, u, tau1'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("columns", "error"),
+    [
+        ({"q1": "theta0"}, ValueError),
+        ({"theta0": "q1", "theta1": "q1"}, ValueError),
+        ({"time": 3}, TypeError),
+        ("t", TypeError),
+    ],
+)
+def test_columns_that_name_nothing_are_refused(columns, error, motion_file):
+    with pytest.raises(error, match="columns"):
+        read_motion(motion_file("time,theta0\n" + GOOD), columns=columns)
+
+
 def test_the_pieces_of_several_files_are_numbered_on(motion_file):
     paths = [motion_file("time,theta0\n" + GOOD, name) for name in ("a.csv", "b.csv")]
     assert read_motion(*paths).piece.tolist() == [0] * 60 + [1] * 60

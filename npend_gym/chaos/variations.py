@@ -63,6 +63,16 @@ def tangents(
         If an argument breaks its rule.
     FloatingPointError
         If vectors outgrow all bounds in one iteration.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, chaos
+    >>> times, vectors, grown = np.linspace(0.0, 1.0, 5), np.eye(4), []
+    >>> for _, carried in chaos.tangents(Chain.uniform(2), 0.5, 0.0, times, vectors):
+    ...     grown += [*np.linalg.norm(carried, axis=-1).max(axis=-1)]
+    >>> np.round(grown, 2).tolist()
+    [4.49, 2.19, 5.87, 2.72]
     """
     motion = motion_of(chain, theta, omega, times, rtol)
     size = motion.state.size

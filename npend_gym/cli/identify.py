@@ -34,11 +34,20 @@ examples:
   npend identify examples/data/multiarm_double.csv --chain "multiarm 2"
   npend identify first.csv second.csv --chain robot.json --segment 1 --json
   npend identify encoders.csv --lengths 0.2,0.3 --degrees --relative
+  npend identify log.csv --lengths 0.2,0.3 --columns "time=t [s],theta0=q1,theta1=q2,tau0=motor"
 """
 
 
 def _names(text: str) -> list[str]:
     return text.split(",")
+
+
+def _columns(text: str) -> dict[str, str]:
+    """Return what "time=t,theta0=q1" means."""
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    if not all(name and sign and column for name, sign, column in pairs):
+        raise argparse.ArgumentTypeError(f"must be like time=t,theta0=q1, got {text!r}")
+    return {name.strip(): column.strip() for name, _, column in pairs}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--segment", type=float, metavar="S", help=text)
     text = "share of the segments that judge the fit (default 0.25)"
     parser.add_argument("--held-out", type=float, metavar="SHARE", help=text)
+    text = "what the columns are called in the files, where it is not as above"
+    parser.add_argument("--columns", type=_columns, metavar="NAME=COLUMN,...", help=text)
     parser.add_argument("--degrees", action="store_true", help="the angles are in degrees")
     text = "each angle is relative to the link above: that of the joint"
     parser.add_argument("--relative", action="store_true", help=text)
@@ -114,8 +125,9 @@ def _read(options: dict[str, Any]) -> Motion:
     """Return the motion in the files."""
     from npend_gym.identification import read_motion
 
-    units = {name: options.pop(name) for name in ("degrees", "relative") if name in options}
-    return read_motion(*options.pop("files"), **units)
+    names = ("columns", "degrees", "relative")
+    given = {name: options.pop(name) for name in names if name in options}
+    return read_motion(*options.pop("files"), **given)
 
 
 def _known(options: dict[str, Any]) -> Any:

@@ -86,6 +86,13 @@ class LawGrid:
     ------
     ValueError, TypeError
         If a number is no count, or an amplitude not between 0 and pi.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import LawGrid
+    >>> cells = LawGrid(n_values=[20], amplitudes=[0.1, 0.5]).measure(20)
+    >>> [round(cell.com, 3) for cell in cells]  # s
+    [7.474, 7.597]
     """
 
     n_values: Sequence[int] = TEST_N
@@ -140,7 +147,15 @@ def _of_bobs(ratio: FloatArray) -> tuple[float, float, float, float, float]:
 
 
 def law_rows(cells: Sequence[LawCell]) -> list[dict[str, Any]]:
-    """Return the tidy table: a row for every cell."""
+    """Return the tidy table: a row for every cell.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import LawGrid, law_rows
+    >>> (row,) = law_rows(LawGrid([20], [0.5]).measure(20))
+    >>> round(row["com_s"], 3), abs(row["law_error"]) < 0.002
+    (7.597, True)
+    """
     return [
         {
             "n": cell.n,
@@ -166,6 +181,13 @@ def limit_rows(n_values: Sequence[int]) -> list[dict[str, Any]]:
 
     Errors of T1 to one and two terms, T_com over T1, and the a^2 coefficients of
     `theory.amplitude_growth` where the chain is not too long for it, else NaN.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import limit_rows
+    >>> (row,) = limit_rows([100])
+    >>> round(row["com_over_t1"], 4)
+    0.9887
     """
     rows: list[dict[str, Any]] = []
     for n in n_values:

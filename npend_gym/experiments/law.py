@@ -89,6 +89,12 @@ def scan(
     -------
     Scan
         With the default grid this takes about 15 s.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import scan
+    >>> scan((10, 100), (0.1, 1.0)).median.round(3).tolist()
+    [[0.955, 0.952], [1.052, 1.052]]
     """
     fundamental = [theory.fundamental_period(Chain.uniform(n)) for n in n_values]
     cells = np.empty((4, len(amplitudes), len(n_values)))
@@ -113,7 +119,15 @@ def _periods(n: int, amplitude: float, reading: str, duration: float) -> FloatAr
 
 
 def scan_rows(data: Scan) -> list[dict[str, Any]]:
-    """Return the tidy table of a scan: a row for every amplitude and N."""
+    """Return the tidy table of a scan: a row for every amplitude and N.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import scan, scan_rows
+    >>> rows = scan_rows(scan((10, 100), (0.1, 1.0)))
+    >>> [(row["n"], row["angle_rad"], round(row["median"], 3)) for row in rows[:2]]
+    [(10, 0.1, 0.955), (100, 0.1, 0.952)]
+    """
     return [
         {
             "n": int(n),
@@ -177,6 +191,13 @@ def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
     Law
         Its intervals are those of least squares: the data have no noise, so they measure how well
         the form fits.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import fit_law, scan
+    >>> law = fit_law(scan((10, 20, 50), (0.1, 0.4, 0.8, 1.2)))
+    >>> round(law.limit, 4), bool(abs(law.residuals).max() < 0.01)
+    (0.95, True)
     """
     rows, columns = data.amplitudes <= up_to + 1e-9, data.n_values >= first
     limit = float(theory.release_profile(0.5))  # the median, because the profile falls
@@ -189,7 +210,14 @@ def fit_law(data: Scan, first: int = LAW_FROM, up_to: float = LAW_UP_TO) -> Law:
 
 
 def count_exponent(data: Scan, statistic: str, row: int, first: int = LAW_FROM) -> Estimate:
-    """Return the exponent of T against N + 1/2 in one `row` of a scan, from N = `first` up."""
+    """Return the exponent of T against N + 1/2 in one `row` of a scan, from N = `first` up.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import count_exponent, scan
+    >>> round(count_exponent(scan((10, 20, 50), (0.1,)), "median", row=0).value, 2)
+    0.5
+    """
     columns = data.n_values >= first
     periods = getattr(data, statistic)[row] * data.fundamental
     return power_law(data.n_values[columns] + 0.5, periods[columns])

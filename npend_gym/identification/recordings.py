@@ -6,8 +6,10 @@ import csv
 import math
 import re
 from array import array
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,10 @@ _ANGLE, _TORQUE = re.compile(r"theta(\d{1,9})", re.ASCII), re.compile(r"tau(\d{1
 
 
 def read_motion(
-    *paths: str | PathLike[str], degrees: bool = False, relative: bool = False
+    *paths: str | PathLike[str],
+    columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
+    relative: bool = False,
 ) -> Motion:
     """Read measured motion from CSV files.
 
@@ -33,6 +38,9 @@ def read_motion(
     ----------
     *paths : path-like
         One or several files of the same chain; their pieces are numbered on.
+    columns : mapping of str to str, optional
+        What columns are called in the files, where it is not as above: ``{"time": "t [s]",
+        "theta0": "q1"}``.
     degrees : bool
         The angles are in degrees.
     relative : bool
@@ -48,8 +56,18 @@ def read_motion(
         If a column is missing, a cell is no number, or the motion breaks a rule of `identify`.
     OSError
         If a file cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, simulate
+    >>> from npend_gym.identification import read_motion
+    >>> simulate(Chain.uniform(2), 0.5, 0.0, np.linspace(0.0, 1.0, 30)).to_csv("motion.csv")
+    >>> read_motion("motion.csv").theta[0].tolist()
+    [0.5, 0.5]
     """
-    motions = [_read_file(Path(path), degrees, relative) for path in paths]
+    named = _check_columns(columns)
+    motions = [_read_file(Path(path), named, degrees, relative) for path in paths]
     if not motions:
         raise ValueError("paths must name a file at least")
     first = motions[0]
@@ -70,13 +88,38 @@ def read_motion(
     )
 
 
-def _read_file(path: Path, degrees: bool, relative: bool) -> Motion:
-    names, cells = _read_cells(path)
+def _check_columns(columns: object) -> dict[str, str]:
+    """Return our names by those in the files."""
+    if columns is not None and not isinstance(columns, Mapping):
+        raise TypeError(
+            f"columns must map names to names in the files, got {_checks.show(columns)}"
+        )
+    given = dict(cast("Mapping[Any, Any]", columns or {}))
+    for name, column in given.items():
+        if not _is_read(str(name)):
+            raise ValueError(
+                "columns must name time, theta0, theta1, ..., tau0, ... or piece, got "
+                f"{_checks.show(name)}: what stands in the file comes after it"
+            )
+        if not isinstance(column, str):
+            raise TypeError(f"columns[{name!r}] must be a string, got {_checks.show(column)}")
+    if len(set(given.values())) < len(given):
+        raise ValueError(f"columns must name each column once, got {_checks.show(given)}")
+    return {column: name for name, column in given.items()}
+
+
+def _is_read(name: str) -> bool:
+    return name in ("time", "piece") or bool(_ANGLE.fullmatch(name) or _TORQUE.fullmatch(name))
+
+
+def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
+    names, cells = _read_cells(path, columns)
     for name in ("time", "theta0"):
         if name not in names:
             raise ValueError(
                 f"{path} must have the column {name}, got {_checks.show(', '.join(names))}: the "
-                "columns are time, theta0, theta1, ..., and may be tau0, ... and piece"
+                "columns are time, theta0, theta1, ..., and may be tau0, ... and piece; other "
+                "names are given by columns"
             )
     theta = cells[:, _numbered(_ANGLE, names, path)]
     torques = _numbered(_TORQUE, names, path)
@@ -105,7 +148,19 @@ def _numbered(pattern: re.Pattern[str], names: list[str], path: object) -> list[
     return [found[k] for k in range(len(found))]
 
 
-def _read_cells(path: Path) -> tuple[list[str], FloatArray]:
+def _renamed(names: list[str], columns: dict[str, str], path: Path) -> list[str]:
+    """Return names as ours; a column whose name is taken by another is not read."""
+    missing = columns.keys() - set(names)
+    if missing:
+        raise ValueError(
+            f"{path} has no column {_checks.show(min(missing))}: it has "
+            f"{_checks.show(', '.join(names))}"
+        )
+    taken = set(columns.values())
+    return [columns.get(name, "" if name in taken else name) for name in names]
+
+
+def _read_cells(path: Path, columns: dict[str, str]) -> tuple[list[str], FloatArray]:
     """Return the names of the columns and the numbers below them, those that are read."""
     if path.exists() and not path.is_file():  # a FIFO would wait for ever
         raise ValueError(f"{path} is no file")
@@ -115,10 +170,8 @@ def _read_cells(path: Path) -> tuple[list[str], FloatArray]:
             names = [name.strip() for name in next(lines, list[str]())]
             if len(set(names)) < len(names):
                 raise ValueError(f"{path} must name each column once, got {', '.join(names)}")
-            wanted = [
-                name in ("time", "piece") or bool(_ANGLE.fullmatch(name) or _TORQUE.fullmatch(name))
-                for name in names
-            ]
+            names = _renamed(names, columns, path)
+            wanted = [_is_read(name) for name in names]
             cells = array("d")  # eight bytes each, where a list takes forty
             for line in lines:
                 if any(line):

@@ -74,6 +74,17 @@ class DifferentiableEnsemble(Ensemble):
     approximate. How far a step is cut into substeps counts as given. Parameters of one rod are
     those of `Chain`; where the centre of mass is at the end of a rod, it stays there when the
     length changes. `npend_gym.physics.kernels.virtual_power` has the equations.
+
+    Examples
+    --------
+    How the angles and velocities after a step of 0.05 s change with the torque:
+
+    >>> from npend_gym import Chain
+    >>> from npend_gym.physics import DifferentiableEnsemble
+    >>> chain = DifferentiableEnsemble(Chain.uniform(2), size=1)
+    >>> step = chain.step_jacobian(torque=[[0.0]], dt=0.05)
+    >>> step.B[0, :, 0].round(4).tolist()  # rad/(N m) twice, then rad/s/(N m)
+    [0.0012, -0.0012, 0.0494, -0.0492]
     """
 
     _always_packed = True

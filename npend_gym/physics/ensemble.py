@@ -55,6 +55,21 @@ class Ensemble(Members):
     -----
     An exception that interrupts a call, such as that of Ctrl-C, may leave some members advanced and
     others not. The ensemble then refuses all further use with a RuntimeError: make a new one.
+
+    Examples
+    --------
+    Three chains of two rods, with a motor at the pivot that turns each of them differently:
+
+    >>> import numpy as np
+    >>> from npend_gym import Chain
+    >>> from npend_gym.physics import Ensemble
+    >>> ensemble = Ensemble(Chain.uniform(2), size=3)
+    >>> for _ in range(20):
+    ...     ensemble.advance(np.array([[-1.0], [0.0], [2.0]]), dt=0.05)
+    >>> ensemble.theta.round(3).tolist()
+    [[-0.048, -0.058], [0.0, 0.0], [0.097, 0.114]]
+    >>> bool(np.allclose(ensemble.energy, ensemble.work))
+    True
     """
 
     _always_packed = False

@@ -134,6 +134,14 @@ def analyse(out: Path | str) -> Analysis:
     ------
     ValueError
         If there is no campaign in `out`, nothing of it is done, or a part is none of its.
+
+    Examples
+    --------
+    >>> from npend_gym.experiments import Campaign, CampaignPlan, analyse
+    >>> with Campaign(CampaignPlan(n=2, amplitude=[0.1, 0.3], trials=10), "results") as campaign:
+    ...     records = list(campaign.run())
+    >>> analyse("results").statistics.median.round(3).tolist()
+    [2.542, 2.569]
     """
     out = resolved(out)
     plan = read_plan(out)

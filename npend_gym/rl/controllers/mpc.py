@@ -66,6 +66,14 @@ class MPC:
     programming", ICRA 2014; to improve the plan once in every step is that of Y. Tassa, T. Erez,
     E. Todorov, "Synthesis and stabilization of complex behaviors through online trajectory
     optimization", IROS 2012.
+
+    Examples
+    --------
+    >>> from npend_gym.envs import EnvConfig
+    >>> from npend_gym.rl import MPC, evaluate
+    >>> keywords = {"mode": "swingup", "n": 1}
+    >>> evaluate(MPC(EnvConfig(**keywords)), keywords, episodes=2).success_rate
+    1.0
     """
 
     def __init__(

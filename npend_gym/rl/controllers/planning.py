@@ -93,6 +93,14 @@ def planned_swing_up(
 
     It is `planned_transition` from hanging to upright, which explains the arguments. Of the guesses
     "waves" about half lead to a trajectory, of "mpc" nearly all, with up to six rods.
+
+    Examples
+    --------
+    >>> from npend_gym.envs import EnvConfig
+    >>> from npend_gym.rl import evaluate, planned_swing_up
+    >>> plan = planned_swing_up(EnvConfig(mode="swingup", n=1), 3.0, tries=1, guess="mpc")
+    >>> evaluate(plan, {"mode": "swingup", "n": 1}, episodes=4).success_rate
+    1.0
     """
     return planned_transition(
         config, 0.0, np.pi, seconds,
@@ -145,6 +153,16 @@ def planned_transition(
         If none of the guesses leads to a trajectory.
     TypeError, ValueError
         If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym.envs import EnvConfig
+    >>> from npend_gym.rl import planned_transition
+    >>> config = EnvConfig(mode="transition", n=1)
+    >>> plan = planned_transition(config, 0.0, np.pi, 3.0, tries=1)
+    >>> plan.nominal.states[-1].round(3).tolist()  # the angle, and its rate
+    [3.142, 0.0]
     """
     begin, end = equilibrium("start", start, config.n), equilibrium("goal", goal, config.n)
     if np.array_equal(begin, end):

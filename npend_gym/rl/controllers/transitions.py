@@ -177,6 +177,14 @@ def planned_transitions(
     ------
     RuntimeError
         If none of the guesses for a pair leads to a trajectory.
+
+    Examples
+    --------
+    >>> from npend_gym.envs import EnvConfig
+    >>> from npend_gym.rl import evaluate, planned_transitions
+    >>> plans = planned_transitions(EnvConfig(mode="transition", n=1), 3.0, tries=1)
+    >>> evaluate(plans, {"mode": "transition", "n": 1}, episodes=4).success_rate
+    1.0
     """
     n = _checks.count("the number of rods", config.n, high=_MAX_RODS)
     equilibria = list(itertools.product([False, True], repeat=n))

@@ -122,6 +122,13 @@ def performance(
     ----------
     F. Wiebe and others, arXiv:2503.15290 (2025); constants of
     `leaderboard/pendubot/simulation_v2/create_leaderboard.py`.
+
+    Examples
+    --------
+    >>> from npend_gym.rl import Policy, performance
+    >>> policy = Policy.pretrained("swingup-1")
+    >>> round(float(performance(policy, policy.env, episodes=4).score.mean()), 2)
+    0.58
     """
     count = _checks.count("episodes", episodes)
     nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)

@@ -175,6 +175,14 @@ def robustness(
     F. Wiebe and others, *Reinforcement Learning for Robust Athletic Intelligence: Lessons from the
     2nd "AI Olympics with RealAIGym" Competition*, arXiv:2503.15290 (2025); the numbers are those of
     `leaderboard/pendubot/robustness_v2` in dfki-ric-underactuated-lab/double_pendulum.
+
+    Examples
+    --------
+    >>> from npend_gym.rl import Policy, robustness
+    >>> policy = Policy.pretrained("swingup-1")
+    >>> found = robustness(policy, policy.env, values=3, repetitions=3)
+    >>> round(found.outcomes["model"].share, 3)
+    0.833
     """
     _checks.count("values", values, low=2)
     _checks.count("repetitions", repetitions)

@@ -143,6 +143,13 @@ def recovery(
     J. S. B. Choe, B. Choi and J. Kim, arXiv:2505.07516 (2025); `leaderboard/pendubot/simulation_v3`
     and `GlobalPolicyTestingControllerV2` of dfki-ric-underactuated-lab/double_pendulum. Their
     controller has an integral part too, which in 0.2 s adds 1 % of the torque limit at most.
+
+    Examples
+    --------
+    >>> from npend_gym.rl import Policy, recovery
+    >>> policy = Policy.pretrained("swingup-1")
+    >>> round(float(recovery(policy, policy.env, episodes=2).uptime.mean()), 2)
+    0.96
     """
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
     nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)

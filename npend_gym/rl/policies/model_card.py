@@ -88,6 +88,16 @@ def write_repository(
     ------
     ImportError
         If the extra "hub" is not installed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from npend_gym.rl import Policy, write_repository
+    >>> policy = Policy.pretrained("swingup-1")
+    >>> write_repository(policy, "mine", "me/swing-up", episodes=4).success_rate
+    1.0
+    >>> sorted(path.name for path in Path("mine").iterdir())
+    ['README.md', 'policy.safetensors']
     """
     hub = require("huggingface_hub", "hub", "model cards")
     found = evaluate(policy, policy.env, episodes=episodes, seed=seed)
