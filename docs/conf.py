@@ -131,7 +131,8 @@ default_role = "autolink"
 autosummary_generate = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings say more
-autodoc_mock_imports = ["stable_baselines3", "torch"]  # for the pages alone too heavy
+# For the pages alone too heavy
+autodoc_mock_imports = ["stable_baselines3", "tensordict", "torch", "torchrl"]
 napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
 napoleon_use_ivar = True

@@ -25,6 +25,7 @@ _BITS = {2: 10, 3: 8, 4: 10}
 _PACKED_BITS = 10
 _DEGREES = 5, 175  # of the release: the ends of its slider
 _SCRIPTS = (
+    "pen.js",
     "diagram.js",
     *(f"live/{name}.js" for name in ("chain", "policy", "stage", "motion", "tell", "app")),
 )

@@ -1,4 +1,3 @@
-"use strict";
 // Plays recorded motions: the chain, and the controls. Page and notebooks share it.
 
 const data = JSON.parse(document.getElementById("data").textContent);
@@ -33,64 +32,43 @@ function place(release, bob, time) {
 const { ramp: RAMP, tip: TIP } = data.palette;
 const TRACE_SECONDS = 3;
 
-function ramp(share) {
-  const at = 2 * share, k = Math.min(Math.floor(at), 1);
-  return `rgb(${RAMP[k].map((low, c) => Math.round(low + (at - k) * (RAMP[k + 1][c] - low)))})`;
-}
-
 function drawChain(release, time) {
   const canvas = $("chain"), ratio = devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   canvas.width = Math.round(width * ratio);
   canvas.height = Math.round(height * ratio);
-  const pen = canvas.getContext("2d"), ink = getComputedStyle(canvas).color;
+  const pen = new Pen(canvas, ratio), ink = getComputedStyle(canvas).color;
   const scale = 0.46 * Math.min(width, height);
   const pixel = (x, y) => [width / 2 + scale * x, height / 2 - scale * y];
-  const disc = (at, radius, color) => {
-    pen.fillStyle = color;
-    pen.beginPath();
-    pen.arc(...at, radius, 0, 2 * Math.PI);
-    pen.fill();
-  };
-  const path = (points, color, lineWidth) => {
-    Object.assign(pen, { strokeStyle: color, lineWidth, lineJoin: "round" });
-    pen.beginPath();
-    points.forEach((at) => pen.lineTo(...at));
-    pen.stroke();
-  };
-  pen.scale(ratio, ratio);
-  pen.globalAlpha = 0.25;
-  pen.strokeStyle = ink;
-  pen.beginPath();
-  pen.arc(...pixel(0, 0), scale, 0, 2 * Math.PI);
-  pen.stroke();
+  const color = (bob) => blend(RAMP, bob / release.n);
+  pen.fade(0.25);
+  pen.ring(pixel(0, 0), scale, ink, 1);
   const tip = release.n - 1, trace = [];
   for (let t = Math.max(0, time - TRACE_SECONDS); t < time; t += release.interval / 2)
     trace.push(pixel(...place(release, tip, t)));
-  pen.globalAlpha = 0.5;
-  path(trace, TIP, 2);
-  pen.globalAlpha = 1;
+  pen.fade(0.5);
+  pen.line(trace, TIP, 2);
+  pen.fade(1);
   const bobs = [];
   for (let bob = 0; bob < release.n; bob++) bobs.push(pixel(...place(release, bob, time)));
   const joints = [pixel(0, 0), ...bobs], radius = Math.min(8, Math.max(2, (0.35 * scale) / release.n));
   const along = (link, share) =>
     [0, 1].map((c) => joints[link][c] + share * (joints[link + 1][c] - joints[link][c]));
   if (release.centres.length === 0) {
-    path(joints, ink, release.n > 60 ? 2.5 : 1.5);
-    bobs.forEach((at, bob) => disc(at, radius, ramp(bob / release.n)));
-    disc(bobs[tip], Math.max(radius + 1, 5), TIP);
+    pen.line(joints, ink, release.n > 60 ? 2.5 : 1.5);
+    bobs.forEach((at, bob) => pen.disc(at, radius, color(bob)));
+    pen.disc(bobs[tip], Math.max(radius + 1, 5), TIP);
   } else { // links are bars, with a dot at the centre of mass
-    pen.lineCap = "round";
     release.centres.forEach((share, link) => {
-      path([joints[link], along(link, share)], ink, radius / 2);
-      path([joints[link], joints[link + 1]], link === tip ? TIP : ramp(link / release.n), 1.6 * radius);
+      pen.line([joints[link], along(link, share)], ink, radius / 2);
+      pen.line([joints[link], joints[link + 1]], link === tip ? TIP : color(link), 1.6 * radius);
     });
-    release.centres.forEach((share, link) => disc(along(link, share), radius / 2, ink));
-    joints.slice(0, -1).forEach((at) => disc(at, radius / 3, "white"));
+    release.centres.forEach((share, link) => pen.disc(along(link, share), radius / 2, ink));
+    joints.slice(0, -1).forEach((at) => pen.disc(at, radius / 3, "white"));
   }
   for (const { bob, period } of release.order)
-    if (period <= time) disc(pixel(...place(release, bob - 1, period)), 0.45 * radius, ink);
-  disc(pixel(0, 0), 3, ink);
+    if (period <= time) pen.disc(pixel(...place(release, bob - 1, period)), 0.45 * radius, ink);
+  pen.disc(pixel(0, 0), 3, ink);
 }
 
 // ---- playback --------------------------------------------------------------------------------

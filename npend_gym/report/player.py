@@ -14,6 +14,7 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, SKY, rgb
 
+SCRIPTS = "pen.js", "player.js"
 PALETTE = {"ramp": [rgb(color) for color in (BLUE, GREEN, AMBER)], "tip": ORANGE}
 _DECIMALS = 4  # kept of the places, in units of the chain's length
 # Name of a colour in the page: colour on light and on dark paper

@@ -21,7 +21,7 @@ from npend_gym.report import player
 from npend_gym.report.release_tables import LEGEND
 
 SUFFIXES = (".html",)
-_SCRIPTS = "player.js", "diagram.js", "page.js"
+_SCRIPTS = *player.SCRIPTS, "diagram.js", "page.js"
 _COLORS = {"T0": "orange", "T0+a": "amber", "T1": "green", "T(N,a)": "pink"}
 _STYLES = {"T0+a": "dashed"}
 _COLUMNS = {
