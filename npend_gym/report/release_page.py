@@ -55,10 +55,11 @@ def page(
     }
     n_values = ", ".join(str(row["n"]) for row in rows)
     start, spread = math.degrees(experiment.amplitude), math.degrees(experiment.spread)
+    trials = f"{experiment.trials} trials" if experiment.trials > 1 else "one trial"
     texts = {
         "title": f"Release of N = {n_values} pendulums",
         "about": f"Released from rest at {start:.4g} degrees plus up to {spread:.3g} degrees; "
-        f'reading "{experiment.reading}", seed {experiment.seed}, {experiment.trials} trials for '
+        f'reading "{experiment.reading}", seed {experiment.seed}, {trials} for '
         "each N. The animation shows the first.",
         "legend": LEGEND.format(reading=experiment.reading, seed=experiment.seed),
         "command": command(experiment),
