@@ -184,6 +184,11 @@ def check_depth(value: Any) -> None:
     raise ValueError(f"its lists and objects are nested deeper than {MAX_DEPTH}")
 
 
+def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    with archive.open(name) as member:
+        return np.lib.format.read_array(member, allow_pickle=False)
+
+
 def read_arrays(path: Path, max_bytes: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of an npz archive; sizes are looked at before anything is unpacked.
 
@@ -201,10 +206,11 @@ def read_arrays(path: Path, max_bytes: int) -> dict[str, NDArray[Any]]:
         try:
             with zipfile.ZipFile(file) as archive:
                 size = sum(member.file_size for member in archive.infolist())
-            if size > max_bytes:
-                raise ValueError(f"{size} bytes unpacked, at most {max_bytes}")
-            file.seek(0)
-            with np.load(file, allow_pickle=False) as data:
-                return {name: np.asarray(data[name]) for name in data.files}
+                if size > max_bytes:
+                    raise ValueError(f"{size} bytes unpacked, at most {max_bytes}")
+                return {
+                    name.removesuffix(".npy"): _read_array(archive, name)
+                    for name in archive.namelist()
+                }
         except Exception as error:
             raise ValueError(str(error) or type(error).__name__) from error

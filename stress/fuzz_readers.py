@@ -7,9 +7,9 @@ Good files of each kind are changed, byte by byte and inside their containers
 (`tests/mutations.py`), and read (`tests/readers.py`). An exception other than the documented ones,
 a warning, a hang of more than five seconds, 300 MiB more than ever before, or an action beyond its
 bounds is a finding: it is printed, and its file is written to the folder of the corpus, from which
-every later run starts. Those in `tests/corpus` are read by the tests. With --guided, Atheris (pip
-install atheris) keeps mutants that reach new lines of one reader. The exit code is 1 where there
-was a finding.
+every later run starts; those in `tests/corpus` are read by the tests. All readers get the same
+time, the quick ones therefore more inputs. With --guided, Atheris (pip install atheris) keeps
+mutants that reach new lines of one reader. The exit code is 1 where there was a finding.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from typing import Any
 
 TESTS = Path(__file__).parent.parent / "tests"
 LONGEST, PATIENCE = 5.0, 60  # s of CPU time, and of waiting, after which a reader hangs
+QUICK = 0.01  # s, within which an input must have been read that others are to begin from
 MOST = 300.0  # MiB that an input may take more than all before it
 _GUIDED = (  # modules whose lines guide; compiled kernels must not be instrumented
     "npend_gym._files", "npend_gym._checks", "npend_gym.rl.policies.files",
@@ -125,7 +126,7 @@ def kept(corpus: Path | None, name: str) -> list[bytes]:
 
 
 def fuzz(names: list[str], readers: Any, options: argparse.Namespace, watch: Watch) -> None:
-    """Read so many inputs, the readers in turn."""
+    """Read so many inputs, which give each reader the same time."""
     from readers import mutants
 
     sources = {
@@ -136,12 +137,16 @@ def fuzz(names: list[str], readers: Any, options: argparse.Namespace, watch: Wat
     for name in names:
         for data in kept(options.corpus, name):
             watch.attempt(name, readers[name], data)
-    began = shown = time.perf_counter()
-    for k in range(options.inputs):
-        name = names[k % len(names)]
+    spent = dict.fromkeys(names, 0.0)
+    began = shown = before = time.perf_counter()
+    for _ in range(options.inputs):
+        name = min(names, key=spent.__getitem__)  # the quick ones get more inputs
         taken = watch.attempt(name, readers[name], inputs[name])
-        inputs[name] = sources[name].send(taken)
+        quick = time.perf_counter() - before < QUICK
+        inputs[name] = sources[name].send(taken and quick)
         now = time.perf_counter()
+        spent[name] += now - before
+        before = now
         if now - shown > 60.0:
             shown = now
             print(watch.text(now - began), flush=True)

@@ -7,8 +7,8 @@ a small campaign runs while drivers and workers are killed with SIGKILL at rando
 start of the interpreter to the last line of the journal; between two drivers a part or the journal
 is sometimes damaged as well. The same command is repeated until it reports that everything is done;
 then every part must have the bytes that an undisturbed run wrote. Further campaigns follow until
-the number of kills is reached. No process of a killed driver may be alive ten seconds later. Linux
-only.
+the number of kills is reached. No process of a killed driver may be alive ten seconds later, and a
+driver that is left alone must come to its end. Linux only.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import random
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -26,7 +27,8 @@ from pathlib import Path
 
 import psutil
 
-PLAN = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "3000", "--batch", "150"]
+PLAN = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "800", "--batch", "40"]
+HANGS = 120.0  # s, after which a driver that nobody disturbs hangs
 
 
 def start(out: Path, workers: int = 2) -> subprocess.Popen[bytes]:
@@ -94,19 +96,23 @@ class Orphans:
 def disturb(
     process: subprocess.Popen[bytes], rng: random.Random, longest: float, orphans: Orphans
 ) -> str:
-    """Kill the driver or a worker after a random time; return what happened."""
+    """Kill the driver or a worker after a random time; return what happened.
+
+    A driver is sometimes left alone, also after the death of its workers: it must come to its end.
+    """
+    alone = rng.random() < 0.05
     try:
-        process.wait(rng.uniform(0.0, longest))
+        process.wait(HANGS if alone else rng.uniform(0.0, longest))
     except subprocess.TimeoutExpired:
         workers = worker_processes(process.pid)
-        if workers and rng.random() < 0.5:
+        if workers and rng.random() < 0.5 and not alone:
             with suppress(psutil.NoSuchProcess):
                 rng.choice(workers).kill()
             return "worker killed"
         orphans.add(process.pid)
         process.kill()
         process.wait()
-        return "driver killed"
+        return "driver HUNG" if alone else "driver killed"
     return "ended" if process.returncode == 0 else "gave up"
 
 
@@ -137,49 +143,66 @@ def damage(out: Path, rng: random.Random) -> str:
     return ""
 
 
+def undisturbed(folder: Path) -> tuple[dict[int, float], str]:
+    """Return how long a whole run takes [s], by the number of workers, and the digest of one."""
+    took: dict[int, float] = {}
+    for name, workers in (("warm-up", 2), ("two workers", 2), ("one worker", 1)):
+        began = time.perf_counter()  # the first run may compile
+        if start(folder / name, workers).wait():
+            raise RuntimeError("the undisturbed run failed")
+        took[workers] = time.perf_counter() - began
+    return took, digest(folder / "one worker")
+
+
+def run_campaign(
+    out: Path, rng: random.Random, longest: dict[int, float], orphans: Orphans
+) -> Counter[str]:
+    """Start, kill and start again until all is done; return what happened."""
+    counts = Counter[str]()
+    while True:
+        workers = rng.choice((1, 2))
+        process = start(out, workers)
+        what = "worker killed"
+        while what == "worker killed":
+            what = disturb(process, rng, longest[workers], orphans)
+            counts[what] += 1
+        orphans.look()
+        if what == "ended":
+            return counts
+        if what == "gave up":
+            print(out.with_suffix(".log").read_text()[-1000:], flush=True)
+        counts[damage(out, rng) or "nothing damaged"] += 1
+
+
 def main() -> int:
     """Kill until the number of kills is reached; return 1 if bytes differed or a worker lived."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--longest", type=float, help="between two [s] (1.2 times a whole run)")
+    parser.add_argument("--longest", type=float, help="between two [s] (that of a whole run)")
     parser.add_argument("--seed", type=int, default=0, help="of the moments (0)")
     arguments = parser.parse_args()
     rng, counts, orphans = random.Random(arguments.seed), Counter[str](), Orphans()
     with tempfile.TemporaryDirectory() as folder:
-        began = 0.0
-        for name in ("warm-up", "undisturbed"):  # the first may compile
-            began = time.perf_counter()
-            if start(Path(folder) / name).wait():
-                raise RuntimeError("the undisturbed run failed")
-        longest = arguments.longest or 1.2 * (time.perf_counter() - began)
-        expected = digest(Path(folder) / "undisturbed")
-        kills = campaigns = 0
+        longest, expected = undisturbed(Path(folder))
+        if arguments.longest:
+            longest = dict.fromkeys(longest, arguments.longest)
+        kills, began = 0, time.monotonic()
         while kills < arguments.kills:
-            out = Path(folder) / f"campaign {campaigns}"
-            process = start(out, rng.choice((1, 2)))
-            while (what := disturb(process, rng, longest, orphans)) != "ended":
-                counts[what] += 1
-                kills += what.endswith("killed")
-                orphans.look()
-                if kills % 10 == 0:
-                    print(f"{kills} kills so far:", dict(+counts), flush=True)
-                if what == "gave up":
-                    print(out.with_suffix(".log").read_text()[-1000:], flush=True)
-                if what == "worker killed":
-                    continue
-                damaged = damage(out, rng)
-                counts[damaged] += bool(damaged)
-                process = start(out, rng.choice((1, 2)))
-            campaigns += 1
+            out = Path(folder) / f"campaign {counts['ended']}"
+            counts += run_campaign(out, rng, longest, orphans)
+            kills = counts["driver killed"] + counts["worker killed"]
             same = digest(out) == expected
             counts["campaign the same" if same else "campaign DIFFERENT"] += 1
-            print(f"{kills} kills, {campaigns} campaigns:", dict(+counts), flush=True)
+            took = time.monotonic() - began
+            print(f"{kills} kills in {took:.0f} s:", dict(+counts), flush=True)
+            if same:
+                shutil.rmtree(out)
         orphans.look(at_end=True)
         print(
             f"{orphans.seen} processes below killed drivers, {orphans.alive} of them alive after "
             f"{orphans.PATIENCE:g} s"
         )
-    return int(counts["campaign DIFFERENT"] > 0 or orphans.alive > 0)
+    return int(counts["campaign DIFFERENT"] + counts["driver HUNG"] + orphans.alive > 0)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import re
 import struct
 import zipfile
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -115,8 +116,7 @@ def of_archive(data: bytes, rng: random.Random) -> bytes:
     if rng.random() < 0.2:
         return of_bytes(data, rng)
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
+        members = dict(_members(data))
     except Exception:  # noqa: BLE001 - it was damaged before
         return of_bytes(data, rng)
     if members:
@@ -135,11 +135,24 @@ def of_archive(data: bytes, rng: random.Random) -> bytes:
     return out.getvalue()
 
 
+@lru_cache(500)  # as many as are likely to be changed again
+def _members(data: bytes) -> dict[str, bytes]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+@lru_cache(2000)
+def _array(data: bytes) -> np.ndarray:
+    array = np.load(io.BytesIO(data), allow_pickle=False)
+    array.flags.writeable = False
+    return array
+
+
 def of_array(data: bytes, rng: random.Random) -> bytes:
     """Return an npy file with its header, shape, type, numbers or text changed."""
     kind = rng.random()
     try:
-        array = np.load(io.BytesIO(data), allow_pickle=False)
+        array = _array(data)
     except Exception:  # noqa: BLE001 - it was damaged before
         return of_bytes(data, rng)
     if array.dtype.kind == "U" and array.ndim == 0 and kind < 0.8:

@@ -184,34 +184,31 @@ def _release(folder: Path) -> dict[str, Reader]:
     out = folder / "release"
     experiment = ReleaseExperiment(n_values=(1, 2), trials=2)
     release_tables.write(experiment, run_release(experiment), out, figures=False)
-    again = folder / "again"
-    shutil.copytree(out, again)
+    seeds = {name: (out / name).read_bytes() for name in ("release.json", "periods.csv")}
+    manifest = (out / "manifest.json").read_bytes()
 
-    def read_changed(name: str) -> None:
-        """Read a release whose manifest has the digest of the changed file."""
-        manifest = json.loads((out / "manifest.json").read_bytes())
-        manifest["sha256"][name] = hashlib.sha256((again / name).read_bytes()).hexdigest()
-        (again / "manifest.json").write_text(json.dumps(manifest))
-        for other in {"release.json", "periods.csv"} - {name}:
-            shutil.copyfile(out / other, again / other)
-        release_tables.read(again)
+    def changed(name: str, mutate: mutations.Mutation) -> Reader:
+        """Return the reader of a release whose manifest has the digest of the changed file."""
+        own = folder / f"with {name}"
+        shutil.copytree(out, own)
+        digest = hashlib.sha256(seeds[name]).hexdigest().encode()
+
+        def read() -> None:
+            again = hashlib.sha256((own / name).read_bytes()).hexdigest().encode()
+            (own / "manifest.json").write_bytes(manifest.replace(digest, again))
+            release_tables.read(own)
+
+        return Reader(own / name, read, mutate, FILES, [seeds[name]])
 
     third = folder / "third"
     shutil.copytree(out, third)
-    seeds = {name: [(out / name).read_bytes()] for name in ("release.json", "periods.csv")}
     return {
         "manifest": Reader(
             third / "manifest.json", lambda: release_tables.read(third), mutations.of_json, FILES,
-            [(out / "manifest.json").read_bytes()],
+            [manifest],
         ),
-        "release": Reader(
-            again / "release.json", lambda: read_changed("release.json"), mutations.of_json, FILES,
-            seeds["release.json"],
-        ),
-        "periods": Reader(
-            again / "periods.csv", lambda: read_changed("periods.csv"), mutations.of_lines, FILES,
-            seeds["periods.csv"],
-        ),
+        "release": changed("release.json", mutations.of_json),
+        "periods": changed("periods.csv", mutations.of_lines),
     }  # fmt: skip
 
 
@@ -227,15 +224,15 @@ def _motion(folder: Path) -> dict[str, Reader]:
 
 
 def mutants(reader: Reader, seed: int, corpus: list[bytes]):
-    """Yield mutants of the reader's seeds and corpus without end; those taken join the corpus."""
+    """Yield mutants of the reader's seeds and corpus without end; a True joins it to them."""
     rng = random.Random(seed)
     pool = [*reader.seeds, *corpus]
     while True:
         data = rng.choice(pool)
         for _ in range(rng.choice((1, 1, 1, 2, 4))):
             data = _mutated(reader, data, rng)
-        taken = yield data
-        if taken and len(data) < 20_000:
+        joins = yield data
+        if joins and len(data) < 20_000:
             if len(pool) < 300:
                 pool.append(data)
             else:

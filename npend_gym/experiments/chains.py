@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym.chain import STANDARD_GRAVITY, Chain, as_chain
+from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain, as_chain
 
 MAX_VALUES = 10_000  # of one name of a sweep
 # Of sqrt(l/g) [s], l being the mean length: instants are located to 1e-11 s, and angular velocities
@@ -34,7 +34,7 @@ def released_chain(
     TypeError, ValueError
         If an argument breaks its rule.
     """
-    ones = Chain.uniform(n).masses  # checks n
+    ones = np.ones(_checks.count("n", n, high=MAX_RODS))
     mass, length = _checks.array("masses", masses), _checks.array("lengths", lengths)
     for name, value in (("masses", mass), ("lengths", length)):
         if value.ndim and value.shape != (n,):

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import linregress
-from scipy.stats import t as student
 
 from npend_gym._checks import FloatArray
 
@@ -42,6 +40,8 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
     >>> round(experiments.power_law([1.0, 2.0, 4.0], [1.0, 1.41421, 2.0]).value, 3)
     0.5
     """
+    from scipy.stats import linregress  # a third of a second, which no run should wait for first
+
     fit = linregress(np.log(x), np.log(y))
     return Estimate(float(fit.slope), float(_student(np.size(y) - 2) * fit.stderr))
 
@@ -62,4 +62,6 @@ def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[E
 
 
 def _student(freedom: int) -> float:
+    from scipy.stats import t as student
+
     return float(student.ppf(0.975, freedom))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -20,19 +20,20 @@ def _toml(text: str) -> Any:
 
 def _yaml(text: str) -> Any:
     yaml: Any = import_module("yaml")
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the other needs 0.1 s for some lines
     try:
-        _check_tokens(yaml, text)
-        return yaml.safe_load(text)
+        _check_tokens(yaml.scan(text, loader))
+        return yaml.load(text, loader)
     except RecursionError:
         raise
     except Exception as error:  # its constructors raise their own kinds for bad dates and such
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 
 
-def _check_tokens(yaml: Any, text: str) -> None:
+def _check_tokens(tokens: Iterable[Any]) -> None:
     """Refuse aliases, by which a few lines stand for gigabytes, and depth, which takes for ever."""
     depth = 0
-    for token in yaml.scan(text):
+    for token in tokens:
         name = type(token).__name__
         depth += name.endswith("StartToken") - name.endswith("EndToken")
         if name == "AliasToken":
