@@ -66,6 +66,8 @@ def in_radians(limit: str, angle: float) -> str:
 
 def broadcast(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return `value`, one number or an array of `shape`, as a new array of `shape`."""
+    if type(value) in (float, int) and abs(value) <= LARGEST:  # as most parameters are given
+        return np.full(shape, value, np.float64)
     out = array(name, value)
     if out.shape not in ((), shape):
         raise ValueError(
@@ -81,22 +83,19 @@ def vector(name: str, value: Any, n: int) -> FloatArray:
 
 def at_least_zero(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is negative."""
+    if not ((value < SMALLEST) & (value != 0.0)).any():  # one look, as most values are good
+        return value
     if (value < 0.0).any():
         raise ValueError(f"{name} must be zero or more, got {show(value.tolist())}")
-    if ((value > 0.0) & (value < SMALLEST)).any():
-        raise ValueError(
-            f"{name} must be zero or at least {SMALLEST:g}, got {show(value.tolist())}"
-        )
-    return value
+    raise ValueError(f"{name} must be zero or at least {SMALLEST:g}, got {show(value.tolist())}")
 
 
 def positive(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is zero or negative."""
-    if (value <= 0.0).any():
-        raise ValueError(f"{name} must be greater than zero, got {show(value.tolist())}")
-    if (value < SMALLEST).any():
-        raise ValueError(f"{name} must be at least {SMALLEST:g}, got {show(value.tolist())}")
-    return value
+    if not (value < SMALLEST).any():
+        return value
+    rule = "greater than zero" if (value <= 0.0).any() else f"at least {SMALLEST:g}"
+    raise ValueError(f"{name} must be {rule}, got {show(value.tolist())}")
 
 
 def _is_bool(value: Any) -> bool:

@@ -94,11 +94,19 @@ def fuzz(calls: int) -> tuple[bool, str]:
     import test_promises_fuzz as fuzzing
 
     warnings.simplefilter("ignore")
-    made, seeds = 0, random.getrandbits(32)
-    while made < calls:
-        made += fuzzing.fuzz(100, seeds, extras=seeds % 4 > 0)
+    made, seeds, shown = {False: 0, True: 0}, random.getrandbits(32), time.monotonic()
+    while sum(made.values()) < calls:
+        extras = seeds % 4 > 0
+        made[extras] += fuzzing.fuzz(100, seeds, extras=extras)
         seeds += 1
-    return True, f"{made} calls answered or refused as declared, all observations finite"
+        if time.monotonic() - shown > 60.0:
+            shown = time.monotonic()
+            print(f"{sum(made.values())} calls so far, {made[True]} with keywords", flush=True)
+    return True, (
+        f"{sum(made.values())} calls answered or refused as declared, {made[True]} of them of "
+        "environments with the keywords of carts, goals, motors, sensors, pushes and "
+        "randomisation; all observations finite"
+    )
 
 
 def _watch(amount: int, work: Callable[[int], Iterator[int]]) -> tuple[bool, str]:

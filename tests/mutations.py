@@ -65,9 +65,8 @@ def _change(data: bytearray, rng: random.Random) -> None:
         size = rng.choice((1, 2, 4, 8))
         data[at : at + size] = (value % 256**size).to_bytes(size, rng.choice(("little", "big")))
     else:
-        numbers = list(_NUMBER.finditer(data)) if len(data) < 20_000 else []
-        if numbers:
-            one = rng.choice(numbers)
+        one = _NUMBER.search(data, at) or _NUMBER.search(data)
+        if one:
             data[one.start() : one.end()] = rng.choice(NUMBERS)
 
 

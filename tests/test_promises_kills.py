@@ -1,0 +1,71 @@
+"""Whether the harness that kills campaigns notices what it looks for."""
+
+import random
+import subprocess
+import sys
+import time
+
+import kill_campaign
+import psutil
+import pytest
+
+FOREVER = "import time; time.sleep(600)"
+PARENT = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {FOREVER!r}]).wait()"
+
+
+class Always(random.Random):
+    """Draws `value`, and the first of several."""
+
+    def __init__(self, value):
+        super().__init__(0)
+        self.value = value
+
+    def random(self):
+        return self.value
+
+    def uniform(self, low, high):
+        return low + self.value * (high - low)
+
+
+@pytest.fixture
+def orphans(monkeypatch):
+    monkeypatch.setattr(kill_campaign.Orphans, "PATIENCE", 0.2)
+    return kill_campaign.Orphans()
+
+
+def python(code):
+    return subprocess.Popen([sys.executable, "-c", code])
+
+
+def test_a_driver_that_is_left_alone_and_hangs_is_a_finding(monkeypatch, orphans):
+    monkeypatch.setattr(kill_campaign, "HANGS", 0.2)
+    assert kill_campaign.disturb(python(FOREVER), Always(0.0), 5.0, orphans) == "driver HUNG"
+    assert kill_campaign.disturb(python(FOREVER), Always(0.9), 0.1, orphans) == "driver killed"
+    assert kill_campaign.disturb(python(""), Always(0.9), 60.0, orphans) == "ended"
+    assert kill_campaign.disturb(python("1 / 0"), Always(0.9), 60.0, orphans) == "gave up"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the harness is of Linux")
+def test_a_process_that_outlives_its_driver_is_a_finding(orphans, capsys):
+    driver = python(PARENT)
+    while not (below := psutil.Process(driver.pid).children()):
+        time.sleep(0.01)
+    assert kill_campaign.disturb(driver, Always(0.9), 0.1, orphans) == "driver killed"
+    orphans.look(at_end=True)
+    assert (orphans.seen, orphans.alive) == (1, 1)
+    assert "alive" in capsys.readouterr().out
+    assert psutil.wait_procs(below, 5.0)[1] == []
+
+
+def test_every_damage_changes_the_folder_and_is_named(tmp_path):
+    (tmp_path / "bobs").mkdir()
+    rng, seen = random.Random(0), set()
+    for _ in range(100):
+        files = {tmp_path / "bobs" / "a.parquet": b"12345", tmp_path / "journal.jsonl": b"{}\n"}
+        for file, data in files.items():
+            file.write_bytes(data)
+        name = kill_campaign.damage(tmp_path, rng)
+        same = all(file.exists() and file.read_bytes() == data for file, data in files.items())
+        assert not same or name in ("", "journal torn")
+        seen.add(name)
+    assert len(seen) == 5
