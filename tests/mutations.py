@@ -134,13 +134,19 @@ def of_archive(data: bytes, rng: random.Random) -> bytes:
     return out.getvalue()
 
 
-@lru_cache(500)  # as many as are likely to be changed again
+def _remembered(function):
+    """Return `function` of bytes with a memory; large ones are not likely to be changed again."""
+    cached = lru_cache(1000)(function)
+    return lambda data: cached(data) if len(data) < 10_000 else function(data)
+
+
+@_remembered
 def _members(data: bytes) -> dict[str, bytes]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-@lru_cache(2000)
+@_remembered
 def _array(data: bytes) -> np.ndarray:
     array = np.load(io.BytesIO(data), allow_pickle=False)
     array.flags.writeable = False
