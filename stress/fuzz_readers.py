@@ -86,12 +86,14 @@ class Watch:
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0.0)
             signal.alarm(0)
-        before, self.peak = self.peak, peak_memory()
-        if self.peak > before + MOST and self.judge_memory:
-            error = error or MemoryError(f"{self.peak - before:.0f} MiB more than ever before")
+        took = time.process_time() - began
+        if took > QUICK and self.judge_memory:  # in less time nobody fills so much
+            before, self.peak = self.peak, peak_memory()  # a look takes milliseconds
+            if self.peak > before + MOST:
+                error = error or MemoryError(f"{self.peak - before:.0f} MiB more than ever before")
         if error is not None:
             self._keep(name, data, error)
-        self.longest = max(self.longest, time.process_time() - began)
+        self.longest = max(self.longest, took)
         self.counts[f"{name} taken" if taken else f"{name} refused"] += 1
         return taken
 

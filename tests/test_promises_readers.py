@@ -72,12 +72,15 @@ def test_the_fuzzer_finds_a_reader_that_breaks_its_promise(tmp_path, capsys, mon
 
     assert not watch.attempt("motion", broken(lambda: {}["key"]), b"a")
     assert not watch.attempt("motion", broken(forever), b"b")
+    monkeypatch.setattr(fuzzer, "LONGEST", 5.0)
+    monkeypatch.setattr(fuzzer, "peak_memory", lambda: watch.peak + 400.0)
+    watch.attempt("motion", broken(lambda: sum(range(2_000_000))), b"d")
     assert not watch.attempt("motion", reader, b"c")
     assert watch.attempt("motion", reader, reader.seeds[0])
-    assert {key.split()[1] for key in watch.found} == {"KeyError", "Hang"}
-    assert len(list((tmp_path / "motion").iterdir())) == 2
-    assert "4 inputs" in watch.text(1.0)
-    assert capsys.readouterr().out.count("FOUND") == 2
+    assert {key.split()[1] for key in watch.found} == {"KeyError", "Hang", "MemoryError"}
+    assert len(list((tmp_path / "motion").iterdir())) == 3
+    assert "5 inputs" in watch.text(1.0)
+    assert capsys.readouterr().out.count("FOUND") == 3
 
 
 @pytest.mark.skipif(not shutil.which("bash"), reason="a script of bash")
