@@ -93,16 +93,46 @@ class Orphans:
                     process.kill()
 
 
+def wait(process: subprocess.Popen[bytes], out: Path, rng: random.Random, longest: float) -> None:
+    """Wait for a random time, or for a random number of further tasks; raise TimeoutExpired then.
+
+    Times alone would mean starts alone where the machine has become slower.
+    """
+    if rng.random() < 0.5:
+        process.wait(rng.uniform(0.0, longest))
+        return
+    wanted, began = lines(out) + rng.randrange(40), time.monotonic()
+    while lines(out) < wanted and time.monotonic() - began < HANGS:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.01)
+            return
+    process.wait(rng.uniform(0.0, 0.05))
+
+
+def lines(out: Path) -> int:
+    """Return how many lines the journal has."""
+    with suppress(FileNotFoundError):
+        return (out / "journal.jsonl").read_bytes().count(b"\n")
+    return 0
+
+
 def disturb(
-    process: subprocess.Popen[bytes], rng: random.Random, longest: float, orphans: Orphans
+    process: subprocess.Popen[bytes],
+    out: Path,
+    rng: random.Random,
+    longest: float,
+    orphans: Orphans,
 ) -> str:
-    """Kill the driver or a worker after a random time; return what happened.
+    """Kill the driver or a worker at a random moment; return what happened.
 
     A driver is sometimes left alone, also after the death of its workers: it must come to its end.
     """
     alone = rng.random() < 0.05
     try:
-        process.wait(HANGS if alone else rng.uniform(0.0, longest))
+        if alone:
+            process.wait(HANGS)
+        else:
+            wait(process, out, rng, longest)
     except subprocess.TimeoutExpired:
         workers = worker_processes(process.pid)
         if workers and rng.random() < 0.5 and not alone:
@@ -164,7 +194,7 @@ def run_campaign(
         process = start(out, workers)
         what = "worker killed"
         while what == "worker killed":
-            what = disturb(process, rng, longest[workers], orphans)
+            what = disturb(process, out, rng, longest[workers], orphans)
             counts[what] += 1
         orphans.look()
         if what == "ended":

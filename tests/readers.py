@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import os
@@ -16,6 +17,9 @@ import mutations
 import numpy as np
 
 from npend_gym import Chain, Trajectory, simulate
+from npend_gym.chain import as_chain
+from npend_gym.cli.common import chain_argument
+from npend_gym.envs import EnvConfig
 from npend_gym.experiments import Campaign, CampaignPlan, ReleaseExperiment, run_release
 from npend_gym.experiments.campaign.folder import read_plan
 from npend_gym.experiments.campaign.journal import read_journal
@@ -23,7 +27,7 @@ from npend_gym.experiments.campaign.parts import RELEASES, read_releases
 from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.identification import read_motion
 from npend_gym.report import release_tables
-from npend_gym.rl import Policy
+from npend_gym.rl import PlannedTransitions, Policy
 
 CORPUS = Path(__file__).parent / "corpus"
 PLAN = CampaignPlan(n=2, amplitude=[0.3, 0.7], trials=20, batch=20)
@@ -68,7 +72,7 @@ class Reader:
 
 def make_readers(folder: Path) -> dict[str, Reader]:
     """Return the readers by name; `folder` gets a folder for each."""
-    made = [_policies, _trajectory, _campaign, _plan_files, _release, _motion]
+    made = [_policies, _trajectory, _campaign, _plan_files, _release, _motion, _chain, _transitions]
     readers: dict[str, Reader] = {}
     for make in made:
         own = folder / make.__name__.strip("_")
@@ -224,6 +228,38 @@ def _motion(folder: Path) -> dict[str, Reader]:
     rows = [f"{0.01 * k:.2f},{np.sin(k):.4f}" for k in range(25)]
     seeds.append("\r\n".join(["\ufefftime, theta0", *rows]).encode())
     return {"motion": Reader(path, lambda: read_motion(path), mutations.of_lines, FILES, seeds)}
+
+
+def _chain(folder: Path) -> dict[str, Reader]:
+    path = folder / "chain.json"
+    chains = [Chain.uniform(2, 0.5), Chain.preset("acrobot"), Chain([1.0], [1.0], gear=[-3.0])]
+    seeds = [json.dumps(chain.as_dict()).encode() for chain in chains]
+    declared = (*VALUES, argparse.ArgumentTypeError)
+    return {
+        "chain": Reader(
+            path, lambda: as_chain(chain_argument(str(path))), mutations.of_json, declared, seeds
+        )
+    }
+
+
+def resting_plans(path: Path) -> EnvConfig:
+    """Write the plans of a rod that stays where it hangs or stands; return its environment."""
+    states = np.zeros((2, 4, 2))
+    states[1, :, 0] = np.pi
+    pairs = np.array([[[False], [False]], [[True], [True]]])
+    np.savez(path, pairs=pairs, states=states, actions=np.zeros((2, 3, 1)), settle=np.zeros(2))
+    return EnvConfig(n=1, mode="transition")
+
+
+def _transitions(folder: Path) -> dict[str, Reader]:
+    path = folder / "plans.npz"
+    config = resting_plans(path)
+    return {
+        "transitions": Reader(
+            path, lambda: PlannedTransitions.load(path, config), mutations.of_archive, FILES,
+            [path.read_bytes()],
+        )
+    }  # fmt: skip
 
 
 def mutants(reader: Reader, seed: int, corpus: list[bytes]):

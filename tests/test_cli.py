@@ -122,6 +122,8 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("animate --out a.gif --friction=1", "did you mean --damping?"),
         ("page --out a.html -n 3", "did you mean --n?"),
         ("campaign --out a --trails 3", "did you mean --trials?"),
+        (f"release --chain {'x' * 300}", "xxx cannot be read: File name too long"),
+        (f"evaluate --env x={'[' * 50_000}", "x has too many lists inside each other"),
         ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
         ("release --n 1 --out /dev/null/x", "out must be a folder"),
         ("release --n 1 --out /dev/null", "out must be a folder"),

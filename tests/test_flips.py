@@ -68,9 +68,10 @@ def test_the_map_goes_on_where_it_was_interrupted(tmp_path):
     done = next((tmp_path / "cut").glob("parts-*"))
     assert sorted(path.name for path in done.iterdir()) == ["0.npz", "1.npz"]
     (done / "1.npz").write_bytes((done / "1.npz").read_bytes()[:100])  # torn
+    np.savez(done / "0.npz", times=np.zeros((10, 25), complex))  # forged
     again = []
     plan.run(tmp_path / "cut", progress=lambda parts: again.extend(parts) or again)
-    assert again == [1, 2]
+    assert again == [0, 1, 2]
     with np.load(tmp_path / "cut" / "map.npz") as data:
         np.testing.assert_array_equal(data["times"], whole)
         assert json.loads(str(data["about"]))["arguments"]["size"] == 25

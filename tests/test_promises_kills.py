@@ -4,6 +4,7 @@ import random
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import kill_campaign
 import psutil
@@ -14,7 +15,7 @@ PARENT = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {FORE
 
 
 class Always(random.Random):
-    """Draws `value`, and the first of several."""
+    """Draws what lies at `value`, between 0 and 1, of every range."""
 
     def __init__(self, value):
         super().__init__(0)
@@ -33,24 +34,42 @@ def orphans(monkeypatch):
     return kill_campaign.Orphans()
 
 
+def disturb(code, value, longest, orphans, out=Path("nowhere")):
+    return kill_campaign.disturb(python(code), out, Always(value), longest, orphans)
+
+
 def python(code):
     return subprocess.Popen([sys.executable, "-c", code])
 
 
 def test_a_driver_that_is_left_alone_and_hangs_is_a_finding(monkeypatch, orphans):
     monkeypatch.setattr(kill_campaign, "HANGS", 0.2)
-    assert kill_campaign.disturb(python(FOREVER), Always(0.0), 5.0, orphans) == "driver HUNG"
-    assert kill_campaign.disturb(python(FOREVER), Always(0.9), 0.1, orphans) == "driver killed"
-    assert kill_campaign.disturb(python(""), Always(0.9), 60.0, orphans) == "ended"
-    assert kill_campaign.disturb(python("1 / 0"), Always(0.9), 60.0, orphans) == "gave up"
+    assert disturb(FOREVER, 0.0, 5.0, orphans) == "driver HUNG"
+    assert disturb(FOREVER, 0.4, 0.1, orphans) == "driver killed"
+    assert disturb("", 0.4, 60.0, orphans) == "ended"
+    assert disturb("1 / 0", 0.9, 60.0, orphans) == "gave up"
+
+
+def test_a_driver_is_killed_once_it_has_done_some_tasks(orphans, tmp_path):
+    journal = tmp_path / "journal.jsonl"
+    code = f"""
+import time
+with open({str(journal)!r}, "a") as file:
+    for _ in range(1000):
+        file.write("\\n")
+        file.flush()
+        time.sleep(0.005)
+"""
+    assert disturb(code, 0.9, 60.0, orphans, tmp_path) == "driver killed"
+    assert 10 <= kill_campaign.lines(tmp_path) < 300
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the harness is of Linux")
-def test_a_process_that_outlives_its_driver_is_a_finding(orphans, capsys):
+def test_a_process_that_outlives_its_driver_is_a_finding(orphans, capsys, tmp_path):
     driver = python(PARENT)
     while not (below := psutil.Process(driver.pid).children()):
         time.sleep(0.01)
-    assert kill_campaign.disturb(driver, Always(0.9), 0.1, orphans) == "driver killed"
+    assert kill_campaign.disturb(driver, tmp_path, Always(0.4), 0.1, orphans) == "driver killed"
     orphans.look(at_end=True)
     assert (orphans.seen, orphans.alive) == (1, 1)
     assert "alive" in capsys.readouterr().out

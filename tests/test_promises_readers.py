@@ -14,6 +14,7 @@ from readers import CORPUS, make_readers, mutants
 NAMES = (
     "policy_npz", "policy_json", "policy_safetensors", "trajectory", "part", "journal", "plan",
     "plan_toml", "plan_yaml", "plan_json", "manifest", "release", "periods", "motion",
+    "chain", "transitions",
 )  # fmt: skip
 
 
@@ -34,7 +35,7 @@ def strict():
 
 
 @pytest.mark.usefixtures("strict")
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES[:-1], pytest.param(NAMES[-1], marks=pytest.mark.long)])
 def test_good_files_are_taken_and_what_once_was_a_fault_is_refused(name, readers):
     reader = readers[name]
     for data in reader.seeds:

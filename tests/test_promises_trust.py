@@ -8,13 +8,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from readers import resting_plans
 
 from npend_gym import _files
 from npend_gym.cli import main
 from npend_gym.experiments import Campaign, CampaignPlan, analyse, draws
 from npend_gym.experiments.campaign.pages import unpacked_size
 from npend_gym.experiments.campaign.parts import RELEASES, read_releases, write_parts
-from npend_gym.rl import Policy
+from npend_gym.rl import PlannedTransitions, Policy
 from npend_gym.rl.policies.policy import find_policy
 
 PLAN = CampaignPlan(n=2, amplitude=[0.3, 0.7], trials=20, batch=20)
@@ -325,3 +326,31 @@ def test_a_campaign_is_analysed_when_nothing_is_forged(forged, capsys):
     out, _ = forged(lambda table: table)
     assert main(["analyse", str(out)]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.long  # kernels of derivatives are compiled
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("settle", 0.0),
+        ("settle", [0.0, np.nan]),
+        ("settle", [0.0, -1.0]),
+        ("pairs", [[["no"], ["no"]], [["yes"], ["yes"]]]),
+        ("pairs", [[[True], [False]], [[True], [True]]]),
+        ("states", np.zeros((2, 4, 2), complex)),
+        ("states", np.full((2, 4, 2), 1e300)),
+        ("states", np.full((2, 4, 2), np.nan)),
+        ("actions", np.zeros(6)),
+        ("actions", np.full((2, 3, 1), np.inf)),
+    ],
+)
+def test_forged_plans_of_transitions_are_refused_by_their_path(name, value, tmp_path):
+    path = tmp_path / "plans.npz"
+    config = resting_plans(path)
+    assert PlannedTransitions.load(path, config).plans.keys() == {
+        ((False,), (False,)), ((True,), (True,))
+    }  # fmt: skip
+    with np.load(path) as data:
+        np.savez(path, **dict(data) | {name: np.array(value)})
+    with pytest.raises(ValueError, match=r"plans\.npz holds (no )?plans"):
+        PlannedTransitions.load(path, config)

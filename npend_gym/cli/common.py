@@ -14,6 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
+from npend_gym import _files
+
 _T = TypeVar("_T")
 
 OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, 130
@@ -101,12 +103,13 @@ def chain_argument(text: str) -> Any:
     if text in PRESETS:
         return text
     rule = f"must be one of {', '.join(PRESETS)}, or a JSON file with a chain's parameters"
-    if not Path(text).is_file():
-        raise argparse.ArgumentTypeError(f"{rule}; got {text}")
     try:
-        return json.loads(Path(text).read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise argparse.ArgumentTypeError(f"{rule}; {text} cannot be read: {error}") from error
+        return _files.parse_json(_files.read_text(Path(text)))
+    except FileNotFoundError as error:
+        raise argparse.ArgumentTypeError(f"{rule}; got {text}") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise argparse.ArgumentTypeError(f"{rule}; {text} cannot be read: {reason}") from error
 
 
 def setting(text: str) -> tuple[str, Any]:
@@ -121,6 +124,8 @@ def setting(text: str) -> tuple[str, Any]:
         given = json.loads(value)
     except ValueError:
         given = value
+    except RecursionError as error:
+        raise argparse.ArgumentTypeError(f"{name} has too many lists inside each other") from error
     return name, chain_argument(given) if name == "chain" and isinstance(given, str) else given
 
 

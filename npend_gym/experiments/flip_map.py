@@ -144,8 +144,8 @@ class FlipMap:
         """Return a part that is whole, or None."""
         shape = (min(_ROWS, self.size - k * _ROWS), self.size)
         try:
-            times = _files.read_arrays(parts / f"{k}.npz", 2 * 8 * shape[0] * shape[1] + 4096)
-            found = np.asarray(times["times"], float)
+            arrays = _files.read_arrays(parts / f"{k}.npz", 2 * 8 * shape[0] * shape[1] + 4096)
+            times = arrays["times"]
         except (OSError, ValueError, KeyError):
             return None
-        return found if found.shape == shape else None
+        return times if (times.dtype, times.shape) == (np.float64, shape) else None

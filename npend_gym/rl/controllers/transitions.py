@@ -23,6 +23,7 @@ from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 MAX_BYTES = 100_000_000  # of a file of plans once unpacked
 _MAX_RODS = 8  # 65 280 pairs
+_LARGEST = 1e5  # rad, rad/s or s
 _DEFECT = 1e-6  # rad and rad/s by which a step of a plan may miss the next state
 
 Pair = tuple[tuple[bool, ...], tuple[bool, ...]]  # which rods stand at the start, and at the goal
@@ -127,24 +128,14 @@ class PlannedTransitions:
         """
         try:
             arrays = read_arrays(Path(path), MAX_BYTES)
-            pairs, states, actions, settle = (
-                arrays[name] for name in ("pairs", "states", "actions", "settle")
-            )
+            pairs, states, actions, settle = _check_arrays(arrays, config)
         except (KeyError, ValueError) as error:
             raise ValueError(f"{path} holds no plans: {error}") from error
-        n, joints, count = config.n, config.joints.size, len(settle)
-        shapes = (
-            (count, 2, n),
-            (count, actions.shape[1] + 1, 2 * n),
-            (count, states.shape[1] - 1, joints),
-        )
-        if (pairs.shape, states.shape, actions.shape) != shapes:
-            raise ValueError(f"{path} holds no plans for {n} rods and {joints} motors")
         plans: dict[Pair, PlannedTransition] = {}
-        for k in range(count):
-            nominal = NominalTrajectory(states[k], actions[k])
-            _check_motion(path, nominal, config)
-            plans[_pair(*pairs[k])] = track(config, nominal, float(settle[k]))
+        for k in range(len(pairs)):
+            nominal, pair = NominalTrajectory(states[k], actions[k]), _pair(*pairs[k])
+            _check_motion(path, nominal, pair, config)
+            plans[pair] = track(config, nominal, float(settle[k]))
         return cls(plans)
 
 
@@ -201,9 +192,29 @@ def _pair(start: Iterable[Any], goal: Iterable[Any]) -> Pair:
     return tuple(bool(stands) for stands in start), tuple(bool(stands) for stands in goal)
 
 
-def _check_motion(path: object, nominal: NominalTrajectory, config: EnvConfig) -> None:
+def _check_arrays(arrays: Mapping[str, NDArray[Any]], config: EnvConfig) -> list[NDArray[Any]]:
+    """Return pairs, states, actions and times to settle, if they fit each other and `config`."""
+    found = [arrays[name] for name in ("pairs", "states", "actions", "settle")]
+    types, axes = [str(array.dtype) for array in found], [array.ndim for array in found]
+    if types != ["bool", "float64", "float64", "float64"] or axes != [3, 3, 3, 1]:
+        raise ValueError(f"its arrays are of {', '.join(types)} with {axes} axes")
+    n, joints, (count, steps) = config.n, config.joints.size, found[2].shape[:2]
+    shapes = [(count, 2, n), (count, steps + 1, 2 * n), (count, steps, joints), (count,)]
+    if [array.shape for array in found] != shapes or count * steps == 0:
+        raise ValueError(f"no plans for {n} rods and {joints} motors")
+    for name, values in zip(("states", "actions", "settle"), found[1:], strict=True):
+        if not (np.abs(values) <= _LARGEST).all():
+            raise ValueError(f"{name} must lie within +-{_LARGEST:g}")
+    _checks.at_least_zero("settle", found[3])
+    return found
+
+
+def _check_motion(path: object, nominal: NominalTrajectory, pair: Pair, config: EnvConfig) -> None:
     """Raise a ValueError where steps of the environment do not lead along the trajectory."""
     states, actions = nominal
+    half_turns = np.rint(states[[0, -1], : config.n] / np.pi)
+    if _pair(*(np.remainder(half_turns, 2.0) == 1.0)) != pair:
+        raise ValueError(f"{path} holds plans that do not lead where they say")
     missed = np.abs(StepModel(config)(states[:-1], actions) - states[1:]).max()
     if not missed < _DEFECT:
         raise ValueError(
