@@ -11,9 +11,10 @@ pytestmark = pytest.mark.long  # plans take seconds
 
 torch = pytest.importorskip("torch")
 
-from npend_gym.rl import evaluate, planned_swing_up  # noqa: E402
+from npend_gym.rl import Policy, evaluate, planned_swing_up  # noqa: E402
 from npend_gym.rl.training import robust_imitation  # noqa: E402
 from npend_gym.rl.training.context_plans import ContextPlans, wrong_chains  # noqa: E402
+from npend_gym.rl.training.demonstration import plan_of  # noqa: E402
 from npend_gym.rl.training.disturbed_lanes import ERRORS, DisturbedLanes  # noqa: E402
 
 CONFIG = EnvConfig(n=2, mode="swingup")
@@ -122,6 +123,81 @@ def test_pulses_push_a_chain_that_hangs_and_nothing_else_does(plans):
     assert not moved[~pushed].any()
 
 
+def test_levels_bound_the_errors_that_are_drawn(plans):
+    lanes = DisturbedLanes(CONFIG, plans, 2000, seed=3)
+    names = list(ERRORS)
+    lanes.levels[names.index("velocity_noise")] = 0.2
+    lanes.levels[names.index("delay")] = 0.5
+    lanes.restart(np.ones(2000, np.bool_))
+    assert 0.095 < lanes._noise.max() <= 0.1
+    assert 0.7 < lanes._delay.max() <= 0.75
+    assert lanes._torque_noise.max() > 0.15
+
+
+def dagger_of(**changes):
+    env = {"n": 1, "mode": "swingup", "observation": "sincos"}
+    small = {"seconds": 3.0, "num_envs": 32, "hidden": 16, "plan_seed": 0, "wrong_chains": False}
+    return robust_imitation.RobustDAgger(robust_imitation.Settings(env=env, **(small | changes)))
+
+
+def test_errors_grow_with_which_more_than_half_of_the_episodes_stood(plans):
+    lanes, names = DisturbedLanes(CONFIG, plans, 64, seed=4), list(ERRORS)
+    lanes.levels[:] = 0.4
+    noise, delay, lag = (names.index(name) for name in ("torque_noise", "delay", "motor_lag"))
+    lanes.error[:] = [noise] * 12 + [delay] * 12 + [lag] * 11 + [names.index("chain")] * 29
+    rows = np.arange(35)
+    stood = (rows < 7) | (rows >= 19)  # 7 of 12 with noise, 5 with delays, all with a lag
+    lanes.judge(rows, stood)
+    lanes.grow()
+    np.testing.assert_allclose(lanes.levels[[noise, delay, lag]], [0.5, 0.4, 0.4])
+    assert lanes.judged[0, [noise, delay, lag]].tolist() == [0, 0, 11]  # too few
+    for _ in range(6):
+        lanes.judge(rows, stood)
+        lanes.grow()
+    np.testing.assert_allclose(lanes.levels[[noise, delay, lag]], [1.0, 0.4, 0.4 * 1.25**3])
+
+
+def test_the_student_is_the_mean_of_what_the_learner_was_lately():
+    dagger = dagger_of(averaging=0.9)
+    dagger.play(40, first=True)
+    before = dagger.student[0].weight.clone()
+    dagger.learn(20)
+    left = (dagger.student[0].weight - dagger.learner[0].weight) / (
+        before - dagger.learner[0].weight
+    )
+    assert torch.allclose(left, torch.full_like(left, 0.9**20), atol=1e-2)
+    latest = dagger_of()
+    latest.play(40, first=True)
+    latest.learn(40)
+    assert all(map(torch.equal, latest.student.parameters(), latest.learner.parameters()))
+
+
+def test_a_policy_without_velocities_does_not_look_at_them():
+    policy = dagger_of(with_velocities=False).policy({})
+    angles, rng = np.tile([[0.6, 0.8]], (5, 1)), np.random.default_rng(0)
+    policy.reset(5)
+    for _ in range(3):
+        speeds = rng.normal(size=(5, 1))
+        actions = policy(np.hstack([angles, speeds]).astype(np.float32))
+        np.testing.assert_allclose(actions, actions[:1].repeat(5, axis=0), atol=1e-6)
+    moved = policy(np.hstack([angles[:, ::-1], speeds]).astype(np.float32))
+    assert np.abs(moved - actions).min() > 1e-4
+
+
+def test_the_way_of_a_policy_is_a_plan():
+    config = EnvConfig(n=3, mode="swingup", observation="sincos")
+    policy = Policy.pretrained("swingup-3")
+    plan = plan_of(policy, config, 7.0)
+    env = gym.make("NPendulum-v0", **policy.env)
+    observation, info = env.reset(options={"theta": [0.0] * 3, "omega": [0.0] * 3})
+    for state in plan.nominal.states[:-1]:
+        np.testing.assert_allclose([*info["theta"], *info["omega"]], state, atol=1e-4)
+        observation, *_, info = env.step(policy(observation))
+    env.close()
+    with pytest.raises(ValueError, match="must stand after 2 s"):
+        plan_of(policy, config, 2.0)
+
+
 def test_a_student_of_a_few_rounds_swings_one_rod_up():
     env = {"n": 1, "mode": "swingup", "observation": "sincos"}
     small = {"seconds": 3.0, "rounds": 12, "num_envs": 96, "hidden": 32, "updates": 200}
@@ -138,6 +214,9 @@ def test_a_student_of_a_few_rounds_swings_one_rod_up():
 def test_tasks_without_errors_are_refused():
     with pytest.raises(ValueError, match="task must be a robust swing-up"):
         robust_imitation.settings_of("swingup-3")
+    four = robust_imitation.settings_of("swingup-4-robust")
+    assert four.env["n"] == 4
+    assert not four.with_velocities
     settings = robust_imitation.settings_of("swingup-3-robust")
     assert settings.env == {"n": 3, "mode": "swingup", "observation": "sincos"}
     with pytest.raises(ValueError, match="one motor at the base"):

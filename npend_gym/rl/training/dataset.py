@@ -106,3 +106,15 @@ class Fit:
             self.updates += 1
             total += float((prediction.detach() - actions).abs().mean())
         self.distance = total / updates
+
+
+@torch.no_grad()
+def follow(student: nn.Module, learner: nn.Module, left: float) -> None:
+    """Move parameters toward those of another network; the fraction `left` of them stays.
+
+    A student that is such a mean of what the learner was lately stands long before the learner
+    does, which every few updates lead astray (B. T. Polyak, A. B. Juditsky, SIAM Journal on Control
+    and Optimization 30 (1992), 838-855).
+    """
+    for mean, latest in zip(student.parameters(), learner.parameters(), strict=True):
+        mean.lerp_(latest, 1.0 - left)

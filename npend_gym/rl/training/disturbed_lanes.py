@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import Ensemble
 from npend_gym.rl.training.context_plans import ContextPlans
 
-# What is wrong in an episode, and in which share of the episodes. In the last some of the others
-# are wrong at once, half as much
+# What is wrong in an episode, and in which share of the episodes by default. In the last some of
+# the others are wrong at once, half as much
 ERRORS = {
     "nothing": 0.06,
     "chain": 0.38,
@@ -31,6 +35,7 @@ _PULSE_RATE, _PAUSE = 0.35, 0.8  # a second; s, at least, between two pulses
 _PULSE_WIDTH, _PULSE = (0.05, 0.1), (1.0 / 12.0, 5.0 / 6.0)  # s; peaks over the torque limit
 _START = 0.05  # rad, rad/s
 _PAST = 4  # states that are kept
+_GROWTH, _JUDGED = 1.25, 12  # of a level, after at least so many episodes
 
 
 class DisturbedLanes:
@@ -47,9 +52,16 @@ class DisturbedLanes:
     size : int
         Number of lanes.
     seed : int
+    shares : mapping
+        How often each of `ERRORS` is drawn, over the sum of all.
 
     Attributes
     ----------
+    levels : ndarray, shape (errors,)
+        What errors are multiplied by, in the order of `ERRORS`. Those of the chain are what they
+        are.
+    judged : ndarray, int64, shape (2, errors)
+        How many episodes have been judged since then, and in how many the chain stood.
     error : ndarray, int64, shape (B,)
         What is wrong, as a number of `ERRORS`.
     which : ndarray, int64, shape (B,)
@@ -61,13 +73,24 @@ class DisturbedLanes:
     """
 
     changes = (
-        "error", "which", "age", "begins", "_rng", "_past", "_last", "_noise", "_torque_noise",
-        "_lag", "_delay", "_pulse",
+        "levels", "judged", "error", "which", "age", "begins", "_rng", "_past", "_last", "_noise",
+        "_torque_noise", "_lag", "_delay", "_pulse",
     )  # fmt: skip
 
-    def __init__(self, config: EnvConfig, plans: ContextPlans, size: int, seed: int) -> None:
+    def __init__(
+        self,
+        config: EnvConfig,
+        plans: ContextPlans,
+        size: int,
+        seed: int,
+        shares: Mapping[str, float] = MappingProxyType(ERRORS),
+    ) -> None:
         self.config, self.plans, self.size = config, plans, size
         self._rng = np.random.default_rng([seed, 1])
+        chances = np.array([shares.get(name, 0.0) for name in _NAMES])
+        self._chances: FloatArray = chances / chances.sum()
+        self.levels = np.ones(len(ERRORS))
+        self.judged = np.zeros((2, len(ERRORS)), np.int64)
         self._lanes = Ensemble(config.chain, size, joints=[0])
         self._past = np.zeros((size, _PAST, 2 * config.n))  # states, the newest first
         self._last = np.zeros(size)  # actions
@@ -87,8 +110,7 @@ class DisturbedLanes:
         lanes, rng, n = np.flatnonzero(over), self._rng, self.config.n
         if lanes.size == 0:
             return
-        shares = np.array(list(ERRORS.values()))
-        error = rng.choice(len(ERRORS), lanes.size, p=shares / shares.sum())
+        error = rng.choice(len(ERRORS), lanes.size, p=self._chances)
         self._draw_errors(lanes, error)
         self._set_chains(lanes)
         theta, omega = rng.uniform(-_START, _START, (2, lanes.size, n))
@@ -96,6 +118,19 @@ class DisturbedLanes:
         self._past[lanes] = np.hstack([theta, omega])[:, None]
         self._last[lanes], self.age[lanes], self.begins[lanes] = 0.0, 0, True
         self._pulse[:, lanes] = np.array([-1.0, 1.0, 0.0])[:, None]
+
+    def judge(self, lanes: NDArray[np.int64], stood: BoolArray) -> None:
+        """Count episodes that are over, and whether the chain stood in them."""
+        judged = [np.bincount(self.error[k], minlength=len(ERRORS)) for k in (lanes, lanes[stood])]
+        self.judged += judged
+
+    def grow(self) -> None:
+        """Raise the levels of errors with which the chain stood in most of the episodes judged."""
+        episodes, stood = self.judged
+        enough = episodes >= _JUDGED
+        higher = enough & (2 * stood > episodes)
+        self.levels[higher] = np.minimum(1.0, _GROWTH * self.levels[higher])
+        self.judged[:, enough] = 0
 
     def restored(self) -> None:
         """Put all lanes into the states that were restored."""
@@ -117,8 +152,9 @@ class DisturbedLanes:
 
         def drawn(name: str) -> FloatArray:
             among = several & (rng.random(lanes.size) < _SEVERAL.get(name, 0.0))
-            size = np.where(error == _NAMES.index(name), 1.0, np.where(among, 0.5, 0.0))
-            return size * rng.random(lanes.size)
+            kind = _NAMES.index(name)
+            size = np.where(error == kind, 1.0, np.where(among, 0.5, 0.0))
+            return self.levels[kind] * size * rng.random(lanes.size)
 
         self.error[lanes] = error
         wrong = drawn("chain") > 0.0
@@ -167,7 +203,8 @@ class DisturbedLanes:
         begin = (self.error == _NAMES.index("pulses")) & (rng.random(self.size) < _PULSE_RATE * dt)
         begin &= time > self._pulse[0] + _PAUSE
         count = int(begin.sum())
-        peaks = rng.uniform(*_PULSE, count) * rng.choice([-1.0, 1.0], count)
+        peaks = self.levels[_NAMES.index("pulses")] * rng.uniform(*_PULSE, count)
+        peaks *= rng.choice([-1.0, 1.0], count)
         widths = rng.uniform(*_PULSE_WIDTH, count)
         self._pulse[:, begin] = [time[begin] + 2.0 * _PULSE_WIDTH[1], widths, peaks]
         peak_time, width, peak = self._pulse

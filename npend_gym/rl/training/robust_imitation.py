@@ -12,6 +12,7 @@ history, is rapid motor adaptation (A. Kumar and others, arXiv:2107.04034) witho
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,17 +21,18 @@ import torch
 
 from npend_gym._checks import BoolArray
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers.planning import planned_swing_up
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.context_plans import ContextPlans, wrong_chains
-from npend_gym.rl.training.dataset import Dataset, Fit
-from npend_gym.rl.training.disturbed_lanes import DisturbedLanes
+from npend_gym.rl.training.dataset import Dataset, Fit, follow
+from npend_gym.rl.training.demonstration import base_plan
+from npend_gym.rl.training.disturbed_lanes import ERRORS, DisturbedLanes
 from npend_gym.rl.training.disturbed_task import differences
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
 _LONGEST = 210  # steps of an episode: the plan, and standing
+_AVERAGED = 20  # updates, after which the student follows the learner
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,9 @@ class Settings:
     plan_seed: int = 5  # of the first guess that leads to the plan
     seconds: float = 4.5  # of the plan
     wrong_chains: bool = True  # whether there are plans for others than the nominal chain
+    demonstrator: str = ""  # a policy of the package whose way is the plan
+    shares: dict[str, float] = field(default_factory=ERRORS.copy)  # of episodes with each error
+    first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
     rounds: int = 48  # after a first one, in which the teacher acts alone
     num_envs: int = 320
     num_steps: int = 120  # of a round
@@ -57,13 +62,40 @@ class Settings:
     updates: int = 400  # after every other round
     minibatch_size: int = 1024
     learning_rate: float = 2e-3  # falls to zero along a cosine
+    averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 12  # observations that the student is given
+    with_velocities: bool = True  # without them it has to find them in the angles
     hidden: int = 184
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of changes in a step
 
 
-TASKS: dict[str, dict[str, Any]] = {"swingup-3-robust": {}}
+_WITHOUT_CHAINS = {
+    "nothing": 0.16, "torque_noise": 0.22, "motor_lag": 0.1, "delay": 0.3, "pulses": 0.16,
+    "several": 0.06,
+}  # fmt: skip
+TASKS: dict[str, dict[str, Any]] = {
+    "swingup-3-robust": {},
+    "swingup-4-robust": {
+        "seconds": 7.0,
+        "demonstrator": "swingup-4",
+        "wrong_chains": False,
+        "shares": _WITHOUT_CHAINS,
+        "first_level": 0.2,
+        "take_over": 3.0,
+        "hand_back": 1.0,
+        "lost": 100.0,
+        "rounds": 400,
+        "max_states": 1_000_000,
+        "first_updates": 400,
+        "updates": 600,
+        "minibatch_size": 512,
+        "averaging": 0.998,
+        "with_velocities": False,
+        "length": 5,
+        "hidden": 256,
+    },
+}
 
 
 def settings_of(task: str, **changes: Any) -> Settings:
@@ -78,26 +110,33 @@ def settings_of(task: str, **changes: Any) -> Settings:
 class RobustDAgger:
     """A student with memory, and the dataset that it learns from."""
 
-    changes = ("student", "dataset", "fit", "lanes", "history", "rng", "phase", "taken", "ended")
+    changes = (
+        "student", "learner", "dataset", "fit", "lanes", "history", "rng", "phase", "taken", "ended"
+    )  # fmt: skip
 
     def __init__(self, settings: Settings) -> None:
         self.settings, config = settings, EnvConfig(**settings.env)
         if config.joints.tolist() != [0] or not config.chain.is_ideal:
             raise ValueError("the chain must be point masses, with one motor at the base")
-        base = planned_swing_up(
-            config, settings.seconds, tries=1, guess="mpc", seed=settings.plan_seed
-        )
         chains = wrong_chains(config.chain, settings.seed) if settings.wrong_chains else []
-        self.plans = ContextPlans(config, base, chains)
-        self.lanes = DisturbedLanes(config, self.plans, settings.num_envs, settings.seed)
+        self.plans = ContextPlans(config, base_plan(settings, config), chains)
+        size = settings.num_envs
+        self.lanes = DisturbedLanes(config, self.plans, size, settings.seed, settings.shares)
+        self.lanes.levels *= settings.first_level
+        if settings.first_level < 1.0:
+            self.lanes.restart(np.ones(size, np.bool_))
         scale = torch.tensor(settings.obs_scale).repeat_interleave(config.n)
         self.to_inputs = differences(settings.length, scale, settings.change_scale)
-        inputs, size = len(self.to_inputs), settings.num_envs
+        if not settings.with_velocities:
+            seen = np.arange(3 * config.n + 1) // config.n != 2
+            self.to_inputs = self.to_inputs[:, np.tile(seen, settings.length)]
+        inputs = self.to_inputs.shape[1]
         self.history = History(settings.length, 3 * config.n, 1)
         self.history.reset(size)
-        self.student = network(inputs, 1, settings.hidden, last_gain=0.1)
+        self.learner = network(inputs, 1, settings.hidden, last_gain=0.1)
+        self.student = copy.deepcopy(self.learner)  # what acts, with averages of its parameters
         self.dataset = Dataset(settings.max_states, inputs, 1)
-        self.fit = Fit(self.student, self.dataset, torch.ones(inputs), settings)
+        self.fit = Fit(self.learner, self.dataset, torch.ones(inputs), settings)
         self.rng = np.random.default_rng([settings.seed, 2])
         self.phase = np.zeros(size, np.int64)
         share = np.arange(size) / size
@@ -105,7 +144,7 @@ class RobustDAgger:
         self.taught = share >= 1.0 - settings.teacher_fraction
         self.std = settings.noise_std * self.taught * self.rng.random(size)
         self.taken = self.taught.copy()  # where the teacher acts
-        self.ended: list[tuple[int, bool]] = []  # where the student was alone: error, whether stood
+        self.ended = list[bool]()  # whether the chain stood, where the student was alone
 
     @torch.no_grad()
     def inputs(self) -> torch.Tensor:
@@ -144,10 +183,20 @@ class RobustDAgger:
             self.end(~known | (lanes.age >= _LONGEST), known)
         return taken_over / steps
 
+    def learn(self, updates: int) -> float:
+        """Fit the learner, which the student follows; return its mean distance from the teacher."""
+        left, distances = self.settings.averaging**_AVERAGED, list[float]()
+        for _ in range(0, updates, _AVERAGED):
+            self.fit(_AVERAGED)
+            distances.append(self.fit.distance)
+            follow(self.student, self.learner, left)
+        return float(np.mean(distances))
+
     def end(self, over: BoolArray, known: BoolArray) -> None:
         """Record the episodes that are over, and begin others."""
-        rows = np.flatnonzero(over & self.alone).tolist()
-        self.ended += [(int(self.lanes.error[k]), bool(known[k])) for k in rows]
+        rows = np.flatnonzero(over & self.alone)
+        self.ended += known[rows].tolist()
+        self.lanes.judge(rows, known[rows])
         self.lanes.restart(over)
         self.phase[over], self.taken[over] = 0, self.taught[over]
 
@@ -178,17 +227,19 @@ def train(
         if round_ == 0:
             dagger.play(_LONGEST, first=True)
             dagger.ended.clear()
-            dagger.fit(settings.first_updates)
+            dagger.lanes.judged[:] = 0
+            dagger.learn(settings.first_updates)
             continue
         taken_over = dagger.play(settings.num_steps)
-        dagger.fit(settings.updates)
+        distance = dagger.learn(settings.updates)
         if round_ % 4 == 0 or round_ == settings.rounds:
             ended, dagger.ended = dagger.ended, []
             curve.append({
                 "steps": (_LONGEST + round_ * settings.num_steps) * settings.num_envs,
                 "seconds": round(clock.seconds, 2),
-                "stood": round(float(np.mean([stood for _, stood in ended] or [0.0])), 4),
+                "stood": round(float(np.mean(ended or [0.0])), 4),
                 "taken_over": round(float(taken_over), 4),
-                "distance": round(dagger.fit.distance, 4),
+                "distance": round(distance, 4),
             })  # fmt: skip
+            dagger.lanes.grow()
     return dagger.policy(curve[-1]), curve
