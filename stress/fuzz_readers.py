@@ -215,6 +215,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as own:
         readers = make_readers(Path(own))
         names = options.readers.split(",") if options.readers else list(readers)
+        for name in names:  # compile what they need before any clock runs
+            assert all(map(readers[name].attempt, readers[name].seeds)), name
         watch = Watch(options.corpus)
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=r"theta reaches", category=UserWarning)
