@@ -145,7 +145,7 @@ def test_the_command_line_takes_presets_and_files(tmp_path, capsys):
         (None, "argument --chain: must be one of acrobot, .* or a JSON file .*; got no_such_chain"),
         ("{", "cannot be read: Expecting property name"),
         ('{"masses": [1]}', "the dict of a chain has no 'lengths'"),
-        ("[1]", "chain must be a npend_gym.Chain, a dict"),
+        ("[1]", "it must be an object, names and values, got a list"),
         ('{"masses": [1], "lengths": [1], "inertias": [-1]}', "inertias must be zero or more"),
     ],
 )
