@@ -16,7 +16,7 @@ import psutil
 import pytest
 from campaign_tables import read_table, table_digest
 
-from npend_gym import Chain, pseudo_periods
+from npend_gym import Chain, _progress, pseudo_periods
 from npend_gym._files import replacing
 from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
@@ -447,12 +447,15 @@ def test_folders_may_have_any_name(tmp_path):
 # The command
 
 
-def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys):
+def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(_progress, "SECONDS", 0.0)
     (tmp_path / "plan.toml").write_text("n = [2]\ntrials = 7\n")
     out = str(tmp_path / "out")
     arguments = ["campaign", str(tmp_path / "plan.toml"), "--trials", "20", "--batch", "8"]
     assert main([*arguments, "--out", out, "--workers", "1"]) == 0
-    assert "20 of 20 releases done" in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert "20 of 20 releases done" in printed.out
+    assert printed.err == "release 8 of 20, 0 failed\nrelease 16 of 20, 0 failed\n"
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["complete"] is True
     assert manifest["provenance"]["arguments"]["trials"] == 20

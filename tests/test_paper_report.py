@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from npend_gym import paper
-from npend_gym.cli import common, main
+from npend_gym import _progress, paper
+from npend_gym.cli import main
 from npend_gym.paper import Finding, Verdict, audit, report, selected
 from npend_gym.paper.claims import claims, render
 from npend_gym.paper.findings import CHECKS, by_section, groups
@@ -201,6 +201,6 @@ def test_the_readme_counts_what_the_document_counts():
 
 
 def test_a_redirected_audit_tells_how_far_it_is(capsys, monkeypatch):
-    monkeypatch.setattr(common, "_SECONDS_BETWEEN_LINES", 0.0)
+    monkeypatch.setattr(_progress, "SECONDS", 0.0)
     assert main(["paper", "--only", "history,e-at-5"]) == 0
     assert capsys.readouterr().err == "finding 1 of 2\n"

@@ -5,6 +5,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from npend_gym import _progress  # noqa: E402
 from npend_gym.cli import main  # noqa: E402
 from npend_gym.rl.training import (  # noqa: E402
     es,
@@ -130,3 +131,12 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
             runs.append(dict(file))
     for name in runs[0]:
         np.testing.assert_array_equal(*(run[name] for run in runs))
+
+
+def test_where_the_error_stream_is_no_terminal_lines_tell_how_far_training_is(monkeypatch, capsys):
+    monkeypatch.setattr(_progress, "SECONDS", 0.0)
+    kept = Checkpoint(es.settings_of("calm-2"))
+    assert list(kept.rounds({}, 3, "calm-2", "update")) == [1, 2, 3]
+    assert capsys.readouterr().err == "calm-2: update 1 of 3\ncalm-2: update 2 of 3\n"
+    assert list(kept.rounds({}, 3, None, "update")) == [1, 2, 3]
+    assert capsys.readouterr().err == ""

@@ -137,6 +137,7 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
     """Run with a progress bar; return the exit code."""
     from tqdm import tqdm
 
+    from npend_gym._progress import bar
     from npend_gym.report.campaign_report import finish
 
     plan, status = campaign.plan, campaign.status
@@ -149,17 +150,16 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
         print(status.text(), flush=True)
     failed = 0
     code = OK
-    # disable=None: no bar where the error stream is not a terminal
-    bar = tqdm(total=plan.releases, initial=before, unit="release", unit_scale=True, disable=None)
+    shown = bar(unit="release", total=plan.releases, initial=before)
     results = campaign.run(*workers)
     try:
-        with bar:
+        with shown:
             for task, record in results:
                 if not record.done:
                     failed += 1
                     tqdm.write(printable(f"task {task.id} failed: {record.error}"), file=sys.stderr)
-                bar.set_postfix(failed=failed, refresh=False)
-                bar.update(task.releases)
+                shown.set_postfix(failed=failed, refresh=False)
+                shown.update(task.releases)
     except KeyboardInterrupt:
         warn("interrupted: what is done is kept, the same command continues")
         code = INTERRUPTED

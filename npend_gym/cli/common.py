@@ -8,8 +8,7 @@ import json
 import math
 import re
 import sys
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -19,7 +18,6 @@ from npend_gym import _files
 _T = TypeVar("_T")
 
 OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, 130
-_SECONDS_BETWEEN_LINES = 10.0
 _ALIASES = {"angle": "amplitude", "theta": "amplitude", "friction": "damping"}  # of options
 _NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+"
 _DEGREES = re.compile(rf"([+-]?(?:{_NUMBER})) ?(?:deg|degrees)")
@@ -217,20 +215,9 @@ def progress(unit: str, total: int | None = None) -> Callable[[Iterable[_T]], It
 
     On a terminal it is a bar; where the error stream goes elsewhere, a line every ten seconds.
     """
-    from tqdm import tqdm
+    from npend_gym._progress import bar
 
-    if not sys.stderr.isatty():
-        return lambda items: _with_lines(items, unit, total)
-    return lambda items: tqdm(items, total=total, unit=unit, leave=False)
-
-
-def _with_lines(items: Iterable[_T], unit: str, total: int | None) -> Iterator[_T]:
-    shown = time.monotonic()
-    for count, item in enumerate(items, start=1):
-        yield item
-        if count != total and time.monotonic() - shown >= _SECONDS_BETWEEN_LINES:
-            shown = time.monotonic()
-            warn(f"{unit} {count}" + (f" of {total}" if total else ""))
+    return lambda items: bar(items, unit=unit, total=total, leave=False)
 
 
 def can_draw() -> bool:

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from npend_gym import __version__
 from npend_gym._files import replacing
+from npend_gym._progress import bar
 from npend_gym.physics import Ensemble
 
 _SECONDS = 20.0  # between two checkpoints
@@ -98,7 +98,7 @@ class Checkpoint:
         last, first : int
             Numbers of rounds.
         title : str, optional
-            Of the progress bar.
+            Of what is shown of the progress; without it nothing is.
         unit : str
             What a round is called there.
         """
@@ -108,8 +108,8 @@ class Checkpoint:
             restore(parts, self.saved["parts"])
         rounds = range(done + 1, last + 1)
         written, pause = time.monotonic(), self._seconds
-        bar = tqdm(rounds, title, total=last, initial=done, disable=None, unit=unit)
-        for round_ in bar:
+        shown = bar(rounds, title, unit=unit, total=last, initial=done) if title else rounds
+        for round_ in shown:
             yield round_
             if self._path is not None and time.monotonic() - written >= pause:
                 began = time.monotonic()
