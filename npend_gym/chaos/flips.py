@@ -15,7 +15,7 @@ from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.many import RUNNING, many_flips
 from npend_gym.physics.many import check_going, new_group, packs_of
 
-_RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
+_RODS_PER_CALL = 50_000  # rods times steps in one compiled call: about a quarter of a second
 
 
 def flip_times(

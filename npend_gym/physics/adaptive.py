@@ -15,8 +15,8 @@ from npend_gym.physics.integration import check_adaptive_steps
 from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import AnyArrays
 
-# Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
-_RODS_PER_CALL = 500_000
+# Rods times steps in one compiled call: a sixth of a second, after which Ctrl-C is heard
+_RODS_PER_CALL = 125_000
 _STEPS_KEPT = 4096  # in one compiled call that keeps them
 MAX_BYTES = 2**33  # of the steps of a motion that are kept
 _NOWHERE = np.zeros((0, 0))  # steps are not recorded

@@ -22,7 +22,7 @@ from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.kernels.many import RUNNING, STUCK, many_frames
 from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Integration, Trajectory
 
-_RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
+_RODS_PER_CALL = 50_000  # rods times steps in one compiled call: about a quarter of a second
 
 
 class Group(NamedTuple):

@@ -34,7 +34,7 @@ from npend_gym.physics.kernels.turning_points import (
 from npend_gym.physics.springs import Springs, axial_start, stretched
 
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
-_RODS_PER_CALL = 200_000  # rods times steps in one compiled call: about a second
+_RODS_PER_CALL = 50_000  # rods times steps in one compiled call: about a quarter of a second
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
 
 

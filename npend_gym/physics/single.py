@@ -23,8 +23,8 @@ from npend_gym.physics.pivot import Pivot, check_pivot
 from npend_gym.physics.springs import Springs, axial_start, check_springs, check_vibrations
 from npend_gym.physics.trajectory import AXIAL, OF_PIVOT, Integration, Trajectory
 
-# Rods times steps in one compiled call: about a second, after which Ctrl-C is heard
-_RODS_PER_CALL = 500_000
+# Rods times steps in one compiled call: a sixth of a second, after which Ctrl-C is heard
+_RODS_PER_CALL = 125_000
 _NOWHERE = np.zeros((0, 0))  # steps are not recorded
 
 
