@@ -145,7 +145,7 @@ def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
 def test_a_pretrained_policy_is_small_and_succeeds_as_often_as_recorded(name):
     policy = Policy.pretrained(name)
     recorded = policy.provenance["evaluation"]["success"]
-    assert (PRETRAINED / f"{name}.npz").stat().st_size < 300_000
+    assert (PRETRAINED / f"{name}.npz").stat().st_size < 350_000
     evaluation = evaluate(policy, policy.env, episodes=30)
     assert evaluation.success_rate == pytest.approx(recorded, abs=0.05)  # tanh is the system's own
     assert evaluation.success_rate > 0.9

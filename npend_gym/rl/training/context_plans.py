@@ -21,9 +21,9 @@ from npend_gym.rl.controllers.transcription import Transcription
 _FACTORS = 0.75, 0.8125, 0.875, 0.9375, 1.0625, 1.125, 1.1875, 1.25
 _DAMPINGS = 0.025, 0.05, 0.075, 0.1  # N m s/rad
 # Of all rods or joints: how many chains, between which factors or values
-_ALL = {"masses": (4, 0.9, 1.1), "lengths": (30, 0.94, 1.06), "damping": (16, 0.00625, 0.1)}
+_ALL = {"masses": (6, 0.88, 1.12), "lengths": (40, 0.93, 1.07), "damping": (24, 0.00625, 0.13)}
 # Of each rod or joint by itself, drawn
-_EACH = {"masses": (30, 0.88, 1.12), "lengths": (40, 0.94, 1.06), "damping": (30, 0.0, 0.1)}
+_EACH = {"masses": (30, 0.88, 1.12), "lengths": (40, 0.93, 1.07), "damping": (36, 0.0, 0.12)}
 _NEAREST = 3  # plans from which another one is sought
 _DAMPING_UNIT = 1.0 / 3.0  # N m s/rad: what changes a plan as much as a factor of two
 _BACK, _AHEAD = 2, 4  # steps within which the nearest state of a plan is sought

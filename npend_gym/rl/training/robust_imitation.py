@@ -70,31 +70,31 @@ class Settings:
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of changes in a step
 
 
-_WITHOUT_CHAINS = {
+_ANGLES: dict[str, Any] = {  # what all tasks have in common
+    "take_over": 3.0,
+    "hand_back": 1.0,
+    "lost": 100.0,
+    "max_states": 1_000_000,
+    "first_updates": 400,
+    "minibatch_size": 512,
+    "averaging": 0.998,
+    "with_velocities": False,
+    "hidden": 256,
+}
+_SHARES_3 = {
+    "nothing": 0.06, "chain": 0.5, "torque_noise": 0.08, "motor_lag": 0.03, "delay": 0.18,
+    "pulses": 0.1, "several": 0.05,
+}  # fmt: skip
+_SHARES_4 = {
     "nothing": 0.16, "torque_noise": 0.22, "motor_lag": 0.1, "delay": 0.3, "pulses": 0.16,
     "several": 0.06,
 }  # fmt: skip
 TASKS: dict[str, dict[str, Any]] = {
-    "swingup-3-robust": {},
-    "swingup-4-robust": {
-        "seconds": 7.0,
-        "demonstrator": "swingup-4",
-        "wrong_chains": False,
-        "shares": _WITHOUT_CHAINS,
-        "first_level": 0.2,
-        "take_over": 3.0,
-        "hand_back": 1.0,
-        "lost": 100.0,
-        "rounds": 400,
-        "max_states": 1_000_000,
-        "first_updates": 400,
-        "updates": 600,
-        "minibatch_size": 512,
-        "averaging": 0.998,
-        "with_velocities": False,
-        "length": 5,
-        "hidden": 256,
-    },
+    "swingup-3-robust": _ANGLES
+    | {"rounds": 130, "updates": 500, "length": 10, "first_level": 0.4, "shares": _SHARES_3},
+    "swingup-4-robust": _ANGLES
+    | {"rounds": 400, "updates": 600, "length": 5, "first_level": 0.2, "shares": _SHARES_4}
+    | {"seconds": 7.0, "demonstrator": "swingup-4", "wrong_chains": False},
 }
 
 
