@@ -20,6 +20,7 @@ _P = ParamSpec("_P")
 
 # Sizes of numbers in SI units; products of several stay far from the ends of float64's range.
 SMALLEST, LARGEST = 1e-30, 1e30
+_MAX_DEPTH = 64  # of lists in lists; no array has more axes
 
 
 def show(value: object) -> str:
@@ -34,12 +35,12 @@ def show(value: object) -> str:
 def array(name: str, value: Any) -> FloatArray:
     """Return `value` as a new C-ordered array of finite float64 numbers, of any shape."""
     try:
-        raw = np.asarray(value)
+        raw = None if _holds_text(value) else np.asarray(value)
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
             f"{name} must be a number or a rectangular array, got {show(value)}"
         ) from error
-    if raw.dtype.kind not in "iuf":
+    if raw is None or raw.dtype.kind not in "iuf":
         raise TypeError(
             f"{name} must hold real numbers, got {show(value)}; convert with np.asarray(..., float)"
         )
@@ -49,6 +50,17 @@ def array(name: str, value: Any) -> FloatArray:
     if not np.all(np.isfinite(out)):
         raise ValueError(f"{name} must be finite, got {show(value)}")
     return within(name, out, LARGEST)
+
+
+def _holds_text(value: Any, depth: int = 0) -> bool:
+    """Whether text is somewhere in a list: NumPy would make room for as much in every entry."""
+    if not isinstance(value, (list, tuple)) or depth > _MAX_DEPTH:
+        return False
+    kinds = set(map(type, value))
+    if not kinds.isdisjoint((str, bytes)):
+        return True
+    inner = not kinds.isdisjoint((list, tuple))
+    return inner and any(_holds_text(each, depth + 1) for each in value)
 
 
 def within(name: str, value: FloatArray, limit: float) -> FloatArray:

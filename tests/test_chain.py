@@ -215,6 +215,15 @@ def test_bad_counts_are_refused_by_name(n, error, message):
         Chain.uniform(n)
 
 
+def test_long_text_among_numbers_fills_no_memory():
+    masses: list = [1.0] * 100_000
+    masses[50] = "1" * 100_000  # as much in every entry would be 40 GB
+    with pytest.raises(TypeError, match="masses must hold real numbers, got"):
+        Chain(masses, 1.0)
+    with pytest.raises(TypeError, match="masses must hold real numbers, got"):
+        Chain([masses, masses], 1.0)
+
+
 def test_per_rod_input_to_uniform_is_refused_by_name():
     with pytest.raises(TypeError, match="mass must be a real number"):
         Chain.uniform(2, mass=[1.0, 2.0])
