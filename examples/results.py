@@ -1,7 +1,8 @@
 """Train every task with several seeds and compare the policies with controllers and with chance.
 
 Run it with `python examples/results.py --out results/learning`; what has been trained there
-already is not trained again, so it can be interrupted. `--tasks` and `--seeds` choose parts of it.
+already is not trained again, so it can be interrupted. `--tasks`, `--agents` and `--seeds` choose
+parts of it.
 It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
 them into `docs/` and the best policies into the package.
 
@@ -31,11 +32,13 @@ from npend_gym.rl import (
     pretrained_names,
 )
 from npend_gym.rl.controllers.references import PLANS, reference_controller
-from npend_gym.rl.training import es, imitation, ppo, shac
+from npend_gym.rl.training import es, imitation, ppo, robust_imitation, shac
 from npend_gym.rl.training.tasks import env_of_task
 
 DOCS = Path(__file__).parents[1] / "docs"
-TRAINERS = {"PPO": ppo, "SHAC": shac, "ES": es, "imitation": imitation}
+ANGLES = "imitation, angles alone"
+TRAINERS = {"PPO": ppo, "SHAC": shac, "ES": es, "imitation": imitation, ANGLES: robust_imitation}
+STYLES = {"PPO": "-", "SHAC": "-.", "ES": "--", "imitation": ":", ANGLES: ":"}
 CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "transition", "balance", "calm")
 LABELS = {
@@ -66,7 +69,10 @@ def references(task: str) -> dict[str, Controller]:
 
 def tasks() -> list[str]:
     """Return all tasks for which there are settings or plans, in order."""
-    named = {task for trainer in TRAINERS.values() for task in trainer.TASKS}
+    named = {
+        task for agent, trainer in TRAINERS.items() for task in trainer.TASKS
+        if agent != ANGLES or "robust" not in task  # which examples/robustness.py judges
+    }  # fmt: skip
     return sorted(named | {f"swingup-{n}" for n in PLANS}, key=place)
 
 
@@ -115,7 +121,8 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
 def trainer_of(policy: Policy) -> str:
     """Return which of `TRAINERS` a policy comes from; older ones name a script."""
     own = Path(policy.provenance["trained_by"]).stem.removeprefix("train_")
-    return {name.lower(): name for name in TRAINERS}.get(own.replace("cleanrl", "ppo"), own)
+    names = {trainer.__name__.rpartition(".")[2]: name for name, trainer in TRAINERS.items()}
+    return names.get(own.replace("cleanrl", "ppo"), own)
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:
@@ -138,11 +145,18 @@ def recorded(name: str = "learning") -> list[dict[str, Any]]:
 
 
 def merged(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
-    """Return new rows together with those that `docs/` has of others, in order."""
-    new = {(row["task"], row["agent"]) for row in rows}
-    order = ["random", *REFERENCES, *sorted(TRAINERS)]
-    kept = [row for row in recorded(name) if (row["task"], row["agent"]) not in new]
-    return sorted([*kept, *rows], key=lambda r: (*place(r["task"]), order.index(r["agent"])))
+    """Return new rows together with those that `docs/` has of others and other seeds, in order."""
+
+    def run(row: dict[str, Any]) -> tuple[Any, ...]:
+        return row["task"], row["agent"], row["seed"] if row["agent"] in TRAINERS else None
+
+    new, order = {run(row) for row in rows}, ["random", *REFERENCES, *sorted(TRAINERS)]
+    kept = [row for row in recorded(name) if run(row) not in new]
+
+    def rank(row: dict[str, Any]) -> tuple[Any, ...]:
+        return *place(row["task"]), order.index(row["agent"]), run(row)[2] or 0
+
+    return sorted([*kept, *rows], key=rank)
 
 
 def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -156,7 +170,7 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
             run = {"task": task, "agent": agent, "seed": int(seed)}
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
                 curve = list(csv.DictReader(file))
-            curves += [run | {key: row[key] for key in CURVE} for row in curve]
+            curves += [run | {key: row.get(key, "") for key in CURVE} for row in curve]
             end = {"steps": int(curve[-1]["steps"]), "seconds": float(curve[-1]["seconds"])}
             rows.append(run | end | evaluate(Policy.load(path), env_of_task(task)).as_row())
     return rows, curves
@@ -217,7 +231,7 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
             axes.plot(
                 [float(row["steps"]) / 1e6 for row in line],
                 [float(row["success"]) for row in line],
-                {"PPO": "-", "SHAC": "-.", "ES": "--", "imitation": ":"}[agent],
+                STYLES[agent],
                 color=colors[task],
                 label=f"N = {', '.join(task.split('-')[1:])}, {agent}" if seed == 0 else None,
                 lw=1,
@@ -248,6 +262,8 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
     for task in dict.fromkeys(row["task"] for row in rows):
         trained = [row for row in rows if row["task"] == task and row["agent"] in TRAINERS]
         policies = [Policy.load(out / f"{task}-{r['agent']}-seed{r['seed']}.npz") for r in trained]
+        if task in pretrained_names():  # which stays where none is better
+            policies.insert(0, Policy.pretrained(task))
         best = max(policies, key=lambda policy: score(policy, task), default=None)
         if best and best.provenance["evaluation"]["success"] > 0.9:
             best.save(PRETRAINED / f"{task}.npz")
@@ -264,6 +280,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/learning"))
     parser.add_argument("--tasks", nargs="+", default=tasks())
+    parser.add_argument("--agents", nargs="+", choices=TRAINERS, default=list(TRAINERS))
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--publish", action="store_true", help="in docs/ and in the package")
     parser.add_argument("--again", action="store_true", help="evaluate, train nothing")
@@ -273,7 +290,7 @@ def main() -> None:
         publish_table(renewed(recorded(), arguments.tasks))
         return
     for seed in arguments.seeds:
-        for task, agent in product(arguments.tasks, TRAINERS):
+        for task, agent in product(arguments.tasks, arguments.agents):
             train_and_keep(task, agent, seed, arguments.out)
     rows, curves = collect(arguments.tasks, arguments.out)
     write_csv(arguments.out / "results.csv", rows)

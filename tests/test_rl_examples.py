@@ -158,6 +158,20 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
+def test_new_results_join_those_of_other_seeds_and_replace_their_own(monkeypatch):
+    pytest.importorskip("torch")
+    import results
+
+    def row(agent, seed, success):
+        return {"task": "calm-2", "agent": agent, "seed": seed, "success": success}
+
+    before = [row("random", None, 0.0), row("PPO", 0, 0.1), row("PPO", 1, 0.2)]
+    monkeypatch.setattr(results, "recorded", lambda _name: before)
+    new = [row("PPO", 1, 0.9), row("PPO", 2, 0.8), row("random", "", 0.01)]
+    found = [(each["agent"], each["success"]) for each in results.merged(new, "learning")]
+    assert found == [("random", 0.01), ("PPO", 0.1), ("PPO", 0.9), ("PPO", 0.8)]
+
+
 @pytest.mark.long
 def test_train_torchrl_writes_a_policy_that_can_be_evaluated(script, tmp_path):
     pytest.importorskip("torchrl")

@@ -94,10 +94,11 @@ def test_the_band_is_that_of_the_normal_equations_of_the_residuals(actuated):
     config = config_of(n=2, mode="swingup", actuated=actuated)
     problem = Transcription(config, 7, np.array([np.pi, 0.0]), np.array([np.pi, np.pi]))
     problem.end, z = problem.wavy_guess(np.random.default_rng(3))
+    problem.wanted = np.random.default_rng(4).normal(size=problem.wanted.shape)
     weight = 5.0
 
     def residuals(z):
-        v = problem.rows(z)[1]
+        v = problem.rows(z)[1] - problem.wanted
         return np.concatenate([weight * problem.defects(z).ravel(), 0.05 * v.ravel()])
 
     steps = 1e-6 * np.eye(z.size)
@@ -111,6 +112,21 @@ def test_the_band_is_that_of_the_normal_equations_of_the_residuals(actuated):
     np.testing.assert_allclose(inside, np.tril(full), atol=1e-6 * np.abs(full).max())
     np.testing.assert_allclose(gradient, jacobian.T @ residuals(z), rtol=1e-5, atol=1e-5)
     assert problem.cost(z, problem.defects(z), weight) == pytest.approx(np.sum(residuals(z) ** 2))
+
+
+@pytest.mark.long
+def test_similar_chains_have_similar_plans_where_these_are_to_be_like_one_plan(triple):
+    found = {True: [triple.nominal.actions], False: [triple.nominal.actions]}
+    for like, each in found.items():
+        for length in (1.005, 1.01, 1.015):
+            config = config_of(n=3, lengths=length, mode="swingup", max_torque=29.43)
+            problem = Transcription(config, len(triple.gains), np.zeros(3), np.full(3, np.pi))
+            guess = problem.unknowns(*triple.nominal)
+            nominal = problem.solve(*guess, like=triple.nominal if like else None)
+            check_motion(config, nominal)
+            each.append(nominal.actions)
+    steps = {like: np.abs(np.diff(each, axis=0)).max() for like, each in found.items()}
+    assert steps[True] < 0.03 < steps[False]
 
 
 def test_without_feedback_the_planned_actions_fail(triple):

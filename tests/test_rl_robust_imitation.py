@@ -14,7 +14,7 @@ torch = pytest.importorskip("torch")
 from npend_gym.rl import Policy, evaluate, planned_swing_up  # noqa: E402
 from npend_gym.rl.training import robust_imitation  # noqa: E402
 from npend_gym.rl.training.context_plans import ContextPlans, wrong_chains  # noqa: E402
-from npend_gym.rl.training.demonstration import plan_of  # noqa: E402
+from npend_gym.rl.training.demonstration import astray, plan_of, steadied  # noqa: E402
 from npend_gym.rl.training.disturbed_lanes import ERRORS, DisturbedLanes  # noqa: E402
 
 CONFIG = EnvConfig(n=2, mode="swingup")
@@ -166,14 +166,14 @@ def test_the_student_is_the_mean_of_what_the_learner_was_lately():
         before - dagger.learner[0].weight
     )
     assert torch.allclose(left, torch.full_like(left, 0.9**20), atol=1e-2)
-    latest = dagger_of()
+    latest = dagger_of(averaging=0.0)
     latest.play(40, first=True)
     latest.learn(40)
     assert all(map(torch.equal, latest.student.parameters(), latest.learner.parameters()))
 
 
 def test_a_policy_without_velocities_does_not_look_at_them():
-    policy = dagger_of(with_velocities=False).policy({})
+    policy = dagger_of().policy({})
     angles, rng = np.tile([[0.6, 0.8]], (5, 1)), np.random.default_rng(0)
     policy.reset(5)
     for _ in range(3):
@@ -198,6 +198,19 @@ def test_the_way_of_a_policy_is_a_plan():
         plan_of(policy, config, 2.0)
 
 
+def test_of_the_variants_of_a_plan_one_is_kept_from_which_noise_leads_less_astray():
+    config = EnvConfig(n=3, mode="swingup")
+    plan = planned_swing_up(config, 4.5, tries=1, seed=1)
+    assert steadied(config, plan, 0, seed=0) is plan
+    better = steadied(config, plan, 12, seed=0)
+    assert astray(config, better) < astray(config, plan)
+    again = steadied(config, plan, 12, seed=0)
+    np.testing.assert_array_equal(better.gains, again.gains)
+    goal = np.cos(better.nominal.states[-1, :3])
+    np.testing.assert_allclose(goal, -1.0)
+    assert np.abs(better.nominal.actions).max() < 0.9
+
+
 def test_a_student_of_a_few_rounds_swings_one_rod_up():
     env = {"n": 1, "mode": "swingup", "observation": "sincos"}
     small = {"seconds": 3.0, "rounds": 12, "num_envs": 96, "hidden": 32, "updates": 200}
@@ -211,15 +224,23 @@ def test_a_student_of_a_few_rounds_swings_one_rod_up():
     assert late.success_rate > 0.5
 
 
-def test_tasks_without_errors_are_refused():
-    with pytest.raises(ValueError, match="task must be a robust swing-up"):
-        robust_imitation.settings_of("swingup-3")
+def test_what_is_wrong_follows_from_the_task():
+    with pytest.raises(ValueError, match="task must be a swing-up"):
+        robust_imitation.settings_of("balance-3")
     four = robust_imitation.settings_of("swingup-4-robust")
     assert four.env["n"] == 4
-    assert not four.with_velocities
+    assert four.shares["delay"] > 0.0
+    five = robust_imitation.settings_of("swingup-5")
+    assert five.shares == {"nothing": 1.0}
+    assert not five.wrong_chains
     settings = robust_imitation.settings_of("swingup-3-robust")
     assert settings.env == {"n": 3, "mode": "swingup", "observation": "sincos"}
     with pytest.raises(ValueError, match="one motor at the base"):
         robust_imitation.RobustDAgger(
             robust_imitation.Settings(env=settings.env | {"actuated": [1]})
         )
+
+
+def test_an_episode_lasts_until_the_chain_has_stood():
+    assert dagger_of().longest == 210
+    assert dagger_of(seconds=8.0).longest == 160 + 60

@@ -33,7 +33,7 @@ class NominalTrajectory(NamedTuple):
 
 
 class Transcription:
-    """The least-squares problem: small defects, with a growing weight, and small actions.
+    """The least-squares problem: small defects, with a growing weight, and wanted actions.
 
     A defect is by how much a step of the environment misses the next state. The unknowns z are, in
     the order of time, the state before each step and v, where the actions are MAX_ACTION tanh v.
@@ -56,15 +56,21 @@ class Transcription:
         self.begin = np.append(start, np.zeros(self.n))  # the state in which the trajectory begins
         self.goal = goal
         self.end = np.zeros(2 * self.n)  # the state in which the trajectory ends
+        self.wanted = np.zeros((steps, self.joints))  # v
         self.scale = np.repeat([1.0, 0.3], self.n)
 
-    def solve(self, end: FloatArray, z: FloatArray) -> NominalTrajectory | None:
+    def solve(
+        self, end: FloatArray, z: FloatArray, like: NominalTrajectory | None = None
+    ) -> NominalTrajectory | None:
         """Return a trajectory to `end`, (2n,), or None where the guess z leads to none.
 
-        The method is that of Levenberg and Marquardt. A defect depends on two states that follow
-        each other, so that the normal equations in the order of time are a band.
+        Its actions are near those of the trajectory `like`, or small. The method is that of
+        Levenberg and Marquardt. A defect depends on two states that follow each other, so that the
+        normal equations in the order of time are a band.
         """
-        self.end = end
+        self.end, self.wanted = end, np.zeros((self.steps, self.joints))
+        if like is not None:
+            self.wanted = self.rows(self.unknowns(*like)[1])[1]
         defects, weight, damping = self.defects(z), 1.0, 1e-2
         for _ in range(_MAX_ITERATIONS):
             try:
@@ -142,8 +148,8 @@ class Transcription:
         return self.scale * (self.model(states[:-1], actions) - states[1:])
 
     def cost(self, z: FloatArray, defects: FloatArray, weight: float) -> float:
-        """Return the sum of squares: weighted defects, and weighted v."""
-        v = self.rows(z)[1]
+        """Return the sum of squares: weighted defects, and how far v is from that wanted."""
+        v = self.rows(z)[1] - self.wanted
         return weight**2 * float(np.vdot(defects, defects)) + _ACTION_WEIGHT**2 * float(
             np.vdot(v, v)
         )
@@ -173,7 +179,7 @@ class Transcription:
         residual = weight * defects
         gradient = np.einsum("kij,ki->kj", here, residual)
         gradient[1:, :size] -= scale[:, 0] * residual[:-1]
-        gradient[:, size:] += _ACTION_WEIGHT**2 * self.rows(z)[1]
+        gradient[:, size:] += _ACTION_WEIGHT**2 * (self.rows(z)[1] - self.wanted)
         return band[:, size:], gradient.ravel()[size:]
 
 

@@ -1,7 +1,9 @@
 """Plans for chains that differ from the nominal one: a teacher that knows the chain of each lane.
 
 All follow the same idea. The plan for the nominal chain is found from a guess, and that for another
-chain from the plan for the most similar chain that has one already.
+chain from the plan for the most similar chain that has one already. Of all plans for it that whose
+actions are most like those of the nominal chain is looked for, so that similar chains have similar
+plans: a student learns what changes smoothly with the chain.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from npend_gym.rl.controllers.transcription import Transcription
 _FACTORS = 0.75, 0.8125, 0.875, 0.9375, 1.0625, 1.125, 1.1875, 1.25
 _DAMPINGS = 0.025, 0.05, 0.075, 0.1  # N m s/rad
 # Of all rods or joints: how many chains, between which factors or values
-_ALL = {"masses": (6, 0.88, 1.12), "lengths": (40, 0.93, 1.07), "damping": (24, 0.00625, 0.13)}
+_ALL = {"masses": (20, 0.88, 1.12), "lengths": (40, 0.93, 1.07), "damping": (20, 0.00625, 0.13)}
 # Of each rod or joint by itself, drawn
 _EACH = {"masses": (30, 0.88, 1.12), "lengths": (40, 0.93, 1.07), "damping": (36, 0.0, 0.12)}
 _NEAREST = 3  # plans from which another one is sought
@@ -120,7 +122,7 @@ class ContextPlans:
         for _, plan in near[:_NEAREST]:
             first, last = plan.nominal.states[0, :n], plan.nominal.states[-1, :n]
             problem = Transcription(config, len(plan.gains), first, np.remainder(last, 2.0 * np.pi))
-            nominal = problem.solve(*problem.unknowns(*plan.nominal))
+            nominal = problem.solve(*problem.unknowns(*plan.nominal), like=found[0][1].nominal)
             if nominal is not None:
                 return track(config, nominal, 0.0)
         return None

@@ -31,7 +31,7 @@ from npend_gym.rl.training.disturbed_lanes import ERRORS, DisturbedLanes
 from npend_gym.rl.training.disturbed_task import differences
 from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
 
-_LONGEST = 210  # steps of an episode: the plan, and standing
+_LONGEST, _STANDING = 210, 60  # steps of an episode, at least; after the plan, at least
 _AVERAGED = 20  # updates, after which the student follows the learner
 
 
@@ -43,6 +43,7 @@ class Settings:
     seed: int = 0
     plan_seed: int = 5  # of the first guess that leads to the plan
     seconds: float = 4.5  # of the plan
+    variants: int = 0  # of the plan that are tried, to keep what noise leads less astray from
     wrong_chains: bool = True  # whether there are plans for others than the nominal chain
     demonstrator: str = ""  # a policy of the package whose way is the plan
     shares: dict[str, float] = field(default_factory=ERRORS.copy)  # of episodes with each error
@@ -53,58 +54,50 @@ class Settings:
     student_fraction: float = 0.35  # of the lanes: the student acts, and nobody takes over
     teacher_fraction: float = 0.2  # of the lanes: the teacher acts, with noise
     noise_std: float = 0.1  # largest standard deviation of the noise on the teacher's actions
-    take_over: float = 20.0  # from this cost on the teacher acts; 1 is the mean at the start
-    hand_back: float = 5.0  # below it the student acts again
-    lost: float = 150.0  # from this cost on an episode is over
+    take_over: float = 3.0  # from this cost on the teacher acts; 1 is the mean at the start
+    hand_back: float = 1.0  # below it the student acts again
+    lost: float = 100.0  # from this cost on an episode is over
     kept: float = 0.4  # fraction of the states that come into the dataset
-    max_states: int = 500_000  # in the dataset; then new ones take the place of old ones
-    first_updates: int = 1200  # after the first round
-    updates: int = 400  # after every other round
-    minibatch_size: int = 1024
+    max_states: int = 1_000_000  # in the dataset; then new ones take the place of old ones
+    first_updates: int = 400  # after the first round
+    updates: int = 500  # after every other round
+    minibatch_size: int = 512
     learning_rate: float = 2e-3  # falls to zero along a cosine
-    averaging: float = 0.0  # of the student's parameters: what is left of them after an update
-    length: int = 12  # observations that the student is given
-    with_velocities: bool = True  # without them it has to find them in the angles
-    hidden: int = 184
+    averaging: float = 0.998  # of the student's parameters: what is left of them after an update
+    length: int = 10  # observations that the student is given
+    with_velocities: bool = False  # without them it has to find them in the angles
+    hidden: int = 256
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of changes in a step
 
 
-_ANGLES: dict[str, Any] = {  # what all tasks have in common
-    "take_over": 3.0,
-    "hand_back": 1.0,
-    "lost": 100.0,
-    "max_states": 1_000_000,
-    "first_updates": 400,
-    "minibatch_size": 512,
-    "averaging": 0.998,
-    "with_velocities": False,
-    "hidden": 256,
-}
+_NO_ERRORS: dict[str, Any] = {"wrong_chains": False, "shares": {"nothing": 1.0}}
 _SHARES_3 = {
-    "nothing": 0.06, "chain": 0.5, "torque_noise": 0.08, "motor_lag": 0.03, "delay": 0.18,
-    "pulses": 0.1, "several": 0.05,
+    "nothing": 0.05, "chain": 0.47, "torque_noise": 0.08, "motor_lag": 0.02, "delay": 0.25,
+    "pulses": 0.08, "several": 0.05,
 }  # fmt: skip
 _SHARES_4 = {
     "nothing": 0.16, "torque_noise": 0.22, "motor_lag": 0.1, "delay": 0.3, "pulses": 0.16,
     "several": 0.06,
 }  # fmt: skip
+_LONG: dict[str, Any] = {"rounds": 400, "updates": 600, "length": 5}
 TASKS: dict[str, dict[str, Any]] = {
-    "swingup-3-robust": _ANGLES
-    | {"rounds": 130, "updates": 500, "length": 10, "first_level": 0.4, "shares": _SHARES_3},
-    "swingup-4-robust": _ANGLES
-    | {"rounds": 400, "updates": 600, "length": 5, "first_level": 0.2, "shares": _SHARES_4}
-    | {"seconds": 7.0, "demonstrator": "swingup-4", "wrong_chains": False},
+    "swingup-3-robust": {"rounds": 240, "first_level": 0.4, "shares": _SHARES_3},
+    "swingup-4-robust": _LONG
+    | {"seconds": 7.0, "demonstrator": "swingup-4", "wrong_chains": False}
+    | {"first_level": 0.2, "shares": _SHARES_4},
+    "swingup-5": _LONG | {"seconds": 7.0, "plan_seed": 11, "variants": 300},
 }
 
 
 def settings_of(task: str, **changes: Any) -> Settings:
-    """Return the settings for a task such as "swingup-3-robust"."""
+    """Return the settings for a task such as "swingup-3-robust", or "swingup-5" without errors."""
     env = env_of_task(task)
-    if env["mode"] != "swingup" or "randomize" not in env:
-        raise ValueError(f'task must be a robust swing-up, like "swingup-3-robust", got {task!r}')
-    del env["randomize"]  # errors are drawn otherwise, see `DisturbedLanes`
-    return Settings(env=env, **(TASKS.get(task, {}) | changes))
+    if env["mode"] != "swingup":
+        raise ValueError(f'task must be a swing-up, like "swingup-3-robust", got {task!r}')
+    # errors are drawn otherwise, see `DisturbedLanes`
+    errors = {} if env.pop("randomize", None) else _NO_ERRORS
+    return Settings(env=env, **(errors | TASKS.get(task, {}) | changes))
 
 
 class RobustDAgger:
@@ -120,6 +113,7 @@ class RobustDAgger:
             raise ValueError("the chain must be point masses, with one motor at the base")
         chains = wrong_chains(config.chain, settings.seed) if settings.wrong_chains else []
         self.plans = ContextPlans(config, base_plan(settings, config), chains)
+        self.longest = max(_LONGEST, self.plans.steps + _STANDING)
         size = settings.num_envs
         self.lanes = DisturbedLanes(config, self.plans, size, settings.seed, settings.shares)
         self.lanes.levels *= settings.first_level
@@ -180,7 +174,7 @@ class RobustDAgger:
             action = action.clip(-1.0, 1.0).astype(np.float32)
             self.history.act(action)
             lanes.step(action[:, 0].astype(np.float64))
-            self.end(~known | (lanes.age >= _LONGEST), known)
+            self.end(~known | (lanes.age >= self.longest), known)
         return taken_over / steps
 
     def learn(self, updates: int) -> float:
@@ -225,7 +219,7 @@ def train(
     checkpoint = checkpoint or Checkpoint(settings)
     for round_ in checkpoint.rounds(parts, settings.rounds, progress, "round", first=0):
         if round_ == 0:
-            dagger.play(_LONGEST, first=True)
+            dagger.play(dagger.longest, first=True)
             dagger.ended.clear()
             dagger.lanes.judged[:] = 0
             dagger.learn(settings.first_updates)
@@ -235,7 +229,7 @@ def train(
         if round_ % 4 == 0 or round_ == settings.rounds:
             ended, dagger.ended = dagger.ended, []
             curve.append({
-                "steps": (_LONGEST + round_ * settings.num_steps) * settings.num_envs,
+                "steps": (dagger.longest + round_ * settings.num_steps) * settings.num_envs,
                 "seconds": round(clock.seconds, 2),
                 "stood": round(float(np.mean(ended or [0.0])), 4),
                 "taken_over": round(float(taken_over), 4),
