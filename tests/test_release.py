@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, __version__, pseudo_periods, theory
-from npend_gym.experiments import ReleaseExperiment, bob_rows, run_release, summary_rows
+from npend_gym.experiments import ReleaseExperiment, bob_rows, release, run_release, summary_rows
 from npend_gym.report import release_tables as report
 
 SMALL = ReleaseExperiment(n_values=(2, 5), trials=2, seed=7)
@@ -172,3 +172,22 @@ def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monk
 def test_bad_arguments_are_refused_by_name(change, error, message):
     with pytest.raises(error, match=message):
         ReleaseExperiment(**change)
+
+
+def test_an_experiment_with_many_numbers_of_rods_is_described_at_once(monkeypatch):
+    made = []
+    build = release.released_chain
+
+    def counted(n, *rest):
+        made.append(n)
+        return build(n, *rest)
+
+    monkeypatch.setattr(release, "released_chain", counted)
+    assert len(ReleaseExperiment(n_values=[1_000_000, 2] * 50_000).n_values) == 100_000
+    assert len(made) == 1
+    ReleaseExperiment(n_values=[2] * 1000, masses=[1.0, 2.0])
+    assert len(made) == 3
+    with pytest.raises(ValueError, match="n must be between 1 and 1000000, got 0"):
+        ReleaseExperiment(n_values=[2] * 1000 + [0])
+    with pytest.raises(ValueError, match="masses must be one number or 3 of them for n = 3"):
+        ReleaseExperiment(n_values=[2, 3], masses=[1.0, 2.0])

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
 from npend_gym.experiments.chains import (
     check_time_scale,
     plain_fields,
@@ -97,7 +97,11 @@ class ReleaseExperiment:
         if len(self.n_values) == 0:
             raise ValueError("n_values must name at least one number of pendulums, got none")
         for n in self.n_values:
-            check_time_scale(self.chain_of(n))
+            _checks.count("n", n, high=MAX_RODS)
+        check_time_scale(self.chain_of(self.n_values[0]))
+        if not self.has_any_n:  # else rods are alike, and no other n has another time scale
+            for n in set(self.n_values):
+                check_time_scale(self.chain_of(n))
 
     def chain_of(self, n: int) -> Chain:
         """Return the chain of `n` rods that is released."""
