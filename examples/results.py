@@ -226,7 +226,7 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
             line = [
                 row for row in here
                 if (row["task"], row["agent"], row["seed"]) == (task, agent, seed)
-                and row["success"]  # unknown where no episode has ended
+                and row["success"] not in ("", None)  # unknown where no episode has ended
             ]  # fmt: skip
             axes.plot(
                 [float(row["steps"]) / 1e6 for row in line],

@@ -218,7 +218,7 @@ def test_a_student_of_a_few_rounds_swings_one_rod_up():
     policy, curve = robust_imitation.train(settings)
     assert policy.has_memory
     assert policy.env == env
-    assert curve[-1]["stood"] > curve[0]["stood"]
+    assert curve[-1]["success"] > curve[0]["success"]
     assert evaluate(policy, policy.env, episodes=20).success_rate > 0.9
     late = evaluate(policy, policy.env | {"observation_delay": 1.0}, episodes=20)
     assert late.success_rate > 0.5

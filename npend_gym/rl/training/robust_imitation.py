@@ -208,7 +208,7 @@ def train(
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every fourth round.
 
-    Its "seconds" are processor time; "stood" is the share of the episodes that the student alone
+    Its "seconds" are processor time; "success" is the share of the episodes that the student alone
     played, with errors, in which it did not lose the chain.
     """
     torch.set_num_threads(1)  # two are slower for networks this small
@@ -231,7 +231,7 @@ def train(
             curve.append({
                 "steps": (dagger.longest + round_ * settings.num_steps) * settings.num_envs,
                 "seconds": round(clock.seconds, 2),
-                "stood": round(float(np.mean(ended or [0.0])), 4),
+                "success": round(float(np.mean(ended or [0.0])), 4),
                 "taken_over": round(float(taken_over), 4),
                 "distance": round(distance, 4),
             })  # fmt: skip
