@@ -8,7 +8,7 @@ import inspect
 import math
 import numbers
 from collections.abc import Callable, Iterable
-from typing import Any, ParamSpec
+from typing import Any, ParamSpec, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,11 +56,12 @@ def _holds_text(value: Any, depth: int = 0) -> bool:
     """Whether text is somewhere in a list: NumPy would make room for as much in every entry."""
     if not isinstance(value, (list, tuple)) or depth > _MAX_DEPTH:
         return False
-    kinds = set(map(type, value))
+    entries = cast("list[Any]", value)
+    kinds = set(map(type, entries))
     if not kinds.isdisjoint((str, bytes)):
         return True
     inner = not kinds.isdisjoint((list, tuple))
-    return inner and any(_holds_text(each, depth + 1) for each in value)
+    return inner and any(_holds_text(each, depth + 1) for each in entries)
 
 
 def within(name: str, value: FloatArray, limit: float) -> FloatArray:
