@@ -146,16 +146,13 @@ def recorded(name: str = "learning") -> list[dict[str, Any]]:
 
 def merged(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
     """Return new rows together with those that `docs/` has of others and other seeds, in order."""
-
-    def run(row: dict[str, Any]) -> tuple[Any, ...]:
-        return row["task"], row["agent"], row["seed"] if row["agent"] in TRAINERS else None
-
-    new, order = {run(row) for row in rows}, ["random", *REFERENCES, *sorted(TRAINERS)]
-    kept = [row for row in recorded(name) if run(row) not in new]
+    order = ["random", *REFERENCES, *sorted(TRAINERS)]
 
     def rank(row: dict[str, Any]) -> tuple[Any, ...]:
-        return *place(row["task"]), order.index(row["agent"]), run(row)[2] or 0
+        return *place(row["task"]), order.index(row["agent"]), row["seed"] or 0
 
+    new = {rank(row) for row in rows}
+    kept = [row for row in recorded(name) if rank(row) not in new]
     return sorted([*kept, *rows], key=rank)
 
 
@@ -262,10 +259,10 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
     for task in dict.fromkeys(row["task"] for row in rows):
         trained = [row for row in rows if row["task"] == task and row["agent"] in TRAINERS]
         policies = [Policy.load(out / f"{task}-{r['agent']}-seed{r['seed']}.npz") for r in trained]
-        if task in pretrained_names():  # which stays where none is better
-            policies.insert(0, Policy.pretrained(task))
-        best = max(policies, key=lambda policy: score(policy, task), default=None)
-        if best and best.provenance["evaluation"]["success"] > 0.9:
+        shipped = Policy.pretrained(task) if task in pretrained_names() else None
+        candidates = [shipped, *policies] if shipped else policies
+        best = max(candidates, key=lambda policy: score(policy, task), default=None)
+        if best and best is not shipped and best.provenance["evaluation"]["success"] > 0.9:
             best.save(PRETRAINED / f"{task}.npz")
 
 

@@ -113,7 +113,7 @@ def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(monkeypatch, une
     times = np.linspace(0.0, 2.0, 7)
     whole = simulate(uneven, 1.0, 0.5, times, **options)
     for module in (adaptive, single):
-        monkeypatch.setattr(module, "_RODS_PER_CALL", 20)  # five steps
+        monkeypatch.setattr(module, "RODS_PER_CALL", 20)  # five steps
     pieced = simulate(uneven, 1.0, 0.5, times, **options)
     np.testing.assert_array_equal(whole.theta, pieced.theta)
     np.testing.assert_array_equal(whole.omega, pieced.omega)

@@ -12,10 +12,9 @@ from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.arguments import check_limits, check_rtol, check_states
 from npend_gym.physics.energy import energy
+from npend_gym.physics.integration import RODS_PER_PACK_CALL
 from npend_gym.physics.kernels.many import RUNNING, many_flips
 from npend_gym.physics.many import check_going, new_group, packs_of
-
-_RODS_PER_CALL = 50_000  # rods times steps in one compiled call: about a quarter of a second
 
 
 def flip_times(
@@ -90,7 +89,7 @@ def flip_times(
     def follow(members: slice, call: Call) -> None:
         group = new_group(parameters, starts, 0.0, settings, members)
         status, flips = np.full(2 * WIDTH, RUNNING), np.full(WIDTH, np.nan)
-        attempts, starting = max(1, _RODS_PER_CALL // (n * WIDTH)), True
+        attempts, starting = max(1, RODS_PER_PACK_CALL // (n * WIDTH)), True
         while np.any(status[:WIDTH] == RUNNING) and not call.stopped:
             lanes = group.solver, group.problem
             many_flips(lanes, starting, duration, attempts, status, flips)

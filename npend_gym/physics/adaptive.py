@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.physics.driving import Drive
-from npend_gym.physics.integration import check_adaptive_steps
+from npend_gym.physics.integration import RODS_PER_CALL, check_adaptive_steps
 from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
 from npend_gym.physics.kernels.dynamics import AnyArrays
 
-# Rods times steps in one compiled call: a sixth of a second, after which Ctrl-C is heard
-_RODS_PER_CALL = 125_000
 _STEPS_KEPT = 4096  # in one compiled call that keeps them
 MAX_BYTES = 2**33  # of the steps of a motion that are kept
 _NOWHERE = np.zeros((0, 0))  # steps are not recorded
@@ -96,7 +94,7 @@ class Motion:
             `kept`, and the numbers of steps taken, refused, and with dense output.
         """
         state, n = self.state, self.n
-        most = max(1, _RODS_PER_CALL // n)
+        most = max(1, RODS_PER_CALL // n)
         row, count = 2 + 8 * state.size, min(most, _STEPS_KEPT) if kept else most
         for piece, torque in self.drive.pieces(float(times[0]), float(times[-1])):
             first, last = np.searchsorted(times, piece, side="right")

@@ -14,6 +14,9 @@ from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.trajectory import MAX_BYTES
 
 _MAX_STEPS = 10**12  # between two times
+# Rods times steps in one compiled call, after which Ctrl-C is heard: of a motion a sixth of a
+# second, of motions in packs and of measurements a quarter
+RODS_PER_CALL, RODS_PER_PACK_CALL = 125_000, 50_000
 
 
 class IntegrationError(RuntimeError):

@@ -16,13 +16,11 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.arguments import check_chains, check_limits, check_states, check_torque
-from npend_gym.physics.integration import IntegrationError, check_angles
+from npend_gym.physics.integration import RODS_PER_PACK_CALL, IntegrationError, check_angles
 from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
 from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.kernels.many import RUNNING, STUCK, many_frames
 from npend_gym.physics.trajectory import AXIAL, MAX_BYTES, OF_PIVOT, Integration, Trajectory
-
-_RODS_PER_CALL = 50_000  # rods times steps in one compiled call: about a quarter of a second
 
 
 class Group(NamedTuple):
@@ -133,7 +131,7 @@ def _frames_of(group: Group, times: FloatArray, longest: float, n: int, call: Ca
     """Return the states of the lanes of a group at all times, (WIDTH, T, 2n)."""
     frames = np.empty((WIDTH, times.size, 2 * n))
     status, done = np.full(WIDTH, RUNNING), np.ones(WIDTH, np.int64)
-    attempts, starting = max(1, _RODS_PER_CALL // (n * WIDTH)), True
+    attempts, starting = max(1, RODS_PER_PACK_CALL // (n * WIDTH)), True
     while np.any(status == RUNNING) and not call.stopped:
         lanes = group.solver, group.problem
         many_frames(lanes, starting, times, longest, attempts, status, done, frames)

@@ -12,7 +12,7 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.energy import centre_of_mass, positions
-from npend_gym.physics.integration import IntegrationError, check_angles
+from npend_gym.physics.integration import RODS_PER_PACK_CALL, IntegrationError, check_angles
 from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
 from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.kernels.releases import (
@@ -34,7 +34,6 @@ from npend_gym.physics.kernels.turning_points import (
 from npend_gym.physics.springs import Springs, axial_start, stretched
 
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
-_RODS_PER_CALL = 50_000  # rods times steps in one compiled call: about a quarter of a second
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
 
 
@@ -82,7 +81,7 @@ def measure(
     release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
     status, scratch = release[STATUS * lanes :], aligned_zeros(RELEASE_ROWS, n * lanes)
     follow = measure_one if lanes == 1 else measure_many
-    attempts, starting = max(1, _RODS_PER_CALL // (n * lanes)), True
+    attempts, starting = max(1, RODS_PER_PACK_CALL // (n * lanes)), True
     while np.any(status == RUNNING) and not call.stopped:
         follow(reading, starting, attempts, (solver, problem, record), release, scratch)
         starting = False

@@ -16,15 +16,19 @@ from npend_gym.physics.adaptive import Motion
 from npend_gym.physics.arguments import check_limits, check_torque
 from npend_gym.physics.driving import Drive, Signal, drive_of
 from npend_gym.physics.events import Watch, Watched, watched
-from npend_gym.physics.integration import check_fixed_steps, check_times, count_steps, ended_rod
+from npend_gym.physics.integration import (
+    RODS_PER_CALL,
+    check_fixed_steps,
+    check_times,
+    count_steps,
+    ended_rod,
+)
 from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
 from npend_gym.physics.pivot import Pivot, check_pivot
 from npend_gym.physics.springs import Springs, axial_start, check_springs, check_vibrations
 from npend_gym.physics.trajectory import AXIAL, OF_PIVOT, Integration, Trajectory
 
-# Rods times steps in one compiled call: a sixth of a second, after which Ctrl-C is heard
-_RODS_PER_CALL = 125_000
 _NOWHERE = np.zeros((0, 0))  # steps are not recorded
 
 
@@ -209,7 +213,7 @@ def _by_rk4(begun: _Start, times: FloatArray, torque: FloatArray, dt: float) -> 
     frames[0] = state
     progress, scratch = np.array([1, 0, 0]), new_rk4_scratch(state.size // 2)
     while progress[0] < times.size:
-        progress[2] = max(1, _RODS_PER_CALL // n)
+        progress[2] = max(1, RODS_PER_CALL // n)
         sound = rk4_frames(state, times, steps, progress, torque, chain, scratch, frames, _NOWHERE)
         check_fixed_steps(sound, state[:n], times, int(progress[0]), dt, ended_rod(chain))
     return frames

@@ -216,6 +216,19 @@ def mpc_motions(
     return [NominalTrajectory(*pair) for pair in pairs]
 
 
+def replanned(
+    config: EnvConfig, near: NominalTrajectory, like: NominalTrajectory
+) -> PlannedTransition | None:
+    """Return a plan between the equilibria of a motion nearby, or None where that leads to none.
+
+    Of such plans it is one whose actions are most like those of the motion `like`.
+    """
+    first, last = (np.remainder(near.states[k, : config.n], 2.0 * np.pi) for k in (0, -1))
+    problem = Transcription(config, len(near.actions), first, last)
+    nominal = problem.solve(*problem.unknowns(*near), like=like)
+    return None if nominal is None else track(config, nominal, 0.0)
+
+
 def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> PlannedTransition:
     """Return the controller that tracks `nominal`, which begins and ends in equilibria."""
     a, b = StepModel(config).derivatives(nominal.states[:-1], nominal.actions)

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, track
-from npend_gym.rl.controllers.transcription import Transcription
+from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, replanned
 
 # Of one rod or joint at a time: what parameters of the chain are multiplied by, or their values
 _FACTORS = 0.75, 0.8125, 0.875, 0.9375, 1.0625, 1.125, 1.1875, 1.25
@@ -113,18 +112,16 @@ class ContextPlans:
         self, changes: Changes, found: Sequence[tuple[Changes, PlannedTransition]]
     ) -> PlannedTransition | None:
         """Return the plan for a chain, or None where none of the plans nearby leads to one."""
-        own, n = self._config, self._config.n
+        own = self._config
         chain = Chain.from_dict(own.chain.as_dict() | {k: v.tolist() for k, v in changes.items()})
         config = EnvConfig(
             chain=chain, mode=own.mode, max_torque=own.max_torque, dt=own.dt, substeps=own.substeps
         )
         near = sorted(found, key=lambda each: self._distance(changes, each[0]))
         for _, plan in near[:_NEAREST]:
-            first, last = plan.nominal.states[0, :n], plan.nominal.states[-1, :n]
-            problem = Transcription(config, len(plan.gains), first, np.remainder(last, 2.0 * np.pi))
-            nominal = problem.solve(*problem.unknowns(*plan.nominal), like=found[0][1].nominal)
-            if nominal is not None:
-                return track(config, nominal, 0.0)
+            similar = replanned(config, plan.nominal, like=found[0][1].nominal)
+            if similar is not None:
+                return similar
         return None
 
     def tracking(

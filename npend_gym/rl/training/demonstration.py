@@ -14,9 +14,14 @@ from scipy.ndimage import gaussian_filter1d
 
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers.planning import PlannedTransition, planned_swing_up, track
+from npend_gym.rl.controllers.planning import (
+    PlannedTransition,
+    planned_swing_up,
+    replanned,
+    track,
+)
 from npend_gym.rl.controllers.step_model import StepModel
-from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
+from npend_gym.rl.controllers.transcription import NominalTrajectory
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.context_plans import ContextPlans
 from npend_gym.rl.training.disturbed_lanes import DisturbedLanes
@@ -46,20 +51,16 @@ def steadied(
     Each is the motion to the same end whose actions are most like those of the best one so far with
     a smooth random change, which grows after a success and else shrinks.
     """
-    rng, size = np.random.default_rng([seed, 3]), _CHANGE
-    best = astray(config, plan) if variants else 0.0
+    if variants == 0:
+        return plan
+    rng, size, least = np.random.default_rng([seed, 3]), _CHANGE, astray(config, plan)
     for _ in range(variants):
         states, actions = plan.nominal
         change = _smooth_change(rng, len(actions))[:, None]
         wanted = np.clip(actions + size * change, -1.0, 1.0)
-        first, last = (np.remainder(states[k, : config.n], 2.0 * np.pi) for k in (0, -1))
-        problem = Transcription(config, len(actions), first, last)
-        end_and_guess = problem.unknowns(states, actions)
-        found = problem.solve(*end_and_guess, like=NominalTrajectory(states, wanted))
-        variant = plan if found is None else track(config, found, 0.0)
-        cost = best if found is None else astray(config, variant)
-        if cost < best:
-            plan, best, size = variant, cost, min(_LARGEST, _GROWS * size)
+        variant = replanned(config, plan.nominal, like=NominalTrajectory(states, wanted))
+        if variant is not None and (cost := astray(config, variant)) < least:
+            plan, least, size = variant, cost, min(_LARGEST, _GROWS * size)
         else:
             size = _SHRINKS * size if size > _SMALLEST else _LARGEST
     return plan
