@@ -1,9 +1,11 @@
 """The package as a whole: what an import brings in, and the same bits everywhere."""
 
+import ast
 import hashlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib import import_module
@@ -16,7 +18,7 @@ import pytest
 import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.compiled import notice
-from npend_gym.compiled.jit import cache_folder
+from npend_gym.compiled.jit import PACKAGE, cache_folder
 
 FACES = (
     "npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl", "npend_gym.experiments",
@@ -121,15 +123,68 @@ def test_every_public_name_of_a_face_is_there(face):
 
 
 def test_machine_code_is_kept_apart_for_every_state_of_the_sources(tmp_path):
-    (tmp_path / "compiled").mkdir()
-    (tmp_path / "compiled" / "a.py").write_text("TILE = 16")
-    (tmp_path / "compiled" / "b.py").write_text("from a import TILE")
-    before = cache_folder(tmp_path, "")
-    assert before.parent == tmp_path / "__pycache__"
-    assert cache_folder(tmp_path, "") == before
-    (tmp_path / "compiled" / "a.py").write_text("TILE = 32")
-    assert cache_folder(tmp_path, "") != before
-    assert cache_folder(tmp_path, "/elsewhere").parent == Path("/elsewhere")
+    package = tmp_path / "named"
+    (package / "compiled").mkdir(parents=True)
+    (package / "a.py").write_text("TILE = 16")
+    (package / "__init__.pyi").write_text("from named.a import TILE as TILE")
+    kernels = "from named import TILE\nfrom named.compiled.jit import kernel"
+    (package / "compiled" / "b.py").write_text(kernels)
+    (package / "compiled" / "other.py").write_text("")
+    before = cache_folder(package, "")
+    assert before.parent == package / "__pycache__"
+    assert cache_folder(package, "") == before
+    (package / "compiled" / "other.py").write_text("TILE = 32")
+    assert cache_folder(package, "") == before
+    (package / "a.py").write_text("TILE = 32")
+    assert cache_folder(package, "") != before
+    assert cache_folder(package, "/elsewhere").parent == Path("/elsewhere")
+
+
+LOADED = """
+import sys
+import npend_gym
+before = set(sys.modules)
+from importlib import import_module
+for name in sys.argv[1:]:
+    import_module(name)
+names = sorted(name for name in set(sys.modules) - before if name.startswith("npend_gym."))
+print(*(name for name in names if not sys.modules[name].__file__.endswith("__init__.py")))
+"""
+
+
+def defines_kernels(file):
+    """Whether a function of a file has one of the decorators of `npend_gym.compiled.jit`."""
+    names = {"kernel", "inner_kernel", "inlined_kernel", "spliced_kernel", "chosen_by_type"}
+    return any(
+        getattr(getattr(decorator, "func", decorator), "id", "") in names
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+        for decorator in node.decorator_list
+    )
+
+
+def test_a_change_of_any_module_that_kernels_can_read_makes_new_machine_code(tmp_path):
+    package = tmp_path / "npend_gym"
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", "pretrained"))
+    modules = [
+        ".".join(file.relative_to(tmp_path).with_suffix("").parts)
+        for file in package.rglob("*.py")
+        if defines_kernels(file)
+    ]
+    assert "npend_gym.physics.kernels.dynamics" in modules
+    command = [sys.executable, "-c", LOADED, *modules]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert set(modules) < set(loaded)  # what Python imported for them is all that they can read
+    before, without_effect = cache_folder(package, ""), []
+    for name in loaded:
+        file = tmp_path.joinpath(*name.split(".")).with_suffix(".py")
+        original = file.read_bytes()
+        file.write_bytes(original + b"CHANGED = 1\n")
+        if cache_folder(package, "") == before:
+            without_effect.append(name)
+        file.write_bytes(original)
+    assert without_effect == []
+    assert cache_folder(package, "") == before
 
 
 def test_a_read_only_installation_compiles_into_the_users_cache(tmp_path, monkeypatch):

@@ -6,30 +6,14 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from npend_gym.compiled.sources import sources_digest
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
 PACKAGE = Path(__file__).parent.parent
-
-
-# Everything that is compiled, relative to the package
-_SOURCES = (
-    "compiled/*.py", "physics/kernels/*.py", "theory/pivots.py", "theory/closed_forms.py",
-    "envs/kernels.py", "envs/modes.py", "envs/motors.py", "envs/rows.py", "envs/sensors.py",
-    "envs/starts.py",
-)  # fmt: skip
-
-
-def sources_digest(package: Path) -> str:
-    """Return a digest of all compiled sources of the package in the folder `package`."""
-    digest = sha256()
-    for pattern in _SOURCES:
-        for file in sorted(package.glob(pattern)):
-            digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
 
 
 def cache_folder(package: Path, chosen: str) -> Path:
