@@ -109,16 +109,17 @@ def _policies(folder: Path) -> dict[str, Reader]:
     ]
     kept: dict[str, list[bytes]] = {".npz": [], ".json": [], ".safetensors": []}
     for policy in policies:
-        for name in ("a.npz", "a.safetensors"):
-            policy.save(folder / name)
-        for suffix, each in kept.items():
-            each.append((folder / f"a{suffix}").read_bytes())
-    del kept[".json"][1:], kept[".npz"][2:]  # they do not fit the file that stands beside them
+        for suffix in (".npz", ".safetensors"):
+            policy.save(folder / f"a{suffix}")
+            kept[suffix].append((folder / f"a{suffix}").read_bytes())
     places = {suffix: folder / suffix[1:] for suffix in kept}
     for place in places.values():
         place.mkdir()
-    (places[".json"] / "a.npz").write_bytes(kept[".npz"][0])
-    (places[".npz"] / "a.json").write_bytes(kept[".json"][0])
+    (folder / "a.npz").write_bytes(kept[".npz"][0])
+    with np.load(folder / "a.npz") as file:  # the two files of version 0.1
+        arrays = dict(file)
+    kept[".json"].append(str(arrays.pop("about")).encode())
+    np.savez_compressed(places[".json"] / "a.npz", **arrays)
 
     def reader(suffix: str, mutate: mutations.Mutation, opened: str) -> Reader:
         file = places[suffix] / f"a{opened}"

@@ -1,16 +1,18 @@
-"""Campaigns on disks that fail: every operation once, and the power cut after each of them."""
+"""Campaigns and policies on disks that fail: every operation once, and power cuts between them."""
 
 import errno
 import random
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from disks import KINDS, LOSSES, FaultyDisk, Log, after_power_cut, chosen
 
 from npend_gym import _files
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
 from npend_gym.report.campaign_report import finish
+from npend_gym.rl import Policy
 
 PLAN = CampaignPlan(n=[1, 2], amplitude=0.4, trials=4, batch=4)
 DECLARED = (DiskError, BusyError, ValueError, OSError)  # what the command tells in one line
@@ -120,3 +122,43 @@ def test_after_a_power_cut_at_any_moment_the_same_command_comes_to_the_same_byte
         work(out)
         assert content(out)[0] == expected[0]
         shutil.rmtree(out)
+
+
+def policy_of(value, mode):
+    """A policy whose weights all are `value`, for an environment of this mode."""
+    ones = np.ones((1, 3), np.float32)
+    env = {"n": 1, "mode": mode, "observation": "sincos"}
+    made_by = {"trained_by": f"a test, {value}"}
+    return Policy(ones[0], [value * ones], [np.zeros(1, np.float32)], env, made_by)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".safetensors"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_failure_while_a_policy_is_saved_never_mixes_old_and_new(
+    kind, suffix, tmp_path, monkeypatch
+):
+    if suffix == ".safetensors":
+        pytest.importorskip("safetensors")
+    old, new, path = policy_of(1, "swingup"), policy_of(2, "balance"), tmp_path / f"a{suffix}"
+    told, number, done = 0, 0, []
+    while number <= len(done):  # the last time, no operation fails
+        for leftover in tmp_path.iterdir():
+            leftover.unlink()
+        old.save(path)
+        disk = FaultyDisk(number, kind)
+        with monkeypatch.context() as patch:
+            patch.setattr(_files, "disk", disk)
+            error = None
+            try:
+                new.save(path)
+            except OSError as raised:
+                error = raised
+        if error is not None:
+            assert str(path) in str(error)
+            told += 1
+        found, done = Policy.load(path), disk.done
+        which = old if found.weights[0][0, 0] == 1.0 else new
+        assert (found.env, found.provenance) == (which.env, which.provenance), done
+        number += 1
+    assert which is new
+    assert told >= 4  # open, write, sync, replace

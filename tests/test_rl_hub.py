@@ -164,17 +164,46 @@ def stand_in(folder):
         server.server_close()
 
 
+def run_with_hub(folder, code):
+    """Run `code` in a process whose Hub is the folder."""
+    with stand_in(folder) as address:
+        own = {"HF_ENDPOINT": address, "HF_HOME": str(folder / "kept"), "NO_PROXY": "127.0.0.1"}
+        return subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True,
+            check=False,
+        )  # fmt: skip
+
+
 def test_the_example_of_a_card_loads_the_policy_from_a_hub(policy, tmp_path):
     write_repository(policy, tmp_path / "USER" / "one-rod", "one-rod", episodes=5)
     card = (tmp_path / "USER" / "one-rod" / "README.md").read_text()
     code = card.split("```python\n")[1].split("```")[0]
     code += "try:\n    Policy.from_hub('USER/one-rod', 'another.npz')\n"
     code += "except OSError as error:\n    print(type(error).__name__)\n"
-    with stand_in(tmp_path) as address:
-        own = {"HF_ENDPOINT": address, "HF_HOME": str(tmp_path / "kept"), "NO_PROXY": "127.0.0.1"}
-        told = subprocess.run(
-            [sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True,
-            check=False,
-        )  # fmt: skip
+    told = run_with_hub(tmp_path, code)
     assert told.stdout.splitlines()[0] == "1.0", told.stderr
     assert "NotFound" in told.stdout.splitlines()[1]
+
+
+def test_a_npz_of_a_hub_comes_with_its_environment_or_a_warning(policy, tmp_path):
+    repository = tmp_path / "USER" / "one-rod"
+    (repository / "old").mkdir(parents=True)
+    policy.save(repository / "new.npz")
+    with np.load(repository / "new.npz") as file:
+        arrays = dict(file)
+    about = str(arrays.pop("about"))
+    np.savez_compressed(repository / "old" / "a.npz", **arrays)  # the two files of version 0.1
+    (repository / "old" / "a.json").write_text(about)
+    np.savez_compressed(repository / "bare.npz", **arrays)
+    code = """
+import warnings
+from npend_gym.rl import Policy
+for name in ("new.npz", "old/a.npz", "bare.npz"):
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        env = Policy.from_hub("USER/one-rod", name).env
+    told = [w for w in found if "does not say for which environment" in str(w.message)]
+    print(env.get("mode"), len(told))
+"""
+    told = run_with_hub(tmp_path, code)
+    assert told.stdout.splitlines() == ["swingup 0", "swingup 0", "None 1"], told.stderr

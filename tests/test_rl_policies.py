@@ -1,4 +1,3 @@
-import json
 import pathlib
 import pickle
 import zipfile
@@ -58,21 +57,48 @@ def test_a_saved_policy_is_loaded_with_its_environment_and_provenance(kind, tmp_
     obs = np.ones((3, 6), np.float32)
     np.testing.assert_array_equal(policy(obs), again(obs))
     assert (again.env, again.provenance) == (policy.env, policy.provenance)
-    assert json.loads((tmp_path / "a.json").read_text()) == {"env": policy.env} | policy.provenance
+    assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
+
+
+def save_as_version_0_1(policy, path, text=None):
+    """Write the numbers to `path`, and what describes them to a .json file beside it."""
+    policy.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    described = str(arrays.pop("about"))
+    np.savez_compressed(path, **arrays)
+    path.with_suffix(".json").write_text(described if text is None else text)
+
+
+def test_the_two_files_of_version_0_1_are_read_and_replaced_by_one(tmp_path):
+    policy, path = small_policy(), tmp_path / "a.npz"
+    save_as_version_0_1(policy, path)
+    again = Policy.load(path)
+    assert (again.env, again.provenance) == (policy.env, policy.provenance)
+    replace(policy, env=policy.env | {"mode": "swingup"}).save(path)
+    assert Policy.load(path).env["mode"] == "swingup"  # the old .json does not matter any more
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", '{"env": 3}'])
-def test_a_description_that_is_no_json_object_is_refused(text, tmp_path):
-    small_policy().save(tmp_path / "a.npz")
-    (tmp_path / "a.json").write_text(text)
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_description_that_is_no_json_object_is_refused(beside, text, tmp_path):
+    save_as_version_0_1(small_policy(), tmp_path / "a.npz", text)
+    if not beside:
+        with np.load(tmp_path / "a.npz") as file:
+            arrays = dict(file)
+        np.savez(tmp_path / "a.npz", about=np.array(text), **arrays)
     with pytest.raises(ValueError, match="does not describe a policy"):
         Policy.load(tmp_path / "a.npz")
 
 
-def test_a_policy_without_a_description_has_no_environment(tmp_path):
-    small_policy().save(tmp_path / "a.npz")
+def test_a_policy_that_does_not_say_its_environment_is_loaded_with_a_warning(tmp_path):
+    save_as_version_0_1(small_policy(), tmp_path / "a.npz")
     (tmp_path / "a.json").unlink()
-    assert Policy.load(tmp_path / "a.npz").env == {}
+    with pytest.warns(UserWarning, match="does not say for which environment") as told:
+        assert Policy.load(tmp_path / "a.npz").env == {}
+    assert told[0].filename == __file__
+    replace(small_policy(), env={}).save(tmp_path / "b.npz")  # the default environment is one
+    assert Policy.load(tmp_path / "b.npz").env == {}
 
 
 class Malice:
@@ -115,6 +141,8 @@ def test_a_file_that_would_fill_the_memory_is_refused_before_it_is_unpacked(tmp_
         ({"bias1": np.ones((4, 1), np.float32)}, "biases of shape"),
         ({"bias1": np.ones(4)}, "finite float32"),
         ({"bias1": np.full(4, np.nan, np.float32)}, "finite float32"),
+        ({"about": np.array(["{}", "{}"])}, "must be one text"),
+        ({"about": np.zeros(3, np.uint8)}, "must be one text"),
     ],
 )
 def test_arrays_that_do_not_form_a_network_are_refused(changes, message, tmp_path):

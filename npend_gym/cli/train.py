@@ -21,9 +21,9 @@ from npend_gym.cli.common import (
 ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation")
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
-100 held-out episodes, and writes OUT/TASK.npz, its description TASK.json and its learning curve
-TASK.csv. One seed gives the same policy again (by shac, to rounding). Now and then it writes
-OUT/TASK.checkpoint, from which --resume goes on, to the same policy. Needs the extra "rl".
+100 held-out episodes, and writes OUT/TASK.npz and its learning curve TASK.csv. One seed gives the
+same policy again (by shac, to rounding). Now and then it writes OUT/TASK.checkpoint, from which
+--resume goes on, to the same policy. Needs the extra "rl".
 """
 EXAMPLES = """\
 examples:
@@ -83,7 +83,7 @@ def run(options: dict[str, Any]) -> int:
         raise
     row = evaluate(policy, policy.env).as_row()
     policy.provenance["evaluation"] = row
-    written = [write_csv(path.with_suffix(".csv"), curve), path, path.with_suffix(".json")]
+    written = [write_csv(path.with_suffix(".csv"), curve), path]
     policy.save(path)
     kept.unlink(missing_ok=True)
     print(f"{printable(str(task))} by {algorithm}, {curve[-1]['steps']} steps")

@@ -97,7 +97,7 @@ class PlannedTransitions:
         self._time = time.copy()
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the trajectories to `path` (.npz), and what made them beside it (.json)."""
+        """Write the trajectories, and what made them, to one file, `path` (.npz)."""
         path, plans = Path(path), list(self.plans.values())
         pairs = np.array(list(self.plans), np.bool_)
         with replacing(path, binary=True) as file:
@@ -107,9 +107,8 @@ class PlannedTransitions:
                 states=np.stack([plan.nominal.states for plan in plans]),
                 actions=np.stack([plan.nominal.actions for plan in plans]),
                 settle=np.array([plan.settle for plan in plans]),
+                about=np.array(json.dumps(provenance(self.arguments), allow_nan=False)),
             )
-        with replacing(path.with_suffix(".json")) as file:
-            file.write(json.dumps(provenance(self.arguments), indent=2, allow_nan=False) + "\n")
 
     @classmethod
     def load(cls, path: str | PathLike[str], config: EnvConfig) -> PlannedTransitions:

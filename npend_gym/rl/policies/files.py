@@ -1,8 +1,9 @@
 """The files of policies: float32 arrays by name, and what describes them, checked when read.
 
 Both formats hold numbers and text alone, so that nothing is executed when a file is read: `.npz` of
-NumPy, with the description beside it as `.json`, and `.safetensors`, with the description in its
-header.
+NumPy, with the description as the array "about", and `.safetensors`, with the description in its
+header. A policy is one file, so that no error can leave numbers beside the description of others.
+A `.npz` of version 0.1 has its description beside it, as `.json`, which is still read.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from npend_gym._files import parse_json, read_arrays, read_text, replacing
 MAX_BYTES = 10_000_000  # of a file once unpacked
 SUFFIXES = ".npz", ".safetensors"
 _ABOUT = "npend_gym"  # the entry of a safetensors header that has the description
+_ABOUT_ARRAY = "about"  # the array of a .npz that has it
 
 Float32Array = NDArray[np.float32]
 
@@ -41,10 +43,9 @@ def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, A
         with replacing(path, binary=True) as file:
             file.write(content)
         return
+    whole: dict[str, Any] = arrays | {_ABOUT_ARRAY: np.array(text)}
     with replacing(path, binary=True) as file:
-        np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
-    with replacing(path.with_suffix(".json")) as file:
-        file.write(text + "\n")
+        np.savez_compressed(file, **whole)
 
 
 def read_policy(path: Path) -> tuple[dict[str, Float32Array], dict[str, Any]]:
@@ -57,18 +58,36 @@ def read_policy(path: Path) -> tuple[dict[str, Float32Array], dict[str, Any]]:
     OSError
         If it cannot be opened.
     """
-    _check_suffix(path)
-    text: str | None
-    try:
-        if path.suffix == ".safetensors":
-            arrays, text = _read_safetensors(path)
-        else:
-            arrays, text = read_arrays(path, MAX_BYTES), None
-    except ValueError as error:
-        raise ValueError(f"{path} is no policy: {error}") from error
+    arrays, text = _read_parts(path)
     if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
         raise ValueError(f"{path} is no policy: its arrays must be finite float32 numbers")
     return arrays, _description(path, text)
+
+
+def is_described(path: Path) -> bool:
+    """Return whether the file itself says what its policy is made for.
+
+    Raises
+    ------
+    ValueError, OSError
+        As `read_policy`.
+    """
+    return _read_parts(path)[1] is not None
+
+
+def _read_parts(path: Path) -> tuple[dict[str, NDArray[Any]], str | None]:
+    """Return the arrays of a file, not checked, and the text in it, None without any."""
+    _check_suffix(path)
+    try:
+        if path.suffix == ".safetensors":
+            return _read_safetensors(path)
+        arrays = read_arrays(path, MAX_BYTES)
+        about = arrays.pop(_ABOUT_ARRAY, None)
+        if about is not None and (about.dtype.kind != "U" or about.ndim > 0):
+            raise ValueError(f"its {_ABOUT_ARRAY} must be one text")
+        return arrays, None if about is None else str(about)
+    except ValueError as error:
+        raise ValueError(f"{path} is no policy: {error}") from error
 
 
 def _description(path: Path, text: str | None) -> dict[str, Any]:
@@ -78,7 +97,7 @@ def _description(path: Path, text: str | None) -> dict[str, Any]:
         if text is None:
             text = read_text(whence) if whence.exists() else "{}"
         about = parse_json(text)
-        if not isinstance(about.setdefault("env", {}), dict):
+        if not isinstance(about.get("env", {}), dict):
             raise ValueError("its env must be an object, names and values")
     except ValueError as error:
         raise ValueError(f"{whence} does not describe a policy: {error}") from error

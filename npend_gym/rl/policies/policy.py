@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -150,8 +151,8 @@ class Policy:
         Parameters
         ----------
         path : path-like
-            Ends in ".npz", for NumPy, with what describes the numbers beside it in a .json file; or
-            in ".safetensors", for all in one file, which needs the extra "hub".
+            Ends in ".npz", for NumPy, or in ".safetensors", which needs the extra "hub". Either
+            is one file: after an error, what stood there before is still whole.
 
         Raises
         ------
@@ -181,16 +182,28 @@ class Policy:
         ValueError
             If the file is no policy: pickled, too large, with other names, types or shapes, with
             numbers that may overflow, or for an environment that it does not fit.
+
+        Warns
+        -----
+        UserWarning
+            If the file does not say for which environment the policy is made: `env` is then empty.
         """
         path = Path(path)
         arrays, about = read_policy(path)
-        env = about.pop("env")
+        env = about.pop("env", None)
         try:
-            policy = cls(*check_network(arrays), env, about)
+            policy = cls(*check_network(arrays), env or {}, about)
             if env:
                 check_env(env, policy.observed, len(policy.biases[-1]), trust=trust)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} is no policy: {error}") from error
+        if env is None:
+            warnings.warn(
+                f"{path} does not say for which environment its policy is made, so that env is "
+                "empty: Policy.save writes it, and a .npz of version 0.1 has it in a .json beside",
+                UserWarning,
+                stacklevel=2,
+            )
         return policy
 
     @classmethod
@@ -218,6 +231,11 @@ class Policy:
             If the file is no policy.
         OSError
             If it cannot be downloaded.
+
+        Warns
+        -----
+        UserWarning
+            As `load`.
         """
         return cls.load(download(repo_id, filename, revision))
 
@@ -258,7 +276,7 @@ def find_policy(name: str, *, trust: bool = False) -> Policy:
     policy = Policy.load(name, trust=trust)
     if not policy.env:
         raise ValueError(
-            f'{name} must say for which environment it is made, as "env" in its description (the '
-            ".json file beside a .npz, the header of a .safetensors); Policy.save writes it"
+            f'{name} must say for which environment it is made, as "env" in its description; '
+            "Policy.save writes it"
         )
     return policy
