@@ -20,18 +20,19 @@ from npend_gym.envs.registration import ENV_ID
 from npend_gym.report.robustness_report import evaluation_text
 from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
 from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
+from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.policies.policy import find_policy
 from npend_gym.rl.training.tasks import env_of_task, evaluation_env
 
 
-def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
-    """Return the policy or controller asked for and the keywords of its environment."""
+def chosen(arguments: argparse.Namespace) -> tuple[Controller | Model, dict[str, Any]]:
+    """Return the policy, model or controller asked for and the keywords of its environment."""
     if arguments.run:
         import train_sb3
 
         model, config = train_sb3.load_run(arguments.run, trust=arguments.trust)
         arguments.env_id, settings = train_sb3.section(config)
-        return train_sb3.controller_of(model), evaluation_env(settings.get("env_kwargs", {}))
+        return model, evaluation_env(settings.get("env_kwargs", {}))
     if arguments.controller:
         keywords = env_of_task(arguments.task)
         progress = partial(tqdm, desc="plans", leave=False, disable=None)
@@ -41,7 +42,7 @@ def chosen(arguments: argparse.Namespace) -> tuple[Controller, dict[str, Any]]:
 
 
 def film(
-    controller: Controller,
+    controller: Controller | Model,
     keywords: dict[str, Any],
     seed: int,
     seconds: float,
@@ -53,12 +54,13 @@ def film(
     import imageio.v3 as imageio
 
     env: Any = gym.make(env_id, render_mode="rgb_array", **keywords)
+    acts = as_controller(controller, env.unwrapped.config)
     observation, info = env.reset(seed=seed)
     frames, done = [env.render()], False
     skip = max(1, round(env.metadata["render_fps"] / 25))
     while not done:
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
-        action = controller(observation[None], batch)[0].astype(np.float32)
+        action = acts(observation[None], batch)[0].astype(np.float32)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds
         if round(info["time"] / env.unwrapped.config.dt) % skip == 0:

@@ -38,11 +38,7 @@ def trained(algorithm: str, steps: int, seed: int) -> dict[str, Any]:
     model.learn(steps)
     seconds = round(time.process_time() - start_time, 1)
     env.close()
-    score = evaluate(
-        lambda observation, _: model.predict(observation, deterministic=True)[0],
-        KEYWORDS,
-        env_id=ENV_ID,
-    )
+    score = evaluate(model, KEYWORDS, env_id=ENV_ID)
     made = {
         "npend_gym": npend_gym.__version__,
         "stable_baselines3": stable_baselines3.__version__,

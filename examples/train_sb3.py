@@ -29,7 +29,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 import npend_gym
-from npend_gym.rl import Controller, SB3VecEnv, evaluate
+from npend_gym.rl import SB3VecEnv, evaluate
 from npend_gym.rl.training.tasks import evaluation_env
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -68,13 +68,6 @@ def make_model(config: dict[str, Any], seed: int, log: str | None = None) -> Bas
     return model_class(env=venv, seed=seed, tensorboard_log=log, device="cpu", **settings)
 
 
-def controller_of(model: BaseAlgorithm) -> Controller:
-    """Return a function of observations that gives the model's deterministic actions."""
-    venv = model.get_vec_normalize_env()
-    seen = venv.normalize_obs if venv else lambda observation: observation
-    return lambda observation, _: model.predict(seen(observation), deterministic=True)[0]
-
-
 def state_of(model: BaseAlgorithm) -> dict[str, Any]:
     """Return weights, steps and the statistics of observations: what a checkpoint holds."""
     venv = model.get_vec_normalize_env()
@@ -110,7 +103,7 @@ def score_of(model: BaseAlgorithm, config: dict[str, Any], **options: Any) -> di
     """Return how well a model does in episodes of the environment that `config` describes."""
     env_id, settings = section(config)
     keywords = evaluation_env(settings.get("env_kwargs", {}))
-    return evaluate(controller_of(model), keywords, env_id=env_id, **options).as_row()
+    return evaluate(model, keywords, env_id=env_id, **options).as_row()
 
 
 class Checkpoints(BaseCallback):

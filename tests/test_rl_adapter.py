@@ -136,3 +136,124 @@ def test_pictures_of_all_lanes_are_put_side_by_side():
     env = rl.SB3VecEnv(native(n=2, render_mode="rgb_array"))
     env.reset()
     assert env.render().shape[2] == 3
+
+
+SWING = {"n": 1, "mode": "swingup", "observation": "sincos", "max_episode_steps": 40}
+ALGORITHMS = {
+    "PPO": {"n_steps": 32, "batch_size": 48, "n_epochs": 1},
+    "SAC": {"learning_starts": 20, "batch_size": 16},
+    "RecurrentPPO": {"n_steps": 32, "batch_size": 48, "n_epochs": 1},
+}
+
+
+def trained(algorithm, *, normalize=False):
+    """Return a model after some steps, which acts strongly, so that what it is shown matters."""
+    torch = pytest.importorskip("torch")
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    torch.set_num_threads(1)
+    package = "sb3_contrib" if algorithm == "RecurrentPPO" else "stable_baselines3"
+    env = rl.SB3VecEnv(native(**SWING))
+    env = VecNormalize(env, norm_reward=False) if normalize else env
+    name = "MlpLstmPolicy" if algorithm == "RecurrentPPO" else "MlpPolicy"
+    model = getattr(pytest.importorskip(package), algorithm)(
+        name, env, seed=0, device="cpu", **ALGORITHMS[algorithm]
+    )
+    model.learn(120)
+    last = model.actor.mu if algorithm == "SAC" else model.policy.action_net
+    last.weight.data *= 1.0 if algorithm == "SAC" else 100.0
+    return model
+
+
+def scored_by_stable_baselines3(model, episodes, seed):
+    """Return the returns that evaluate_policy of Stable-Baselines3 finds."""
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+
+    make = [lambda: gym.make("NPendulum-v0", **SWING)] * episodes
+    env, known = VecMonitor(DummyVecEnv(make)), model.get_vec_normalize_env()
+    env.seed(seed)
+    if known is not None:
+        env = VecNormalize(env, training=False, norm_reward=False)
+        env.obs_rms = known.obs_rms
+    return evaluate_policy(model, env, n_eval_episodes=episodes, return_episode_rewards=True)[0]
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("normalize", [False, True])
+def test_evaluate_finds_the_returns_that_evaluate_policy_of_stable_baselines3_finds(
+    algorithm, normalize
+):
+    model = trained(algorithm, normalize=normalize)
+    ours = rl.evaluate(model, SWING, episodes=4, seed=7)
+    theirs = scored_by_stable_baselines3(model, 4, 7)
+    np.testing.assert_allclose(ours.returns, theirs, rtol=1e-4)
+    again = rl.evaluate(model, SWING, episodes=4, seed=7)  # nothing is remembered
+    np.testing.assert_array_equal(again.returns, ours.returns)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_model_without_the_statistics_that_it_was_trained_with_is_refused(algorithm, tmp_path):
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    model = trained(algorithm, normalize=True)
+    model.save(tmp_path / "model.zip")
+    loaded = type(model).load(tmp_path / "model.zip", device="cpu")
+    with pytest.raises(ValueError, match=r"VecNormalize\.load"):
+        rl.evaluate(loaded, SWING, episodes=2)
+    fresh = VecNormalize(rl.SB3VecEnv(native(**SWING)))
+    loaded = type(model).load(tmp_path / "model.zip", env=fresh, device="cpu")
+    with pytest.raises(ValueError, match=r"VecNormalize\.load"):
+        rl.evaluate(loaded, SWING, episodes=2)
+    whole = type(model).load(tmp_path / "model.zip", env=model.get_env(), device="cpu")
+    found, expected = (rl.evaluate(each, SWING, episodes=2).returns for each in (whole, model))
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_model_that_saw_plain_observations_is_evaluated_without_its_environment(
+    algorithm, tmp_path
+):
+    model = trained(algorithm)
+    model.save(tmp_path / "model.zip")
+    loaded = type(model).load(tmp_path / "model.zip", device="cpu")
+    found, expected = (rl.evaluate(each, SWING, episodes=2).returns for each in (loaded, model))
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_model_of_an_environment_whose_wrapper_changes_observations_is_refused(vector):
+    from stable_baselines3 import PPO
+
+    wrapper = gym.wrappers.NormalizeObservation
+    env = wrapper(gym.make("NPendulum-v0", **SWING))
+    if vector:
+        same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+        made = {"vectorization_mode": "sync", "wrappers": (wrapper,), "vector_kwargs": same_step}
+        env = rl.SB3VecEnv(gym.make_vec("NPendulum-v0", 2, **made, **SWING))
+    model = PPO("MlpPolicy", env, n_steps=32, batch_size=32)
+    with pytest.raises(ValueError, match="NormalizeObservation"):
+        rl.evaluate(model, SWING, episodes=2)
+
+
+def test_every_judge_takes_a_model_as_it_takes_a_function():
+    model = trained("PPO", normalize=True)
+    statistics = model.get_vec_normalize_env()
+
+    def acts(observation, _):
+        return model.predict(statistics.normalize_obs(observation), deterministic=True)[0]
+
+    judges = {
+        rl.performance: {"episodes": 2, "seconds": 1.0},
+        rl.recovery: {"episodes": 2, "seconds": 1.0},
+        rl.robustness: {"values": 2, "repetitions": 1, "seconds": 0.2},
+    }
+    for judge, arguments in judges.items():
+        found, expected = (judge(each, SWING, **arguments) for each in (model, acts))
+        assert found.as_row() == expected.as_row()
+
+
+def test_what_can_neither_act_nor_predict_is_refused_by_every_judge():
+    for judge in (rl.evaluate, rl.performance, rl.recovery, rl.robustness):
+        with pytest.raises(TypeError, match="controller must be callable as"):
+            judge("swingup-2", SWING)

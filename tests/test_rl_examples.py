@@ -53,7 +53,9 @@ def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(tmp_path
     pytest.importorskip("stable_baselines3")
     yaml = pytest.importorskip("yaml")
     import torch
-    from train_sb3 import controller_of, load_run, make_model, state_of
+    from train_sb3 import load_run, make_model, state_of
+
+    from npend_gym.rl.evaluation.models import as_controller
 
     text = (EXAMPLES / "configs" / "balance-2.yml").read_text()
     model = make_model(yaml.safe_load(text), seed=0)
@@ -61,10 +63,12 @@ def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(tmp_path
     (tmp_path / "config.yml").write_text(text)
     torch.save(state_of(model), tmp_path / "best.pth")
     again, _ = load_run(tmp_path)
-    observation = model.get_vec_normalize_env().venv.reset()
-    actions = controller_of(model)(observation, {})
+    venv = model.get_vec_normalize_env().venv
+    observation, config = venv.reset(), venv.venv.unwrapped.config
+    start = {"time": np.zeros(len(observation))}
+    actions = as_controller(model, config)(observation, start)
     assert again.num_timesteps == 4096
-    np.testing.assert_array_equal(controller_of(again)(observation, {}), actions)
+    np.testing.assert_array_equal(as_controller(again, config)(observation, start), actions)
     statistics = model.get_vec_normalize_env().obs_rms
     scaled = (observation - statistics.mean) / np.sqrt(statistics.var + 1e-8)
     bare = model.predict(scaled.clip(-10.0, 10.0).astype(np.float32), deterministic=True)[0]

@@ -14,13 +14,8 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.evaluation.rollouts import (
-    Controller,
-    Model,
-    acting,
-    make_envs,
-    rollout,
-)
+from npend_gym.rl.evaluation.models import Model, as_controller
+from npend_gym.rl.evaluation.rollouts import Controller, make_envs, rollout
 
 HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
 
@@ -92,8 +87,9 @@ def evaluate(
     Parameters
     ----------
     controller : callable, or a model of Stable-Baselines3
-        ``controller(observation, info)`` returns the actions, see `Controller`. Of a model the
-        deterministic actions are taken.
+        ``controller(observation, info)`` returns the actions, see `Controller`. A model takes its
+        deterministic actions. It keeps the state of a recurrent network, and it observes through
+        the statistics of its `VecNormalize` environment.
     keywords : dict
         Keywords of ``gym.make_vec(env_id, ...)``. Those of a policy, ``policy.env``, make the
         environment show what the policy observes, whatever the environment shows by default.
@@ -111,7 +107,9 @@ def evaluate(
     Raises
     ------
     ValueError, TypeError
-        If an argument or a keyword breaks its rule.
+        If an argument or a keyword breaks its rule; or if a model was trained on observations that
+        were changed, and the change is not known: by a wrapper of Gymnasium, or by a `VecNormalize`
+        with which the model was not loaded, as far as the model shows that it had one.
 
     Examples
     --------
@@ -120,9 +118,9 @@ def evaluate(
     >>> rl.evaluate(policy, policy.env, episodes=2).success.tolist()
     [True, True]
     """
-    controller = acting(controller)
     envs = make_envs(env_id, _checks.count("episodes", episodes), keywords)
     config = envs.unwrapped.config
+    controller = as_controller(controller, config)
     shape = (episodes, config.joints.size)
     observation, first = envs.reset(seed=seed)
     angles, limit = _motor_places(first, config.joints), _motor_limits(config, first)

@@ -18,6 +18,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.episodes import HELD_OUT
+from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, make_envs, nominal_env, rollout
 
 UP = 0.9  # of the chain's length: the tip above it is up
@@ -75,7 +76,7 @@ class Performance:
 
 
 def performance(
-    controller: Controller,
+    controller: Controller | Model,
     keywords: dict[str, Any],
     *,
     env_id: str = ENV_ID,
@@ -98,8 +99,8 @@ def performance(
 
     Parameters
     ----------
-    controller : callable
-        See `Controller`.
+    controller : callable, or a model of Stable-Baselines3
+        As for `evaluate`.
     keywords : dict
         Keywords of ``gym.make_vec(env_id, ...)``.
     env_id : str
@@ -132,6 +133,7 @@ def performance(
     """
     count = _checks.count("episodes", episodes)
     nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)
+    controller = as_controller(controller, config)
     envs = make_envs(env_id, count, nominal)
     start = envs.reset(seed=seed)
     shape = (count, config.joints.size)

@@ -26,6 +26,7 @@ from npend_gym.rl.evaluation.criteria import (
 )
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
 from npend_gym.rl.evaluation.episodes import HELD_OUT
+from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import (
     Controller,
     Lanes,
@@ -108,7 +109,7 @@ class Robustness:
 
 
 def robustness(
-    controller: Controller,
+    controller: Controller | Model,
     keywords: dict[str, Any],
     *,
     env_id: str = ENV_ID,
@@ -140,8 +141,8 @@ def robustness(
 
     Parameters
     ----------
-    controller : callable
-        See `Controller`. All rollouts of a criterion are side by side: it is called with B lanes,
+    controller : callable, or a model of Stable-Baselines3
+        As for `evaluate`. All rollouts of a criterion are side by side: it is called with B lanes,
         after ``reset(B)`` where it has such a method.
     keywords : dict
         Keywords of ``gym.make_vec(env_id, ...)``, such as ``policy.env``. `randomize` is left out.
@@ -190,7 +191,7 @@ def robustness(
     at_the_end = copy.copy(config.mode)
     vars(at_the_end)["hold"] = 0.0  # the goal is to be met at the end
     nominal["mode"] = at_the_end
-    observer = Observer(controller, config)
+    observer = Observer(as_controller(controller, config), config)
     pulses = Pulses(config, pushed_joints(config, pushed), steps, PUSHED, seed)
     outcomes: dict[str, Outcome] = {}
     for criterion in progress(CRITERIA):

@@ -17,6 +17,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs
 from npend_gym.rl.evaluation.episodes import HELD_OUT
+from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
 from npend_gym.rl.evaluation.rollouts import Controller, nominal_env, rollout
 
@@ -95,7 +96,7 @@ class Recovery:
 
 
 def recovery(
-    controller: Controller,
+    controller: Controller | Model,
     keywords: dict[str, Any],
     *,
     env_id: str = ENV_ID,
@@ -114,8 +115,8 @@ def recovery(
 
     Parameters
     ----------
-    controller : callable
-        See `Controller`.
+    controller : callable, or a model of Stable-Baselines3
+        As for `evaluate`.
     keywords : dict
         Keywords of ``gym.make_vec(env_id, ...)``.
     env_id : str
@@ -153,6 +154,7 @@ def recovery(
     """
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
     nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)
+    controller = as_controller(controller, config)
     length = _checks.positive_number("reset_seconds", reset_seconds)
     knocks = KnockDowns(config, steps, count, times, length, seed)
     envs = DisturbedEnvs(env_id, count, nominal, config, knocks)

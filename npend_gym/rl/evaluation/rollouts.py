@@ -107,38 +107,6 @@ def nominal_env(
     return nominal | {"max_episode_steps": steps}, config, steps
 
 
-class Model(Protocol):
-    """A trained model of Stable-Baselines3, or of a library with the same method."""
-
-    def predict(self, observation: Any, *, deterministic: bool) -> tuple[NDArray[Any], Any]:
-        """Return the actions, and the state of a recurrent model."""
-        ...
-
-
-def acting(controller: Controller | Model) -> Controller:
-    """Return the controller itself, or the deterministic actions of a model of Stable-Baselines3.
-
-    Raises
-    ------
-    TypeError
-        If it is neither.
-    """
-    if callable(controller):
-        return controller
-    if not hasattr(controller, "predict"):
-        raise TypeError(
-            "controller must be callable as controller(observation, info), or a model with the "
-            f"method predict of Stable-Baselines3; got {_checks.show(controller)}"
-        )
-    model = controller
-
-    def of_model(observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
-        del info
-        return model.predict(observation, deterministic=True)[0]
-
-    return of_model
-
-
 def rollout(
     controller: Controller, envs: Any, observation: Any, info: dict[str, Any]
 ) -> Iterator[Step]:
