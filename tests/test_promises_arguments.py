@@ -197,3 +197,62 @@ def test_a_bad_action_changes_neither_state_nor_generator_nor_another_lane(bad):
         for mine, its in itertools.zip_longest(env.step(good)[:4], twin.step(good)[:4]):
             np.testing.assert_array_equal(mine, its)
         np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+NO_SEEDS = (-1, "x", 1.5, True, np.True_, [[1]], np.array(3), np.nan, {}, b"1")
+NO_OPTIONS = (
+    3, "x", [1], np.ones(2), {"nope": 1}, {"theta": np.nan}, {"theta": "up"}, {"masses": -1.0},
+    {"omega": 1e9}, {"persist": 2}, {1: 2}, {"reset_mask": 1}, {"gravity": None}, {"start": 0.5},
+)  # fmt: skip
+NO_STATES = (None, 3, "state", np.zeros(3), np.zeros(1, [("version", "<u8")]))
+
+
+def refused_calls(env):
+    """Calls that must raise a TypeError or ValueError, whatever has happened to `env` before."""
+    yield from (lambda seed=seed: env.reset(seed=seed) for seed in NO_SEEDS)
+    yield from (lambda some=some: env.reset(seed=8, options=some) for some in NO_OPTIONS)
+    yield lambda: env.reset(seed=-1, options={"theta": 0.1})
+    yield from (lambda state=state: env.set_state(state) for state in NO_STATES)
+
+
+def refused_after_reset(env):
+    """Further ones, which are refused for another reason before the first reset."""
+    yield from (lambda bad=bad: env.step(bad) for bad in (None, "0", np.nan, [[[0.0]]], {}, -1j))
+    yield from (lambda bad=bad: setattr(env, "state", bad) for bad in (None, np.nan, [1.0], "x"))
+
+
+@pytest.mark.parametrize("vector", [False, True], ids=["single", "vector"])
+@pytest.mark.parametrize("mode", ["swingup", "passive", "balance", "calm", "transition"])
+def test_a_refused_call_makes_no_legal_one_fail_and_changes_no_bit(mode, vector):
+    env, twin = (
+        NPendulumVectorEnv(3, n=2, mode=mode) if vector else NPendulumEnv(n=2, mode=mode)
+        for _ in range(2)
+    )
+    for call in refused_calls(env):
+        with pytest.raises((TypeError, ValueError), match=r"seed|options|state"):
+            call()
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(env.action_space.sample())
+    np.testing.assert_array_equal(env.reset(seed=3)[0], twin.reset(seed=3)[0])
+    env.action_space.seed(1)
+    for call in (*refused_calls(env), *refused_after_reset(env)):
+        with pytest.raises((TypeError, ValueError), match=r"seed|options|state|action"):
+            call()
+        action = env.action_space.sample()
+        for mine, its in zip(env.step(action)[:4], twin.step(action)[:4], strict=True):
+            np.testing.assert_array_equal(mine, its)
+    assert env.get_state().tobytes() == twin.get_state().tobytes()
+    for each in (env, twin):
+        each.close()
+        each.close()
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+    assert env.step(env.action_space.sample())[0].shape == env.observation_space.shape
+
+
+@pytest.mark.parametrize("make", [NPendulumEnv, lambda: NPendulumVectorEnv(2)])
+def test_a_seed_is_any_integer_of_numpy_too(make):
+    expected = make().reset(seed=3)[0]
+    for seed in (np.int64(3), np.uint8(3)):
+        env = make()
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], expected)
+        assert np.ravel(env.np_random_seed)[0] == 3

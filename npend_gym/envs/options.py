@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,29 @@ _LIMITS = {
 _NUMBERS = ("amplitude", "gravity", *CART_STATE)  # of a lane; others are of a rod
 
 
+def given_options(options: Any) -> dict[str, Any]:
+    """Return the reset options as a new dict, empty where there are none.
+
+    Raises
+    ------
+    TypeError
+        If they are no mapping.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise TypeError(
+            f"options must be a dict of options by their names, got {_checks.show(options)}"
+        )
+    return dict(cast("Mapping[str, Any]", options or {}))
+
+
 def checked_options(
-    options: Mapping[str, Any] | None, config: EnvConfig, lanes: int | None = None
+    options: Mapping[str, Any], config: EnvConfig, lanes: int | None = None
 ) -> dict[str, Any]:
     """Return the reset options, or say what is wrong.
 
     Parameters
     ----------
-    options : mapping or None
+    options : mapping
         As users give them: of a single environment, or with a leading axis of `lanes`.
 
     Returns
@@ -45,7 +60,7 @@ def checked_options(
         "cart_position", "cart_velocity", "changes", the new parameters of chains by name, the
         cosines of "start" and "goal", and "persist".
     """
-    given = dict(options or {})
+    given = dict(options)
     of_goals = EQUILIBRIA if config.mode.has_goals else ()
     of_cart = CART_STATE if config.has_cart else ()
     allowed = (*_START_OPTIONS, *of_cart, *of_goals, "persist", *CHAIN_KEYWORDS)

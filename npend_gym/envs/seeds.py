@@ -16,6 +16,17 @@ from npend_gym.compiled.philox import Keys, key_of, keys_of
 Lanes = NDArray[np.int64]
 
 
+def checked_seed(seed: Any) -> int | None:
+    """Return one seed as an int, or None; Gymnasium takes no other integers, NumPy's for example.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no integer, or negative.
+    """
+    return None if seed is None else _checks.count("seed", seed, low=0)
+
+
 class Seeds:
     """The seed of each lane: lane k of seed s has s + k.
 
@@ -32,16 +43,14 @@ class Seeds:
 
     def checked(self, seed: Any) -> Any:
         """Return the seed of lane 0 as an int, a list with that of every lane, or None."""
-        if seed is None:
-            return None
-        if not isinstance(seed, (list, tuple, np.ndarray)):
-            return _checks.count("seed", seed, low=0)
+        if not isinstance(seed, (list, tuple, np.ndarray)) or np.shape(seed) == ():  # pyright: ignore[reportUnknownArgumentType]
+            return checked_seed(seed)
         listed: list[Any] = list(seed)  # pyright: ignore[reportUnknownArgumentType]
         if len(listed) != self._count:
             raise ValueError(
                 f"seed must have an entry for each of the {self._count} lanes, got {len(listed)}"
             )
-        return [None if s is None else _checks.count("seed", s, low=0) for s in listed]
+        return [checked_seed(one) for one in listed]
 
     def choose(self, seed: Any, lanes: BoolArray) -> tuple[Lanes, Keys]:
         """Seed some lanes (B,); return those whose seed is new, and their keys (2, k).

@@ -18,9 +18,10 @@ from npend_gym.envs.goals import GoalReward
 from npend_gym.envs.info import Info
 from npend_gym.envs.inputs import checked_action, checked_state
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
-from npend_gym.envs.options import checked_options
+from npend_gym.envs.options import checked_options, given_options
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import CallGuard, Progress
+from npend_gym.envs.seeds import checked_seed
 from npend_gym.envs.snapshots import States
 
 ObsArray = NDArray[np.float32]
@@ -281,13 +282,14 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Raises
         ------
         ValueError, TypeError
-            If an option is unknown or breaks its rule; the environment is then unchanged.
+            If seed or options break a rule; the environment is then unchanged.
         """
         before = self._calls.progress
-        checked = checked_options(options, self.config) if options else None
+        new_seed, chosen = checked_seed(seed), given_options(options)
+        checked = checked_options(chosen, self.config) if chosen else None
         episodes = self._begin("reset", before)
-        super().reset(seed=seed)
-        self._seed(episodes, given=seed is not None)
+        super().reset(seed=new_seed)
+        self._seed(episodes, given=new_seed is not None)
         episodes.start(_THE_LANE, checked)
         episodes.observe()
         self.camera.forget(_THE_LANE)

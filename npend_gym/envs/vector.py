@@ -26,7 +26,7 @@ from npend_gym.envs.inputs import (
     reset_mask,
 )
 from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
-from npend_gym.envs.options import checked_options
+from npend_gym.envs.options import checked_options, given_options
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import CallGuard, Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
@@ -143,7 +143,7 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         ValueError, TypeError
             If seed or options break a rule; no lane has then changed.
         """
-        given = dict(options or {})
+        given = given_options(options)
         before = self._calls.progress
         every = before is not Progress.READY
         mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)

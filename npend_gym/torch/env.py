@@ -21,7 +21,7 @@ from npend_gym.envs.inputs import (
     reset_mask,
 )
 from npend_gym.envs.keywords import with_config_keywords
-from npend_gym.envs.options import checked_options
+from npend_gym.envs.options import checked_options, given_options
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
 from npend_gym.physics.substeps import chain_of
@@ -132,7 +132,7 @@ class DifferentiableVectorEnv:
         observation : Tensor, shape (B, k)
         info : dict of Tensor
         """
-        given = dict(options or {})
+        given = given_options(options)
         mask = given.pop("reset_mask", None)
         chosen = reset_mask(
             mask.cpu().numpy() if isinstance(mask, Tensor) else mask,
