@@ -173,6 +173,106 @@ def test_what_is_no_state_of_this_environment_is_refused_and_nothing_has_changed
     assert envs.get_state().tobytes() == before.tobytes()
 
 
+COUNTS = {"completed", "episode", "steps", "steps_held"}
+TRUTHS = {"diverged", "active", "with_com", "has_bobs", "observed", "risen", "done"}
+SIGNS = {"orientation", "start", "goal"}
+NOT_NEGATIVE = COUNTS | TRUTHS | {
+    "time", "threshold", "gravity", "max_torque", "max_force", "period", "zero", "length",
+    "inverse_length", "mass", "inverse_mass", "damping", "drag", "action_delay", "motor_lag",
+    "angle_noise", "per_energy",
+}  # fmt: skip
+KINDS = {
+    "links on a cart": {"base": "cart", "inertias": 0.1, "friction": 0.1, "armature": 0.01},
+    "motors and sensors": {"action_delay": 1.5, "motor_lag": 0.1, "observation_delay": 2.5},
+    "goals": {"mode": "transition"},
+}
+
+
+def leaves(dtype, path=()):
+    """Yield the path of every field of numbers."""
+    for name in dtype.names:
+        inner = dtype[name]
+        yield from leaves(inner, (*path, name)) if inner.names else [(*path, name)]
+
+
+def forgeries(path):
+    """Yield numbers that no state of an environment has at `path`."""
+    name = path[-1]
+    if path[0] in ("version", "environment", "key", "done"):
+        yield from {"key": (), "version": (0, 7), "environment": (0,), "done": (2, 2**63)}[name]
+        return
+    yield from (np.inf, -np.inf) if name != "joints" else ()  # there the gear may be infinite
+    yield from () if name in ("period", "zero") else (np.nan,)
+    yield from (-1.0, -5e-324) if name in NOT_NEGATIVE else ()
+    yield from (0.5,) if name in COUNTS | TRUTHS | SIGNS else ()
+    yield from (2.0,) if name in TRUTHS | SIGNS else (1e300,) if name in COUNTS else ()
+    yield from (0.0,) if name in SIGNS | {"length", "mass"} else ()
+    yield from {"theta": (2e5,), "omega": (-2e6,), "past_actions": (1.5,)}.get(name, ())
+
+
+@pytest.mark.parametrize("vector", [False, True], ids=["single", "vector"])
+@pytest.mark.parametrize(
+    "kind", [{}, *(pytest.param(k, marks=pytest.mark.long, id=n) for n, k in KINDS.items())]
+)
+def test_a_state_with_a_number_that_none_has_is_refused_and_changes_no_bit(kind, vector):
+    env, twin = ((make_vec if vector else make)(**kind) for _ in range(2))
+    actions = actions_for(env, 12)
+    for each in (env, twin):
+        run(each, actions[:8])
+    state, refused = env.get_state(), set()
+    for path in leaves(state.dtype):
+        for number in forgeries(path):
+            forged = state.copy()
+            field = forged
+            for name in path:
+                field = field[name]
+            if field.size == 0:
+                continue
+            field.flat[0] = number
+            assert forged.tobytes() != state.tobytes()
+            with pytest.raises(ValueError, match=r"state must"):
+                env.set_state(forged)
+            refused.add(path)
+    assert len(refused) > 50
+    for bad in (state.astype(state.dtype.newbyteorder()), state[["version", "done"]], [state]):
+        with pytest.raises((TypeError, ValueError), match=r"state must"):
+            env.set_state(bad)
+    for action in actions[8:]:
+        assert_same(env.step(action), twin.step(action))
+    env.set_state(state)
+    assert env.get_state().tobytes() == state.tobytes()
+
+
+def test_the_error_of_a_forged_state_names_field_rule_and_value():
+    envs = make_vec()
+    envs.reset(seed=0)
+    for path, number, message in (
+        (("members", "completed"), np.inf, "0 or 1 or 2 as members.completed of record 3, got inf"),
+        (("members", "episode"), -1.0, "whole number from 0 to 9.0072e+15 as members.episode"),
+        (("rods", "length"), 0.0, "a finite number greater than zero as rods.length of record 3"),
+        (("rods", "theta"), 1e9, "a finite number from -100000 to 100000 as rods.theta"),
+        (("members", "work"), np.nan, "a finite number as members.work of record 3, got nan"),
+    ):
+        state = envs.get_state()
+        state[path[0]][path[1]][3] = number
+        with pytest.raises(ValueError, match=re.escape(message)):
+            envs.set_state(state)
+
+
+def test_a_diverged_lane_continues_and_no_lanes_at_all_change_nothing():
+    envs = make_vec(3, randomize=None, max_torque=1e25, substeps=1, autoreset_mode="DISABLED")
+    envs.reset(seed=0)
+    assert envs.step(np.array([[1.0], [0.0], [0.0]]))[4]["diverged"].tolist() == [
+        True,
+        False,
+        False,
+    ]
+    state = envs.get_state()
+    envs.set_state(state)
+    envs.set_state(state[:0], np.zeros(3, np.bool_))
+    assert envs.get_state().tobytes() == state.tobytes()
+
+
 @pytest.mark.parametrize("lanes", [[5], [-1], [0.5], [0, 0], [True, False], "all"])
 def test_lanes_that_are_none_are_refused(lanes):
     envs = make_vec()

@@ -177,7 +177,8 @@ BAD_ACTIONS = [
     np.array([np.nan, 0.0]), np.array([np.inf, 0.0]), np.array([0.0, -np.inf]), np.zeros(1),
     np.zeros((2, 1)), np.zeros(3), np.array([1j, 0.0]), np.array(["0", "0"]), "00", None, 0.0,
     [[0.0], 1.0], {}, object(), np.array([None, 0.0]), np.zeros((0,)),
-    [10**400, 0], np.array(["2020", "2021"], "datetime64[D]"),
+    [10**400, 0], np.array(["1e400", "0"], np.longdouble),
+    np.array(["2020", "2021"], "datetime64[D]"),
 ]  # fmt: skip
 
 

@@ -131,6 +131,9 @@ def checked_action(
                 f"action must be between 0 and {len(table) - 1}, got {_checks.show(action)}"
             )
         return table[raw]
+    if raw.dtype.itemsize > 8:  # a long double may be finite, and infinite as a double
+        with np.errstate(over="ignore"):
+            raw = raw.astype(np.float64)
     if np.count_nonzero(np.isfinite(raw)) < raw.size:
         raise ValueError(f"action must be finite, got {_checks.show(action)}")
     return raw

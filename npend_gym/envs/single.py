@@ -378,7 +378,8 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Raises
         ------
         TypeError, ValueError
-            If the state is none, or of another version or environment; nothing has changed then.
+            If the state is none, of another version or environment, or has a number that no state
+            has; nothing has changed then.
         """
         before = self._calls.progress
         checked = self._episodes.snapshots.check(state, 1)

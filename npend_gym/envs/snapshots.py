@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs.cart import OF_CART
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.hardware import HARDWARE
+from npend_gym.envs.record_rules import RecordRules
 from npend_gym.envs.rows import Episode
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
@@ -40,7 +42,7 @@ class Snapshots:
         self, config: EnvConfig, memory: Memory, keys: NDArray[np.uint64],
         more: Mapping[str, FloatArray],
     ) -> None:  # fmt: skip
-        self._memory, self._keys, self._more = memory, keys, dict(more)
+        self._config, self._memory, self._keys, self._more = config, memory, keys, dict(more)
         self._environment = _fingerprint(config)
         rods = [(name.lower(), "<f8", (config.n + 1,)) for name in Rod._fields]
         rows = [*Member._fields, *Episode._fields, *HARDWARE]
@@ -53,7 +55,7 @@ class Snapshots:
         parts += [(name, "<f8", values.shape[1:]) for name, values in self._more.items()]
         head = [("version", "<u8"), ("environment", "<u8"), ("key", "<u8", (2,)), ("done", "<u8")]
         self.dtype = np.dtype([*head, *parts])
-        self._first = len(head) + 1  # column of the first of `parts`
+        self._head, self._first = len(head), len(head) + 1  # fields, and columns, before `parts`
         one = memory.read_lanes(np.zeros(1, np.int64))
         self._shapes = [part.shape[1:] for part in (*one, *self._more.values())]
 
@@ -74,7 +76,8 @@ class Snapshots:
         Raises
         ------
         TypeError, ValueError
-            If they are no records, not `count`, or of another version or environment.
+            If they are no records, not `count`, of another version or environment, or have
+            numbers that no state has.
         """
         names = getattr(getattr(given, "dtype", None), "names", None)
         if names is None:
@@ -97,13 +100,29 @@ class Snapshots:
                 "state must come from an environment with the same chain, mode, dt, substeps, "
                 "max_torque and randomize: make this one with the keywords of that one"
             )
-        return states.reshape(-1)
+        checked = states.reshape(-1)
+        if np.any(checked["done"] > 1):
+            raise ValueError(
+                f"state must have 0 or 1 as done, got {_checks.show(checked['done'].tolist())}"
+            )
+        self._rules.check(self._numbers(checked))
+        return checked
+
+    @cached_property
+    def _rules(self) -> RecordRules:
+        names = self.dtype.names or ()
+        return RecordRules(self._config, {name: self.dtype[name] for name in names[self._head :]})
+
+    def _numbers(self, states: States) -> FloatArray:
+        """Return the parts of records, without their heads, as numbers (k, all)."""
+        numbers = np.ascontiguousarray(states).view("<f8")
+        numbers = numbers.reshape(states.size, self.dtype.itemsize // 8)
+        return numbers[:, self._first :]
 
     def put(self, lanes: Lanes, states: States) -> None:
         """Put lanes into the states of checked records."""
-        numbers = np.ascontiguousarray(states).view("<f8").reshape(lanes.size, -1)
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])
-        columns = np.split(numbers[:, self._first :], ends[:-1], axis=1)
+        columns = np.split(self._numbers(states), ends[:-1], axis=1)
         parts = [
             part.reshape(lanes.size, *shape)
             for part, shape in zip(columns, self._shapes, strict=True)

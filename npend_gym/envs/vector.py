@@ -254,7 +254,8 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         Raises
         ------
         TypeError, ValueError
-            If a state is none, or of another version or environment; no lane has changed then.
+            If a state is none, of another version or environment, or has a number that no state
+            has; no lane has changed then.
         """
         chosen = checked_lanes(lanes, self.num_envs)
         before = self._calls.progress
