@@ -52,7 +52,7 @@ GOLDEN: dict[str, str] = {
     "random numbers":
         "d5b23020686d4b80c904fa907482e42fffdc6c8aca01fe76f8d4527e70a32263",
     "environment, passive":
-        "8d436faf6017b24b420b8c6d07bc64ede2fc6427786a15cc945df4b6dc43c46f",
+        "f9fac8dcaaf3e39128c5d3fe93746a4584a9b08c8397cd4a2aa7104e6c180c0c",
     "environment, swingup":
         "1fe35c89cdfa13b629170970c76b88a7a9dfc066ecb5d63c25226f972a8758ed",
     "environment, balance":
@@ -62,7 +62,7 @@ GOLDEN: dict[str, str] = {
     "environment, transition":
         "e89d2be29b305061d6445a0113260ed1f6e961b4bf8164eceb02de6953e149c9",
     "vector environment, passive":
-        "47e45f8f7d1aed6917c92c30a833cfa71dfbb6d94403328d2344f198a551b234",
+        "db2eb2a8d54e4d4dc68ef6bd5fb98283d558a8484f269876f9c9e50e016dc42b",
     "vector environment, swingup":
         "5becaf00bc3c03f55c9b5067688c1e952f10a3e25d54aa0feb066f5c01fd6424",
     "vector environment, balance":

@@ -247,7 +247,7 @@ def fingerprint():
     return digest.hexdigest()
 
 
-GOLDEN = "3d0638ca4449d197481c0bd004a1881672ddc1d6aab37c62663aa2a7ff463597"
+GOLDEN = "6f4834b5477bcdcaa3aad1f86fec8323fad2c85dcd764f8a3eb9999a946753db"
 
 
 def test_results_are_the_same_bits_on_every_machine():

@@ -171,6 +171,15 @@ def test_samples_on_straight_lines_are_the_function_of_them():
     assert Signal([0, 1, 2], [5.0, 6.0])(1.0) == 6.0
 
 
+@pytest.mark.parametrize("kind", ["previous", "linear"])
+def test_a_signal_has_its_own_samples_at_all_instants_of_them(kind):
+    times, values = np.linspace(0.3, 2.0, 8), np.random.default_rng(0).normal(size=(8, 2))
+    signal = Signal(times, values, kind)
+    np.testing.assert_array_equal([signal(t) for t in times], values)
+    if kind == "previous":  # without a value for the end, the last one holds until there
+        assert Signal(times, values[:-1, 0])(times[-1]) == values[-2, 0]
+
+
 def test_a_moving_pivot_as_a_function_is_the_frame_that_moves():
     # a pivot that falls freely: no gravity is felt, and the chain goes on as it was
     falling = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, pivot_acceleration=lambda t: (0.0, -9.81))

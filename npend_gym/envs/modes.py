@@ -161,7 +161,7 @@ class Passive(Release):
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return 0."""
-        return -0.0 * quantities.height  # not 0.0: as `npend verify` knows it
+        return 0.0 * abs(quantities.height)  # abs: 0.0 times a negative number is -0.0
 
     def achieved(self, quantities: Quantities[Any]) -> Any:
         """Return False: there is nothing to achieve."""

@@ -88,8 +88,8 @@ class Signal:
             raise ValueError(
                 f"t must lie within the samples, {times[0]:g} to {times[-1]:g} s, got {t:g}"
             )
-        k = min(int(np.searchsorted(times, t, side="right")) - 1, times.size - 2)
-        if self.kind == "previous":
+        k = min(int(np.searchsorted(times, t, side="right")), len(values)) - 1
+        if self.kind == "previous" or t == times[k]:
             return values[k]
         x = (t - times[k]) / (times[k + 1] - times[k])
         return values[k] + x * (values[k + 1] - values[k])
