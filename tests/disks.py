@@ -78,6 +78,17 @@ class FaultyDisk(_files.Disk):
         self.step("mkdir", lambda: os.mkdir(path))
 
 
+class KillingDisk(FaultyDisk):
+    """Kills the process at its operation number `fatal`: no block of Python's ends."""
+
+    def step(self, name, act, half=None):
+        """Count the operation, and do it, or end the process before, after or half-way."""
+        if len(self.done) == self.fatal:
+            {"before": lambda: None, "after": act, "half": half or act}[self.kind]()
+            os._exit(9)
+        return super().step(name, act, half)
+
+
 class Log(_files.Disk):
     """Does what it is asked for and remembers it, for `after_power_cut`.
 

@@ -1,16 +1,17 @@
 """Campaigns and policies on disks that fail: every operation once, and power cuts between them."""
 
 import errno
+import os
 import random
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from disks import KINDS, LOSSES, FaultyDisk, Log, after_power_cut, chosen
+from disks import KINDS, LOSSES, FaultyDisk, KillingDisk, Log, after_power_cut, chosen
 
 from npend_gym import _files
-from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
+from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError, FlipMap, flip_map
 from npend_gym.report.campaign_report import finish
 from npend_gym.rl import Policy
 
@@ -162,3 +163,87 @@ def test_a_failure_while_a_policy_is_saved_never_mixes_old_and_new(
         number += 1
     assert which is new
     assert told >= 4  # open, write, sync, replace
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """The starts of the parts of maps that are computed, by a stand-in that compiles nothing."""
+    starts = []
+
+    def flip_times(chain, angles, *, duration, rtol, threads):  # noqa: ARG001
+        starts.append(angles)
+        return chain.masses[0] * angles[..., 0] + duration * angles[..., 1]
+
+    monkeypatch.setattr(flip_map, "flip_times", flip_times)
+    return starts
+
+
+MAP = FlipMap(size=35, duration=2.0)  # four parts
+
+
+def in_a_process_that_is_killed(out, number, kind, monkeypatch):
+    """Run the map, killed at an operation of its disk; return whether it was."""
+    child = os.fork()
+    if child == 0:
+        monkeypatch.setattr(_files, "disk", KillingDisk(number, kind))
+        MAP.run(out)
+        os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_map_that_is_killed_at_any_moment_resumes_and_leaves_nothing(
+    kind, counted, tmp_path, monkeypatch
+):
+    whole, told = MAP.run(tmp_path / "whole"), []
+    bytes_of_whole = (tmp_path / "whole" / "map.npz").read_bytes()
+    number = 0
+    while in_a_process_that_is_killed(out := tmp_path / str(number), number, kind, monkeypatch):
+        done = len(list(out.glob("parts-*/[0-9].npz")))
+        finished = (out / "map.npz").exists()
+        counted.clear()
+        np.testing.assert_array_equal(MAP.run(out, tell=told.append), whole)
+        assert len(counted) == (0 if finished else 4 - done), number
+        assert [path.name for path in out.iterdir()] == ["map.npz"]
+        assert (out / "map.npz").read_bytes() == bytes_of_whole
+        number += 1
+    assert number > 25
+    assert all("is this map already" in line for line in told)
+
+
+def test_a_part_of_another_map_or_version_is_told_of_and_computed_again(
+    counted, tmp_path, monkeypatch, caplog
+):
+    def two_parts(parts):
+        yield from parts[:2]
+        raise KeyboardInterrupt
+
+    def begun(plan, name):
+        with pytest.raises(KeyboardInterrupt):
+            plan.run(tmp_path / name, progress=two_parts)
+        return next((tmp_path / name).glob("parts-*"))
+
+    other = begun(FlipMap(size=35, duration=2.0, masses=2.0), "other")
+    mine = begun(MAP, "mine")
+    assert mine.name != other.name
+    shutil.copy(other / "0.npz", mine / "0.npz")
+    shutil.copy(mine / "1.npz", mine / "2.npz")
+    (mine / "notes.txt").write_text("mine")
+    counted.clear()
+    told = []
+    result = MAP.run(tmp_path / "mine", tell=told.append)
+    assert len(counted) == 3
+    line = "2 part(s) are damaged, or of another map or version of npend_gym"
+    assert [line in text for text in told] == [True]
+    np.testing.assert_array_equal(result, MAP.run(tmp_path / "whole"))
+    assert [path.name for path in mine.iterdir()] == ["notes.txt"]
+    np.testing.assert_array_equal(MAP.run(tmp_path / "mine"), result)
+    assert "is this map already, by the same version" in caplog.text
+    begun(MAP, "older")
+    monkeypatch.setattr(flip_map, "__version__", "99.0")
+    for name in ("older", "mine"):  # the parts of one, the finished map of the other
+        counted.clear()
+        np.testing.assert_array_equal(MAP.run(tmp_path / name, tell=told.append), result)
+        assert len(counted) == 4
+    assert f"{line} (this is 99.0)" in told[1]

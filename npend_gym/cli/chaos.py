@@ -20,7 +20,7 @@ from npend_gym.cli.common import (
 ABOUT = """\
 map: when a rod of a double pendulum first turns over, for a square of starting angles at rest.
 Writes OUT/map.npz (the instants) and OUT/map.png. A million starts take about a minute on one core;
-after Ctrl-C the same command goes on where it was.
+after Ctrl-C or a kill the same command resumes.
 """
 EXAMPLES = """\
 examples:
@@ -63,9 +63,9 @@ def run(options: dict[str, Any]) -> int:
     plan = FlipMap(**options)
     outputs.prepare_folder(out)
     try:
-        times = plan.run(out, threads=threads, progress=progress("part"))
+        times = plan.run(out, threads=threads, progress=progress("part"), tell=warn)
     except KeyboardInterrupt:
-        warn("what was done is kept: the same command goes on with it")
+        warn("what was done is kept: the same command resumes")
         raise
     written = [out / "map.npz"]
     if can_draw():

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
+from npend_gym._threads import MAX_THREADS
+from npend_gym._version import __version__
 from npend_gym.chain import Chain
 from npend_gym.chaos import flip_times
+from npend_gym.physics.arguments import check_rtol
+
+_MAP = "map.npz"
+_ABOUT = 1 << 16  # bytes, at most, of what says which map a file belongs to
+_log = logging.getLogger(__name__)
 
 _ROWS = 10  # of starts, in a part that is kept as it is done
 _MAX_SIZE = 20_000
@@ -71,6 +81,12 @@ class FlipMap:
             )
         _checks.positive_number("duration", self.duration)
         object.__setattr__(self, "centre", tuple(centre.tolist()))
+        for name in ("masses", "lengths"):
+            given = _checks.vector(name, getattr(self, name), 2)
+            plain = tuple(given.tolist()) if np.ndim(getattr(self, name)) else float(given[0])
+            object.__setattr__(self, name, plain)
+        check_rtol(self.rtol)
+        _ = self.chain  # has the rules of its parameters
 
     @property
     def chain(self) -> Chain:
@@ -93,8 +109,12 @@ class FlipMap:
         *,
         threads: int = 1,
         progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+        tell: Callable[[str], object] = _log.warning,
     ) -> FloatArray:
-        """Compute the map and write ``map.npz``; what a run before left undone is gone on with.
+        """Compute the map and write ``map.npz``. An interrupted or killed run resumes.
+
+        Every part says which map and which version of the package made it; other parts are not
+        used. Where ``map.npz`` is this map, by the same version, it is read and not computed again.
 
         Parameters
         ----------
@@ -104,6 +124,9 @@ class FlipMap:
             That share the starts. No result depends on it.
         progress : callable
             Wraps the numbers of the parts that are still to do.
+        tell : callable
+            Called with a line where files of an earlier run are used, or cannot be. By default it
+            goes to the log.
 
         Returns
         -------
@@ -113,39 +136,101 @@ class FlipMap:
 
         Raises
         ------
+        ValueError, TypeError
+            If threads breaks its rule.
         OSError
             If the folder cannot be written to.
         """
+        threads = _checks.count("threads", threads, high=MAX_THREADS)
         text = json.dumps(self.as_dict(), sort_keys=True)
         parts = out / f"parts-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-        parts.mkdir(parents=True, exist_ok=True)
-        count, (first, second) = math.ceil(self.size / _ROWS), self.axes()
+        finished = self._finished(out)
+        if finished is not None:
+            tell(f"{out / _MAP} is this map already, by the same version: it is not computed again")
+            self._remove_parts(out, parts)
+            return finished
+        _files.make_folder(parts)
+        result = np.empty((self.size, self.size))
+        (first, second), unusable = self.axes(), 0
+        left: list[int] = []
         turned = [(each + _PI) % (2.0 * _PI) - _PI for each in (first, second)]
-        left = [k for k in range(count) if self._part(parts, k) is None]
+        for k in range(self._count):
+            part = self._part(parts, k)
+            if part is None:
+                left.append(k)
+                unusable += (parts / f"{k}.npz").exists()
+            else:
+                result[self._rows(k)] = part
+        if unusable:
+            tell(
+                f"{parts}: {unusable} part(s) are damaged, or of another map or version of "
+                f"npend_gym (this is {__version__}): they are computed again"
+            )
         for k in progress(left):
-            rows = turned[1][k * _ROWS : (k + 1) * _ROWS]
-            starts = np.stack(np.broadcast_arrays(turned[0], rows[:, None]), axis=-1)
+            starts = np.stack(
+                np.broadcast_arrays(turned[0], turned[1][self._rows(k), None]), axis=-1
+            )
             times = flip_times(
                 self.chain, starts, duration=self.duration, rtol=self.rtol, threads=threads
             )
+            result[self._rows(k)] = times
             with _files.replacing(parts / f"{k}.npz", binary=True) as file:
-                np.savez_compressed(file, times=times)
-        done = [part for k in range(count) for part in [self._part(parts, k)] if part is not None]
-        result = np.concatenate(done)
+                np.savez_compressed(file, times=times, about=self._about(part=k))
         about = json.dumps(provenance(self.as_dict()))
-        with _files.replacing(out / "map.npz", binary=True) as file:
+        with _files.replacing(out / _MAP, binary=True) as file:
             np.savez_compressed(file, times=result, first=first, second=second, about=about)
-        for k in range(count):
-            (parts / f"{k}.npz").unlink(missing_ok=True)
-        parts.rmdir()
+        self._remove_parts(out, parts)
         return result
 
+    @property
+    def _count(self) -> int:
+        """The number of parts."""
+        return math.ceil(self.size / _ROWS)
+
+    def _rows(self, k: int) -> slice:
+        """Return the rows of the map that part `k` has."""
+        return slice(k * _ROWS, min(self.size, (k + 1) * _ROWS))
+
+    def _about(self, **more: int) -> str:
+        """Return what makes the numbers of this map, or of a part of it, what they are."""
+        about = {"version": __version__, "arguments": self.as_dict()} | more
+        return json.dumps(about, sort_keys=True)
+
     def _part(self, parts: Path, k: int) -> FloatArray | None:
-        """Return a part that is whole, or None."""
-        shape = (min(_ROWS, self.size - k * _ROWS), self.size)
-        try:
-            arrays = _files.read_arrays(parts / f"{k}.npz", 2 * 8 * shape[0] * shape[1] + 4096)
-            times = arrays["times"]
-        except (OSError, ValueError, KeyError):
+        """Return a part that is whole and of this map, or None."""
+        rows = self._rows(k)
+        arrays = _read(parts / f"{k}.npz", (rows.stop - rows.start, self.size))
+        is_own = arrays is not None and str(arrays["about"]) == self._about(part=k)
+        return arrays["times"] if arrays is not None and is_own else None
+
+    def _finished(self, out: Path) -> FloatArray | None:
+        """Return the map that a run before has finished, or None."""
+        arrays = _read(out / _MAP, (self.size, self.size))
+        if arrays is None:
             return None
-        return times if (times.dtype, times.shape) == (np.float64, shape) else None
+        try:
+            about = _files.parse_json(str(arrays["about"]))
+            made = {"version": about["version"], "arguments": about["arguments"]}
+        except (ValueError, TypeError, KeyError):
+            return None
+        is_own = json.dumps(made, sort_keys=True) == self._about()
+        return arrays["times"] if is_own else None
+
+    def _remove_parts(self, out: Path, parts: Path) -> None:
+        """Remove the parts of a finished map, and what a kill has left half-written."""
+        own = [parts / f"{k}.npz" for k in range(self._count)]
+        for path in (*own, *parts.glob(".*.npz.*.part"), *out.glob(f".{_MAP}.*.part")):
+            _files.remove(path)
+        with suppress(OSError):  # a file of somebody else is in it, or it is not there
+            parts.rmdir()
+
+
+def _read(path: Path, shape: tuple[int, int]) -> dict[str, NDArray[Any]] | None:
+    """Return the arrays "times", of a shape, and "about" of a file; None where it has others."""
+    try:
+        arrays = _files.read_arrays(path, 2 * 8 * math.prod(shape) + _ABOUT)
+        times, about = arrays["times"], arrays["about"]
+    except (OSError, ValueError, KeyError):
+        return None
+    whole = (times.dtype, times.shape) == (np.float64, shape) and about.dtype.kind == "U"
+    return arrays if whole and about.shape == () else None
