@@ -1,4 +1,4 @@
-"""The equations of motion of links, as SymPy derives them from the Lagrangian: slow and obvious."""
+"""The equations of motion of links and springs, as SymPy derives them: slow and obvious."""
 
 from functools import cache
 
@@ -11,23 +11,33 @@ _PER_LINK = (
 
 
 @cache
-def _derive(n, modules):
-    """Return a function for M and f of M q'' = f, q = (x, y, theta): the pivot is free to move."""
+def _derive(n, modules, stretching=False):
+    """Return a function for M and f of M q'' = f, q = (x, y, theta): the pivot is free to move.
+
+    Point masses on springs have their stretch at the end of q.
+    """
     import sympy as sp
 
-    q, u = sp.symbols(f"q:{n + 2}"), sp.symbols(f"u:{n + 2}")
+    size = n + 2 + n * stretching
+    q, u = sp.symbols(f"q:{size}"), sp.symbols(f"u:{size}")
+    stiffness, axial = sp.symbols(f"K:{n}"), sp.symbols(f"D:{n}")
     m, l, c, inertia, damping, drag, square, friction, slow, armature, back, torque = (
         sp.symbols(f"{name}:{n}") for name in "mlcidkvfsabt"
     )
     cart, push, g = sp.symbols("M F g")
     speeds = sp.Matrix(u)
-    kinetic, potential, force = cart * (u[0] ** 2 + u[1] ** 2) / 2, 0, sp.zeros(n + 2, 1)
+    kinetic, potential, force = cart * (u[0] ** 2 + u[1] ** 2) / 2, 0, sp.zeros(size, 1)
     force[0] = push
     joint = sp.Matrix(q[:2])
     for i in range(n):
         along, above = sp.Matrix([sp.sin(q[i + 2]), -sp.cos(q[i + 2])]), u[i + 1] if i else 0
         centre = joint + c[i] * along
         joint = joint + l[i] * along  # the tip
+        if stretching:
+            stretch = q[n + 2 + i]
+            centre = joint = joint + stretch * along
+            potential += stiffness[i] * stretch**2 / 2
+            force[n + 2 + i] -= axial[i] * u[n + 2 + i]
         moving, tip = centre.jacobian(q) * speeds, joint.jacobian(q) * speeds
         kinetic += m[i] * moving.dot(moving) / 2 + inertia[i] * u[i + 2] ** 2 / 2
         kinetic += armature[i] * ((back[i] - 1) * above + u[i + 2]) ** 2 / 2  # back = 1/gear
@@ -44,6 +54,7 @@ def _derive(n, modules):
     momenta = lagrange.jacobian(u)
     force += lagrange.jacobian(q).T - momenta.jacobian(q) * speeds
     own = (m, l, c, inertia, damping, drag, square, friction, slow, armature, back)
+    own += (stiffness, axial) if stretching else ()
     symbols = (q, u, own, torque, cart, push, g)
     return sp.lambdify(symbols, (momenta.jacobian(u), force), modules=modules, cse=True)
 
@@ -69,6 +80,32 @@ def accelerations(chain, theta, omega, torque):
 
     matrix, force = system(chain, theta, omega, torque, exact=True)
     return np.array([*map(float, mpmath.lu_solve(matrix[2:, 2:], force[2:, :]))])
+
+
+def all_accelerations(values, q, u, loads, base=None):
+    """Return u' of the coordinates in the package's order: angles, base, and stretch of springs.
+
+    `values` has the parameters by name, with "stiffness" for springs; `base` is {"acceleration": a}
+    or {"cart_mass": M, "rail_damping": d}. All may be complex, for derivatives by complex steps.
+    """
+    n = len(values["masses"])
+    base, stretching = base or {}, "stiffness" in values
+    moving = len(q) - n - n * stretching
+    order = [*range(n, n + moving), *range(n), *range(n + moving, len(q))]
+    state = [np.insert(np.asarray(x)[order], moving, [0.0] * (2 - moving)) for x in (q, u)]
+    rows = [values[name] for name in _PER_LINK[:-1]] + [1.0 / values["gear"]]
+    rows += [values["stiffness"], values["axial_damping"]] if stretching else []
+    mass, push, free = 1.0, 0.0, [*range(2, 2 + len(q) - moving)]
+    if moving == 1:
+        mass, push, free = base["cart_mass"], loads[n] - base["rail_damping"] * u[n], [0, *free]
+    derived = _derive(n, "numpy", stretching)
+    matrix, force = derived(*state, rows, loads[:n], mass, push, values["gravity"])
+    given = np.asarray(base.get("acceleration", (0.0, 0.0)))
+    right = force[free, 0] - matrix[np.ix_(free, [0, 1])] @ given
+    found = np.linalg.solve(matrix[np.ix_(free, free)], right)
+    carried = found[:1] if moving == 1 else given[:moving]
+    found = found[moving == 1 :]
+    return np.concatenate([found[:n], carried, found[n:]])
 
 
 def _map(function, values):

@@ -51,7 +51,7 @@ def rods_of(motion: Replay, names: Sequence[str] = ()) -> Rods:
         # kernels leave out drag where there is none
         least = np.full_like(parameters.drag, _checks.SMALLEST)
         chain = arrays_of(parameters._replace(drag=least))
-    return Rods(chain, parameters.masses[0].copy(), motion.torque)
+    return Rods(chain, parameters.masses[0].copy(), motion.torque[None, None])
 
 
 def carry(
@@ -138,7 +138,7 @@ def gradient(
     for mark, count in marks[-2::-1]:
         motion.go_back(mark)
         steps, where = motion.advance(count)
-        carry_back(steps, rods, bar, torque_bar, chain_bar, bars[where], scratch)
+        carry_back(steps, rods, bar, torque_bar[None, None], chain_bar, bars[where], scratch)
         _check_finite(bar, float(trajectory.times[-1]))
     bar += bars[0]
     ends = motion.parameters.centres == motion.parameters.lengths

@@ -18,6 +18,8 @@ from npend_gym.physics.kernels.link_terms import (
     MachineArrays,
     Parameter,
 )
+from npend_gym.physics.kernels.spring_derivatives import springs_adjoint
+from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.kernels.tensions import COUPLES, TENSIONS, ChainArrays
 from npend_gym.physics.kernels.virtual_power import friction_slopes, slopes_of_drag
 
@@ -72,6 +74,8 @@ def _adjoint_of_links(machine: bool) -> Callable[..., None]:
         jy = jx + chain.gravity[0]
         if machine and u.size > n:
             jx, wx, ux = alpha[n], lam[n], u[n]
+        if machine and u.size > n + 1:
+            jy, uy = jy + alpha[n + 1], u[n + 1]
         for i in range(n):
             if i > 0:
                 se, ce = se * c[i] + ce * s[i], ce * c[i] - se * s[i]
@@ -159,6 +163,9 @@ def _adjoint_of_links(machine: bool) -> Callable[..., None]:
                 theta_bar[n] = 0.0 * fx
                 omega_bar[n] = omega_bar[n] - (kx + chain.base[Base.DAMPING, 0] * lam[n])
                 torque_bar[n] = torque_bar[n] + lam[n]
+            if u.size > n + 1:
+                theta_bar[n + 1] = 0.0 * fx
+                omega_bar[n + 1] = omega_bar[n + 1] - ky
 
     @inlined_kernel
     def add_rotors(
@@ -281,6 +288,7 @@ def _adjoint_of_bobs(
         ChainArrays: _adjoint_of_bobs,
         LinkArrays: _adjoint_of_links(machine=False),
         MachineArrays: _adjoint_of_links(machine=True),
+        SpringArrays: springs_adjoint,
     },
 )
 def adjoint(

@@ -44,7 +44,7 @@ def _base_at_rest(chain: AnyArrays, across: float, up: float) -> None:
 
 
 @inlined_kernel
-def _base_that_moves(chain: MachineArrays, across: float, up: float) -> None:
+def _base_that_moves(chain: MachineArrays | SpringArrays, across: float, up: float) -> None:
     if chain.base.shape[0] > 0 and chain.base[Base.INVERSE_MASS, 0] == 0.0:
         chain.base[Base.ACROSS, 0], chain.base[Base.UP, 0] = across, up
 
@@ -54,11 +54,11 @@ def _base_that_moves(chain: MachineArrays, across: float, up: float) -> None:
     {
         ChainArrays: _base_at_rest,
         LinkArrays: _base_at_rest,
-        SpringArrays: _base_at_rest,
+        SpringArrays: _base_that_moves,
         MachineArrays: _base_that_moves,
     },
 )
-def _accelerate_base(chain: AnyArrays, across: float, up: float) -> None:
+def accelerate_base(chain: AnyArrays, across: float, up: float) -> None:
     """Give the pivot the acceleration that is prescribed for this instant."""
     raise NotImplementedError
 
@@ -87,7 +87,7 @@ def _by_law(
         torque.forces[i] = torque.values[i]
     if half > n:
         torque.forces[n] = torque.values[n + FORCE]
-        _accelerate_base(chain, torque.values[n + ACROSS], torque.values[n + UP])
+        accelerate_base(chain, torque.values[n + ACROSS], torque.values[n + UP])
     derivative(y, torque.forces, chain, work, dydt)
 
 
@@ -103,7 +103,7 @@ def _along_line(
     if half > n:
         torque.forces[n] = line[0, n + FORCE] + since * line[1, n + FORCE]
         across, up = line[0, n + ACROSS], line[0, n + UP]
-        _accelerate_base(chain, across + since * line[1, n + ACROSS], up + since * line[1, n + UP])
+        accelerate_base(chain, across + since * line[1, n + ACROSS], up + since * line[1, n + UP])
     derivative(y, torque.forces, chain, work, dydt)
 
 

@@ -6,7 +6,7 @@ parameters         chain                                          solved in
 `ChainArrays`      point masses on massless rods, fixed pivot     `tensions`, the fastest
 `LinkArrays`       links with inertia, viscous joints             `links`
 `MachineArrays`    all chains and bases, with motors, friction    `links`
-`SpringArrays`     point masses on rods that stretch              `springs`
+`SpringArrays`     point masses on rods that stretch, all bases   `springs`
 =================  =============================================  ============================
 
 A kernel that calls `accelerations` is compiled for the kind of its argument `chain`, so that a kind
@@ -32,7 +32,7 @@ from npend_gym.physics.kernels.links import (
     solve_machine,
     solve_machine_kept,
 )
-from npend_gym.physics.kernels.springs import SpringArrays, solve_springs
+from npend_gym.physics.kernels.springs import SpringArrays, solve_springs, springs_respond
 from npend_gym.physics.kernels.tensions import (
     ChainArrays,
     any_damped,
@@ -87,9 +87,9 @@ def accelerations(
 ) -> float:  # fmt: skip
     """Write the accelerations of a chain, or of a pack of them, into `alpha`.
 
-    `q` are the angles [rad], then the coordinates of the base where it moves, or how far the rods
-    are stretched [m]; `u` are their rates. `torque` acts at joints 0..n-1 [N m], then a force on
-    the base [N]. Return the power that drag takes [W].
+    `q` are the angles [rad], then the coordinates of the base where it moves, then how far the rods
+    are stretched [m] where they do; `u` are their rates. `torque` acts at joints 0..n-1 [N m], then
+    a force on the base [N]. Return the power that drag takes [W].
     """
     raise NotImplementedError
 
@@ -100,6 +100,7 @@ def accelerations(
         ChainArrays: solve_tensions_kept,
         LinkArrays: solve_links_kept,
         MachineArrays: solve_machine_kept,
+        SpringArrays: solve_springs,
     },
 )
 def accelerations_kept(
@@ -112,7 +113,12 @@ def accelerations_kept(
 
 @chosen_by_type(
     "chain",
-    {ChainArrays: tensions_respond, LinkArrays: links_respond, MachineArrays: machine_respond},
+    {
+        ChainArrays: tensions_respond,
+        LinkArrays: links_respond,
+        MachineArrays: machine_respond,
+        SpringArrays: springs_respond,
+    },
 )
 def respond(
     force: FloatArray, chain: AnyArrays, work: FloatArray, answer: FloatArray, alpha: FloatArray
@@ -120,8 +126,9 @@ def respond(
     """Write into `alpha` the solution of N alpha = force, N being the mass matrix.
 
     `force` are moments on each rod alone, not on joints [N m], then a force on a cart [N]; `work`
-    is as `accelerations_kept` left it. N is symmetric: this serves tangents and adjoints. Point
-    masses leave their force couples and tensions in `answer`, ANSWER_ROWS for work, zero at first.
+    is as `accelerations_kept` left it. N is symmetric: this serves tangents and adjoints. It is one
+    for springs, whose `force` are the accelerations themselves. Point masses leave their force
+    couples and tensions in `answer`, ANSWER_ROWS for work, zero at first.
     """
     raise NotImplementedError
 

@@ -246,6 +246,8 @@ def _response(machine: bool) -> Callable[..., None]:
         if machine and force.size > n:
             y = (force[n] - b_n) * inverse[n]
             alpha[n] = y
+        if machine and force.size > n + 1:
+            alpha[n + 1] = 0.0 * y  # a prescribed motion answers nothing
         for i in range(n):
             x, y = c[i] * x + s[i] * y, c[i] * y - s[i] * x
             moved = start[i] - g_e[i] * x

@@ -16,14 +16,24 @@ These are Eqs. (1) and (2) of `tensions`, with x_i'' in the first, r_i for l_i, 
 Coriolis term in the second. Drag slows bob i at the rate rho_i = v_{i+1} (drag_i + quadratic_drag_i
 |velocity|): it adds rho_{i-1} times the velocity of the bob above less rho_i times that of bob i.
 
-q = (theta_0.., x_0..), u = (omega_0.., x_0'..). The stretch stands there, not the length, because
-rounding of the length would be noise in the tension of a stiff rod, and take many small steps.
+Rod 0 hangs from a base. One that moves accelerates as prescribed or, a cart of mass M on a rail, as
+its force F, the damping of the rail and rod 0 let it,
+
+    M X'' = F - rail_damping X' + T_0 sin theta_0 - f_0 cos theta_0,                            (4)
+
+and Eqs. (2) and (3) of rod 0 hold in its frame: with g + Y'' for g, with -X'' s_0 and -X'' c_0.
+
+q = (theta_0.., place of the base, x_0..), u = (omega_0.., its velocity, x_0'..): the base has no
+number at rest, X on a rail, X and Y where its acceleration is prescribed. The stretch stands there,
+not the length, because rounding of the length would be noise in the tension of a stiff rod, and
+take many small steps. Nothing has to be solved: the mass matrix of these equations is one.
 """
 
+# ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +43,11 @@ from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import sincos
+from npend_gym.physics.kernels.link_terms import Base, Parameter
 from npend_gym.physics.kernels.tensions import chain_arrays
+
+# Rows of what springs have beside a chain (parameters, n), where their derivatives are asked for
+STIFFNESS, AXIAL_DAMPING = len(Parameter), len(Parameter) + 1
 
 
 class SpringArrays(NamedTuple):
@@ -47,31 +61,45 @@ class SpringArrays(NamedTuple):
     gravity: FloatArray  # g, (1,)
     drag: FloatArray  # (n,); empty where the air resists no bob
     quadratic_drag: FloatArray  # (n,) or empty, as drag
+    base: FloatArray  # (len(Base), 1); (0, 1) where the base rests
 
 
 def spring_arrays(
-    chains: ChainParameters, stiffness: FloatArray, axial_damping: FloatArray
+    chains: ChainParameters,
+    stiffness: FloatArray,
+    axial_damping: FloatArray,
+    base: FloatArray | None = None,
 ) -> SpringArrays:
     """Return the parameters of B chains in the form that the kernels take, the lane innermost.
 
-    `stiffness` and `axial_damping`, (n,), are those of all chains.
+    `stiffness` and `axial_damping` are those of all chains, (n,), or of each, (B, n). `base` holds
+    the entries of `Base` where the base moves, (len(Base),) of all or (len(Base), B) of each.
     """
     rigid, shape = chain_arrays(chains), chains.lengths.shape
     stiff, damped = (innermost(np.broadcast_to(x, shape)) for x in (stiffness, axial_damping))
+    entries = np.zeros((0, 1)) if base is None else np.reshape(base, (len(base), -1))
+    moving = np.broadcast_to(entries, (len(entries), len(chains.masses)))[..., None]
     return SpringArrays(
         rigid.inverse_mass, rigid.length, stiff, damped, rigid.damping, rigid.gravity,
-        rigid.drag, rigid.quadratic_drag,
+        rigid.drag, rigid.quadratic_drag, innermost(moving),
     )  # fmt: skip
 
 
 @inlined_kernel
 def _add_drag(
-    r: FloatArray, omega: FloatArray, rate: FloatArray, chain: SpringArrays, s: FloatArray,
-    c: FloatArray, along: FloatArray, across: FloatArray,
+    r: FloatArray, omega: FloatArray, velocity: FloatArray, rate: FloatArray, chain: SpringArrays,
+    s: FloatArray, c: FloatArray, along: FloatArray, across: FloatArray,
 ) -> float:  # fmt: skip
-    """Add the accelerations by drag to `along` and `across`; return the power that it takes [W]."""
+    """Add the accelerations by drag to `along` and `across`; return the power that it takes [W].
+
+    `velocity` is that of the base, empty where it rests.
+    """
     v, linear, quadratic = chain.inverse_mass[1:], chain.drag, chain.quadratic_drag
     a = b = slowing_above = power = 0.0
+    if velocity.size > 0:
+        b = velocity[0]
+    if velocity.size > 1:
+        a = -velocity[1]  # the axes of the base have e downwards
     for i in range(linear.size):
         a, b = c[i] * a + s[i] * b, c[i] * b - s[i] * a  # of the bob above, in this rod's axes
         along[i] = along[i] + slowing_above * a
@@ -88,19 +116,31 @@ def _add_drag(
 
 
 @inlined_kernel
+def _accelerate_base(
+    velocity: FloatArray, force: FloatArray, chain: SpringArrays, pull: Any, out: FloatArray
+) -> None:
+    """Write the acceleration of a base that moves, Eq. (4); `force` begins with the force on it."""
+    base = chain.base
+    held = (force[0] - base[Base.DAMPING, 0] * velocity[0]) + pull
+    out[0] = base[Base.ACROSS, 0] + base[Base.INVERSE_MASS, 0] * held
+    if out.size > 1:
+        out[1] = base[Base.UP, 0] + 0.0 * held
+
+
+@inlined_kernel
 def solve_springs(
     q: FloatArray, u: FloatArray, torque: FloatArray, chain: SpringArrays, work: FloatArray,
     alpha: FloatArray,
 ) -> float:  # fmt: skip
-    """Write the accelerations (alpha [rad/s^2], x'' [m/s^2]), (2n,), into `alpha`.
+    """Write the accelerations of all coordinates [rad/s^2, m/s^2] into `alpha`.
 
     They are NaN where a rod has no length: no step of an integrator leads beyond. Return the power
-    that drag takes [W].
+    that drag takes [W]. Left in `work` are rows of s, c, f, T, both after a zero, r and 1/r.
     """
     l, damping, g = chain.length, chain.damping, chain.gravity
-    n = l.size
-    theta, stretch, omega, rate = q[:n], q[n:], u[:n], u[n:]
-    across, along = alpha[:n], alpha[n:]
+    n, axial = l.size, q.size - l.size  # where the stretch begins
+    theta, stretch, omega, rate = q[:n], q[axial:], u[:n], u[axial:]
+    across, along = alpha[:n], alpha[axial:]
     v, v_below = chain.inverse_mass, chain.inverse_mass[1:]
     s, s_below = work[0], work[0][1:]
     c, c_below = work[1], work[1][1:]
@@ -129,9 +169,25 @@ def solve_springs(
         push_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
         turned = 2.0 * (rate[i] * omega[i])
         across[i] = (v_below[i] * push_below - v[i] * push_above) - turned
-    along[0] = along[0] + g[0] * c[0]
-    across[0] = across[0] - g[0] * s[0]
-    power = _add_drag(r, omega, rate, chain, s, c, along, across)
+    if axial > n:
+        pull = t[0] * s[0] - f[0] * c[0]
+        _accelerate_base(u[n:axial], torque[n:], chain, pull, alpha[n:axial])
+        x, weight = alpha[n], g[0] + chain.base[Base.UP, 0]
+        along[0] = along[0] + (weight * c[0] - x * s[0])
+        across[0] = across[0] - (weight * s[0] + x * c[0])
+    else:
+        along[0] = along[0] + g[0] * c[0]
+        across[0] = across[0] - g[0] * s[0]
+    power = _add_drag(r, omega, u[n:axial], rate, chain, s, c, along, across)
     for i in range(n):
         across[i] = across[i] * inverse_r[i]
     return power
+
+
+@inlined_kernel
+def springs_respond(
+    force: FloatArray, chain: SpringArrays, work: FloatArray, answer: FloatArray, alpha: FloatArray
+) -> None:
+    """Copy what is an acceleration already: the mass matrix of springs is one."""
+    for i in range(force.size):
+        alpha[i] = force[i]

@@ -17,6 +17,8 @@ from npend_gym.physics.kernels.link_terms import (
     MachineArrays,
     Parameter,
 )
+from npend_gym.physics.kernels.spring_derivatives import springs_pose, springs_tangent
+from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.kernels.tensions import COUPLES, TENSIONS, ChainArrays
 from npend_gym.physics.kernels.virtual_power import friction_slopes, slopes_of_drag
 
@@ -64,6 +66,8 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
         jy = jx + chain.gravity[0]
         if machine and u.size > n:
             jx, ux = alpha[n], u[n]
+        if machine and u.size > n + 1:
+            jy, uy = jy + alpha[n + 1], u[n + 1]
         for i in range(n):
             if i > 0:
                 se, ce = se * c[i] + ce * s[i], ce * c[i] - se * s[i]
@@ -127,6 +131,8 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
             jy = jy + changed[Parameter.gravity, 0]
         if machine and sped.size > n:
             ux = sped[n]
+        if machine and sped.size > n + 1:
+            uy = sped[n + 1]
         for i in range(n):
             dt, dw = turned[i], sped[i]
             tx, ty = rows[_XX][i] * dt + rows[_YX][i] * dw, rows[_XY][i] * dt + rows[_YY][i] * dw
@@ -225,6 +231,8 @@ def _tangent(links: bool, machine: bool) -> tuple[Callable[..., None], Callable[
                 turn_rotors(alpha, changed, chain, force)
             if u.size > n:
                 force[n] = pushed[n] - (fx + chain.base[Base.DAMPING, 0] * sped[n])
+            if u.size > n + 1:
+                force[n + 1] = 0.0 * fy
 
     @inlined_kernel
     def turn_rotors(
@@ -259,7 +267,13 @@ _bobs, _plain_links, _machines = (
 
 
 @chosen_by_type(
-    "chain", {ChainArrays: _bobs[0], LinkArrays: _plain_links[0], MachineArrays: _machines[0]}
+    "chain",
+    {
+        ChainArrays: _bobs[0],
+        LinkArrays: _plain_links[0],
+        MachineArrays: _machines[0],
+        SpringArrays: springs_pose,
+    },
 )
 def pose(
     u: FloatArray, alpha: FloatArray, chain: AnyArrays, mass: FloatArray, stage: FloatArray,
@@ -270,7 +284,13 @@ def pose(
 
 
 @chosen_by_type(
-    "chain", {ChainArrays: _bobs[1], LinkArrays: _plain_links[1], MachineArrays: _machines[1]}
+    "chain",
+    {
+        ChainArrays: _bobs[1],
+        LinkArrays: _plain_links[1],
+        MachineArrays: _machines[1],
+        SpringArrays: springs_tangent,
+    },
 )
 def tangent(
     u: FloatArray, alpha: FloatArray, turned: FloatArray, sped: FloatArray, pushed: FloatArray,
