@@ -37,26 +37,22 @@ from npend_gym.physics.kernels.virtual_power import slopes_of_drag
 
 _LENGTH, _INVERSE = 4, 5  # rows in which `solve_springs` leaves r and 1/r
 
-# Rows that are kept for the tangents of one state: e = (SIN, -COS), r, 1/r, T and f; R along and
-# across the rod; B less gravity and U of the bob; what `drag_slopes` says of it
-_SIN, _COS, _R, _OVER_R, _T, _F, _ALONG, _ACROSS, _BX, _BY, _UX, _UY = range(12)
-_SPEED, _DRAG, _GROWTH = 12, 13, 14
-SPRING_POSE_ROWS = 15
-
-# Rows for one pass of the adjoint: e, then B, for which Y is put, and U, for which what it counts
-_YX, _YY, _KX, _KY = range(2, 6)
+# Rows that `_place` writes: e = (SIN, -COS), B and U. For these two an adjoint puts Y and what U
+# counts; a tangent keeps behind them r, 1/r, T and f, R along and across the rod, and what
+# `drag_slopes` says of U
+_SIN, _COS, _BX, _BY, _UX, _UY = range(6)
+_R, _OVER_R, _T, _F, _ALONG, _ACROSS, _SPEED, _DRAG, _GROWTH = range(6, 15)
 
 _drag_slopes = slopes_of_drag(links=False, machine=False)
 
 
 @inlined_kernel
-def springs_pose(
-    u: FloatArray, alpha: FloatArray, chain: SpringArrays, mass: FloatArray, stage: FloatArray,
-    rows: FloatArray,
-) -> None:  # fmt: skip
-    """See `npend_gym.physics.kernels.tangent.pose`."""
+def _place(
+    u: FloatArray, alpha: FloatArray, chain: SpringArrays, stage: FloatArray, rows: FloatArray
+) -> None:
+    """Write e, B and U."""
     n, axial = chain.length.size, u.size - chain.length.size
-    s, c, f, t = stage[0], stage[1], stage[COUPLES][1:], stage[TENSIONS][1:]
+    s, c = stage[0], stage[1]
     se, ce = s[0], c[0]
     bx: Any = 0.0 * u[0]
     ux = uy = bx
@@ -69,17 +65,30 @@ def springs_pose(
         if i > 0:
             se, ce = se * c[i] + ce * s[i], ce * c[i] - se * s[i]
         r, omega, rate = stage[_LENGTH][i], u[i], u[axial + i]
-        along = alpha[axial + i] - r * (omega * omega)
+        turning, along = r * omega, alpha[axial + i] - r * (omega * omega)
         across = r * alpha[i] + 2.0 * (rate * omega)
         bx, by = bx + (along * se + across * ce), by + (across * se - along * ce)
-        rows[_SIN][i], rows[_COS][i], rows[_R][i], rows[_OVER_R][i] = se, ce, r, stage[_INVERSE][i]
-        rows[_T][i], rows[_F][i], rows[_ALONG][i], rows[_ACROSS][i] = t[i], f[i], along, across
-        rows[_BX][i], rows[_BY][i] = bx, by
+        ux, uy = ux + (rate * se + turning * ce), uy + (turning * se - rate * ce)
+        rows[_SIN][i], rows[_COS][i] = se, ce
+        rows[_BX][i], rows[_BY][i], rows[_UX][i], rows[_UY][i] = bx, by, ux, uy
+
+
+@inlined_kernel
+def springs_pose(
+    u: FloatArray, alpha: FloatArray, chain: SpringArrays, mass: FloatArray, stage: FloatArray,
+    rows: FloatArray,
+) -> None:  # fmt: skip
+    """See `npend_gym.physics.kernels.tangent.pose`."""
+    n, axial = chain.length.size, u.size - chain.length.size
+    f, t = stage[COUPLES][1:], stage[TENSIONS][1:]
+    _place(u, alpha, chain, stage, rows)
+    for i in range(n):
+        r, omega = stage[_LENGTH][i], u[i]
+        rows[_R][i], rows[_OVER_R][i], rows[_T][i], rows[_F][i] = r, stage[_INVERSE][i], t[i], f[i]
+        rows[_ALONG][i] = alpha[axial + i] - r * (omega * omega)
+        rows[_ACROSS][i] = r * alpha[i] + 2.0 * (u[axial + i] * omega)
         if chain.drag.size > 0:
-            turning = r * omega
-            ux, uy = ux + (rate * se + turning * ce), uy + (turning * se - rate * ce)
-            rows[_UX][i], rows[_UY][i] = ux, uy
-            speed, factor, growth = _drag_slopes(chain, i, ux, uy)
+            speed, factor, growth = _drag_slopes(chain, i, rows[_UX][i], rows[_UY][i])
             rows[_SPEED][i], rows[_DRAG][i], rows[_GROWTH][i] = speed, factor, growth
 
 
@@ -193,33 +202,6 @@ def springs_tangent(
 
 
 @inlined_kernel
-def _place(
-    u: FloatArray, alpha: FloatArray, chain: SpringArrays, stage: FloatArray, rows: FloatArray
-) -> None:
-    """Write e, B less gravity and U."""
-    n, axial = chain.length.size, u.size - chain.length.size
-    s, c = stage[0], stage[1]
-    se, ce = s[0], c[0]
-    bx: Any = 0.0 * u[0]
-    ux = uy = bx
-    by = bx + chain.gravity[0]
-    if axial > n:
-        bx, ux = alpha[n], u[n]
-    if axial > n + 1:
-        by, uy = by + alpha[n + 1], u[n + 1]
-    for i in range(n):
-        if i > 0:
-            se, ce = se * c[i] + ce * s[i], ce * c[i] - se * s[i]
-        r, omega, rate = stage[_LENGTH][i], u[i], u[axial + i]
-        turning, along = r * omega, alpha[axial + i] - r * (omega * omega)
-        across = r * alpha[i] + 2.0 * (rate * omega)
-        bx, by = bx + (along * se + across * ce), by + (across * se - along * ce)
-        ux, uy = ux + (rate * se + turning * ce), uy + (turning * se - rate * ce)
-        rows[_SIN][i], rows[_COS][i] = se, ce
-        rows[_YX][i], rows[_YY][i], rows[_KX][i], rows[_KY][i] = bx, by, ux, uy
-
-
-@inlined_kernel
 def _weigh_bobs(
     u: FloatArray, lam: FloatArray, chain: SpringArrays, stage: FloatArray, rows: FloatArray,
     chain_bar: FloatArray,
@@ -240,9 +222,9 @@ def _weigh_bobs(
         qx, qy = above_x, above_y
         if chain_bar.size > 0:
             row = chain_bar[Parameter.masses]
-            row[i] = row[i] - (rows[_YX][i] * yx + rows[_YY][i] * yy)
+            row[i] = row[i] - (rows[_BX][i] * yx + rows[_BY][i] * yy)
         if chain.drag.size > 0:
-            ux, uy = rows[_KX][i], rows[_KY][i]
+            ux, uy = rows[_UX][i], rows[_UY][i]
             speed, factor, growth = _drag_slopes(chain, i, ux, uy)
             power = ux * yx + uy * yy
             kx = kx + (factor * yx + (growth * power) * ux)
@@ -251,7 +233,7 @@ def _weigh_bobs(
                 row, square = chain_bar[Parameter.drag], chain_bar[Parameter.quadratic_drag]
                 row[i] = row[i] - power
                 square[i] = square[i] - speed * power
-        rows[_YX][i], rows[_YY][i], rows[_KX][i], rows[_KY][i] = yx, yy, kx, ky
+        rows[_BX][i], rows[_BY][i], rows[_UX][i], rows[_UY][i] = yx, yy, kx, ky
     return qx, qy
 
 
@@ -273,21 +255,21 @@ def springs_adjoint(
         torque_bar[n] = torque_bar[n] + above_x
         held = chain.base[Base.DAMPING, 0] * above_x
         theta_bar[n] = 0.0 * qx
-        omega_bar[n] = omega_bar[n] - (held + rows[_KX][0])
+        omega_bar[n] = omega_bar[n] - (held + rows[_UX][0])
     if axial > n + 1:
         theta_bar[n + 1] = 0.0 * qx
-        omega_bar[n + 1] = omega_bar[n + 1] - rows[_KY][0]
+        omega_bar[n + 1] = omega_bar[n + 1] - rows[_UY][0]
     if wanted:
         row = chain_bar[Parameter.gravity]
         row[0] = row[0] - qy
     for i in range(n):
         se, ce, r, over_r = rows[_SIN][i], rows[_COS][i], stage[_LENGTH][i], stage[_INVERSE][i]
         omega, rate, by_stretch, by_turn = u[i], u[axial + i], lam[axial + i], lam[i] * over_r
-        x, y = above_x - rows[_YX][i], above_y - rows[_YY][i]
-        above_x, above_y = rows[_YX][i], rows[_YY][i]
+        x, y = above_x - rows[_BX][i], above_y - rows[_BY][i]
+        above_x, above_y = rows[_BX][i], rows[_BY][i]
         pull, push = x * se - y * ce, x * ce + y * se  # what T and -f count
-        k_along = rows[_KX][i] * se - rows[_KY][i] * ce
-        k_across = rows[_KX][i] * ce + rows[_KY][i] * se
+        k_along = rows[_UX][i] * se - rows[_UY][i] * ce
+        k_across = rows[_UX][i] * ce + rows[_UY][i] * se
         along = alpha[axial + i] - r * (omega * omega)
         across = r * alpha[i] + 2.0 * (rate * omega)
         by_theta = (pull * f[i] + push * t[i]) + (by_stretch * across - by_turn * along)
