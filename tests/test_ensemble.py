@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.physics import Ensemble
-from npend_gym.physics.substeps import default_substeps
+from npend_gym.chain import ChainParameters
+from npend_gym.physics import Ensemble, substeps
+from npend_gym.physics.substeps import MAX_PHASE, chain_of, default_substeps, substeps_of
 
 RNG = np.random.default_rng(5)
 CHAINS = [
@@ -154,6 +155,16 @@ def test_chains_of_members_are_given_as_arrays_of_parameters():
     np.testing.assert_array_equal(many.theta[3], alone.theta[0])
 
 
+def test_with_substeps_given_a_member_moves_as_it_does_alone():
+    beside = Ensemble([Chain.uniform(1), Chain.uniform(1, length=0.01)])
+    alone = Ensemble(Chain.uniform(1), 1)
+    for many in (beside, alone):
+        many.set_state(slice(None), 0.5)
+        many.advance(0.3, 0.05, substeps=20)
+    np.testing.assert_array_equal(beside.theta[0], alone.theta[0])
+    np.testing.assert_array_equal(beside.omega[0], alone.omega[0])
+
+
 def test_a_copy_moves_on_as_the_original_does():
     many = ensemble(threads=2)
     many.advance(0.5, 0.05)
@@ -283,3 +294,58 @@ def test_a_machine_whose_base_rests_minds_no_other_memory(size):
         many.set_state(slice(None), 0.5)
         many.advance(0.0, 0.1, 50)
         np.testing.assert_array_equal(many.theta, np.tile(path.theta[-1], (size, 1)))
+
+
+def drawn_chains(kind, count, n, rng):
+    """Return parameters of many chains of a kind, over six powers of ten where that is "wide"."""
+
+    def draw(shape=(count, n)):
+        exponents = rng.uniform(-3.0, 3.0, shape)
+        return 10.0**exponents if kind == "wide" else rng.uniform(0.5, 2.0, shape)
+
+    given = {"masses": draw(), "lengths": draw()}
+    if kind == "braked":
+        given |= {name: draw() for name in ("damping", "drag", "quadratic_drag", "friction")}
+    if kind == "machines":
+        given |= {"centres": draw() - 1.0, "inertias": draw(), "armature": draw()}
+        given |= {"gear": 5.0 * draw(), "friction": draw(), "damping": draw()}
+    if kind == "mixed":
+        some = rng.random((count, 1)) < 0.5
+        given |= {"inertias": np.where(some, draw(), 0.0), "damping": draw()}
+        given["gravity"] = np.where(rng.random(count) < 0.5, 0.0, draw((count,)))
+    return Chain.uniform(n).repeated(count, **given)
+
+
+@pytest.mark.parametrize("kind", ["wide", "narrow", "braked", "machines", "mixed"])
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_the_substeps_of_many_chains_are_the_most_that_one_of_them_needs(kind, n):
+    rng = np.random.default_rng(n)
+    chains = drawn_chains(kind, 60, n, rng)
+    members = range(60)
+    for dt in (1e-4, 0.02, 1.0):
+        one_by_one = max(default_substeps(chain_of(chains, k), dt) for k in members)
+        assert substeps_of(chains, dt) == one_by_one
+        fewer = ChainParameters(*(row[:1] for row in chains))
+        assert substeps_of(fewer, dt) == default_substeps(chain_of(chains, 0), dt)
+
+
+def test_chains_at_the_edge_of_one_more_substep_get_it():
+    lengths = np.linspace(1.0, 1.0 + 1e-12, 7)[:, None]
+    chains = Chain.uniform(1).repeated(7, lengths=lengths)
+    edge = MAX_PHASE / np.sqrt(9.81)
+    for k in (1, 3, 19):
+        for dt in k * edge * (1.0 + np.linspace(-2e-12, 2e-12, 9)):
+            expected = max(default_substeps(chain_of(chains, j), dt) for j in range(7))
+            assert substeps_of(chains, dt) == expected
+
+
+def test_the_substeps_of_many_chains_are_found_without_computing_each(monkeypatch):
+    computed = []
+    monkeypatch.setattr(
+        substeps, "default_substeps", lambda *args: computed.append(1) or default_substeps(*args)
+    )
+    rng = np.random.default_rng(0)
+    for kind in ("wide", "narrow", "braked", "machines", "mixed"):
+        computed.clear()
+        substeps_of(drawn_chains(kind, 5000, 3, rng), 0.05)
+        assert len(computed) < 30

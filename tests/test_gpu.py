@@ -90,6 +90,33 @@ report({
 """
 
 
+# Chains made with long rods and advanced with parameters of short ones, which need more substeps
+GIVEN = """
+import json
+import numpy as np
+from npend_gym import Chain
+from npend_gym.physics import DeviceChains, Ensemble
+
+short = Chain([1.0, 0.5], [0.02, 0.03], damping=1e-4)
+many, on_gpu = Ensemble(short, 2), DeviceChains(Chain.uniform(2), 2)
+many.set_state(slice(None), 0.7)
+many.advance(0.0, 0.05)
+put = on_gpu.cuda.to_device
+torque, lost, differences = put(np.zeros((2, 2))), put(np.zeros(2)), []
+for count in (1, 2):
+    theta, omega = put(np.full((2, 2), 0.7)), put(np.zeros((2, 2)))
+    rows = put(short.repeated(count).stacked())
+    on_gpu.advance(theta, omega, torque, lost, 0.05, parameters=rows)
+    pairs = (theta, many.theta), (omega, many.omega)
+    differences += [int(np.sum(ours.copy_to_host() != theirs)) for ours, theirs in pairs]
+print(json.dumps(differences))
+"""
+
+
+def test_default_substeps_are_those_of_the_parameters_that_a_step_is_given():
+    assert simulated(GIVEN) == [0, 0, 0, 0]
+
+
 def test_point_masses_in_the_simulator_have_the_bits_of_the_processor():
     assert set(simulated(COMPARE + POINT_MASSES).values()) == {0}
 
@@ -104,6 +131,7 @@ def test_chains_on_a_gpu_have_the_bits_of_the_processor():
     found = "from numba import cuda; print('true' if cuda.is_available() else 'false')"
     if not on_gpu(found):
         pytest.skip("no GPU")
+    assert on_gpu(GIVEN) == [0, 0, 0, 0]
     assert set(on_gpu(COMPARE + POINT_MASSES).values()) == {0}
     assert set(on_gpu(COMPARE + BODIES).values()) == {0}
     assert set(on_gpu(GRADIENTS + OF_POINT_MASSES).values()) == {0}
@@ -419,7 +447,8 @@ def steps():
     random = torch.Generator().manual_seed(0)
     theta, omega = torch.randn(2, 3, 2, generator=random, dtype=torch.float64)
     torque = torch.randn(3, 1, generator=random, dtype=torch.float64)
-    values = {"masses": [1.0, 0.7], "lengths": [1.0, 0.7], "gravity": 9.0, "drag": [0.1, 0.0]}
+    # rods that need more substeps than those of the chain itself
+    values = {"masses": [1.0, 0.7], "lengths": [0.1, 0.07], "gravity": 9.0, "drag": [0.1, 0.0]}
     values = {name: torch.tensor(value, dtype=torch.float64) for name, value in values.items()}
     leaves = [x.requires_grad_() for x in (theta, omega, torque, *values.values())]
     a, b = step(Chain.uniform(2, damping=0.1), *leaves[:3], values, dt=0.05)

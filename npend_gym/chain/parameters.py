@@ -105,6 +105,12 @@ class ChainParameters(NamedTuple):
         rows = [row if row.ndim == 2 else row[:, None] for row in self]
         return np.stack(np.broadcast_arrays(*rows), axis=1)
 
+    @classmethod
+    def unstacked(cls, rows: FloatArray) -> ChainParameters:
+        """Return the parameters that `stacked` made `rows` of, shape (B, 12, n)."""
+        fields = dict(zip(cls._fields, np.moveaxis(rows, 1, 0), strict=True))
+        return cls(**fields | {"gravity": fields["gravity"][:, 0]})
+
     @property
     def joint_inertia(self) -> FloatArray:
         """Inertia of each link alone, its rotor included, about its joint [kg m^2], (B, n)."""

@@ -24,7 +24,10 @@ from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS
 class Ensemble(Members):
     """B chains of n rods each, advanced side by side.
 
-    No chain depends on another, on B or on the number of threads.
+    The chains do not act on each other, and no result depends on the number of threads. By default,
+    however, all take as many substeps as the fastest chain needs: a chain then has other rounding
+    errors and smaller integration errors beside a faster one. With `substeps` given, each member
+    moves as it does alone, to the last bit.
 
     Parameters
     ----------
@@ -178,8 +181,10 @@ class Ensemble(Members):
         dt : float
             [s]
         substeps : int, optional
-            Number of Runge-Kutta steps. By default as many as the chain with the fastest normal
-            mode needs, see `default_substeps`, and more where a rod turns by more than 1/20 rad.
+            Number of Runge-Kutta steps of every member. By default as many as the fastest chain
+            needs: in each its fastest normal mode turns by at most 1/16 rad, and what damping and
+            drag brake decays by at most that much. A member whose rod would turn by more than
+            1/20 rad in one of them divides it; with `substeps` given none is divided.
         active : array_like of bool, shape (B,), optional
             Members to advance; all by default.
         force : array_like, shape (B,)

@@ -110,7 +110,9 @@ class DeviceChains:
         dt : float
             [s]
         substeps : int, optional
-            Number of Runge-Kutta steps; by default that of `Ensemble.advance`.
+            Number of Runge-Kutta steps; by default that of `Ensemble.advance`. With `parameters`
+            the default is computed from these in every call, which waits for the GPU and copies
+            them from it: give `substeps` where speed counts.
         max_rotation : float, optional
             A substep in which a rod would turn by more than this is cut into parts [rad]. By
             default 1/20 where `substeps` is not given, else none is.
@@ -127,10 +129,13 @@ class DeviceChains:
         """
         flags = self._array("diverged", diverged, (self.size,))
         state = self._states(theta=theta, omega=omega, torque=torque)
-        rows, steps = self._parameters(parameters), self._steps(dt, substeps, max_rotation)
+        rows = self._parameters(parameters)
+        steps = self._steps(dt, substeps, max_rotation, rows, stream)
         self._kernel.launch(self.size, *state, flags, rows, *steps, *self._storage, stream=stream)
 
-    def _steps(self, dt: float, substeps: int | None, max_rotation: float | None) -> Any:
+    def _steps(
+        self, dt: float, substeps: int | None, max_rotation: float | None, rows: Any, stream: int
+    ) -> Any:
         """Return dt, the substeps, and one over the angle that none may turn, or zero."""
         dt = _checks.positive_number("dt", dt)
         if max_rotation is not None:
@@ -138,7 +143,7 @@ class DeviceChains:
         elif substeps is None:
             max_rotation = MAX_ROTATION
         if substeps is None:
-            substeps = self._default_substeps(dt)
+            substeps = self._default_substeps(dt, rows, stream)
         count = _checks.count("substeps", substeps, high=MAX_SUBSTEPS)
         per_rotation = 0.0 if max_rotation is None else 1.0 / max_rotation
         return np.array([dt, count, per_rotation], self.dtype)  # entries are of this type
@@ -169,7 +174,17 @@ class DeviceChains:
             _clearing(self.dtype.name).launch(lanes, array)
         return array.reshape(shape)
 
-    def _default_substeps(self, dt: float) -> int:
+    def _default_substeps(self, dt: float, rows: Any, stream: int) -> int:
+        """Return the substeps that the chains with the parameters in `rows` need."""
+        if rows is not self._rows:
+            queue = self.cuda.external_stream(stream) if stream else None
+            # the simulator's caller may hand over an array of NumPy
+            stacked = (
+                rows.copy_to_host(stream=queue or 0) if hasattr(rows, "copy_to_host") else rows
+            )
+            if queue is not None:
+                queue.synchronize()
+            return substeps_of(ChainParameters.unstacked(np.asarray(stacked, np.float64)), dt)
         if dt not in self._substeps:
             self._substeps = {dt: substeps_of(self.parameters, dt)}
         return self._substeps[dt]

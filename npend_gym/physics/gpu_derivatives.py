@@ -77,7 +77,8 @@ class DifferentiableDeviceChains(DeviceChains):
         if wanted:
             shape = (self.size, wanted, self.n)
             of_parameters = self._array("parameters_bar", parameters_bar, shape)
-        rows, steps = self._parameters(parameters), self._steps(dt, substeps, max_rotation)
+        rows = self._parameters(parameters)
+        steps = self._steps(dt, substeps, max_rotation, rows, stream)
         terms, work = count_terms(self.parameters), self._workspace(int(steps[1]))
         # kernels leave out drag where there is none, and then its derivatives
         kernel = adjoint_kernel(terms, bool(wanted) or self._resisted, self.dtype.name)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters
-from npend_gym.theory.modes import decay_rate, fastest_frequency
+from npend_gym.theory.modes import any_faster, decay_rate, fastest_frequency
 
 MAX_SUBSTEPS = 100_000
 # By default a substep is so short that the fastest normal mode turns by no more than this [rad],
@@ -20,6 +22,8 @@ _FRICTION = MAX_PHASE
 # A torque between two links turns them fastest where the chain is straight; folded chains of three
 # or more links had rates up to four times as large.
 _FOLDED = 4.0
+# How much closer to a limit a rate may be computed to lie than it does, of itself
+_ROUNDING = 1e-6
 # A chain that is whirled round turns faster than it swings. Substeps in which no rod turns by more
 # than this keep the energy of chains under random torques to some 1e-4 in an episode.
 MAX_ROTATION = 1.0 / 20.0  # rad
@@ -35,10 +39,31 @@ def default_substeps(chain: Chain, dt: float) -> int:
 
 
 def substeps_of(chains: ChainParameters, dt: float) -> int:
-    """Return the `default_substeps` that the fastest of several chains needs."""
+    """Return the `default_substeps` that the fastest of several chains needs.
+
+    Only chains that may need more than all before are computed one by one: few, because one
+    compiled call finds them and those with fast single pendulums come first.
+    """
+    swings = _gravity(chains)[:, None] * chains.carried_masses / (chains.masses * chains.lengths)
+    most, left = 0, np.argsort(-swings.max(axis=1), kind="stable")
+    while left.size > 0 and most < MAX_SUBSTEPS:
+        needed = default_substeps(chain_of(chains, int(left[0])), dt)
+        if needed <= most:  # what is left differs from the limit by no more than rounding
+            return _largest(_taken(chains, left), dt, most)
+        most, left = needed, left[1:]
+        left = left[_may_exceed(_taken(chains, left), most * MAX_PHASE / dt)]
+    return most
+
+
+def _largest(chains: ChainParameters, dt: float, least: int) -> int:
+    """Return the largest `default_substeps` of all different chains, or `least`."""
     rows = np.hstack([row.reshape(len(row), -1) for row in chains])
     different = np.unique(rows, axis=0, return_index=True)[1].tolist()
-    return max(default_substeps(chain_of(chains, k), dt) for k in different)
+    return max(least, *(default_substeps(chain_of(chains, k), dt) for k in different))
+
+
+def _taken(chains: ChainParameters, members: NDArray[np.int64]) -> ChainParameters:
+    return ChainParameters(*(row[members] for row in chains))
 
 
 def chain_of(chains: ChainParameters, member: int) -> Chain:
@@ -47,21 +72,48 @@ def chain_of(chains: ChainParameters, member: int) -> Chain:
     return Chain.from_dict(values | {"gravity": float(values["gravity"])})
 
 
+def _may_exceed(chains: ChainParameters, rate: float) -> BoolArray:
+    """Return which chains have a `_fastest_rate` above `rate`, or below it by rounding alone."""
+    limit = rate * (1.0 - _ROUNDING)
+    damping, drag = _resistance(chains)
+    braked = chains.has_bobs & (_braking(chains, damping, drag) > limit)
+    return braked | any_faster(chains._replace(gravity=_gravity(chains)), limit, damping, drag)
+
+
 def _fastest_rate(chain: Chain) -> float:
     """Return the rate [1/s] that the substeps must resolve: of the fastest mode, or of braking."""
-    gravity = chain.gravity or STANDARD_GRAVITY
-    swinging = chain if chain.gravity else Chain.from_dict(chain.as_dict() | {"gravity": gravity})
-    rubbing = _FRICTION * (chain.friction / chain.friction_speed)
+    swinging = chain
+    if not chain.gravity:
+        swinging = Chain.from_dict(chain.as_dict() | {"gravity": STANDARD_GRAVITY})
+    damping, drag = _resistance(chain)
+    if not chain.has_bobs:
+        return max(fastest_frequency(swinging), decay_rate(chain, damping, drag))
+    return max(fastest_frequency(swinging), float(_braking(chain, damping, drag)))
+
+
+def _gravity(chains: Chain | ChainParameters) -> FloatArray:
+    """Return gravity, that on Earth where there is none, shape () or (B,)."""
+    gravity = np.asarray(chains.gravity)
+    return np.where(gravity > 0.0, gravity, STANDARD_GRAVITY)
+
+
+def _resistance(chains: Chain | ChainParameters) -> tuple[FloatArray, FloatArray]:
+    """Return dampers and drag that brake as fast as all that resists, shape (..., n) each."""
+    rubbing = _FRICTION * (chains.friction / chains.friction_speed)
+    straight = np.logical_or(chains.has_bobs, chains.masses.shape[-1] <= 2)
+    folded = np.where(straight, 1.0, _FOLDED)[..., None]
     # drag slows no motion faster than the most slowed bob would be alone; that of the square at the
     # speed of a pendulum as long as the chain that has fallen from upright, its slope 2 |v|
-    fallen = 2.0 * math.sqrt(gravity * chain.total_length)
-    drag = chain.drag + 2.0 * fallen * chain.quadratic_drag
-    if not chain.has_bobs:
-        damping = chain.damping + (_FOLDED if chain.n > 2 else 1.0) * rubbing
-        return max(fastest_frequency(swinging), decay_rate(chain, damping, drag))
-    v = np.concatenate([[0.0], 1.0 / chain.masses])
-    at_joint = np.append(chain.damping + rubbing, 0.0)
+    fallen = 2.0 * np.sqrt(_gravity(chains) * chains.lengths.sum(axis=-1))[..., None]
+    return chains.damping + folded * rubbing, chains.drag + 2.0 * fallen * chains.quadratic_drag
+
+
+def _braking(chains: Chain | ChainParameters, damping: FloatArray, drag: FloatArray) -> FloatArray:
+    """Return a bound on the rate [1/s] at which point masses are braked, shape () or (B,)."""
+    none = np.zeros_like(chains.masses[..., :1])
+    v = np.concatenate([none, 1.0 / chains.masses], axis=-1)
+    at_joint = np.concatenate([damping, none], axis=-1)
     # a bound by Gershgorin's circles on the inverse mass matrix times the damping matrix
-    braking = 4.0 * (v[:-1] + v[1:]) * (at_joint[:-1] + at_joint[1:]) / chain.lengths**2
-    slowing = drag / chain.masses
-    return max(fastest_frequency(swinging), float(braking.max()) + float(slowing.max()))
+    joints = at_joint[..., :-1] + at_joint[..., 1:]
+    braking = 4.0 * (v[..., :-1] + v[..., 1:]) * joints / chains.lengths**2
+    return braking.max(axis=-1) + (drag / chains.masses).max(axis=-1)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.linalg import eigh, eigh_tridiagonal
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, Chain
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import MAX_DENSE, Chain, ChainParameters
 from npend_gym.chain.inertia import link_inertia, rotor_inertia
 
 
@@ -95,6 +95,38 @@ def decay_rate(chain: Chain, damping: FloatArray, drag: FloatArray) -> float:
     return _eigenvalue(chain, none, damping, drag, chain.n - 1)
 
 
+def any_faster(
+    chains: ChainParameters, rate: float, damping: FloatArray, drag: FloatArray
+) -> BoolArray:
+    """Return which of many chains have a `fastest_frequency` or a `decay_rate` above `rate`.
+
+    Parameters
+    ----------
+    chains : ChainParameters
+    rate : float
+        [1/s]
+    damping, drag : ndarray, shape (B, n)
+        As for `decay_rate`.
+
+    Returns
+    -------
+    ndarray of bool, shape (B,)
+        To rounding: a chain that is faster by less than 1e-12 of the rate may be missed.
+    """
+    stiffness, none = chains.gravity[:, None] * np.abs(chains.lift), np.zeros_like(chains.masses)
+    swings = _any_above(chains, rate * rate, stiffness, none, none)
+    return swings | _any_above(chains, rate, none, damping, drag)
+
+
+def _any_above(chains: ChainParameters, mu: float, *forces: FloatArray) -> BoolArray:
+    """Return which chains have an eigenvalue of M^(-1) B above `mu`, B being as in `pivots`."""
+    from npend_gym.theory.pivots import any_above
+
+    found = np.zeros(len(chains.masses), np.bool_)
+    any_above(np.full(found.size, mu), _bodies(chains), np.stack(forces, axis=1), found)
+    return found
+
+
 def _frequency(chain: Chain, k: int) -> float:
     if not chain.has_bobs:
         none, stiffness = np.zeros(chain.n), chain.gravity * np.abs(chain.lift)
@@ -115,9 +147,17 @@ def _stiffness(chain: Chain) -> tuple[FloatArray, FloatArray]:
     return (at_joint[:-1] + v) * scale**2, -v[:-1] * scale[:-1] * scale[1:]
 
 
-def _resting(chain: Chain) -> FloatArray:
-    """Return 1 for links that hang at rest, -1 for those that rest upright, shape (n,)."""
+def _resting(chain: Chain | ChainParameters) -> FloatArray:
+    """Return 1 for links that hang at rest, -1 for those that rest upright, shape (..., n)."""
     return np.where(chain.lift < 0.0, -1.0, 1.0)
+
+
+def _bodies(chain: Chain | ChainParameters) -> FloatArray:
+    """Return the links of a chain, or of many, as in `pivots`, shape (..., 6, n)."""
+    direction = _resting(chain)
+    at_rest = direction * chain.lengths, direction * chain.centres
+    motors = chain.armature, 1.0 / chain.gear - 1.0
+    return np.stack([*at_rest, chain.masses, chain.inertias, *motors], axis=-2)
 
 
 def _eigenvalue(
@@ -126,8 +166,4 @@ def _eigenvalue(
     """Return eigenvalue k, in increasing order, of M^(-1) B, B being as in `pivots`."""
     from npend_gym.theory.pivots import eigenvalue
 
-    direction = _resting(chain)
-    at_rest = direction * chain.lengths, direction * chain.centres
-    motors = chain.armature, 1.0 / chain.gear - 1.0
-    bodies = np.array([*at_rest, chain.masses, chain.inertias, *motors])
-    return eigenvalue(bodies, np.array([stiffness, damping, drag]), k)
+    return eigenvalue(_bodies(chain), np.array([stiffness, damping, drag]), k)

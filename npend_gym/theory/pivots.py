@@ -10,7 +10,7 @@ and the angular velocity of the link above, which rotors and dampers see.
 
 from __future__ import annotations
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.jit import inner_kernel, kernel
 
 
@@ -77,3 +77,18 @@ def eigenvalue(bodies: FloatArray, forces: FloatArray, k: int) -> float:
             high = middle
         middle = 0.5 * (low + high)
     return middle
+
+
+@kernel
+def any_above(mu: FloatArray, bodies: FloatArray, forces: FloatArray, found: BoolArray) -> None:
+    """Write whether M^(-1) B has an eigenvalue above `mu`, for each of many chains.
+
+    Parameters
+    ----------
+    mu : ndarray, shape (B,)
+    bodies, forces : ndarray, shapes (B, 6, n) and (B, 3, n)
+        As for `eigenvalue`.
+    found : ndarray of bool, shape (B,)
+    """
+    for j in range(mu.size):
+        found[j] = _count_above(mu[j], bodies[j], forces[j]) > 0

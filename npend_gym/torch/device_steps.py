@@ -18,6 +18,7 @@ from npend_gym.physics import DifferentiableDeviceChains
 from npend_gym.physics.directions import KINDS, check_names
 from npend_gym.physics.kernels import threads
 from npend_gym.physics.kernels.link_terms import Parameter, count_terms
+from npend_gym.physics.substeps import MAX_ROTATION, substeps_of
 from npend_gym.torch.compiled_steps import DivergedError, check_bars
 
 _MAX_KEPT = 16  # sizes of batches for which what a GPU needs is kept
@@ -38,6 +39,7 @@ class DeviceSteps:
         self.chain, self.joints, self.timing = chain, list(joints), timing
         self._kept: dict[Any, DifferentiableDeviceChains] = {}
         self._rows: tuple[ChainParameters, Tensor] | None = None  # those of the last call
+        self._needed: tuple[ChainParameters, float, int] | None = None  # with dt and substeps
 
     def forward(
         self, rows: ChainParameters, state: Sequence[Tensor], dt: float, substeps: int | None
@@ -47,7 +49,7 @@ class DeviceSteps:
         flags = torch.zeros_like(theta[:, 0])
         with _current(theta):
             q, u, tau, lost = (_shared(x) for x in (theta, omega, torque, flags))
-            chains, options = self._chains(rows, theta), self._options(rows, theta, substeps)
+            chains, options = self._chains(rows, theta), self._options(rows, theta, dt, substeps)
             chains.advance(q, u, tau, lost, dt, **options)
         _check_lost(flags)
         return theta, omega
@@ -74,7 +76,7 @@ class DeviceSteps:
         with _current(theta):
             q, u, tau, lost = (_shared(x) for x in (theta, omega, torque, flags))
             by_q, by_u, by_tau = (_shared(x) for x in back)
-            chains, options = self._chains(rows, theta), self._options(rows, theta, substeps)
+            chains, options = self._chains(rows, theta), self._options(rows, theta, dt, substeps)
             wanted = None if of_chains is None else _shared(of_chains)
             chains.step_vjp(
                 q, u, tau, by_q, by_u, by_tau, lost, dt, parameters_bar=wanted, **options
@@ -98,13 +100,24 @@ class DeviceSteps:
         torque[:, self.joints] = state[2]
         return torque
 
-    def _options(self, rows: ChainParameters, like: Tensor, substeps: int | None) -> dict[str, Any]:
+    def _options(
+        self, rows: ChainParameters, like: Tensor, dt: float, substeps: int | None
+    ) -> dict[str, Any]:
         given = (substeps, None) if self.timing is None else self.timing
+        if given[0] is None:
+            given = self._default_substeps(rows, dt), MAX_ROTATION
         rotation = given[1] if given[1] is None or np.isfinite(given[1]) else None
         stream = 0 if simulated() else torch.cuda.current_stream(like.device).cuda_stream
         parameters = _shared(self._stacked(rows, like))
         named = {"substeps": given[0], "max_rotation": rotation, "parameters": parameters}
         return named | {"stream": stream}
+
+    def _default_substeps(self, rows: ChainParameters, dt: float) -> int:
+        """Return the substeps that the fastest chain needs, computed once for the last rows."""
+        if self._needed is None or self._needed[0] is not rows or self._needed[1] != dt:
+            step = _checks.positive_number("dt", dt)
+            self._needed = rows, step, substeps_of(rows, step)
+        return self._needed[2]
 
     def _stacked(self, rows: ChainParameters, like: Tensor) -> Tensor:
         """Return the parameters of the chains on the GPU, (B or 1, 12, n)."""
@@ -127,7 +140,7 @@ class DeviceSteps:
         return self._kept[key]
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_kept": {}, "_rows": None}
+        return self.__dict__ | {"_kept": {}, "_rows": None, "_needed": None}
 
 
 def on_gpu(tensor: Tensor) -> bool:
