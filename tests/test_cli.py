@@ -124,13 +124,30 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("campaign --out a --trails 3", "did you mean --trials?"),
         (f"release --chain {'x' * 300}", "xxx cannot be read: File name too long"),
         (f"evaluate --env x={'[' * 50_000}", "x has too many lists inside each other"),
+        ("chaos map --masses 1,2,3", "masses must be one number or an array of shape (2,), got"),
+        ("chaos map --lengths 1,2,3", "lengths must be one number or an array of shape (2,), got"),
+        ("chaos map --masses 1,-2", "masses must be greater than zero"),
+        ("chaos map --centre 1,2,3", "centre must be one number or an array of shape (2,), got"),
+        ("chaos map --gravity -1", "gravity must be zero or more"),
+        ("chaos map --rtol 0", "rtol must be at least"),
+        ("animate --n 2 --masses 1,2,3 --out {new}/a.gif", "masses must be one number or 2"),
+        ("page --n 2 --masses 1,2,3 --out {new}/a.html", "masses must be one number or 2"),
+        ("release --n 2 --lengths 1,2,3 --out {new}", "lengths must be one number or 2"),
+        ("campaign --n 2 --masses 1:2:3 --out {new}", "masses must"),
+        ("law --n 0 --out {new}", "n must be between 1 and"),
+        ("law --n 1 --threads 0 --out {new}", "threads must be between 1 and"),
+        ("page --from {new}/none --out {new}/a.html", "none"),
+        ("chaos map --size 10 --threads 0 --out {new}", "threads must be between 1 and"),
         ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
         ("release --n 1 --out /dev/null/x", "out must be a folder"),
         ("release --n 1 --out /dev/null", "out must be a folder"),
     ],
 )
-def test_bad_arguments_exit_with_2_and_one_line_that_names_them(arguments, message, refusal):
-    assert message in refusal(*arguments.split())
+def test_bad_arguments_exit_with_2_and_one_line_that_names_them(
+    arguments, message, refusal, tmp_path
+):
+    assert message in refusal(*arguments.format(new=tmp_path / "new").split())
+    assert not list(tmp_path.iterdir())  # no folder is made for a command that is refused
 
 
 @pytest.mark.parametrize(

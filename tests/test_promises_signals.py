@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -14,8 +15,9 @@ import pytest
 from interrupt import PATIENCE, Interrupt
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.cli import main
+from npend_gym.cli import COMMANDS, main
 
+ROOT = Path(__file__).parent.parent
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
@@ -110,3 +112,91 @@ def test_a_closed_pipe_is_a_failure_without_a_traceback():
     _, error = process.communicate(timeout=120)
     assert process.returncode == 1
     assert error == "npend paper: the output was closed before its end\n"
+
+
+def npend(line, *, closed="", **options):
+    """Run a command line, with streams that the shell has closed."""
+    program = [sys.executable, "-m", "npend_gym", *line.split()]
+    return subprocess.run(
+        ["sh", "-c", f'exec "$@" {closed}', "sh", *program],
+        capture_output=True, text=True, check=False, timeout=300, **options,
+    )  # fmt: skip
+
+
+LINES = [
+    "--help", "--version", "paper --list", "examples", "release --n 1 --trials 1 --out results",
+    "law --n 1 --amplitudes 10deg --json", "page --n 1 --trials 1 --out a.html",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "line",
+    [*LINES[:3], *(pytest.param(line, marks=pytest.mark.long) for line in LINES[3:])]
+    + [pytest.param(f"{name} --help", marks=pytest.mark.long) for name in COMMANDS],
+)
+def test_closed_streams_lose_what_is_printed_and_nothing_else(line, tmp_path):
+    def in_folder(name, closed):
+        (tmp_path / name).mkdir()
+        done = npend(line, closed=closed, cwd=tmp_path / name)
+        files = sorted(path for path in (tmp_path / name).rglob("*") if path.is_file())
+        return done, [path.relative_to(tmp_path / name) for path in files]
+
+    usual, files = in_folder("usual", "")
+    assert usual.returncode == 0
+    done, written = in_folder("stdout", ">&-")
+    command = "" if line.startswith("-") or "--help" in line else f" {line.split()[0]}"
+    assert done.stderr.endswith(f"npend{command}: the output was closed before its end\n")
+    assert "Traceback" not in done.stderr
+    assert (done.returncode, done.stdout, written) == (1, "", files)
+    done, written = in_folder("stderr", "2>&-")
+    assert (done.returncode, done.stdout, written) == (0, usual.stdout, files)
+    done, written = in_folder("both", ">&- 2>&- <&-")
+    assert (done.returncode, done.stdout + done.stderr, written) == (1, "", files)
+
+
+@pytest.mark.parametrize("line", ["release --n 0", "fly", "release --colour red"])
+def test_bad_arguments_are_refused_with_closed_streams_too(line):
+    usual = npend(line)
+    assert usual.returncode == 2
+    assert npend(line, closed=">&-").stderr == usual.stderr
+    done = npend(line, closed="2>&-")
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
+
+
+STARTS = {
+    # what pip writes as `npend`, and what `python -m` does: it imports the package first
+    "script": "from npend_gym.cli import main; sys.exit(main())",
+    "module": "import runpy; runpy.run_module('npend_gym', alter_sys=True)",
+}
+# Prints a line when the imports that take long begin: what is before takes a millisecond or two
+TELLING = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+class Telling:
+    def find_spec(self, name, *_):
+        if name == "npend_gym._faces":
+            print(flush=True)
+sys.meta_path.insert(0, Telling())
+"""
+MOMENTS = [0.1, *(pytest.param(0.004 * 1.7**k, marks=pytest.mark.long) for k in range(12))]
+
+
+@pytest.mark.parametrize("seconds", MOMENTS)
+@pytest.mark.parametrize("start", STARTS)
+def test_ctrl_c_while_a_command_starts_is_one_line_and_exit_code_130(start, seconds, tmp_path):
+    code = TELLING + STARTS[start]
+    program = [sys.executable, "-c", code, "-m", "npend_gym"]
+    if start == "script":
+        (tmp_path / "npend").write_text(code)
+        program = [sys.executable, str(tmp_path / "npend")]
+    process = subprocess.Popen(
+        [*program, "law", "--full"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    process.stdout.readline()
+    time.sleep(seconds)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert len(error.splitlines()) == 1
+    assert "interrupted" in error
+    assert process.returncode == 130

@@ -10,14 +10,17 @@ Exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted (what wa
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
+from npend_gym import _interrupts
 from npend_gym._version import __version__
 from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, warn
+from npend_gym.cli.streams import open_closed_streams
 
 COMMANDS = {
     "release": "release chains from rest and measure the pseudo-period of every bob",
@@ -76,6 +79,19 @@ class _Command(Parser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    try:
+        _interrupts.raise_at_interrupts()
+        open_closed_streams()
+        return _run(argv)
+    except KeyboardInterrupt:
+        warn("npend: interrupted")
+        return INTERRUPTED
+    finally:
+        _interrupts.leave_at_interrupts()
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    """Parse the arguments, and run the command that they name."""
     parser, commands = parsers()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how the line may go on
         from argcomplete import autocomplete
@@ -83,8 +99,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         for command in commands.values():
             command.load()
         autocomplete(parser)
-    options = vars(parser.parse_args(argv))
-    return _dispatch(commands[options.pop("command")], options)
+    try:
+        options = vars(parser.parse_args(argv))
+    except SystemExit as left:  # of argparse, which ignores that its output cannot be printed
+        raise SystemExit(left.code or _dispatch(parser, lambda _: 0, {})) from None
+    command = commands[options.pop("command")]
+    return _dispatch(command, command.run, options)
 
 
 def parsers() -> tuple[Parser, dict[str, _Command]]:
@@ -103,17 +123,20 @@ def parsers() -> tuple[Parser, dict[str, _Command]]:
     return parser, commands.choices
 
 
-def _dispatch(command: _Command, options: dict[str, Any]) -> int:
+def _dispatch(
+    command: Parser, run: Callable[[dict[str, Any]], int], options: dict[str, Any]
+) -> int:
     """Run a command and return its exit code; an expected failure is reported in one line."""
     try:
-        code = command.run(options)
+        code = run(options)
         sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
     except (ValueError, TypeError) as error:
         command.error(str(error))
-    except BrokenPipeError:
-        return _failed(f"{command.prog}: the output was closed before its end")
     except (ImportError, OSError, RuntimeError) as error:
-        return _failed(f"{command.prog}: {error}")
+        is_closed = isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.EBADF)
+        is_closed |= isinstance(error, BrokenPipeError)
+        reason = "the output was closed before its end" if is_closed else error
+        return _failed(f"{command.prog}: {reason}")
     except KeyboardInterrupt:
         warn(f"{command.prog}: interrupted")
         return INTERRUPTED

@@ -64,15 +64,14 @@ def run(options: dict[str, Any]) -> int:
     size, speed = options.pop("size", 480), options.pop("speed", 1.0)
     fps: float | None = options.pop("fps", None)
     diagrams = not options.pop("plain", False)
-    prepare_file(out, animation.SUFFIXES)
     speed = _checks.positive_number("speed", speed)
     fps = None if fps is None else _checks.positive_number("fps", fps)
     if "policy" in options:
-        recording = _episode(**options)
+        recording = _episode(out, **options)
         fps = fps or min(_FPS, speed / float(recording.motion.times[1]))
     else:
         fps = fps or _FPS
-        recording = _release(speed / fps, **options)
+        recording = _release(out, speed / fps, **options)
     film = animation.Film(recording, fps=fps, speed=speed, size=size, diagrams=diagrams)
     animation.write(film, out, progress("picture"))
     seconds, size = len(film) / film.fps, out.stat().st_size
@@ -80,10 +79,11 @@ def run(options: dict[str, Any]) -> int:
     return OK
 
 
-def _release(interval: float, *, trust: bool = False, **options: Any) -> Recording:
-    """Measure one release and record it every `interval` [s]."""
+def _release(out: Path, interval: float, *, trust: bool = False, **options: Any) -> Recording:
+    """Measure one release for the film `out`, and record it every `interval` [s]."""
     from npend_gym.experiments import ReleaseExperiment, measure
     from npend_gym.recording import record_release
+    from npend_gym.report.animation import SUFFIXES
 
     if trust:
         raise ValueError("--trust is for files of policies: give --policy with it")
@@ -91,19 +91,22 @@ def _release(interval: float, *, trust: bool = False, **options: Any) -> Recordi
     if "n" in options or "chain" not in options:
         options["n_values"] = [options.pop("n", 5)]
     experiment = ReleaseExperiment(trials=1, **options)
+    prepare_file(out, SUFFIXES)
     return record_release(experiment, measure(experiment, *experiment.runs()[0]), interval)
 
 
 def _episode(
+    out: Path,
     policy: str,
     seed: int = 0,
     duration: float | None = None,
     trust: bool = False,
     **inapplicable: Any,
 ) -> Recording:
-    """Record an episode that a policy controls, given by its name or its file."""
+    """Record an episode for the film `out`, of a policy given by its name or its file."""
     from npend_gym import _checks
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
+    from npend_gym.report.animation import SUFFIXES
     from npend_gym.rl.policies.policy import find_policy
 
     if inapplicable:
@@ -114,6 +117,7 @@ def _episode(
     seconds = DEFAULT_SECONDS if duration is None else duration
     _checks.positive_number("duration", seconds)
     loaded = find_policy(policy, trust=trust)
+    prepare_file(out, SUFFIXES)
     return record_episode(
         loaded,
         loaded.env,

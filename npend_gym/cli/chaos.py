@@ -14,6 +14,7 @@ from npend_gym.cli.common import (
     numbers,
     progress,
     show_written,
+    thread_count,
     warn,
 )
 
@@ -57,7 +58,7 @@ def run(options: dict[str, Any]) -> int:
     from npend_gym.report import outputs
 
     options.pop("what")
-    out, threads = options.pop("out", Path("chaos")), options.pop("threads", 1)
+    out, threads = options.pop("out", Path("chaos")), thread_count(options)
     if out.suffix in (".png", ".npz"):
         raise ValueError(f"out must be a folder, in which map.png and map.npz appear, got {out}")
     plan = FlipMap(**options)

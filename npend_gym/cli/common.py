@@ -13,11 +13,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from npend_gym import _files
+from npend_gym import _checks, _files, _interrupts
 
 _T = TypeVar("_T")
 
-OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, 130
+OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, _interrupts.INTERRUPTED
 _ALIASES = {"angle": "amplitude", "theta": "amplitude", "friction": "damping"}  # of options
 _NUMBER = r"\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+"
 _DEGREES = re.compile(rf"([+-]?(?:{_NUMBER})) ?(?:deg|degrees)")
@@ -178,6 +178,13 @@ def add_release_options(parser: argparse.ArgumentParser, *, leave_out: Sequence[
     for option, field, kind, placeholder, text in _RELEASE_OPTIONS:
         if field not in leave_out:
             parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
+
+
+def thread_count(options: dict[str, Any]) -> int:
+    """Take the number of threads out of the options: 1 if there is none; refused if it is bad."""
+    from npend_gym._threads import MAX_THREADS
+
+    return _checks.count("threads", options.pop("threads", 1), high=MAX_THREADS)
 
 
 def prepare_results(out: Path, command: str) -> None:

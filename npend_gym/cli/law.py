@@ -14,6 +14,7 @@ from npend_gym.cli.common import (
     prepare_results,
     progress,
     show_written,
+    thread_count,
     warn,
 )
 
@@ -58,6 +59,7 @@ def run(options: dict[str, Any]) -> int:
     grid = LawGrid(
         options.get("n", grid.n_values), np.ravel(options.get("amplitudes", grid.amplitudes))
     )
+    threads = thread_count(options)
     out: Path | None = options.get("out")
     if out is not None:
         prepare_results(out, "npend law")
@@ -65,7 +67,7 @@ def run(options: dict[str, Any]) -> int:
     code = OK
     try:
         for n in progress("chain")(grid.n_values):
-            cells += grid.measure(n, options.get("threads", 1))
+            cells += grid.measure(n, threads)
     except KeyboardInterrupt:
         code = INTERRUPTED
     if cells:

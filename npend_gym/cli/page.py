@@ -25,6 +25,7 @@ examples:
   npend page --live --out live.html        to play with: N from 1 to 100, bobs that can be pulled
   npend page --from results --out release.html     what `npend release --out results` measured
 """
+_SUFFIXES = (".html",)
 _LIVE_POLICIES = 2, 3, 4  # rods that are swung up
 
 
@@ -35,14 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="folder", type=Path, metavar="FOLDER", help=text)
     text = "a page on which the chain moves live, in place of a recorded release"
     parser.add_argument("--live", action="store_true", help=text)
-    text = "file to write, .html"
+    text = "file to write, .html; folders that are missing are made"
     parser.add_argument("--out", type=Path, metavar="FILE", required=True, help=text)
 
 
 def run(options: dict[str, Any]) -> int:
     """Measure or read, and write the page; return the exit code."""
     out: Path = options.pop("out")
-    prepare_file(out, (".html",))
     if options.pop("live", False):
         _write_live(out, **options)
     else:
@@ -55,7 +55,7 @@ def _write_release(out: Path, options: dict[str, Any]) -> None:
     from npend_gym.recording import record_first_trials
     from npend_gym.report import release_page
 
-    experiment, runs = _measured(options)
+    experiment, runs = _measured(out, options)
     recordings = record_first_trials(experiment, runs, progress("recording"))
     release_page.write(experiment, runs, recordings, out)
 
@@ -72,6 +72,7 @@ def _write_live(out: Path, amplitude: float | None = None, **inapplicable: Any) 
             f"--{next(iter(inapplicable))} must be left out with --live: the page has sliders for "
             "the chain, and its bobs are measured as they move"
         )
+    prepare_file(out, _SUFFIXES)
     angle = ReleaseExperiment().amplitude if amplitude is None else amplitude
     policies = [Policy.pretrained(f"swingup-{n}") for n in _LIVE_POLICIES]
     config = EnvConfig(**policies[0].env)
@@ -83,15 +84,19 @@ def _write_live(out: Path, amplitude: float | None = None, **inapplicable: Any) 
     live_page.write(engine, networks, angle, out)
 
 
-def _measured(options: dict[str, Any]) -> tuple[ReleaseExperiment, list[Run]]:
+def _measured(out: Path, options: dict[str, Any]) -> tuple[ReleaseExperiment, list[Run]]:
+    """Return results that `out` is to show, measured or read; it is made ready as options are."""
     from npend_gym.experiments import ReleaseExperiment, run_release
     from npend_gym.report import release_tables as report
 
     if "folder" not in options:
         experiment = ReleaseExperiment(**options)
+        prepare_file(out, _SUFFIXES)
         return experiment, run_release(experiment, progress("release"))
     folder = options.pop("folder")
     if options:
         name = "n" if "n_values" in options else next(iter(options))
         raise ValueError(f"--{name} must be left out with --from: the results have their own")
-    return report.read(folder)
+    read = report.read(folder)
+    prepare_file(out, _SUFFIXES)
+    return read
