@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=int, metavar="PIXELS", help=text)
     text = "the chain alone, without the diagrams: square pictures"
     parser.add_argument("--plain", action="store_true", help=text)
-    text = "file to write, .gif or .mp4"
+    text = "file to write, .gif or .mp4; folders that are missing are made"
     parser.add_argument("--out", type=Path, metavar="FILE", required=True, help=text)
 
 
