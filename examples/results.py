@@ -24,6 +24,7 @@ import numpy as np
 from npend_gym.report import write_csv
 from npend_gym.rl import (
     PRETRAINED,
+    VALIDATION,
     Controller,
     Policy,
     bootstrap_interval,
@@ -46,7 +47,6 @@ LABELS = {
     "plan": "plan, then LQR", "MPC": "MPC",
 }  # fmt: skip
 REFERENCES = tuple(LABELS.values())
-CHOICE = 900_000  # first seed of the episodes that choose what is published, and judge nothing
 TABLE = re.compile(r"\| task \| controllers.*?\n\n", re.DOTALL)
 
 
@@ -267,8 +267,8 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
 
 
 def score(policy: Policy, task: str) -> tuple[float, float]:
-    """Return success and return of a policy in episodes that judge nothing."""
-    evaluation = evaluate(policy, env_of_task(task), episodes=400, seed=CHOICE)
+    """Return success and return of a policy in validation episodes."""
+    evaluation = evaluate(policy, env_of_task(task), episodes=400, seed=VALIDATION)
     return evaluation.success_rate, float(evaluation.returns.mean())
 
 

@@ -23,7 +23,7 @@ import torch
 
 import npend_gym
 from npend_gym.report import write_csv
-from npend_gym.rl import evaluate
+from npend_gym.rl import episode_seeds, evaluate
 
 ENV_ID, KEYWORDS = "npend/SwingUp-v1", {"n": 1}
 STEPS = {"PPO": 300_000, "SAC": 20_000}
@@ -33,7 +33,8 @@ EPISODE = 200  # steps in training; evaluation has the environment's own 1000
 def trained(algorithm: str, steps: int, seed: int) -> dict[str, Any]:
     """Train with the defaults, evaluate in held-out episodes and return what to keep."""
     env = gym.make(ENV_ID, max_episode_steps=EPISODE, **KEYWORDS)
-    model = getattr(stable_baselines3, algorithm)("MlpPolicy", env, seed=seed, device="cpu")
+    first = episode_seeds("training", 1, run=seed).start
+    model = getattr(stable_baselines3, algorithm)("MlpPolicy", env, seed=first, device="cpu")
     start_time = time.process_time()
     model.learn(steps)
     seconds = round(time.process_time() - start_time, 1)

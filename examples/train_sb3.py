@@ -29,11 +29,10 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 import npend_gym
-from npend_gym.rl import SB3VecEnv, evaluate
+from npend_gym.rl import VALIDATION, SB3VecEnv, episode_seeds, evaluate
 from npend_gym.rl.training.tasks import evaluation_env
 
 CONFIGS = Path(__file__).parent / "configs"
-CHOICE = 900_000  # first seed of the episodes that choose the best weights, and judge nothing
 
 
 def algorithm(name: str) -> type[BaseAlgorithm]:
@@ -65,7 +64,8 @@ def make_model(config: dict[str, Any], seed: int, log: str | None = None) -> Bas
         more = normalize if isinstance(normalize, dict) else {}
         venv = VecNormalize(venv, gamma=settings.get("gamma", 0.99), **more)
     model_class = algorithm(config["algo"])
-    return model_class(env=venv, seed=seed, tensorboard_log=log, device="cpu", **settings)
+    first = episode_seeds("training", num_envs, run=seed, spacing=num_envs).start
+    return model_class(env=venv, seed=first, tensorboard_log=log, device="cpu", **settings)
 
 
 def state_of(model: BaseAlgorithm) -> dict[str, Any]:
@@ -126,7 +126,7 @@ class Checkpoints(BaseCallback):
 
     def save(self) -> None:
         """Evaluate the model and write its weights."""
-        score = score_of(self.model, self.config, episodes=50, seed=CHOICE)
+        score = score_of(self.model, self.config, episodes=50, seed=VALIDATION)
         for name in ("success", "return", "motor_work"):
             self.logger.record(f"evaluation/{name}", score[name])
         torch.save(state_of(self.model), self.folder / "last.pth")

@@ -30,7 +30,7 @@ from torchrl.objectives.value import GAE
 from tqdm import tqdm
 
 from npend_gym.report import write_csv
-from npend_gym.rl import Policy
+from npend_gym.rl import Policy, episode_seeds
 from npend_gym.rl.training.ppo import Settings, settings_of
 from npend_gym.rl.training.tasks import Curve, network, policy_of
 
@@ -41,7 +41,8 @@ def make_env(settings: Settings) -> TransformedEnv:
         "npend_gym:NPendulum-v0", settings.num_envs, autoreset_mode="DISABLED", **settings.env
     )
     env = GymWrapper(envs, device="cpu")
-    env.set_seed(1000 * settings.seed)  # evaluation takes seeds from 10^6 on
+    seeds = episode_seeds("training", settings.num_envs, run=settings.seed, spacing=1000)
+    env.set_seed(seeds.start)
     return TransformedEnv(
         env,
         Compose(

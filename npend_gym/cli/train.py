@@ -21,9 +21,9 @@ from npend_gym.cli.common import (
 ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation")
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
-100 held-out episodes, and writes OUT/TASK.npz and its learning curve TASK.csv. One seed gives the
-same policy again (by shac, to rounding). Now and then it writes OUT/TASK.checkpoint, from which
---resume goes on, to the same policy. Needs the extra "rl".
+100 held-out episodes, and writes OUT/TASK.npz and its learning curve TASK.csv. On one
+machine a seed gives the same policy again, with any number of threads. Now and then it writes
+OUT/TASK.checkpoint, from which --resume goes on, to the same policy. Needs the extra "rl".
 """
 EXAMPLES = """\
 examples:
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("task", metavar="TASK", help=text)
     text = f"one of {', '.join(ALGORITHMS)} (default: the one that has settings for the task)"
     parser.add_argument("--algorithm", metavar="NAME", help=text)
-    parser.add_argument("--seed", type=int, help="(default 0)")
+    parser.add_argument("--seed", type=int, help="from 0 to 2^31 - 1 (default 0)")
     add_env_option(parser)
     text = "a setting of the algorithm, such as total_timesteps=300000; may be repeated"
     parser.add_argument("--set", dest="changes", type=setting, action="append",

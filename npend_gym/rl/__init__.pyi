@@ -8,7 +8,6 @@ from npend_gym.rl.controllers.regulators import lqr as lqr
 from npend_gym.rl.controllers.regulators import modal_damping as modal_damping
 from npend_gym.rl.controllers.transitions import PlannedTransitions as PlannedTransitions
 from npend_gym.rl.controllers.transitions import planned_transitions as planned_transitions
-from npend_gym.rl.evaluation.episodes import HELD_OUT as HELD_OUT
 from npend_gym.rl.evaluation.episodes import Evaluation as Evaluation
 from npend_gym.rl.evaluation.episodes import evaluate as evaluate
 from npend_gym.rl.evaluation.performance import Performance as Performance
@@ -19,6 +18,9 @@ from npend_gym.rl.evaluation.protocol import robustness as robustness
 from npend_gym.rl.evaluation.recovery import Recovery as Recovery
 from npend_gym.rl.evaluation.recovery import recovery as recovery
 from npend_gym.rl.evaluation.rollouts import Controller as Controller
+from npend_gym.rl.evaluation.seeds import HELD_OUT as HELD_OUT
+from npend_gym.rl.evaluation.seeds import VALIDATION as VALIDATION
+from npend_gym.rl.evaluation.seeds import episode_seeds as episode_seeds
 from npend_gym.rl.evaluation.statistics import bootstrap_interval as bootstrap_interval
 from npend_gym.rl.evaluation.statistics import interquartile_mean as interquartile_mean
 from npend_gym.rl.evaluation.statistics import performance_profile as performance_profile

@@ -16,8 +16,7 @@ from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, make_envs, rollout
-
-HELD_OUT = 1_000_000  # the first seed of evaluations; training takes seeds below
+from npend_gym.rl.evaluation.seeds import HELD_OUT
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from npend_gym.chain import Chain
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.evaluation.episodes import HELD_OUT
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, make_envs, nominal_env, rollout
+from npend_gym.rl.evaluation.seeds import HELD_OUT
 
 UP = 0.9  # of the chain's length: the tip above it is up
 _SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged

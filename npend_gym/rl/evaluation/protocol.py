@@ -25,7 +25,6 @@ from npend_gym.rl.evaluation.criteria import (
     pushes,
 )
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
-from npend_gym.rl.evaluation.episodes import HELD_OUT
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import (
     Controller,
@@ -35,6 +34,7 @@ from npend_gym.rl.evaluation.rollouts import (
     nominal_env,
     rollout,
 )
+from npend_gym.rl.evaluation.seeds import HELD_OUT
 
 
 class Outcome(NamedTuple):

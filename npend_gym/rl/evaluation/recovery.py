@@ -16,10 +16,10 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs
-from npend_gym.rl.evaluation.episodes import HELD_OUT
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
 from npend_gym.rl.evaluation.rollouts import Controller, nominal_env, rollout
+from npend_gym.rl.evaluation.seeds import HELD_OUT
 
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit, 6 N m
 

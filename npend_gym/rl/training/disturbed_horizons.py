@@ -174,7 +174,7 @@ class DisturbedCollector:
             action = actor(task.frames(observations, actions)).tanh()
             torques = self.disturbances(exploration)
             torques[:, :1] += limit * action.double().numpy()
-            step = self.lanes.step_jacobian(torques, self.config.dt)
+            step = self.lanes.step_jacobian(torques, self.config.dt, self.config.substeps)
             self.lanes.set_state(slice(None), step.theta, step.omega)
             state = torch.from_numpy(np.hstack([step.theta, step.omega])).float()
             states, actions = [*states, state], [*actions, action]

@@ -36,8 +36,10 @@ class DisturbedTask(Task):
 
     def __init__(self, config: EnvConfig, settings: Any) -> None:
         super().__init__(config, settings.gamma, settings.obs_scale)
-        if config.joints.size != 1 or not self.bobs or config.has_cart:
-            raise ValueError("the chain must be point masses on massless rods, with one motor")
+        if config.joints.tolist() != [0] or not self.bobs or config.has_cart:
+            raise ValueError(
+                "the chain must be point masses on massless rods, with one motor at the base"
+            )
         random = config.randomization
         self.columns = {name: _columns(random.names, name) for name in (*OF_CHAIN, *OF_LANE)}
         known = sum(len(places) for places in self.columns.values())

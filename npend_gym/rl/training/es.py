@@ -12,25 +12,32 @@ weights of the cosines stay zero: that is a third fewer to find, and no torque r
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs import EnvConfig
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
-from npend_gym.rl.training.tasks import Curve, env_of_task, evaluation_env, made_by
+from npend_gym.rl.training.keywords import OF_ENV, used_config
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    evaluation_env,
+    made_by,
+)
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(TrainingSettings):
     """The settings of a training run; its result depends on nothing else."""
 
-    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of gym.make_vec
-    seed: int = 0
     updates: int = 60
     pairs: int = 32  # of candidates in an update, with opposite noise
     num_steps: int = 1000  # of an episode
@@ -55,20 +62,22 @@ class Search:
 
     changes = ("rng", "weights", "moments")
 
-    def __init__(self, settings: Settings, inputs: int) -> None:
+    def __init__(self, settings: Settings, config: EnvConfig) -> None:
         self.settings, self.rng = settings, np.random.default_rng(settings.seed)
+        count, inputs = settings.updates + 1, config.observed
+        # that of an update is the same for all candidates
+        self.seeds = episode_seeds("training", count, run=settings.seed, spacing=1000)
         self.weights = np.zeros(inputs)
         self.moments = np.zeros((2, inputs))  # of Adam
-        self.odd = np.repeat([1.0, 0.0, 1.0], inputs // 3)  # sines, cosines, speeds
+        self.odd = np.ones(inputs)  # sines, cosines, speeds; what a cart adds is odd too
+        self.odd[config.n : 2 * config.n] = 0.0
 
     def update(self, envs: Any, update: int) -> tuple[FloatArray, BoolArray]:
         """Improve the policy; return the returns and successes of the candidates."""
         settings = self.settings
         noise = self.odd * self.rng.normal(size=(settings.pairs, self.weights.size))
         candidates = self.weights + settings.noise_std * np.concatenate([noise, -noise])
-        # the same start for all; training takes seeds below 10^6, evaluation those from there on
-        seed = 1000 * settings.seed + update
-        returns, success = play(envs, candidates, settings.num_steps, seed)
+        returns, success = play(envs, candidates, settings.num_steps, self.seeds[update])
         ranks = returns.argsort().argsort() / (returns.size - 1)
         gradient = (ranks[: settings.pairs] - ranks[settings.pairs :]) @ noise / settings.pairs
         first_moment, second_moment = self.moments
@@ -85,8 +94,14 @@ def train(
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth update."""
     keywords = settings.env | {"max_episode_steps": None}
+    config = used_config("es", settings.env, OF_ENV - {"observe_context"})
+    if config.joints.size != 1 or config.observes_goals:
+        raise ValueError(
+            "actuated and mode must give es one motor and no goal, because its policy is one odd "
+            f"function; got {config.joints.size} motors and {config.mode!r}"
+        )
     envs = make_envs(ENV_ID, 2 * settings.pairs, keywords)
-    search = Search(settings, envs.single_observation_space.shape[0])
+    search = Search(settings, config)
     curve: Curve = []
     clock = Stopwatch(time.perf_counter)
     parts = {"search": search, "curve": curve, "clock": clock}

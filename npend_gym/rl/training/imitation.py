@@ -15,7 +15,7 @@ with noise (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the s
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,18 +25,26 @@ from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_swing_up
 from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, Fit
-from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
+from npend_gym.rl.training.keywords import OF_ENV, check_swing_up, used_config
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    network,
+    observation_scale,
+    one_thread,
+    policy_of,
+)
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(TrainingSettings):
     """The settings of a training run; its result depends on nothing else."""
 
-    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of gym.make_vec
-    seed: int = 0
     seconds: float = 4.5  # of a planned trajectory
     guesses: int = 4  # that may lead to trajectories, each an expert
     rounds: int = 24  # after a first one, in which the expert acts alone
@@ -78,8 +86,9 @@ class DAgger:
     def __init__(self, settings: Settings, envs: Any, expert: Any) -> None:
         self.settings, self.envs, self.expert = settings, envs, expert
         config = envs.unwrapped.config
-        scale = torch.tensor(settings.obs_scale).repeat_interleave(config.n)
-        self.obs_scale = torch.cat([scale, torch.ones(config.observed - len(scale))])
+        episodes = settings.num_envs * (settings.rounds + 1)
+        self.seeds = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
+        self.obs_scale = observation_scale(config, settings.obs_scale)
         joints = config.joints.size
         self.student = network(config.observed, joints, settings.hidden, last_gain=0.1)
         self.dataset = Dataset(settings.max_states, config.observed, joints)
@@ -101,9 +110,7 @@ class DAgger:
             "taken_over", the fraction of the steps of the others in which the expert acted.
         """
         settings, rng = self.settings, np.random.default_rng([self.settings.seed, round_])
-        # training takes seeds below 10^6, evaluation those from there on
-        seed = 100_000 * settings.seed + settings.num_envs * round_
-        observation, info = self.envs.reset(seed=seed)
+        observation, info = self.envs.reset(seed=self.seeds[settings.num_envs * round_])
         share, returns = (
             np.arange(settings.num_envs) / settings.num_envs,
             np.zeros(settings.num_envs),
@@ -176,6 +183,7 @@ def begin(settings: Settings, envs: Any) -> tuple[DAgger, int, int]:
     return *min(begun, key=lambda pair: pair[0].fit.distance), len(begun)
 
 
+@one_thread()
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
@@ -183,7 +191,9 @@ def train(
 
     Its "seconds" are processor time.
     """
-    torch.set_num_threads(1)  # two are slower for networks this small
+    config = used_config("imitation", settings.env, OF_ENV)
+    if not config.mode.has_goals:
+        check_swing_up("imitation", config)
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"max_episode_steps": None})

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,19 +20,28 @@ from torch import nn
 from torch.distributions.normal import Normal
 
 from npend_gym._checks import BoolArray
+from npend_gym.envs import EnvConfig
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
-from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
+from npend_gym.rl.training.keywords import OF_EPISODES, used_config
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    network,
+    observation_scale,
+    one_thread,
+    policy_of,
+)
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(TrainingSettings):
     """The settings of a training run; its result depends on nothing else."""
 
-    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of gym.make_vec
-    seed: int = 0
     total_timesteps: int = 1_000_000
     num_envs: int = 32
     num_steps: int = 128  # of every environment between two updates
@@ -54,9 +63,10 @@ class Settings:
 class Agent(nn.Module):
     """Two networks of two hidden tanh layers: one for the mean action, one for the value."""
 
-    def __init__(self, inputs: int, actions: int, settings: Settings) -> None:
+    def __init__(self, config: EnvConfig, settings: Settings) -> None:
         super().__init__()
-        self.obs_scale = torch.tensor(settings.obs_scale).repeat_interleave(inputs // 3)
+        inputs, actions = config.observed, config.joints.size
+        self.obs_scale = observation_scale(config, settings.obs_scale)
         self.actor_mean = network(inputs, actions, settings.hidden, last_gain=0.01)
         self.critic = network(inputs, 1, settings.hidden, last_gain=1.0)
         self.actor_logstd = nn.Parameter(torch.full((actions,), math.log(settings.init_std)))
@@ -91,8 +101,8 @@ class Collector:
         self.envs, self.settings = envs, settings
         self.returns = np.zeros(envs.num_envs)
         self.finished: list[tuple[float, float]] = []  # return and success of each episode
-        # training takes seeds below 10^6, evaluation those from there on
-        self.obs, _ = envs.reset(seed=1000 * settings.seed)
+        seeds = episode_seeds("training", envs.num_envs, run=settings.seed, spacing=1000)
+        self.obs, _ = envs.reset(seed=seeds.start)
 
     @torch.no_grad()
     def collect(self, agent: Agent) -> Rollout:
@@ -124,17 +134,16 @@ class Collector:
         self.returns[done] = 0.0
 
 
+@one_thread()
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every 16 iterations."""
-    torch.set_num_threads(1)  # two are slower for networks this small
+    config = used_config("ppo", settings.env, OF_EPISODES)
     torch.manual_seed(settings.seed)
     shuffler = torch.Generator().manual_seed(settings.seed)
     envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"autoreset_mode": "SAME_STEP"})
-    agent = Agent(
-        envs.single_observation_space.shape[0], envs.single_action_space.shape[0], settings
-    )
+    agent = Agent(config, settings)
     optimizer = torch.optim.Adam(agent.parameters(), eps=1e-5, fused=True)
     collector = Collector(envs, settings)
     batch_size = settings.num_envs * settings.num_steps

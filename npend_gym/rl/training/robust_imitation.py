@@ -20,7 +20,6 @@ import numpy as np
 import torch
 
 from npend_gym._checks import BoolArray
-from npend_gym.envs import EnvConfig
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
@@ -29,18 +28,24 @@ from npend_gym.rl.training.dataset import Dataset, Fit, follow
 from npend_gym.rl.training.demonstration import base_plan
 from npend_gym.rl.training.disturbed_lanes import ERRORS, DisturbedLanes
 from npend_gym.rl.training.disturbed_task import differences
-from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
+from npend_gym.rl.training.keywords import OF_CHAIN, check_swing_up, used_config
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    network,
+    one_thread,
+    policy_of,
+)
 
 _LONGEST, _STANDING = 210, 60  # steps of an episode, at least; after the plan, at least
 _AVERAGED = 20  # updates, after which the student follows the learner
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(TrainingSettings):
     """The settings of a training run; its result depends on nothing else."""
 
-    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords, without errors
-    seed: int = 0
     plan_seed: int = 5  # of the first guess that leads to the plan
     seconds: float = 4.5  # of the plan
     variants: int = 0  # of the plan that are tried, to keep what noise leads less astray from
@@ -108,7 +113,9 @@ class RobustDAgger:
     )  # fmt: skip
 
     def __init__(self, settings: Settings) -> None:
-        self.settings, config = settings, EnvConfig(**settings.env)
+        self.settings = settings
+        config = used_config("robust_imitation", settings.env, OF_CHAIN)
+        check_swing_up("robust_imitation", config)
         if config.joints.tolist() != [0] or not config.chain.is_ideal:
             raise ValueError("the chain must be point masses, with one motor at the base")
         chains = wrong_chains(config.chain, settings.seed) if settings.wrong_chains else []
@@ -203,6 +210,7 @@ class RobustDAgger:
         return replace(made, scale=frames, weights=[first.numpy(), *made.weights[1:]])
 
 
+@one_thread()
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
@@ -211,7 +219,6 @@ def train(
     Its "seconds" are processor time; "success" is the share of the episodes that the student alone
     played, with errors, in which it did not lose the chain.
     """
-    torch.set_num_threads(1)  # two are slower for networks this small
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     dagger = RobustDAgger(settings)

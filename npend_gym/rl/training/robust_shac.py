@@ -21,8 +21,10 @@ from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training import shac
 from npend_gym.rl.training.checkpoints import Checkpoint
 from npend_gym.rl.training.disturbed_horizons import DisturbedCollector, DisturbedTask
+from npend_gym.rl.training.disturbed_task import OF_LANE
+from npend_gym.rl.training.keywords import OF_CHAIN, check_swing_up, used_config
 from npend_gym.rl.training.short_horizons import Horizons
-from npend_gym.rl.training.tasks import Curve, env_of_task
+from npend_gym.rl.training.tasks import Curve, env_of_task, one_thread
 
 
 @dataclass(frozen=True)
@@ -81,23 +83,25 @@ class RobustLearner(shac.Learner):
         return states[past:], torch.stack(outputs, 1), torch.stack(near, 1)
 
     def policy(self, last: dict[str, Any]) -> Policy:
-        """Return the actor as a policy with memory, of the environment without disturbances."""
+        """Return the actor as a policy with memory, of the environment without `randomize`."""
         policy, task = super().policy(last), self.task
         first = torch.from_numpy(policy.weights[0]) @ task.to_inputs.T
         frames = torch.ones(task.length, 3 * task.n + 1).numpy()
         weights = [first.numpy(), *policy.weights[1:]]
-        env = {name: value for name, value in policy.env.items() if name in ("n", "mode")}
+        env = {name: value for name, value in policy.env.items() if name != "randomize"}
         about = policy.provenance | {"trained_by": "robust_shac"}
-        env |= {"observation": "sincos"}
         return replace(policy, scale=frames, weights=weights, env=env, provenance=about)
 
 
+@one_thread()
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth; see `shac.learn`."""
+    config = used_config("robust_shac", settings.env, (*OF_CHAIN, "randomize", *OF_LANE))
+    check_swing_up("robust_shac", config)
     torch.manual_seed(settings.seed)
-    task = DisturbedTask(EnvConfig(**settings.env), settings)
+    task = DisturbedTask(config, settings)
     collector = DisturbedCollector(task, settings)
     return shac.learn(collector, RobustLearner(task, 1, settings), progress, checkpoint)
 

@@ -15,26 +15,31 @@ simulation", ICLR 2022. It differs from that paper in three things, all of which
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import nn
 
-from npend_gym.envs import EnvConfig
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
+from npend_gym.rl.training.keywords import OF_CHAIN, check_swing_up, used_config
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
-from npend_gym.rl.training.tasks import Curve, env_of_task, network, policy_of
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    network,
+    one_thread,
+    policy_of,
+)
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(TrainingSettings):
     """The settings of a training run; its result depends on nothing else."""
 
-    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of the environment
-    seed: int = 0
     total_timesteps: int = 96_000
     num_envs: int = 32
     horizon: int = 10  # steps
@@ -190,12 +195,14 @@ def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
     return Horizons(*(torch.cat(pair)[-most:] for pair in zip(memory, new, strict=True)))
 
 
+@one_thread()
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth; see `learn`."""
+    config = used_config("shac", settings.env, OF_CHAIN)
+    check_swing_up("shac", config)
     torch.manual_seed(settings.seed)
-    config = EnvConfig(**settings.env)
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
     return learn(collector, Learner(task, config.joints.size, settings), progress, checkpoint)
@@ -209,7 +216,6 @@ def learn(
     Its seconds are processor time. The episodes that it tells of are played without noise and teach
     nothing; neither their steps nor their time are counted.
     """
-    torch.set_num_threads(1)  # two are slower for networks this small
     settings = learner.settings
     collector.lanes.step_jacobian(0.0, collector.config.dt)  # compiles, where not done yet
     batch_size = settings.num_envs * settings.horizon

@@ -93,7 +93,8 @@ def knocked_down(
         slice(None), rng.normal(math.pi, 0.05, (count, n)), rng.normal(0.0, 0.2, (count, n))
     )
     for _ in range(round(seconds / config.dt)):
-        lanes.advance(turning_torque(config, goal, lanes.theta, lanes.omega), config.dt)
+        torque = turning_torque(config, goal, lanes.theta, lanes.omega)
+        lanes.advance(torque, config.dt, config.substeps)
     return np.hstack([lanes.theta, lanes.omega])
 
 
@@ -149,7 +150,7 @@ class Collector:
             self.noise = 0.8 * self.noise + 0.6 * self.rng.normal(size=self.noise.shape)
             action = torch.tanh(actor(self.task.observe(states[-1]))).double().numpy()
             action = np.clip(action + exploration * self.noise, -1.0, 1.0)
-            step = self.lanes.step_jacobian(action * limits, self.config.dt)
+            step = self.lanes.step_jacobian(action * limits, self.config.dt, self.config.substeps)
             self.lanes.set_state(slice(None), step.theta, step.omega)
             states.append(self.states())
             actions.append(torch.from_numpy(action).float())

@@ -2,18 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain
 from npend_gym.envs.modes import MODES
+from npend_gym.rl.evaluation.seeds import training_seed
 from npend_gym.rl.policies.policy import Policy
 
 if TYPE_CHECKING:
     from torch import Tensor, nn  # an extra
 
+    from npend_gym.envs import EnvConfig
+
 Curve = list[dict[str, Any]]  # the learning curve, a row for every few updates
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What the settings of all trainers begin with."""
+
+    env: dict[str, Any] = field(default_factory=dict[str, Any])  # keywords of the environment
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        training_seed(self.seed)
+
+
+@contextmanager
+def one_thread() -> Generator[None]:
+    """Let PyTorch compute in one thread, from the first weight to the last: it rounds the same.
+
+    A product of matrices that several threads share has other roundings, which change a policy
+    altogether. For networks this small several threads are slower, too.
+    """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
 
 # Of a "robust" task: a new chain in every episode, 20 % about the default, with damped joints
 ROBUST: dict[str, Any] = {
@@ -65,6 +99,14 @@ def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> nn.Sequ
         nn.init.zeros_(layer.bias)
         layers += [layer, nn.Tanh()]
     return nn.Sequential(*layers[:-1])
+
+
+def observation_scale(config: EnvConfig, of_rods: tuple[float, float, float]) -> Tensor:
+    """Return what observations are divided by: sines, cosines, speeds; 1 for what follows them."""
+    import torch
+
+    scale = torch.tensor(of_rods).repeat_interleave(config.n)
+    return torch.cat([scale, torch.ones(config.observed - len(scale))])
 
 
 def policy_of(

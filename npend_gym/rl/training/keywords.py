@@ -1,0 +1,66 @@
+"""Which keywords of the environment a trainer uses; it refuses the others.
+
+A policy's record holds the keywords that it was trained with. A keyword that the trainer ignored
+would make the record wrong, and the user believe that the policy knows noise it has never seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from npend_gym import _checks
+from npend_gym.envs import EnvConfig, EnvKeywords, NPendulumVectorEnv, SwingUp
+from npend_gym.envs.keywords import CHAIN_KEYWORDS, DEFAULTS, check_names
+
+# Those of a chain that is simulated without an environment, and of the start of its episodes
+OF_CHAIN = (
+    "n", "mode", "chain", *CHAIN_KEYWORDS, "actuated", "max_torque", "difficulty", "dt", "substeps",
+    "observation", "amplitude", "spread",
+)  # fmt: skip
+# Those of an environment whose observations are one array, and whose actions are continuous
+OF_ENV = {*EnvKeywords.__annotations__, "threads"} - {"torque_levels", "goal_env"}
+OF_EPISODES = OF_ENV | {"max_episode_steps"}  # and whose episodes end as the environment ends them
+# Of vector environments, beside those of `EnvConfig`
+_OF_VECTOR_ENV = {"max_episode_steps": None, "threads": 1, "autoreset_mode": None,
+                  "render_mode": None}  # fmt: skip
+
+
+def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -> EnvConfig:
+    """Return the settings of the environment that an algorithm trains in.
+
+    Parameters
+    ----------
+    algorithm : str
+        Its name, for errors.
+    env : mapping
+        Keywords of the environment.
+    uses : collection of str
+        The keywords that the algorithm uses. Others may be given with their default only.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a keyword breaks its rule, or would be ignored.
+    """
+    rest = {name: value for name, value in env.items() if name not in _OF_VECTOR_ENV}
+    check_names(NPendulumVectorEnv, rest)
+    config = EnvConfig(**rest)
+    defaults = DEFAULTS | _OF_VECTOR_ENV
+    for name, value in env.items():
+        if name not in uses and value != defaults[name]:
+            other = ", or train by ppo, which uses it" if name in OF_EPISODES else ""
+            raise ValueError(
+                f"{algorithm} does not use {name}: leave it out{other}; got {_checks.show(value)}"
+            )
+    if config.observation != "sincos":
+        raise ValueError(
+            f'observation must be "sincos" for {algorithm}, got {_checks.show(config.observation)}'
+        )
+    return config
+
+
+def check_swing_up(algorithm: str, config: EnvConfig) -> None:
+    """Raise a ValueError where the task is not to swing up."""
+    if not isinstance(config.mode, SwingUp):
+        raise ValueError(f'mode must be "swingup" for {algorithm}, got {config.mode!r}')

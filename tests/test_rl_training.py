@@ -1,0 +1,266 @@
+"""What every trainer promises: which episodes it sees, and that it uses what it is given."""
+
+import os
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scripts import run_python
+
+from npend_gym.envs.registration import ENV_ID
+from npend_gym.rl import HELD_OUT
+from npend_gym.rl.controllers.planning import Tracking
+from npend_gym.rl.evaluation.rollouts import make_envs
+
+torch = pytest.importorskip("torch")
+
+from npend_gym.cli import main  # noqa: E402
+from npend_gym.rl.training import es, imitation, ppo  # noqa: E402
+
+VALIDATION = 900_000
+
+
+def play_with_ppo(seed):
+    short = {"num_envs": 3, "num_steps": 2, "total_timesteps": 6, "hidden": 4, "update_epochs": 1}
+    ppo.train(ppo.settings_of("swingup-1", seed=seed, **short))
+
+
+def play_with_es(seed):
+    es.train(es.settings_of("calm-20", seed=seed, updates=3, pairs=1, num_steps=1))
+
+
+class Idle:
+    """An expert that never acts."""
+
+    def tracking(self, info):
+        lanes = len(info["time"])
+        return Tracking(*(np.zeros((lanes, 1)),) * 2, np.zeros(lanes), np.ones((lanes, 1)))
+
+
+def play_with_imitation(seed):
+    settings = imitation.settings_of("swingup-3", seed=seed, seconds=0.05, standing=0, hidden=4)
+    envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"max_episode_steps": None})
+    dagger = imitation.DAgger(settings, envs, Idle())
+    for round_ in (0, 1, settings.rounds):
+        dagger.play(round_)
+    envs.close()
+
+
+PLAYS = {"ppo": play_with_ppo, "es": play_with_es, "imitation": play_with_imitation}
+
+
+def seeds_played(play, seed, monkeypatch):
+    """Return the seed of every lane at each reset while a trainer plays."""
+    played, reset = list[list[int]](), gym.vector.VectorEnv.reset
+    cls = type(gym.make_vec(ENV_ID, num_envs=1).unwrapped)
+    reset = cls.reset
+
+    def watched(envs, *, seed=None, options=None):
+        found = reset(envs, seed=seed, options=options)
+        if seed is not None:
+            played.append(list(envs.np_random_seed))
+        return found
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cls, "reset", watched)
+        play(seed)
+    return played
+
+
+@pytest.mark.parametrize("seed", [8, 9, 10, 900, 999, 1000, 2**31 - 1])
+@pytest.mark.parametrize("name", PLAYS)
+def test_no_seed_trains_in_episodes_that_choose_or_judge(name, seed, monkeypatch):
+    played = seeds_played(PLAYS[name], seed, monkeypatch)
+    assert played
+    for lane in np.ravel(played).tolist():
+        assert not VALIDATION <= lane < HELD_OUT + 10**6
+
+
+def test_trainings_of_different_seeds_see_different_episodes(monkeypatch):
+    for play in PLAYS.values():
+        seen = [
+            set(np.ravel(seeds_played(play, seed, monkeypatch)).tolist())
+            for seed in (0, 1, 8, 9, 10, 1000)
+        ]
+        assert len(set.union(*seen)) == sum(map(len, seen))
+
+
+def test_small_seeds_train_in_the_episodes_of_the_policies_that_ship(monkeypatch):
+    first = {
+        name: [lanes[0] for lanes in seeds_played(play, 2, monkeypatch)]
+        for name, play in PLAYS.items()
+    }
+    assert first == {
+        "ppo": [2000],
+        "es": [2001, 2002, 2003],
+        "imitation": [200_000, 200_512, 200_000 + 15 * 512],
+    }
+
+
+@pytest.mark.parametrize("seed", ["-1", str(2**31), str(2**70)])
+@pytest.mark.parametrize(
+    "algorithm", ["ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation"]
+)
+def test_a_seed_out_of_range_is_named_as_it_was_given(algorithm, seed, tmp_path, capsys):
+    task = "swingup-2-robust" if algorithm == "robust_shac" else "swingup-2"
+    command = ["train", task, "--algorithm", algorithm, "--out", str(tmp_path)]
+    with pytest.raises(SystemExit) as left:
+        main([*command, "--seed", seed])
+    assert left.value.code == 2
+    assert f"seed must be between 0 and 2147483647, got {seed}" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+TRAIN_ALL = """
+import hashlib
+from npend_gym.rl.training import es, imitation, ppo, robust_imitation, robust_shac, shac
+
+one = {"n": 1, "mode": "swingup", "observation": "sincos"}
+few = {"rounds": 2, "updates": 4, "first_updates": 4}
+runs = {
+    "ppo": ppo.settings_of("swingup-1", total_timesteps=8192),
+    "es": es.settings_of("calm-20", updates=2, pairs=2, num_steps=5),
+    "imitation": imitation.Settings(one, seconds=3.0, guesses=1, num_envs=8, **few),
+    "robust_imitation": robust_imitation.Settings(
+        one, plan_seed=0, seconds=3.0, num_envs=16, num_steps=40, wrong_chains=False, **few
+    ),
+    "shac": shac.settings_of("swingup-2", total_timesteps=640),
+    "robust_shac": robust_shac.settings_of("swingup-2-robust", total_timesteps=640, updates=2),
+}
+for name in NAMES:
+    policy, _ = globals()[name].train(runs[name])
+    print(name, hashlib.sha256(b"".join(w.tobytes() for w in policy.weights)).hexdigest())
+"""
+
+
+def weights_of(names, **variables):
+    """Return what a new interpreter prints about the weights that it has trained."""
+    kept = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    code = TRAIN_ALL.replace("NAMES", repr(names))
+    return run_python("-c", code, env=kept | variables).splitlines()
+
+
+@pytest.mark.skipif(os.cpu_count() == 1, reason="one core has one thread in any case")
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["shac"],
+        pytest.param(
+            ["ppo", "es", "imitation", "robust_imitation", "robust_shac"], marks=pytest.mark.long
+        ),
+    ],
+)
+def test_one_seed_gives_the_same_policy_with_any_number_of_threads(names):
+    found = weights_of(names)
+    assert [line.split()[0] for line in found] == names
+    assert found == weights_of(names, OMP_NUM_THREADS="1")
+
+
+def test_a_training_leaves_the_threads_of_the_program_as_they_were():
+    before = torch.get_num_threads()
+    torch.set_num_threads(before + 1)
+    try:
+        play_with_ppo(0)
+        assert torch.get_num_threads() == before + 1
+        with pytest.raises(ValueError, match="ppo does not use torque_levels"):
+            ppo.train(ppo.Settings(env={"n": 1, "observation": "sincos", "torque_levels": 3}))
+        assert torch.get_num_threads() == before + 1
+    finally:
+        torch.set_num_threads(before)
+
+
+TASK_OF = {"robust_shac": "swingup-2-robust", "es": "calm-2"}
+IGNORED = [
+    *(("shac", setting) for setting in (
+        'randomize={"masses": [0.8, 1.2]}', "velocity_noise=0.5", "observation_delay=1",
+        "action_delay=1", "motor_lag=0.05", "torque_noise=0.2", "base=cart",
+        "reward_type=sparse", "torque_levels=3", "max_episode_steps=200", "observe_context=true",
+    )),
+    *(("robust_shac", setting) for setting in (
+        "motor_lag=0.05", "action_delay=1", "max_episode_steps=200", "torque_ripple=0.1",
+    )),
+    *(("robust_imitation", setting) for setting in (
+        'randomize={"masses": [0.8, 1.2]}', "velocity_noise=0.5", "observation_delay=1",
+    )),
+    *(("es", setting) for setting in ("max_episode_steps=200", "observe_context=true")),
+    *(("imitation", setting) for setting in ("max_episode_steps=200", "torque_levels=3")),
+    *(("ppo", setting) for setting in ("torque_levels=3", "autoreset_mode=NEXT_STEP")),
+]  # fmt: skip
+
+
+def refusal(algorithm, setting, tmp_path, capsys):
+    """Return what `npend train` says on the error stream when it refuses a setting."""
+    task = TASK_OF.get(algorithm, "swingup-2")
+    command = ["train", task, "--algorithm", algorithm, "--out", str(tmp_path)]
+    with pytest.raises(SystemExit) as left:
+        main([*command, "--env", setting])
+    assert left.value.code == 2
+    assert not list(tmp_path.iterdir())
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("algorithm", "setting"), IGNORED)
+def test_a_trainer_refuses_what_it_would_ignore(algorithm, setting, tmp_path, capsys):
+    name = setting.partition("=")[0]
+    assert f"{algorithm} does not use {name}: leave it out" in refusal(
+        algorithm, setting, tmp_path, capsys
+    )
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "setting", "text"),
+    [
+        *((name, "observation=angles", f'observation must be "sincos" for {name}') for name in (
+            "ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation",
+        )),
+        *((name, "mode=calm", f'mode must be "swingup" for {name}') for name in (
+            "imitation", "shac", "robust_shac", "robust_imitation",
+        )),
+        ("es", "actuated=[0, 1]", "one motor and no goal"),
+        ("es", "mode=transition", "one motor and no goal"),
+        ("robust_shac", "actuated=[1]", "one motor at the base"),
+        ("robust_imitation", "actuated=[1]", "one motor at the base"),
+        ("shac", "dampign=1", "did you mean 'damping'"),
+    ],
+)  # fmt: skip
+def test_a_trainer_says_which_environments_it_cannot_learn(
+    algorithm, setting, text, tmp_path, capsys
+):
+    assert text in refusal(algorithm, setting, tmp_path, capsys)
+
+
+def test_a_policy_of_robust_shac_keeps_the_chain_that_it_was_trained_with():
+    from npend_gym.rl.training import robust_shac
+
+    settings = robust_shac.settings_of("swingup-2-robust", total_timesteps=640, updates=1)
+    env = settings.env | {"gravity": 5.0, "max_torque": 7.0}
+    policy, _ = robust_shac.train(replace(settings, env=env))
+    assert policy.env == {name: value for name, value in env.items() if name != "randomize"}
+
+
+@pytest.mark.parametrize("trainer", [ppo, es])
+def test_a_cart_can_be_trained_too(trainer):
+    small = {"ppo": {"num_envs": 3, "num_steps": 2, "total_timesteps": 6, "hidden": 4},
+             "es": {"updates": 1, "pairs": 1, "num_steps": 2}}  # fmt: skip
+    name = trainer.__name__.rpartition(".")[2]
+    env = {"n": 1, "mode": "swingup", "base": "cart", "observation": "sincos"}
+    policy, _ = trainer.train(trainer.Settings(env=env, **small[name]))
+    envs = make_envs(ENV_ID, 2, policy.env)
+    observation, info = envs.reset(seed=0)
+    assert observation.shape == (2, 5)
+    assert np.isfinite(envs.step(policy(observation, info))[1]).all()
+
+
+def test_shac_takes_the_substeps_that_it_is_given():
+    from npend_gym.rl.training import shac
+
+    small = {"num_envs": 4, "total_timesteps": 80, "updates": 1}
+    settings = shac.settings_of("swingup-2", **small)
+    policies = [
+        shac.train(replace(settings, env=settings.env | {"substeps": substeps}))[0]
+        for substeps in (1, 8)
+    ]
+    assert any(
+        (one != other).any() for one, other in zip(*(p.weights for p in policies), strict=True)
+    )
