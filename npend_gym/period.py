@@ -11,7 +11,7 @@ from npend_gym._threads import MAX_THREADS, Call, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_periods
-from npend_gym.physics.arguments import check_rtol
+from npend_gym.physics.arguments import check_rtol, warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.turning_points import (
     BOB,
@@ -49,7 +49,7 @@ def pseudo_periods(
         Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases, which
         are followed side by side, a few times faster than one by one and with the same results to
         the last bit. One number stands for all. At rest angles beyond 2 pi are refused, as they
-        are likely to be degrees.
+        are likely to be degrees; of a moving chain those that look like degrees bring a warning.
     reading : {"bob", "link", "height", "com", "listing"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
@@ -161,6 +161,7 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
             raise ValueError(
                 f"theta must be {_checks.in_radians('2 pi', largest)} (np.radians converts)"
             )
+    warn_of_degrees("theta", given["theta"])
     if not counts:
         return _checks.vector("theta", theta, chain.n), _checks.vector("omega", omega, chain.n)
     shape = (max(counts), chain.n)

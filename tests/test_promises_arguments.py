@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym import Chain, physics, pseudo_periods, simulate, theory
 from npend_gym.cli import main
 from npend_gym.envs import NPendulumEnv, NPendulumVectorEnv
 
@@ -257,3 +257,42 @@ def test_a_seed_is_any_integer_of_numpy_too(make):
         env = make()
         np.testing.assert_array_equal(env.reset(seed=seed)[0], expected)
         assert np.ravel(env.np_random_seed)[0] == 3
+
+
+PAIR = Chain.uniform(2)
+DEGREES = {
+    "simulate": lambda: simulate(PAIR, [120, -10], 0.0, [0.0, 0.01]),
+    "many motions": lambda: simulate(PAIR, [[0.1, 0.2], [22.5, 0.0]], 0.0, [0.0, 0.01]),
+    "moving": lambda: pseudo_periods(PAIR, 45.0, [0.1, 0.0], duration=0.1),
+    "ensemble": lambda: physics.Ensemble(PAIR, 2).set_state(0, [30.0, 60.0]),
+    "equations": lambda: physics.accelerations(PAIR, [90.0, 45.0], 0.0),
+    "amplitude": lambda: gym.make("NPendulum-v0", mode="calm", amplitude=60),
+    "reset": lambda: single().reset(options={"theta": [180, 180]}),
+    "reset, amplitude": lambda: single(mode="calm").reset(options={"amplitude": 60}),
+    "reset, lanes": lambda: gym.make_vec("NPendulum-v0", 2).reset(
+        options={"theta": [[0.1, 0.2], [180, 0]]}
+    ),
+}
+
+
+def single(**keywords):
+    return gym.make("NPendulum-v0", **keywords).unwrapped
+
+
+@pytest.mark.parametrize("case", DEGREES)
+def test_angles_that_look_like_degrees_bring_one_warning_at_the_line_of_the_call(case):
+    with pytest.warns(UserWarning, match=r"turns: are these degrees\? They must be rad") as seen:
+        DEGREES[case]()
+    assert len(seen) == 1
+    if not case.startswith(("amplitude", "reset, lanes")):  # Gymnasium calls us there
+        assert seen[0].filename == __file__
+
+
+def test_large_angles_of_a_motion_bring_no_warning():  # warnings are errors here
+    whirled = simulate(PAIR, [0.1, 0.2], [80.0, 0.0], [0.0, 5.0])
+    assert np.abs(whirled.theta).max() > 100.0
+    simulate(PAIR, whirled.theta[-1], whirled.omega[-1], [0.0, 0.01])
+    single().reset(options={"theta": whirled.theta[-1], "omega": 0.0})
+    simulate(PAIR, [6.0, -3.0], 0.0, [0.0, 0.01])
+    simulate(PAIR, [20.0 * np.pi, 0.0], 0.0, [0.0, 0.01])
+    simulate(PAIR, 1e4, 0.0, [0.0, 0.01])

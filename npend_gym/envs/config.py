@@ -33,6 +33,7 @@ from npend_gym.envs.keywords import (
 from npend_gym.envs.modes import Mode, find_mode
 from npend_gym.envs.randomization import Randomization, check_randomize
 from npend_gym.envs.rows import MAX_CART_ENTRY
+from npend_gym.physics.arguments import warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
 
@@ -292,4 +293,6 @@ def _speed_scale(observation: str, chain: Chain) -> FloatArray:
 
 
 def _angle(name: str, value: float) -> float:
-    return float(_checks.within(name, np.array(value), 0.5 * MAX_ANGLE))
+    angle = _checks.within(name, np.array(value), 0.5 * MAX_ANGLE)
+    warn_of_degrees(name, angle)
+    return float(angle)

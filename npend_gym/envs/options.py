@@ -16,12 +16,14 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import check_different, checked_equilibrium
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
+from npend_gym.physics.arguments import warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.link_terms import count_terms
 
 _START_OPTIONS = ("theta", "omega", "amplitude")
 CART_STATE = ("cart_position", "cart_velocity")
 EQUILIBRIA = ("start", "goal")  # near which an episode starts, and which it is to reach
+_ANGLES = ("theta", "amplitude")
 _LIMITS = {
     "theta": MAX_ANGLE, "amplitude": MAX_ANGLE, "omega": MAX_SPEED, "cart_velocity": MAX_SPEED
 }  # fmt: skip
@@ -83,6 +85,8 @@ def checked_options(
         else:
             array = _checks.broadcast(label, value, shape)
             _checks.within(label, array, limits.get(name, math.inf))
+        if name in _ANGLES:
+            warn_of_degrees(label, array[..., None] if name in _NUMBERS else array)
         if name in CHAIN_KEYWORDS:
             check_parameter(label, array)
         if name in EQUILIBRIA:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.physics.arguments import ask_about_degrees
 
 MIN_ROWS = 20  # in a stretch that is used: fewer rows say nothing beside their own first state
 MAX_ROWS = 2_000_000
@@ -163,11 +163,8 @@ def _check_order(motion: Motion) -> None:
 def _unwrapped(motion: Motion) -> Motion:
     largest = float(np.abs(motion.theta).max())
     if largest > _LIKELY:
-        warnings.warn(
-            f"theta reaches {largest:.4g} rad, {largest / (2.0 * math.pi):.1f} turns: are these "
-            "degrees? They must be radians (np.radians converts; npend identify --degrees)",
-            stacklevel=4,
-        )
+        remedy = "np.radians converts; npend identify --degrees"
+        ask_about_degrees("theta", largest, remedy)
     theta = motion.theta.copy()
     for rows in motion.stretches():
         theta[rows] = np.unwrap(theta[rows], axis=0)

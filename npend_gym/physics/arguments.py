@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+import math
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,6 +19,7 @@ from npend_gym.physics.kernels.layout import MAX_SPEED
 
 MIN_RTOL = 1e-14
 METHODS = ("dop853", "rk4")  # of `simulate`
+_MOST_DEGREES = 720.0  # larger numbers are no degrees of a start
 
 
 def check_chains(chains: Chain | Sequence[Chain], size: int | None) -> tuple[ChainParameters, int]:
@@ -92,9 +96,41 @@ def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
 
 
 def check_limits(theta: FloatArray, omega: FloatArray) -> None:
-    """Refuse angles and angular velocities for which the equations would lose digits."""
+    """Refuse states for which the equations would lose digits; warn where angles look like degrees.
+
+    See `warn_of_degrees`.
+    """
     _checks.within("theta", theta, MAX_ANGLE)
     _checks.within("omega", omega, MAX_SPEED)
+    warn_of_degrees("theta", theta)
+
+
+def warn_of_degrees(name: str, angles: FloatArray) -> None:
+    """Warn where the angles of a chain, shape (..., n), look like degrees.
+
+    They do where all are multiples of 0.5 and one is beyond a full turn of 2 pi. Angles of a motion
+    that has turned round are beyond it too, but are no such multiples.
+    """
+    size = np.abs(angles)
+    if not (size > math.tau).any():  # as nearly all are
+        return
+    rows = np.atleast_1d(size)
+    round_numbers = np.all((2.0 * rows == np.rint(2.0 * rows)) & (rows <= _MOST_DEGREES), axis=-1)
+    largest = rows.max(axis=-1)[round_numbers].max(initial=0.0)
+    if largest > math.tau:
+        ask_about_degrees(name, float(largest))
+
+
+def ask_about_degrees(name: str, largest: float, remedy: str = "np.radians converts") -> None:
+    """Warn that angles up to `largest` may be degrees, at the line outside the package."""
+    frame, level = inspect.currentframe(), 0
+    while frame and frame.f_globals.get("__name__", "").startswith("npend_gym."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(
+        f"{name} reaches {largest:.4g} rad, {largest / math.tau:.1f} turns: are these degrees? "
+        f"They must be radians ({remedy})",
+        stacklevel=level + 1,
+    )
 
 
 def check_rtol(rtol: float) -> float:

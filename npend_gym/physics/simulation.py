@@ -59,6 +59,7 @@ def simulate(
     theta, omega : array_like, shape (n,) or (B, n)
         Angles [rad] and angular velocities [rad/s] at ``times[0]``; one number stands for all
         rods. (B, n): B motions, each by steps of its own, and `theta` of the result is (B, T, n).
+        Angles that look like degrees, such as 120, bring a warning.
     times : array_like, shape (T,)
         Instants at which the state is wanted [s], increasing.
     torque : float, array_like of shape (n,) or (B, n), Signal or callable, optional
