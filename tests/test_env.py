@@ -71,7 +71,9 @@ def test_infos_have_the_same_keys_and_fresh_finite_values_from_the_reset_on(mode
     infos = [outputs[0][1]] + [step[4] for step in outputs[1:]]
     arrays = [info[key] for info in infos for key in ("theta", "omega", "pseudo_periods")]
     arrays += [outputs[0][0]] + [step[0] for step in outputs[1:]]
-    of_mode = {"transition": {"goal"}, "passive": {"pseudo_period_com"}}.get(mode, set())
+    arrays += [info["torque"] for info in infos if mode != "passive"]
+    of_mode = {"passive": {"pseudo_period_com"}, "transition": {"goal", "torque"}}
+    of_mode = of_mode.get(mode, {"torque"})
     assert all(set(info) == INFO_KEYS | of_mode for info in infos)
     assert all(np.all(np.isfinite(value)) for info in infos for value in info.values())
     for i, a in enumerate(arrays):
@@ -79,6 +81,17 @@ def test_infos_have_the_same_keys_and_fresh_finite_values_from_the_reset_on(mode
     assert isinstance(infos[-1]["time"], float)
     assert isinstance(infos[-1]["bobs_completed"], int)
     assert infos[-1]["theta"].dtype == np.float64
+
+
+def test_the_torque_in_the_info_is_the_limit_times_the_clipped_action_and_none_at_the_start():
+    drawn = {"max_torque": (0.5, 1.0)}
+    env = bare(n=3, mode="calm", actuated=(2, 0), max_torque=4.0, randomize=drawn)
+    for _ in range(2):
+        info = env.reset(seed=0)[1]
+        limit = info["context"][env.config.context_names.index("max_torque")]
+        assert info["torque"].tolist() == [0.0, 0.0]
+        info = env.step(np.array([0.5, -3.0]))[-1]
+        np.testing.assert_array_equal(info["torque"], [0.5 * limit, -limit])
 
 
 @pytest.mark.parametrize("mode", [m for m in ALL_MODES if m != "passive"])

@@ -1,5 +1,6 @@
 """`get_state` and `set_state`: an episode continues from any of its instants, to the last bit."""
 
+import copy
 import io
 import pickle
 import re
@@ -271,6 +272,29 @@ def test_a_diverged_lane_continues_and_no_lanes_at_all_change_nothing():
     envs.set_state(state)
     envs.set_state(state[:0], np.zeros(3, np.bool_))
     assert envs.get_state().tobytes() == state.tobytes()
+
+
+def test_a_copied_environment_takes_and_gives_states_as_its_original_does():
+    env = make(motor_lag=0.3)
+    env.reset(seed=0)
+    env.step(np.array([0.7]))
+    copied, again = copy.deepcopy(env), pickle.loads(pickle.dumps(env))
+    early = env.get_state()
+    for each in (env, copied, again):
+        each.step(np.array([-0.2]))
+        late = each.get_state()
+        assert late.tobytes() == env.get_state().tobytes()
+        each.set_state(early)
+        assert each.get_state().tobytes() == early.tobytes()
+        assert_same(each.step(np.array([0.4])), make_step_after(early))
+        each.set_state(late)
+
+
+def make_step_after(state):
+    """Return what a new environment tells of a step from `state`."""
+    env = make(motor_lag=0.3)
+    env.set_state(state)
+    return env.step(np.array([0.4]))
 
 
 @pytest.mark.parametrize("lanes", [[5], [-1], [0.5], [0, 0], [True, False], "all"])

@@ -387,6 +387,29 @@ def test_the_longest_delays_work():
     assert not np.array_equal(env.step([1.0])[0], first)
 
 
+SMOOTH = {"motor_lag": 0.0, "torque_ripple": 0.0, "action_delay": 1}  # constant over a step
+
+
+@pytest.mark.parametrize("changed", [{}, SMOOTH])
+def test_the_torque_in_the_info_is_what_turns_a_wheel_where_nothing_pushes(changed):
+    keywords = WHEEL | EVERYTHING | changed | {"push_rate": 0.0, "push_force": 0.0}
+    env = NPendulumEnv(**keywords)
+    infos = [env.reset(seed=3, options=HANGING)[1]]
+    infos += [env.step(action)[-1] for action in commands(40)]
+    omega, torque = (np.array([info[k][0] for info in infos]) for k in ("omega", "torque"))
+    assert torque[0] == 0.0
+    np.testing.assert_allclose(torque[1:], np.diff(omega) / WHEEL["dt"], rtol=1e-9, atol=1e-9)
+    assert env.reset()[1]["torque"].tolist() == [0.0]
+    pushed = NPendulumEnv(**keywords | {"push_rate": 5.0, "push_force": 3.0, "torque_ripple": 0.0})
+    still = NPendulumEnv(**keywords | {"torque_ripple": 0.0})
+    for each in (pushed, still):
+        each.reset(seed=3, options=HANGING)
+    for action in commands(20):  # pushes turn the wheel, but the motor does not exert them
+        shown, expected = (each.step(action)[-1] for each in (pushed, still))
+        np.testing.assert_array_equal(shown["torque"], expected["torque"])
+    assert shown["omega"] != expected["omega"]
+
+
 def test_settings_of_zero_are_none():
     zero = dict.fromkeys(EVERYTHING, 0.0)
     ideal, plain = NPendulumEnv(**zero), NPendulumEnv()

@@ -8,7 +8,15 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
-from npend_gym.rl import Evaluation, evaluate
+from npend_gym.rl import (
+    Evaluation,
+    Outcome,
+    Performance,
+    PlannedTransition,
+    Recovery,
+    Robustness,
+    evaluate,
+)
 from npend_gym.rl.controllers import regulators
 
 
@@ -94,6 +102,27 @@ def test_evaluation_measures_the_work_of_the_motor():
     assert np.isnan(evaluation.settling_time).all()
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.3])
+def test_the_work_of_a_motor_is_that_of_the_torque_that_acted_not_of_the_command(lag):
+    # without gravity, all that such a motor does becomes kinetic energy
+    keywords = {"n": 1, "mode": "swingup", "gravity": 0.0, "max_episode_steps": 40}
+    lagging = keywords | {"motor_lag": lag}
+    work = evaluate(lambda o, _: np.full((len(o), 1), 0.5), lagging, episodes=3).motor_work
+    envs = gym.make_vec("NPendulum-v0", num_envs=3, **lagging)
+    infos = [envs.reset(seed=1_000_000)[1]]
+    infos += [envs.step(np.full((3, 1), 0.5))[-1] for _ in range(40)]
+    gained = infos[-1]["energy"] - infos[0]["energy"]
+    # the start turns the chain a little the other way, or the motor's way, which counts either way
+    np.testing.assert_allclose(work, gained, rtol=0.03)
+    limit = config_of(n=1, gravity=0.0).max_torque
+    t = 0.05 * np.arange(41)
+    acted = np.full(40, 0.5 * limit)  # means over the steps of 1 - exp(-t / lag)
+    if lag > 0.0:
+        acted *= 1.0 + lag / 0.05 * np.diff(np.exp(-t / lag))
+    for info, torque in zip(infos[1:], acted, strict=True):
+        np.testing.assert_allclose(info["torque"], np.full((3, 1), torque), rtol=1e-9)
+
+
 def test_evaluation_agrees_with_single_environments():
     keywords = {"n": 1, "mode": "balance", "max_episode_steps": 300}
     evaluation = evaluate(idle, keywords, episodes=30)
@@ -106,6 +135,25 @@ def test_evaluation_agrees_with_single_environments():
             total, over = total + reward, terminated or truncated
         assert evaluation.returns[k] == pytest.approx(total, rel=1e-12)
         assert evaluation.success[k] == info["success"]
+
+
+def test_results_and_controllers_can_be_compared_and_found_in_lists():
+    balance = config_of(n=1, mode="balance")
+    ones = np.ones(3)
+    makers = (
+        lambda: Evaluation(ones, ones > 0.0, ones, ones),
+        lambda: Performance(ones > 0.0, *[ones] * 8),
+        lambda: Recovery(ones),
+        lambda: Robustness({"model": Outcome(["a", "b", "c"], ones, ones > 0.0)}, {}),
+        lambda: regulators.lqr(balance),
+        lambda: regulators.energy_swing_up(balance),
+        lambda: PlannedTransition(None, ones, ones, ones, idle, idle, 0.05, 0.0),
+    )
+    for make in makers:
+        one, other = make(), make()
+        assert one == one  # noqa: PLR0124 - which raised once
+        assert one in [other, one]
+        assert one != other  # as arrays of NumPy, they are compared entry by entry or not at all
 
 
 def test_the_interval_of_the_success_rate_is_wilsons():

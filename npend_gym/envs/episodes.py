@@ -100,22 +100,26 @@ class Episodes:
             self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
         )  # fmt: skip
         self._commands = self._actions  # what the step kernel turns into torques
-        kept = {"actions": self._actions.T, "context": self._context}
         self._motors, self._sensors = fit_hardware(config, self._memory)
         if self._motors is not None:
-            self._stepping, kept = self._motors.plan, kept | self._motors.kept
+            self._stepping = self._motors.plan
             self._commands = self._motors.no_actions
-        if self._sensors is not None:
-            kept |= self._sensors.kept
-        self.snapshots = Snapshots(config, self._memory, self._keys, kept)
+        self.snapshots = Snapshots(config, self._memory, self._keys, self._kept_arrays)
         self.outputs = Outputs(
-            config, self._memory, self._context, with_quantities=self._judge == 0
+            config, self._memory, self._motors, self._context, with_quantities=self._judge == 0
         )
         self._kept = KeptOptions(count)
         # lanes that are not as made, by options or a state, and whether there are any
         self._altered, self.some_altered = np.zeros(count, np.bool_), False
         self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
         scale_all(*self._memory.arrays[:2], n, np.arange(lanes))
+
+    def _kept_arrays(self) -> dict[str, FloatArray]:
+        """Return views (lanes, ...) of what belongs to the state beside the memory."""
+        kept = {"actions": self._actions.T, "context": self._context}
+        for part in (self._motors, self._sensors):
+            kept |= part.kept if part is not None else {}
+        return kept
 
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
@@ -140,6 +144,8 @@ class Episodes:
         """
         memory, by_python = self._memory, self._start[0] == BY_PYTHON
         memory.arrays[0][Episode.STARTING, : self.count] = mask
+        if self._motors is not None:
+            self._motors.torques[:, : self.count][:, mask] = 0.0
         given = self._take_options(mask, options) if options or self.some_altered else ()
         begin_episodes(*memory.arrays, *self._beginning)
         if by_python:

@@ -106,8 +106,6 @@ class Motors:
         within it: one substep each, else the whole step.
     no_actions : ndarray, shape (0, lanes)
         For the step kernel, which then leaves the torques as they are.
-    kept : dict
-        Arrays (lanes, ...) that belong to the state of an environment.
     """
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
@@ -123,8 +121,17 @@ class Motors:
         self.no_actions = np.zeros((0, memory.lanes))
         self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
-        lagged: FloatArray = self._commands[Command.LAGGED].T
-        self.kept = {"past_actions": self._past, "lagged_actions": lagged}
+
+    @property
+    def kept(self) -> dict[str, FloatArray]:
+        """Views (lanes, ...) of what belongs to the state of an environment."""
+        lagged, torques = (self._commands[block].T for block in (Command.LAGGED, Command.TORQUE))
+        return {"past_actions": self._past, "lagged_actions": lagged, "mean_torques": torques}
+
+    @property
+    def torques(self) -> FloatArray:
+        """The mean torque of each motor in the last step [N m], or force [N], (joints, lanes)."""
+        return self._commands[Command.TORQUE, : self._joints.size]
 
     @property
     def pushes(self) -> FloatArray:
@@ -147,8 +154,6 @@ class Sensors:
     ----------
     no_observation : ndarray, float32, shape (lanes, 0)
         For the step kernel, which then leaves it to the sensors to observe.
-    kept : dict
-        Arrays (lanes, ...) that belong to the state of an environment.
     """
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
@@ -158,7 +163,11 @@ class Sensors:
         delay = config.largest["observation_delay"]
         size = memory.n + 1 if config.has_cart else memory.n
         self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2 * size))
-        self.kept: dict[str, FloatArray] = {"past_states": self._history} if delay > 0.0 else {}
+
+    @property
+    def kept(self) -> dict[str, FloatArray]:
+        """Arrays (lanes, ...) that belong to the state of an environment."""
+        return {"past_states": self._history} if self._history.shape[1] > 0 else {}
 
     def observe(
         self, keys: Keys, observation: NDArray[np.float32], task: FloatArray, plan: Plan

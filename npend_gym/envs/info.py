@@ -57,6 +57,10 @@ class Info(TypedDict, Generic[_Real, _Count, _Truth]):
     success: _Truth
     """Whether the goal of the mode has held without interruption for the mode's `hold` seconds."""
 
+    torque: NotRequired[FloatArray]
+    """With motors: the torque of each in the last step [N m], shape (joints,), in the order of the
+    action; of the motor of a cart its force [N]. It is the mean over the step of what the motor
+    exerted, with its limit, delay, lag, noise and ripple, and without pushes. 0.0 at the start."""
     context: NotRequired[FloatArray]
     """With `randomize`: the numbers drawn for this episode, (k,), by `EnvConfig.context_names`."""
     goal: NotRequired[FloatArray]

@@ -54,6 +54,7 @@ class CommandFields(NamedTuple):
     NOISE: int = 3  # N m
     ACTION: int = 4  # mean over the present piece of the step, of what the motor follows
     PUSH: int = 5  # first row: N, at the tip
+    TORQUE: int = 6  # N m, or N of a cart: mean over the step of what the motor exerts
 
 
 Command = CommandFields()
@@ -191,6 +192,11 @@ def _drive(
             group.torque[joints[j]] = torque
     if any_of(numbers[Motor.torque_ripple, g] > 0.0):
         _add_ripple(numbers, g, group, joints, 0.5 * h)
+    for j in range(joints.size):
+        mean = group.torque[joints[j]] * (1.0 / pieces)
+        if piece > 0:
+            mean = mean + commands[Command.TORQUE, j, g]
+        commands[Command.TORQUE, j, g] = where(numbers[Episode.STARTING, g] > 0.0, 0.0, mean)
     if any_of(commands[Command.PUSH, 0, g] != 0.0):
         _push_tip(commands[Command.PUSH, 0, g], group, 0.5 * h)
 
@@ -246,7 +252,7 @@ def apply_many(
     past : ndarray, shape (lanes, slots, m)
         Clipped actions of the last steps, kept here; slots is a power of two.
     commands : ndarray, shape (len(Command), max(m, 1), lanes)
-        Written; LAGGED is kept from step to step.
+        Written; LAGGED is kept from step to step, TORQUE from piece to piece.
     piece, pieces : int
     """
     _apply(

@@ -10,9 +10,11 @@ import numpy as np
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane, with_goals
+from npend_gym.envs.hardware import Motors
 from npend_gym.envs.info import BatchInfo, Info, mask_names
 from npend_gym.envs.modes import Quantities
 from npend_gym.envs.rows import QUANTITIES, Flag, Output
+from npend_gym.physics.kernels.layout import Rod
 from npend_gym.physics.memory import Memory
 
 _ROWS = len(Output)
@@ -26,6 +28,8 @@ class Outputs:
     ----------
     config : EnvConfig
     memory : Memory
+    motors : Motors, optional
+        Where they are not ideal.
     context : ndarray, shape (lanes, numbers)
         What is drawn of each lane's chain.
     with_quantities : bool
@@ -40,10 +44,12 @@ class Outputs:
     """
 
     def __init__(
-        self, config: EnvConfig, memory: Memory, context: FloatArray, *, with_quantities: bool
-    ) -> None:
+        self, config: EnvConfig, memory: Memory, motors: Motors | None, context: FloatArray,
+        *, with_quantities: bool,
+    ) -> None:  # fmt: skip
         self.config, self.count, n = config, memory.size, config.n
-        self._memory, self._context = memory, context
+        self._memory, self._motors, self._context = memory, motors, context
+        self._joints, self._has_motors = config.joints, config.joints.size > 0
         self._measures_com = config.mode.measures_com
         self._is_random, self._has_cart = context.shape[1] > 0, config.has_cart
         self._has_goals, self._goal_env = config.mode.has_goals, config.goal_env
@@ -58,7 +64,7 @@ class Outputs:
         self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
         self._everywhere = np.ones(self.count, np.bool_)
         self._masks = mask_names({
-            "context": self._is_random, "goal": self._has_goals,
+            "torque": self._has_motors, "context": self._is_random, "goal": self._has_goals,
             "pseudo_period_com": self._measures_com,
             "cart_position": self._has_cart, "cart_velocity": self._has_cart,
         })  # fmt: skip
@@ -150,6 +156,8 @@ class Outputs:
         }
         if self._measures_com:
             info["pseudo_period_com"] = of_com
+        if self._has_motors:
+            info["torque"] = self._torques()
         if self._is_random:
             info["context"] = self._context[: self.count].copy()
         if self._has_goals:
@@ -182,6 +190,11 @@ class Outputs:
         }
         if self._measures_com:
             info["pseudo_period_com"] = of_com
+        if self._has_motors and self._motors is None:  # as `_torques`, in less time
+            acted = self._memory.arrays[1][0, Rod.TORQUE][self._joints]
+            info["torque"] = acted.astype(np.float64)
+        elif self._has_motors:
+            info["torque"] = self._torques()[0]
         if self._is_random:
             info["context"] = self._context[0].copy()
         if self._has_goals:
@@ -190,6 +203,15 @@ class Outputs:
             info["cart_position"], info["cart_velocity"] = place, velocity
         observation = self.observations[0] if self._is_plain else of_lane(self.observation, 0)
         return observation, reward, terminated, truncated, info
+
+    def _torques(self) -> FloatArray:
+        """Return the mean torque of each motor in the last step [N m], or force [N], (B, m)."""
+        if self._motors is None:
+            acted = self._memory.read_at(Rod.TORQUE, self._joints)
+        else:
+            acted = self._motors.torques[:, : self.count].T
+        # in a copied environment too of NumPy's own float64, so that pickles are the same bytes
+        return acted.astype(np.float64, order="C")
 
     def _goals(self) -> FloatArray:
         """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -34,15 +34,16 @@ class Snapshots:
     config : EnvConfig
     memory : Memory
     keys : ndarray, uint64, shape (2, lanes)
-    more : mapping
-        Other arrays by name, (lanes, ...), that belong to the state.
+    more : callable
+        Returns other arrays by name, (lanes, ...), that belong to the state, or views of such: a
+        view that were kept here would not be one of the copied array in a copied environment.
     """
 
     def __init__(
         self, config: EnvConfig, memory: Memory, keys: NDArray[np.uint64],
-        more: Mapping[str, FloatArray],
+        more: Callable[[], Mapping[str, FloatArray]],
     ) -> None:  # fmt: skip
-        self._config, self._memory, self._keys, self._more = config, memory, keys, dict(more)
+        self._config, self._memory, self._keys, self._more = config, memory, keys, more
         self._environment = _fingerprint(config)
         rods = [(name.lower(), "<f8", (config.n + 1,)) for name in Rod._fields]
         rows = [*Member._fields, *Episode._fields, *HARDWARE]
@@ -52,16 +53,16 @@ class Snapshots:
         parts: list[Any] = [("members", members), ("rods", rods)]
         for name, terms in zip(("links", "joints", "base"), memory.arrays[2] or (), strict=False):
             parts.append((name, "<f8", (terms.shape[1], terms.shape[2] // memory.width)))
-        parts += [(name, "<f8", values.shape[1:]) for name, values in self._more.items()]
+        parts += [(name, "<f8", values.shape[1:]) for name, values in more().items()]
         head = [("version", "<u8"), ("environment", "<u8"), ("key", "<u8", (2,)), ("done", "<u8")]
         self.dtype = np.dtype([*head, *parts])
         self._head, self._first = len(head), len(head) + 1  # fields, and columns, before `parts`
         one = memory.read_lanes(np.zeros(1, np.int64))
-        self._shapes = [part.shape[1:] for part in (*one, *self._more.values())]
+        self._shapes = [part.shape[1:] for part in (*one, *more().values())]
 
     def take(self, lanes: Lanes, done: NDArray[np.bool_]) -> States:
         """Return the records of some lanes, (k,), new."""
-        values = [*self._memory.read_lanes(lanes), *(v[lanes] for v in self._more.values())]
+        values = [*self._memory.read_lanes(lanes), *(v[lanes] for v in self._more().values())]
         columns = [part.reshape(lanes.size, -1) for part in values]
         numbers = np.empty((lanes.size, self.dtype.itemsize // 8))
         np.concatenate(columns, axis=1, out=numbers[:, self._first :])
@@ -127,9 +128,10 @@ class Snapshots:
             part.reshape(lanes.size, *shape)
             for part, shape in zip(columns, self._shapes, strict=True)
         ]
-        of_memory = len(parts) - len(self._more)
+        more = self._more()
+        of_memory = len(parts) - len(more)
         self._memory.write_lanes(lanes, parts[:of_memory])
-        for values, part in zip(self._more.values(), parts[of_memory:], strict=True):
+        for values, part in zip(more.values(), parts[of_memory:], strict=True):
             values[lanes] = part
         self._keys[:, lanes] = states["key"].T
 

@@ -208,7 +208,7 @@ def begin_episodes(
     context : ndarray, shape (lanes, numbers)
         Written: the numbers drawn.
     actions : ndarray, shape (joints, lanes)
-        Written: 0, of the lanes that start.
+        Written, as the torques are: 0, of the lanes that start.
     """
     members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
     actions = bare(actions)
@@ -221,6 +221,8 @@ def begin_episodes(
         members[Member.ACTIVE, k] = 0.0
         for row in range(actions.shape[0]):
             actions[row, k] = 0.0
+        for i in range(n + 1):
+            rods[k // width, Rod.TORQUE, i * width + k % width] = 0.0
         if draws.shape[0] > 0:
             chain[:] = nominal
             _draw_chain(members, keys, k, draws, chain, context)

@@ -134,6 +134,11 @@ class Memory:
         """Return THETA, OMEGA or TORQUE of bases that move, a new array of shape (B,)."""
         return self.of_base(field).ravel()[: self.size].copy()
 
+    def read_at(self, field: int, places: Indices) -> FloatArray:
+        """Return a field at `places` along all chains, n being the base: a new array (B, k)."""
+        found = self._rods[:, field, places].swapaxes(1, 2)
+        return found.reshape(self.lanes, len(places))[: self.size]
+
     def place(self, members: Indices) -> tuple[Indices, Indices]:
         """Return the groups of members and their lanes there: the indices of `per_rod`."""
         return np.divmod(members, self.width)

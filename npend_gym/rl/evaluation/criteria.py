@@ -34,7 +34,7 @@ _LARGEST_DELAY = 0.04  # s
 _MAJORITY = 0.5  # of the repetitions, more than which must succeed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Group:
     """Rollouts in one vector environment: of each value, `repetitions` lanes in a row.
 

@@ -79,6 +79,7 @@ class DisturbedEnvs:
         """Begin an episode in every lane."""
         observation, self._info = self._envs.reset(**arguments)
         self._step = 0
+        self._show_own_motors()
         return observation, self._info
 
     def step(self, action: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
@@ -91,7 +92,12 @@ class DisturbedEnvs:
         whole[:, self._joints] += torque / self._limit
         result = self._envs.step(whole)
         self._step, self._info = self._step + 1, result[-1]
+        self._show_own_motors()
         return result
+
+    def _show_own_motors(self) -> None:
+        """Keep the torques at the joints that the controller drives; disturbances are in them."""
+        self._info["torque"] = self._info["torque"][:, self._columns]
 
     def close(self) -> None:
         """Close the environment."""

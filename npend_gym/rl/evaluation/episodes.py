@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, make_envs, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """What happened in each episode, arrays of shape (episodes,).
 
@@ -33,7 +31,9 @@ class Evaluation:
         Time [s] from which on ``info["success"]`` was true: where the goal must hold for 5 s, these
         are included. NaN without success.
     motor_work : ndarray, float
-        Work [J] that the motors did and took up, both counted as positive.
+        Work [J] that the motors did and took up, both counted as positive: the sum over steps and
+        motors of abs(torque times turn of the joint), with the torque that acted,
+        ``info["torque"]``.
     """
 
     returns: FloatArray
@@ -120,16 +120,13 @@ def evaluate(
     envs = make_envs(env_id, _checks.count("episodes", episodes), keywords)
     config = envs.unwrapped.config
     controller = as_controller(controller, config)
-    shape = (episodes, config.joints.size)
     observation, first = envs.reset(seed=seed)
-    angles, limit = _motor_places(first, config.joints), _motor_limits(config, first)
+    angles, idle = _motor_places(first, config.joints), np.zeros((episodes, 0))
     returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
     success = np.zeros(episodes, np.bool_)
-    for running, action, reward, info in rollout(controller, envs, observation, first):
-        taken = checked_action(action, shape, config.action_table)
+    for running, _, reward, info in rollout(controller, envs, observation, first):
         before, angles = angles, _motor_places(info, config.joints)
-        torque = limit * np.clip(0.0 if taken is None else taken, -1.0, 1.0)
-        step_work = np.abs(torque * (angles - before)).sum(axis=1)
+        step_work = np.abs(info.get("torque", idle) * (angles - before)).sum(axis=1)
         returns += np.where(running, reward, 0.0)
         work += np.where(running, step_work, 0.0)
         success = np.where(running, info["success"], success)
@@ -144,13 +141,3 @@ def _motor_places(info: dict[str, Any], joints: NDArray[np.int64]) -> FloatArray
     if "cart_position" in info:
         relative = np.column_stack([relative, info["cart_position"]])
     return relative[:, joints]
-
-
-def _motor_limits(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
-    """Return the action 1 [N m, or N] in the first episode of each lane, (B, joints)."""
-    limits = np.tile(config.action_limits, (len(info["time"]), 1))
-    of_cart = config.joints == config.n
-    for name, driven in (("max_torque", ~of_cart), ("max_force", of_cart)):
-        if name in config.context_names:
-            limits[:, driven] = info["context"][:, [config.context_names.index(name)]]
-    return limits

@@ -15,7 +15,6 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.inputs import checked_action
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, make_envs, nominal_env, rollout
@@ -33,7 +32,7 @@ _MOST = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Performance:
     """How well each swing-up was done, arrays of shape (episodes,), see `performance`.
 
@@ -136,13 +135,12 @@ def performance(
     controller = as_controller(controller, config)
     envs = make_envs(env_id, count, nominal)
     start = envs.reset(seed=seed)
-    shape = (count, config.joints.size)
+    shape = (count, config.joints.size)  # of the torques that acted, not of the commands
     torques, angles = np.zeros((steps, *shape)), np.zeros((steps + 1, count, config.n))
     speeds, up = np.zeros((steps + 1, count, config.n)), np.zeros((steps + 1, count), np.bool_)
     angles[0], speeds[0] = (np.diff(start[1][k], prepend=0.0) for k in ("theta", "omega"))
-    for k, (running, action, _, info) in enumerate(rollout(controller, envs, *start)):
-        taken = np.clip(np.asarray(checked_action(action, shape, config.action_table)), -1.0, 1.0)
-        torques[k] = np.where(running[:, None], config.max_torque * taken, 0.0)
+    for k, (running, _, _, info) in enumerate(rollout(controller, envs, *start)):
+        torques[k] = np.where(running[:, None], info["torque"], 0.0)
         angles[k + 1], speeds[k + 1] = (np.diff(info[i], prepend=0.0) for i in ("theta", "omega"))
         up[k + 1] = running & (info["tip_height"] > UP * config.chain.total_length)
     envs.close()

@@ -64,7 +64,7 @@ class Outcome(NamedTuple):
         return self.values[own], self.survived[own]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robustness:
     """How much a controller survives, see `robustness`.
 

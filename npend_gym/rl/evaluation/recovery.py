@@ -72,7 +72,7 @@ class KnockDowns:
         return np.where(acts[:, None], torque, 0.0), ~acts
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recovery:
     """How long the chain was up in each episode, see `recovery`.
 
