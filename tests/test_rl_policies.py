@@ -40,6 +40,29 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
     assert 0 < np.sum(np.abs(policy(obs)) < 1.0) < 50  # some are clipped, some are not
 
 
+def test_policies_are_equal_where_their_numbers_and_their_environments_are(tmp_path):
+    policy = small_policy()
+    policy.save(tmp_path / "a.npz")
+    loaded = Policy.load(tmp_path / "a.npz")
+    assert policy == loaded == replace(policy, provenance={})
+    assert hash(policy) == hash(loaded)
+    assert loaded in [small_policy(), replace(policy, env={})]
+    chain = Chain.uniform(2)
+    others = [
+        replace(policy, scale=np.full(6, 3.0, np.float32)),
+        replace(policy, biases=[bias + 1.0 for bias in policy.biases]),
+        replace(policy, env=policy.env | {"n": 3}),
+        replace(policy, env={"chain": chain}),
+    ]
+    assert all(policy != other for other in others)
+    assert policy not in others
+    assert policy != "swingup-1"
+    assert others[-1] == replace(policy, env={"chain": Chain.from_dict(chain.as_dict())})
+    arrays = (replace(policy, env={"masses": np.array([1.0, mass])}) for mass in (2.0, 2.0, 3.0))
+    first, same, different = arrays
+    assert first == same != different
+
+
 def test_the_chain_of_a_policys_environment_is_kept_as_numbers(tmp_path):
     chain = Chain.realaigym("C.1")
     replace(small_policy(), env={"chain": chain, "actuated": [1], "observation": "sincos"}).save(

@@ -36,7 +36,7 @@ class Tracking(NamedTuple):
     action_weight: FloatArray  # (B, joints): times its square, what a wrong action costs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlannedTransition:
     """Hold the start by LQR, track a nominal trajectory by time-varying LQR, hold the goal by LQR.
 

@@ -54,7 +54,7 @@ def _with_dampers(config: EnvConfig, rub: bool | BoolArray) -> Chain:
     return Chain.from_dict(chain.as_dict() | {"friction": 0.0, "damping": damping})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StateFeedback:
     """Linear feedback: the actions are -gain (theta - angle, omega), angles wrapped."""
 
@@ -171,7 +171,7 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     return StateFeedback(0.0, math.exp(best.x) * gain)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnergySwingUp:
     """Swing-up by energy shaping: pump energy at the base, then balance by LQR near upright.
 

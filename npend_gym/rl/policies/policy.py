@@ -21,7 +21,7 @@ from npend_gym.rl.policies.hub import POLICY_FILE, download
 PRETRAINED = Path(__file__).parent / "pretrained"
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Policy:
     """A network of tanh layers from observations to the mean action, in NumPy.
 
@@ -32,6 +32,8 @@ class Policy:
 
     A policy with memory acts on its last observations, each with the action that it took before
     it. It acts in the environments of one vector environment at a time: `reset` makes it forget.
+
+    Two policies are equal if their numbers and their `env` are.
 
     Attributes
     ----------
@@ -69,6 +71,19 @@ class Policy:
             joints = len(self.biases[-1])
             history = History(length, entries - joints, joints)
         object.__setattr__(self, "_history", history)
+
+    def _key(self) -> tuple[Any, ...]:
+        """Return the numbers of the network, by their shapes and bytes."""
+        arrays = (self.scale, *self.weights, *self.biases)
+        return tuple((array.shape, array.tobytes()) for array in arrays)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Policy):
+            return NotImplemented
+        return self._key() == other._key() and plain_keywords(self.env) == plain_keywords(other.env)
+
+    def __hash__(self) -> int:
+        return hash(self._key())
 
     def __repr__(self) -> str:
         sizes = [self.scale.size, *map(len, self.biases)]
