@@ -18,6 +18,7 @@ from npend_gym.rl import (
     evaluate,
 )
 from npend_gym.rl.controllers import regulators
+from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 
 def config_of(**keywords):
@@ -154,6 +155,33 @@ def test_results_and_controllers_can_be_compared_and_found_in_lists():
         assert one == one  # noqa: PLR0124 - which raised once
         assert one in [other, one]
         assert one != other  # as arrays of NumPy, they are compared entry by entry or not at all
+
+
+def planned(config):
+    """Return a controller that tracks a motion which is none, by gains and costs of all kinds."""
+    rng, size = np.random.default_rng(0), 2 * config.n
+    nominal = NominalTrajectory(rng.normal(size=(11, size)), rng.normal(size=(10, 1)))
+    gains, costs = rng.normal(size=(10, 1, size)), rng.normal(size=(11, size, size))
+    hold = regulators.lqr(config, 0.0), regulators.lqr(config)
+    return PlannedTransition(nominal, gains, costs, gains[:, :, 0], *hold, config.dt, 0.1)
+
+
+@pytest.mark.parametrize(
+    "made", [regulators.lqr, regulators.modal_damping, regulators.energy_swing_up, planned]
+)
+def test_controllers_take_the_info_of_a_single_environment(made):
+    keywords = {"n": 2, "mode": "calm"}
+    controller = made(config_of(**keywords))
+    env, envs = gym.make("NPendulum-v0", **keywords), gym.make_vec("NPendulum-v0", 3, **keywords)
+    info, infos = env.reset(seed=1)[1], envs.reset(seed=0)[1]
+    for _ in range(14):
+        action, actions = controller(None, info), controller(None, infos)
+        assert action.shape == (1,)
+        np.testing.assert_allclose(action, actions[1], rtol=1e-13)
+        info, infos = env.step(action)[-1], envs.step(actions)[-1]
+    if made is planned:
+        assert controller.tracking(info).deviation.shape == (4,)
+        assert controller.tracking(info).relative_cost.shape == ()
 
 
 def test_the_interval_of_the_success_rate_is_wilsons():

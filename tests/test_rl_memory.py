@@ -84,6 +84,26 @@ def test_two_evaluations_of_a_policy_with_memory_agree():
     np.testing.assert_array_equal(first, second)
 
 
+@pytest.mark.parametrize("with_info", [False, True])
+def test_a_policy_with_memory_acts_in_a_single_environment(with_info):
+    policy, of_many = policy_with_memory(), policy_with_memory()
+    env = gym.make("NPendulum-v0", **policy.env)
+    policy.reset()
+    of_many.reset(1)
+    for seed in (0, 1):
+        observation, info = env.reset(seed=seed)
+        if not with_info:
+            policy.reset()
+            of_many.reset(1)
+        for _ in range(5):
+            action = policy(observation, info if with_info else None)
+            batch = {"time": np.array([info["time"]])} if with_info else None
+            expected = of_many(observation[None], batch)
+            assert action.shape == (1,)
+            np.testing.assert_array_equal(action, expected[0])
+            observation, _, _, _, info = env.step(action)
+
+
 def test_a_policy_with_memory_refuses_environments_that_it_does_not_remember():
     policy = policy_with_memory()
     with pytest.raises(ValueError, match=r"shape \(0, 6\).*got \(2, 6\): call reset"):

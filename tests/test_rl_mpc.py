@@ -171,6 +171,18 @@ def test_bad_arguments_are_named(env, arguments, message):
         MPC(config, **arguments)
 
 
+def test_a_single_environment_is_controlled_as_the_same_one_in_a_vector_environment_of_one():
+    keywords = {"n": 1, "mode": "swingup"}
+    one, many = (MPC(EnvConfig(**keywords), horizon=0.5) for _ in range(2))
+    env, envs = gym.make("NPendulum-v0", **keywords), gym.make_vec("NPendulum-v0", 1, **keywords)
+    info, infos = env.reset(seed=0)[1], envs.reset(seed=0)[1]
+    for _ in range(3):
+        action, actions = one(None, info), many(None, infos)
+        assert action.shape == (1,)
+        np.testing.assert_array_equal(action, actions[0])
+        info, infos = env.step(action)[-1], envs.step(actions)[-1]
+
+
 def test_a_state_of_another_chain_is_refused():
     controller = MPC(EnvConfig(n=2, mode="swingup"), horizon=0.5)
     with pytest.raises(ValueError, match=r'info\["theta"\] must have the shape \(B, 2\)'):

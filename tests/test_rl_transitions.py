@@ -82,6 +82,20 @@ def test_every_environment_is_led_from_its_own_start_to_its_own_goal(both):
     assert evaluation.success_rate == 1.0
 
 
+def test_a_single_environment_is_led_as_one_of_many(both):
+    env = gym.make("NPendulum-v0", **ONE_ROD)
+    envs = gym.make_vec("NPendulum-v0", 1, **ONE_ROD)
+    info, infos, one, many = env.reset(seed=4)[1], envs.reset(seed=4)[1], [], []
+    for _ in range(3):
+        one.append(both(None, info))
+        info = env.step(one[-1])[-1]
+    both.reset()
+    for _ in range(3):
+        many.append(both(None, infos)[0])
+        infos = envs.step(many[-1][None])[-1]
+    np.testing.assert_array_equal(one, many)
+
+
 def test_episodes_begin_anew_where_time_goes_back(both):
     theta, omega = np.array([[0.0], [np.pi]]), np.zeros((2, 1))
     info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.pi - theta}

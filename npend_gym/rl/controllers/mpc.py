@@ -14,6 +14,7 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, joined
 from npend_gym.rl.controllers.regulators import riccati, time_scale
+from npend_gym.rl.controllers.single import takes_one_too
 from npend_gym.rl.controllers.step_model import StepModel, check_base
 from npend_gym.theory import fundamental_period
 
@@ -119,8 +120,9 @@ class MPC:
         del num_envs
         self._time = np.empty(0)
 
+    @takes_one_too
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints)."""
+        """Return the actions, shape (B, joints); of a single environment (joints,)."""
         del observation
         theta, time = np.asarray(info["theta"]), np.asarray(info["time"])
         if theta.ndim != 2 or theta.shape[1] != self._goal.size:

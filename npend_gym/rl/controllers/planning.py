@@ -20,6 +20,7 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.rl.controllers.mpc import MPC
 from npend_gym.rl.controllers.regulators import StateFeedback, lqr, riccati, state_weights
+from npend_gym.rl.controllers.single import takes_one_too
 from npend_gym.rl.controllers.step_model import StepModel
 from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
 
@@ -53,12 +54,16 @@ class PlannedTransition:
     settle: float  # time before the trajectory begins [s]
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints)."""
+        """Return the actions, shape (B, joints); of a single environment (joints,)."""
         del observation
         return self.tracking(info).actions
 
+    @takes_one_too
     def tracking(self, info: dict[str, Any]) -> Tracking:
-        """Return the actions, and how far the states are from the trajectory."""
+        """Return the actions, and how far the states are from the trajectory.
+
+        Of a single environment its arrays have no leading axis of B.
+        """
         steps = len(self.gains)
         step = np.rint((info["time"] - self.settle) / self.dt).astype(np.int64)
         k = np.clip(step, 0, steps - 1)

@@ -14,6 +14,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
+from npend_gym.rl.controllers.single import takes_one_too
 from npend_gym.rl.controllers.step_model import check_base
 
 _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
@@ -62,7 +63,7 @@ class StateFeedback:
     gain: FloatArray  # (joints, 2n)
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints)."""
+        """Return the actions, shape (B, joints); of a single environment (joints,)."""
         del observation
         return -self.deviation(info) @ self.gain.T
 
@@ -187,8 +188,9 @@ class EnergySwingUp:
     pump_gain: float
     catch_cost: float
 
+    @takes_one_too
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, 1)."""
+        """Return the actions, shape (B, 1); of a single environment (1,)."""
         x = self.balance.deviation(info)
         omega: FloatArray = info["omega"]
         energy: FloatArray = info["energy"]

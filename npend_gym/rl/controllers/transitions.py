@@ -18,6 +18,7 @@ from npend_gym._files import read_arrays, replacing
 from npend_gym._provenance import provenance
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
+from npend_gym.rl.controllers.single import takes_one_too
 from npend_gym.rl.controllers.step_model import StepModel
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 
@@ -59,12 +60,16 @@ class PlannedTransitions:
         self._origin = np.empty((0, 0))  # whole turns of the rods at the beginning [rad]
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints)."""
+        """Return the actions, shape (B, joints); of a single environment (joints,)."""
         del observation
         return self.tracking(info).actions
 
+    @takes_one_too
     def tracking(self, info: dict[str, Any]) -> Tracking:
-        """Return the actions, and how far the states are from the trajectories of the plans."""
+        """Return the actions, and how far the states are from the trajectories of the plans.
+
+        Of a single environment its arrays have no leading axis of B.
+        """
         self._begin(info)
         plans = list(self.plans.values())
         theta: FloatArray = info["theta"] - self._origin

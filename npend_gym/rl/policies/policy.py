@@ -99,7 +99,7 @@ class Policy:
         """Whether it acts on more than the present observation."""
         return self._history is not None
 
-    def reset(self, num_envs: int) -> None:
+    def reset(self, num_envs: int = 1) -> None:
         """Forget what was observed: the next call begins episodes in `num_envs` environments."""
         if self._history is not None:
             self._history.reset(num_envs)
@@ -112,7 +112,7 @@ class Policy:
         Parameters
         ----------
         observation : ndarray, shape (..., k)
-            With memory (B, k), of the same B environments as in the call before.
+            With memory (B, k), of the same B environments as in the call before; or (k,), of one.
         info : mapping, optional
             Where ``info["time"]`` is 0 an episode begins, and a policy with memory forgets what was
             before. Without `info` that is left to `reset`. One without memory does not look at it.
@@ -134,16 +134,16 @@ class Policy:
             )
         if self._history is None:
             return self._act(observation / self.scale)
-        frames = self._remembered(self._history, observation, info)
+        frames = self._remembered(self._history, np.atleast_2d(observation), info)
         action = self._act((frames / self.scale).reshape(len(frames), self.scale.size))
         self._history.act(action)
-        return action
+        return action[0] if np.ndim(observation) == 1 else action
 
     def _remembered(
         self, history: History, observation: Float32Array, info: Mapping[str, Any] | None
     ) -> Float32Array:
         """Return the frames of all environments, (B, length, k + joints)."""
-        begins = None if info is None else np.asarray(info["time"]) == 0.0
+        begins = None if info is None else np.atleast_1d(info["time"]) == 0.0
         if begins is not None and begins.all():
             history.reset(begins.size)
         expected = (len(history.frames), self.observed)
