@@ -97,7 +97,7 @@ def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
 
 def evaluated(task: str, agent: str, controller: Controller) -> dict[str, Any]:
     """Return the row of a controller that is not trained here."""
-    row = {"task": task, "agent": agent, "seed": "", "steps": "", "seconds": ""}
+    row = {"task": task, "agent": agent, "seed": "", "steps": "", "seconds": "", "clock": ""}
     return row | evaluate(controller, env_of_task(task)).as_row()
 
 
@@ -168,8 +168,10 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
                 curve = list(csv.DictReader(file))
             curves += [run | {key: row.get(key, "") for key in CURVE} for row in curve]
+            policy = Policy.load(path)
             end = {"steps": int(curve[-1]["steps"]), "seconds": float(curve[-1]["seconds"])}
-            rows.append(run | end | evaluate(Policy.load(path), env_of_task(task)).as_row())
+            end["clock"] = policy.provenance["clock"].removesuffix(" time")
+            rows.append(run | end | evaluate(policy, env_of_task(task)).as_row())
     return rows, curves
 
 
@@ -204,7 +206,10 @@ def learned(runs: list[dict[str, Any]]) -> list[str]:
         runs[0]["agent"],
         str(len(runs)),
         f"{runs[0]['steps'] / 1e6:.2f} M",
-        f"{np.mean([row['seconds'] for row in runs]):.0f} s",
+        ", ".join(
+            f"{np.mean([row['seconds'] for row in runs if row['clock'] == clock]):.0f} s {clock}"
+            for clock in dict.fromkeys(row["clock"] for row in runs)
+        ),
         f"{middle:.0f} %" + f" ({low:.0f} to {high:.0f})" * (low < high),
         f"{np.mean(times):.1f} s" if times else "-",
     ]

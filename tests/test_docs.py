@@ -13,6 +13,8 @@ import pytest
 from scripts import run_python
 
 from npend_gym import __version__
+from npend_gym.cli.train import ALGORITHMS
+from npend_gym.rl import Policy, pretrained_names
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted(
@@ -64,7 +66,7 @@ def test_code_of_the_page_prints_what_the_page_shows(page, tmp_path, monkeypatch
 
 
 def test_every_picture_is_drawn_by_a_command_that_some_page_names():
-    drawn = set(figures().FIGURES)
+    drawn = set(script_of_docs("figures").FIGURES)
     shown = {path.stem for path in (ROOT / "docs" / "images").iterdir()}
     pages = "".join(p.read_text(encoding="utf-8") for p in [*(ROOT / "docs").rglob("*.md")])
     pages += (ROOT / "README.md").read_text(encoding="utf-8")
@@ -81,7 +83,7 @@ def test_the_gallery_has_every_picture_with_what_makes_it():
         path.stem for path in (ROOT / "docs" / "images").iterdir()
     }
     drawn = {name for name, made in pictures if "literalinclude" in made}
-    assert drawn == set(figures().FIGURES)
+    assert drawn == set(script_of_docs("figures").FIGURES)
 
 
 @pytest.mark.parametrize(
@@ -103,13 +105,47 @@ def test_the_citation_names_this_version():
 
 @pytest.mark.parametrize("name", ["tensions", "readings", "tutorial"])
 def test_figures_of_the_pages_are_drawn(name):
-    figure = figures().FIGURES[name]()
+    figure = script_of_docs("figures").FIGURES[name]()
     assert len(figure.axes) >= 2
     assert all(ax.lines or ax.images for ax in figure.axes)
 
 
-def figures():
-    spec = importlib.util.spec_from_file_location("figures", ROOT / "docs" / "figures.py")
+def script_of_docs(name):
+    """Return a script of docs/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+def test_tables_of_the_policies_that_ship_are_what_docs_shipped_policies_writes(page):
+    script, text = script_of_docs("shipped_policies"), (ROOT / page).read_text(encoding="utf-8")
+    assert script.with_table(text, script.TABLES[page]()) == text
+
+
+def test_results_tell_of_each_policy_that_ships_what_its_record_says():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    text = text.split("## The policies that ship")[1].split("## The files")[0]
+    rows = {}
+    for line in text.splitlines():
+        name, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+        rows[name] = cells
+    for name in pretrained_names():
+        about = Policy.pretrained(name).provenance
+        seconds, by = about["training"]["seconds"], about["trained_by"]
+        assert rows[name][3:5] == [f"{seconds:.0f} s", about["clock"].split()[0]]
+        assert rows[name][5] == f"{100 * about['evaluation']['success']:.0f} %"
+        assert ("PPO" in rows[name][0]) == by.endswith(("ppo", "cleanrl.py"))
+        assert ("(1)" in rows[name][0]) == ("note" in about)
+
+
+def test_a_record_names_a_script_only_where_it_exists_or_says_that_it_is_gone():
+    for name in pretrained_names():
+        about = Policy.pretrained(name).provenance
+        by = about["trained_by"]
+        if by in ALGORITHMS:
+            assert "note" not in about
+        else:
+            assert not (ROOT / by).exists()
+            assert "the package no longer has this script" in about["note"]

@@ -11,7 +11,7 @@ chains of an ensemble, an object renews in its method `restored`.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -125,21 +125,21 @@ class Checkpoint:
 
 
 class Stopwatch:
-    """Time that a run has taken, also before it was resumed."""
+    """Processor time that a run has taken, also before it was resumed."""
 
     changes = ("seconds",)
 
-    def __init__(self, now: Callable[[], float] = time.process_time) -> None:
-        self._now, self._began = now, now()
+    def __init__(self) -> None:
+        self._began = time.process_time()
 
     @property
     def seconds(self) -> float:
-        """Time since the start of the run [s]."""
-        return self._now() - self._began
+        """Processor time since the start of the run [s]."""
+        return time.process_time() - self._began
 
     @seconds.setter
     def seconds(self, seconds: float) -> None:
-        self._began = self._now() - seconds
+        self._began = time.process_time() - seconds
 
 
 class TorchRandom:

@@ -11,7 +11,6 @@ weights of the cosines stay zero: that is a third fewer to find, and no torque r
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,7 +102,7 @@ def train(
     envs = make_envs(ENV_ID, 2 * settings.pairs, keywords)
     search = Search(settings, config)
     curve: Curve = []
-    clock = Stopwatch(time.perf_counter)
+    clock = Stopwatch()
     parts = {"search": search, "curve": curve, "clock": clock}
     checkpoint = checkpoint or Checkpoint(settings)
     for update in checkpoint.rounds(parts, settings.updates, progress, "update"):

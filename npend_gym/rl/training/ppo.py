@@ -10,7 +10,6 @@ the value of its last observation, and that values are not clipped.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -149,7 +148,7 @@ def train(
     batch_size = settings.num_envs * settings.num_steps
     num_iterations = max(1, settings.total_timesteps // batch_size)
     curve: Curve = []
-    clock = Stopwatch(time.perf_counter)
+    clock = Stopwatch()
     parts = {
         "agent": agent, "optimizer": optimizer, "collector": collector, "shuffler": shuffler,
         "random": TorchRandom(), "curve": curve, "clock": clock,

@@ -146,5 +146,5 @@ def evaluation_env(env: dict[str, Any]) -> dict[str, Any]:
 
 def made_by(algorithm: str, settings: Any, last: dict[str, Any]) -> dict[str, Any]:
     """Return the provenance of a policy that `algorithm` trained with `settings`."""
-    about = {"trained_by": algorithm, "training": last}
+    about = {"trained_by": algorithm, "clock": "processor time", "training": last}
     return about | provenance(asdict(settings), settings.seed)

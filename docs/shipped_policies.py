@@ -1,0 +1,118 @@
+"""Write the tables of the policies that ship, from the records of the policies.
+
+Run it with `python docs/shipped_policies.py`. The tables stand between two comments in README.md
+and docs/results.md. A test compares them with what the records say.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import Any
+
+from npend_gym.rl import Policy, pretrained_names
+
+ROOT = Path(__file__).parents[1]
+ALGORITHMS = {
+    "ppo": "PPO", "train_cleanrl": "PPO", "es": "evolution strategies",
+    "train_es": "evolution strategies", "shac": "SHAC, gradients through the simulation",
+    "robust_shac": "SHAC, with errors", "imitation": "imitation of plans",
+    "train_imitation": "imitation of plans", "robust_imitation": "imitation, from angles alone",
+}  # fmt: skip
+ORDER = ("swingup", "transition", "balance", "calm")
+SWING_UP, TRANSITION = "`npend/SwingUp-v1`, `n=1`", "`npend/Transition-v1`, `n=2`"
+# Of the README: environment, what is to be done, name of the policy
+TASKS = (
+    (SWING_UP, "from hanging to standing, with a motor at the pivot", "swingup-1"),
+    *((f"`n={n}`", "", f"swingup-{n}") for n in range(2, 7)),
+    (TRANSITION, "from any of 4 equilibria to any other", "transition-2"),
+    ("`npend/Balance-v1`, `n=3`", "stay upright", "balance-3"),
+    ("`npend/Calm-v1`, `n=20`", "bring a released chain to rest", "calm-20"),
+    ("`npend/CartPole-v1`, `CartDoublePole`, `CartTriplePole`", "poles on a cart", ""),
+    ("`npend/Release-v1`", "none: the free release is measured", ""),
+)
+CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MPC")
+
+
+def record(name: str) -> dict[str, Any]:
+    """Return what the record of a shipped policy says, under the same names for all."""
+    about = Policy.pretrained(name).provenance
+    script = about["trained_by"].startswith("examples/")
+    seed = about["settings" if "settings" in about else "arguments"]["seed"]  # of older records
+    evaluation = about["evaluation"]
+    settling = evaluation.get("settling_time", evaluation.get("since"))
+    return {
+        "algorithm": ALGORITHMS[Path(about["trained_by"]).stem] + (" (1)" if script else ""),
+        "seed": str(seed),
+        "steps": f"{about['training']['steps'] / 1e6:.2f} M",
+        "time": f"{about['training']['seconds']:.0f} s",
+        "clock": about["clock"].removesuffix(" time"),
+        "success": f"{100 * evaluation['success']:.0f} %",
+        "settling": f"{settling:.1f} s",
+    }
+
+
+def controllers(task: str) -> str:
+    """Return the controllers that succeed most often, as docs/results/learning.csv has them."""
+    with (ROOT / "docs" / "results" / "learning.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["task"] == task]
+    found = {row["agent"]: float(row["success"]) for row in rows if row["agent"] in CONTROLLERS}
+    if not found:
+        return ""
+    best = [name.replace(",", "") for name in found if found[name] == max(found.values())]
+    return f"{', '.join(best)} {100 * max(found.values()):.0f} %"
+
+
+def table(titles: list[str], rows: list[list[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [titles, ["---"] * len(titles), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def of_readme() -> str:
+    """Return the table of the README: a line for every task."""
+    titles = ["`gym.make(...)`", "task", "policy by", "one core", "success",
+              "by a controller that knows the equations"]  # fmt: skip
+    rows = list[list[str]]()
+    for env, task, name in TASKS:
+        shipped = record(name) if name in pretrained_names() else None
+        cells = ["", "", ""]
+        if shipped:
+            time = f"{shipped['time']} {shipped['clock']}"
+            cells = [shipped["algorithm"], time, shipped["success"]]
+        rows.append([env, task, *cells, controllers(name)])
+    return table(titles, rows)
+
+
+def of_results() -> str:
+    """Return the table of docs/results.md: a line for every policy."""
+    names = sorted(
+        pretrained_names(),
+        key=lambda name: (ORDER.index(name.split("-")[0]), int(name.split("-")[1]), name),
+    )
+    titles = ["policy", "learned by", "seed", "steps", "time", "clock", "success", "settling time"]
+    return table(titles, [[name, *record(name).values()] for name in names])
+
+
+TABLES = {"README.md": of_readme, "docs/results.md": of_results}
+
+
+def with_table(text: str, made: str) -> str:
+    """Return a page with `made` between its two comments."""
+    begin, end = "<!-- docs/shipped_policies.py -->\n", "<!-- end -->\n"
+    pattern = re.compile(f"({re.escape(begin)}).*?({re.escape(end)})", re.DOTALL)
+    if len(pattern.findall(text)) != 1:
+        raise ValueError(f"the page must have the comments {begin}and {end}once")
+    return pattern.sub(lambda found: f"{found[1]}\n{made}\n{found[2]}", text)
+
+
+def main() -> None:
+    """Write all tables."""
+    for name, made in TABLES.items():
+        path = ROOT / name
+        path.write_text(with_table(path.read_text(encoding="utf-8"), made()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
