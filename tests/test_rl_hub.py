@@ -122,6 +122,17 @@ def test_the_card_tells_the_hub_what_evaluate_finds(policy, tmp_path):
     assert success.metric_value == again.success_rate
 
 
+@pytest.mark.parametrize(
+    ("name", "repository"), [("me/one-rod", "me/one-rod"), ("one-rod", "USER/one-rod")]
+)
+def test_the_example_of_a_card_names_the_repository_once(name, repository, policy, tmp_path):
+    write_repository(policy, tmp_path, name, episodes=2)
+    card = hub.ModelCard.load(tmp_path / "README.md")
+    assert f'Policy.from_hub("{repository}")' in card.content
+    assert card.data.model_name == "one-rod"
+    assert "\n# one-rod\n" in card.content
+
+
 class Repositories(BaseHTTPRequestHandler):
     """Files in a folder under the addresses that the Hub has for them."""
 

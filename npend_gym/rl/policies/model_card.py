@@ -29,7 +29,7 @@ file of safetensors, which holds numbers and text alone.
 ```python
 from npend_gym.rl import Policy, evaluate
 
-policy = Policy.from_hub("USER/{name}")
+policy = Policy.from_hub("{repository}")
 print(evaluate(policy, policy.env, episodes=20).success_rate)
 ```
 
@@ -76,7 +76,8 @@ def write_repository(
     folder : path-like
         Made where it does not exist. "policy.safetensors" and "README.md" are written.
     name : str
-        Of the repository.
+        Of the repository, "user/name". For the name alone the card's example has ``USER/name``,
+        with the user to be filled in.
     episodes, seed : int
         As for `evaluate`.
 
@@ -118,7 +119,8 @@ def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> 
     settling = row["settling_time"]
     return _CARD.format(
         about=_metadata(hub, task, name, mean, deviation, found.success_rate),
-        name=name, task=task, env_id=ENV_ID, version=__version__, layers=len(policy.weights),
+        name=name.rpartition("/")[2], repository=name if "/" in name else f"USER/{name}",
+        task=task, env_id=ENV_ID, version=__version__, layers=len(policy.weights),
         numbers=sum(a.size for a in (*policy.weights, *policy.biases)),
         env=json.dumps(plain_keywords(policy.env), indent=2),
         episodes=found.returns.size, seed=seed, success=found.success_rate, low=low, high=high,
@@ -144,7 +146,7 @@ def _metadata(hub: Any, task: str, name: str, mean: float, deviation: float, suc
         license="mit",
         pipeline_tag="reinforcement-learning",
         tags=["reinforcement-learning", "deep-reinforcement-learning", "gymnasium", task],
-        model_name=name,
+        model_name=name.rpartition("/")[2],
         eval_results=results,
     ).to_yaml()
 

@@ -120,6 +120,7 @@ class Policy:
         Returns
         -------
         ndarray, float32, shape (..., joints)
+            Its last bits depend on the machine and on B, because those of matrix products do.
 
         Raises
         ------
