@@ -40,7 +40,7 @@ from npend_gym.rl.training.tasks import (
 class Settings(TrainingSettings):
     """The settings of a training run; its result depends on nothing else."""
 
-    total_timesteps: int = 96_000
+    total_timesteps: int = 144_000
     num_envs: int = 32
     horizon: int = 10  # steps
     updates: int = 15  # for each horizon of all environments
@@ -247,7 +247,7 @@ def learn(
 
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
-    "swingup-2": {"total_timesteps": 96_000},
+    "swingup-2": {"total_timesteps": 144_000},
     # Stronger, and thrown about by `recovery`: speeds are higher, and hesitating costs more
     "swingup-2-pendubot": {
         "total_timesteps": 320_000,
