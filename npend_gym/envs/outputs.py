@@ -49,7 +49,11 @@ class Outputs:
     ) -> None:  # fmt: skip
         self.config, self.count, n = config, memory.size, config.n
         self._memory, self._motors, self._context = memory, motors, context
-        self._joints, self._has_motors = config.joints, config.joints.size > 0
+        joints = config.joints
+        self._joints, self._has_motors = joints, joints.size > 0
+        first = np.array_equal(np.arange(joints.size), joints)
+        # where the only lane has its torques: of the first joints in a slice, which is quicker
+        self._acted = 0, int(Rod.TORQUE), slice(joints.size) if first else joints
         self._measures_com = config.mode.measures_com
         self._is_random, self._has_cart = context.shape[1] > 0, config.has_cart
         self._has_goals, self._goal_env = config.mode.has_goals, config.goal_env
@@ -191,8 +195,7 @@ class Outputs:
         if self._measures_com:
             info["pseudo_period_com"] = of_com
         if self._has_motors and self._motors is None:  # as `_torques`, in less time
-            acted = self._memory.arrays[1][0, Rod.TORQUE][self._joints]
-            info["torque"] = acted.astype(np.float64)
+            info["torque"] = self._memory.arrays[1][self._acted].astype(np.float64)
         elif self._has_motors:
             info["torque"] = self._torques()[0]
         if self._is_random:
