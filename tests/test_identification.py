@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
 from npend_gym import Chain, identify, simulate
 from npend_gym.identification import prediction_rmse, read_motion
@@ -23,6 +24,7 @@ from npend_gym.identification.parameters import (
 from npend_gym.identification.regression import regress, smooth
 from npend_gym.identification.segments import side_by_side
 from npend_gym.identification.shooting import Shooting
+from npend_gym.identification.uncertainty import lasting
 from npend_gym.physics import accelerations
 from npend_gym.physics.derivatives import DifferentiableEnsemble
 from npend_gym.physics.motions import Motions
@@ -83,6 +85,54 @@ def test_standard_errors_are_neither_too_small_nor_too_large():
         times, theta, piece = recorded(TRUE, 8, seed=seed)
         scaled.append(deviations(identify(times, theta, piece=piece, chain=KNOWN), TRUE))
     assert 0.6 < np.sqrt(np.mean(np.square(scaled))) < 1.5
+
+
+def test_standard_errors_cover_errors_that_last_and_white_noise_alike():
+    """Noise of an AR(1) process that lasts for a fifth of a recording, and white noise."""
+    for memory, least in ((0.0, 0.55), (0.9, 0.55)):
+        scaled = []
+        for seed in range(24):
+            times, theta, piece = recorded(TRUE, 8, seed=seed)
+            if memory:
+                rng = np.random.default_rng(seed + 100)
+                noise = NOISE * rng.normal(size=theta.shape)
+                for k in range(1, len(noise)):
+                    noise[k] += memory * noise[k - 1]
+                theta += noise
+            scaled.append(deviations(identify(times, theta, piece=piece, chain=KNOWN), TRUE))
+        within = np.mean(np.abs(scaled) < 1.0), np.mean(np.abs(scaled) < 2.0)
+        assert within[0] > least, (memory, within)
+        assert within[1] > 0.9, (memory, within)
+        assert 0.5 < np.sqrt(np.mean(np.square(scaled))) < 1.4
+
+
+@pytest.mark.filterwarnings("ignore:standard errors are large", "ignore:the fit found")
+def test_two_recordings_of_one_robot_agree_within_their_standard_errors():
+    found = []
+    for name in ("realaigym_c1_small.csv", "realaigym_c1.csv"):
+        motion = read_motion(DATA / name)
+        given = {"torque": motion.torque, "chain": "realaigym C.1", "segment": 1.0}
+        found.append(identify(motion.times, motion.theta, **given))
+    spread = np.hypot(found[0].standard_errors, found[1].standard_errors)
+    assert np.all(spread > 0.0)  # also of values that ended at their bound
+    assert np.abs((found[0].values - found[1].values) / spread).max() < 3.0
+
+
+def test_little_data_and_the_drag_of_a_barn_door_bring_warnings():
+    motion = read_motion(DATA / "realaigym_c1_small.csv")
+    with pytest.warns(UserWarning, match="") as told:
+        identify(motion.times, motion.theta, motion.torque, chain="realaigym C.1", segment=1.0)
+    texts = [str(one.message) for one in told]
+    assert any("segments, whose errors last long, must tell 11 values" in text for text in texts)
+    assert any("quadratic_drag[1] = " in text and "N s^2/m^2, more than" in text for text in texts)
+
+
+def test_residuals_last_for_one_row_if_white_and_for_nineteen_if_they_decay_so():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(4, 2 * 20_000))
+    assert lasting(white, 2) == pytest.approx(1.0, abs=0.1)
+    slow = lfilter([1.0], [1.0, -0.9], white.reshape(4, -1, 2), axis=1).reshape(4, -1)
+    assert lasting(slow, 2) == pytest.approx((1.0 + 0.9) / (1.0 - 0.9), rel=0.1)
 
 
 def test_gaps_outliers_whole_turns_and_uneven_times_do_no_harm():
@@ -191,6 +241,7 @@ def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_e
     assert close >= 95
 
 
+@pytest.mark.filterwarnings("ignore:standard errors are large")
 def test_the_measured_driven_pendulum_is_predicted_better_than_with_its_published_parameters():
     motion = read_motion(DATA / "realaigym_c1.csv")
     result = identify(motion.times, motion.theta, motion.torque, chain="realaigym C.1", segment=1.0)

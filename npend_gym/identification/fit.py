@@ -67,7 +67,8 @@ def identify(
     -----
     UserWarning
         If the angles are likely to be degrees or those of joints, lengths are likely to be
-        millimetres, or the fitted chain moves otherwise than the data.
+        millimetres, the fitted chain moves otherwise than the data, few segments whose errors last
+        long determine many values, or a fitted value is none of a pendulum in air.
 
     Notes
     -----

@@ -14,6 +14,7 @@ from npend_gym.identification.parameters import INERTIA, LIFT, Model, values_of
 from npend_gym.identification.stages import Fit, Stages, typical_period
 
 _UNLIKELY, _IMPOSSIBLE = 10.0, 100.0  # times the expected period: milliseconds give 1000
+_AIR = 1.2  # kg/m^3, its density
 _BETTER = 3.0  # times smaller are the errors of angles that were taken wrongly
 
 
@@ -87,3 +88,42 @@ def warn_of_other_angles(motion: Motion, model: Model, fitted: Fit) -> None:
                 "npend identify",
                 stacklevel=4,
             )
+
+
+def warn_of_values(chain: Chain, segments: int, fitted: int, *, rough: bool) -> None:
+    """Warn if few segments determine many values, or a value is none of a pendulum in air.
+
+    Parameters
+    ----------
+    chain : Chain
+        The fitted one.
+    segments, fitted : int
+        Numbers of segments and of fitted values.
+    rough : bool
+        Whether standard errors are: see `Uncertainty`.
+    """
+    if rough:
+        warnings.warn(
+            f"standard errors are large, and rough: {segments} segments, whose errors last long, "
+            f"must tell {fitted} values; record more or livelier motions, or fit fewer quantities",
+            stacklevel=4,
+        )
+    unlikely = [
+        f"quadratic_drag[{link}] = {drag:.3g} N s^2/m^2, more than that of a plate of the chain's "
+        f"length in both directions in air, {most:.2g} N s^2/m^2"
+        for link, drag in enumerate(chain.quadratic_drag.tolist())
+        if drag > (most := _AIR * chain.total_length**2)
+    ]
+    unlikely += [
+        f"centres[{link}] = {centre:.3g} m, more than two lengths of the link from its joint"
+        for link, (centre, length) in enumerate(
+            zip(chain.centres.tolist(), chain.lengths.tolist(), strict=True)
+        )
+        if abs(centre) > 2.0 * length
+    ]
+    if unlikely:
+        warnings.warn(
+            f"the fit found {'; '.join(unlikely)}: record more or livelier motions, fit fewer "
+            "quantities, or check lengths and masses",
+            stacklevel=4,
+        )

@@ -14,7 +14,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import OFFSET, Model, new_model
-from npend_gym.identification.plausibility import check_units, warn_of_other_angles
+from npend_gym.identification.plausibility import check_units, warn_of_other_angles, warn_of_values
 from npend_gym.identification.result import Identification
 from npend_gym.identification.segments import cut
 from npend_gym.identification.stages import Fit, Stages
@@ -121,6 +121,8 @@ def _result(problem: Problem, fitted: Fit, judged: Sequence[slice]) -> Identific
     own = stages.judge(values, judged) if judged else None
     given = stages.judge(model.known, judged, _MANY) if judged else None
     errors, chain = uncertainty(solution, model), model.chain_of(values)
+    count, rough = len(fitted.segments.rows), errors.rough
+    warn_of_values(chain, count, len(model.names), rough=rough)
     held_out = np.zeros(motion.times.size, np.bool_)
     for rows in judged:
         held_out[rows] = True

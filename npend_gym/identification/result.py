@@ -23,8 +23,8 @@ class Identification:
     names, units : tuple of str
         The k fitted values, such as "inertia0" and "kg m^2"; see the notes.
     values, standard_errors : ndarray, shape (k,)
-        The values and their standard errors; infinite where the data do not determine a value,
-        zero for one that ended at its bound, zero.
+        The values and their standard errors; infinite where the data do not determine a value.
+        They are those of a fit without bounds, also where a value ended at its bound, zero.
     correlation : ndarray, shape (k, k)
         Correlation of the errors.
     chain_errors : dict of str to ndarray, shape (n,)

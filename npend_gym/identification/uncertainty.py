@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,10 @@ from npend_gym.identification.parameters import (
     Model,
 )
 
-_CLUSTERS = 3  # independent parts of the data for each fitted value, at least
+_FEW, _ENOUGH = 6, 2  # clusters: at least, and for each fitted value where errors are short enough
+_ROUGH = 3.0  # times what independent errors explain: errors of few segments are then rough
+_LARGE = 0.05  # relative standard error of an inertia or a lift from which on that matters
+_PINNED = 1e-6  # share of what is known of a value that the other clusters have at least
 _SINGULAR = 1e-12  # eigenvalue of the scaled information, relative to the largest
 _VAGUE = 0.5  # relative standard error from which on a value counts as not determined
 
@@ -35,59 +39,105 @@ class Uncertainty:
         Infinite where the data do not determine a value.
     covariance : ndarray, shape (k, k)
         Of what the data determine.
+    rough : bool
+        Whether few segments determine much, errors last long, and inertias or lifts are not known
+        to 5 %.
     """
 
     errors: FloatArray
     covariance: FloatArray
+    rough: bool
 
     @property
     def correlation(self) -> FloatArray:
         """The correlation of the fitted values, shape (k, k); zero beside a value without error."""
-        spread = np.sqrt(np.diag(self.covariance))
-        spread = np.where(spread > 0.0, spread, np.inf)
-        out = self.covariance / np.outer(spread, spread)
-        np.fill_diagonal(out, 1.0)
-        return out
+        return _correlation(self.covariance)
 
 
 def uncertainty(solution: Solution, model: Model) -> Uncertainty:
-    """Return the standard errors of a solution, from how much its segments differ.
+    """Return the standard errors of a solution, from how much it depends on each segment.
 
-    Errors of a model, and of smoothed measurements, last for many rows. The covariance is
-    therefore that of clusters (the "sandwich"): H^-1 (sum_c s_c s_c^T) H^-1, where H is the
-    information of what is fitted and s_c the gradient of segment c, c from 1 to C, times C / (C -
-    k). Too few segments are cut into several clusters each. No standard error is less than that of
-    independent errors. Values held at a bound have none.
+    Errors of a model, and of smoothed measurements, last for many rows, so that rows do not tell
+    how much they change the fit. The errors are therefore those of a jackknife over C clusters: the
+    covariance is (C - 1)/C sum_c d_c d_c^T, where d_c is the change of the fitted values, less its
+    mean, when cluster c is left out, by one step of Newton's method (the "CR3" estimate). A cluster
+    is a segment. Where there are less than two for each fitted value, segments are cut into parts,
+    which are as long as the errors last, or longer; but less than 6 segments make 6 clusters. No
+    standard error is less than that of independent errors.
+
+    A value that ended at its bound, zero, might be there by the chance of these data. Errors are
+    therefore those of a fit without bounds: such a value has an error too, and all others have that
+    of not knowing it.
     """
     scale = model.scale(model.unpack(solution.fitted))
-    free = solution.fitted > model.lower
-    columns = solution.projected[..., free] * scale[free]
+    columns = solution.projected * scale
     weighted = columns * solution.weights[..., None]
-    values, vectors = np.linalg.eigh(np.einsum("smi,smj->ij", weighted, columns))
+    edges = _edges(solution, model.chain.n)
+    scores = _clusters(weighted * solution.residuals[..., None], edges)
+    parts = _clusters(np.einsum("smi,smj->smij", weighted, columns), edges)
+    values, vectors = np.linalg.eigh(parts.sum(axis=0))
     told = values > _SINGULAR * values.max(initial=0.0)
-    inverse = vectors[:, told] / values[told] @ vectors[:, told].T
-    fitted = int(free.sum())
-    scores = _clusters(weighted * solution.residuals[..., None], fitted)
-    many = len(scores) / max(1, len(scores) - fitted)
-    inner = many * inverse @ (scores.T @ scores) @ inverse
-    total, unknowns = float(solution.weights.sum()), fitted + solution.states.size
+    whiten = vectors[:, told] / np.sqrt(values[told])  # to values of unit information
+    left = (1.0 + _PINNED) * np.eye(told.sum()) - whiten.T @ parts @ whiten
+    changes = np.linalg.solve(left, (scores @ whiten)[..., None])[..., 0] @ whiten.T
+    changes -= changes.mean(axis=0)
+    inner = (1.0 - 1.0 / len(scores)) * changes.T @ changes
+    total, fitted = float(solution.weights.sum()), scale.size
+    unknowns = fitted + solution.states.size
     variance = np.sum((solution.weights * solution.residuals) ** 2) / max(1.0, total - unknowns)
-    alone = np.diag(variance * inverse) / np.maximum(np.diag(inner), 1e-300)
-    inner *= np.sqrt(np.outer(np.maximum(alone, 1.0), np.maximum(alone, 1.0)))
-    covariance = np.zeros((scale.size, scale.size))
-    covariance[np.ix_(free, free)] = inner * np.outer(scale[free], scale[free])
+    least = variance * whiten @ whiten.T
+    excess = np.diag(inner) / np.maximum(np.diag(least), 1e-300)
+    # few segments leave the correlation of many values open, the information does not
+    share = fitted / (fitted + len(scores) - 1.0)
+    mixed = (1.0 - share) * _correlation(inner) + share * _correlation(least)
+    spread = np.sqrt(np.maximum(np.diag(inner), np.diag(least)))
+    covariance = mixed * np.outer(spread * scale, spread * scale)
     errors = np.sqrt(np.diag(covariance))
-    untold = np.abs(vectors[:, ~told]).max(axis=1, initial=0.0) > 0.1
-    errors[np.flatnonzero(free)[untold]] = np.inf
-    return Uncertainty(errors, covariance)
+    errors[np.abs(vectors[:, ~told]).max(axis=1, initial=0.0) > 0.1] = np.inf
+    ruling = np.isin(np.argwhere(model.free)[:, 0], (INERTIA, LIFT))
+    rough = len(solution.weights) < _ENOUGH * fitted and float(np.median(excess)) > _ROUGH**2
+    rough &= bool(np.any(spread[ruling] > _LARGE))
+    return Uncertainty(errors, covariance, rough)
 
 
-def _clusters(scores: FloatArray, fitted: int) -> FloatArray:
-    """Return the sums over clusters of scores (S, M, k), shape (c, k)."""
-    size, rows, _ = scores.shape
-    parts = min(rows, max(1, -(-_CLUSTERS * fitted // size)))
-    edges = [part * rows // parts for part in range(parts)]
-    return np.add.reduceat(scores, edges, axis=1).reshape(size * parts, fitted)
+def _edges(solution: Solution, links: int) -> list[int]:
+    """Return the first residuals of the parts into which each segment is cut."""
+    segments, size = solution.weights.shape
+    rows, fitted = size // links, solution.fitted.size
+    possible = math.floor(rows / lasting(solution.weights * solution.residuals, links))
+    parts = max(min(-(-_ENOUGH * fitted // segments), possible), -(-_FEW // segments))
+    parts = min(rows, parts)
+    return [part * rows // parts * links for part in range(parts)]
+
+
+def lasting(residuals: FloatArray, links: int) -> float:
+    """Return for how many rows residuals (S, M) of this many links last: 1 for white noise.
+
+    It is 1 + 2 sum_k r_k, with their autocorrelation r_k at lag k up to the first that is negative.
+    """
+    errors = residuals.reshape(len(residuals), -1, links)
+    rows = errors.shape[1]
+    spectrum = np.abs(np.fft.rfft(errors, 2 * rows, axis=1)) ** 2
+    products = np.fft.irfft(spectrum.sum(axis=(0, 2)), 2 * rows)[:rows]
+    if not products[0] > 0.0:
+        return 1.0
+    ends = np.flatnonzero(products < 0.0)
+    last = int(ends[0]) if ends.size else rows
+    return float(1.0 + 2.0 * products[1:last].sum() / products[0])
+
+
+def _clusters(rows: FloatArray, edges: list[int]) -> FloatArray:
+    """Return sums over the parts of each segment, (S, M, ...), as (parts, ...)."""
+    return np.add.reduceat(rows, edges, axis=1).reshape(-1, *rows.shape[2:])
+
+
+def _correlation(covariance: FloatArray) -> FloatArray:
+    """Return the correlation; zero beside a value without error."""
+    spread = np.sqrt(np.diag(covariance))
+    spread = np.where(spread > 0.0, spread, np.inf)
+    out = covariance / np.outer(spread, spread)
+    np.fill_diagonal(out, 1.0)
+    return out
 
 
 def undetermined(
