@@ -120,7 +120,7 @@ def test_two_recordings_of_one_robot_agree_within_their_standard_errors():
 
 def test_little_data_and_the_drag_of_a_barn_door_bring_warnings():
     motion = read_motion(DATA / "realaigym_c1_small.csv")
-    with pytest.warns(UserWarning, match="") as told:
+    with pytest.warns(UserWarning, match="large") as told:
         identify(motion.times, motion.theta, motion.torque, chain="realaigym C.1", segment=1.0)
     texts = [str(one.message) for one in told]
     assert any("segments, whose errors last long, must tell 11 values" in text for text in texts)

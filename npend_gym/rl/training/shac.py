@@ -61,7 +61,7 @@ class Settings(TrainingSettings):
     saturation_coef: float = 0.01  # of the actor's output beyond 1.5, where tanh has no slope
     episode: int = 64  # steps in training
     speed: float = 2.5  # deviation of angular velocities of starts anywhere [rad/s]
-    knocked: float = 0.0  # share of the episodes that start as `recovery` leaves the chain
+    knocked: float = 0.0  # share of the episodes that start after a knock-down
 
 
 class Learner:

@@ -17,7 +17,8 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Quantities
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.energy import kinetic_from, lift_from
-from npend_gym.rl.evaluation.recovery import turning_torque
+
+_STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit
 
 
 class Task:
@@ -86,16 +87,34 @@ class Horizons(NamedTuple):
 def knocked_down(
     config: EnvConfig, rng: np.random.Generator, count: int = 2000, seconds: float = 0.2
 ) -> FloatArray:
-    """Return states, (count, 2n), in which upright chains are left when `recovery` knocks them."""
+    """Return states, (count, 2n), in which upright chains are left by a knock-down.
+
+    A proportional-differential controller with compensation of gravity turns all joints. It is
+    simpler than the motors of `recovery`: its steps are those of the environment, and it turns
+    joints the short way.
+    """
     n, goal = config.n, rng.uniform(-math.pi, math.pi, (count, config.n))
     lanes = Ensemble(config.chain, count, joints=range(n))
     lanes.set_state(
         slice(None), rng.normal(math.pi, 0.05, (count, n)), rng.normal(0.0, 0.2, (count, n))
     )
     for _ in range(round(seconds / config.dt)):
-        torque = turning_torque(config, goal, lanes.theta, lanes.omega)
+        torque = _turning(config, goal, lanes.theta, lanes.omega)
         lanes.advance(torque, config.dt, config.substeps)
     return np.hstack([lanes.theta, lanes.omega])
+
+
+def _turning(
+    config: EnvConfig, goal: FloatArray, theta: FloatArray, omega: FloatArray
+) -> FloatArray:
+    """Return the torques at all joints [N m], (B, n), that turn them to their goals [rad]."""
+    angle = np.diff(theta, axis=1, prepend=0.0)
+    speed = np.diff(omega, axis=1, prepend=0.0)
+    error = np.remainder(goal - angle + np.pi, 2.0 * np.pi) - np.pi
+    drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
+    weight = config.chain.gravity * config.chain.lift * np.sin(theta)
+    drive += np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
+    return np.clip(drive, -config.max_torque, config.max_torque)
 
 
 class Collector:

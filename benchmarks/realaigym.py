@@ -1,0 +1,129 @@
+"""The recovery score in RealAIGym's own simulator, beside `npend_gym.rl.recovery`.
+
+    git clone https://github.com/dfki-ric-underactuated-lab/double_pendulum
+    pip install ./double_pendulum/src/python
+    python benchmarks/realaigym.py                  prints a table, writes results/realaigym.csv
+    python benchmarks/realaigym.py MPC --episodes 5     of one controller
+
+Their `Simulator` moves their `DoublePendulumPlant`, and their `GlobalPolicyTestingControllerV2`
+knocks it down, with the numbers of `leaderboard/pendubot/simulation_v3`. Our controller sees their
+state every 0.02 s, and its torque is held for as long. Their uptime is the score, with random
+numbers of their own. Nothing of their code is in this repository.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from double_pendulum.analysis.leaderboard import get_uptime
+from double_pendulum.controller.abstract_controller import AbstractController
+from double_pendulum.controller.global_policy_testing_controller import (
+    GlobalPolicyTestingControllerV2,
+)
+from double_pendulum.model.model_parameters import model_parameters
+from double_pendulum.model.plant import DoublePendulumPlant
+from double_pendulum.simulation.simulation import Simulator
+
+from npend_gym.report.outputs import write_csv
+from npend_gym.rl import Controller, Policy, pretrained_names, recovery
+from npend_gym.rl.controllers.references import reference_controller
+
+SECONDS, STEP, LIMIT = 60.0, 0.002, 6.0  # s, s, N m
+KNOCK_DOWNS, KNOCK_DOWN_SECONDS = 15, 0.2
+ROBOT = Policy.pretrained("swingup-2-pendubot").env
+CONTROLLERS = ("swingup-2-pendubot", "MPC", "plan", "energy")
+
+
+class Ours(AbstractController):
+    """A controller of ours where one of theirs is expected.
+
+    An environment of ours shows it the state: it makes the observation, and moves nothing.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        super().__init__()
+        self._controller = controller
+        self._envs: Any = gym.make_vec("npend_gym:NPendulum-v0", num_envs=1, **ROBOT)
+        self._config = self._envs.unwrapped.config
+        forget = getattr(controller, "reset", None)
+        if forget is not None:
+            forget(1)
+        self._due, self._torque = 0.0, np.zeros(2)
+
+    def get_control_output_(self, x: Any, t: float = 0.0) -> Any:
+        """Return the torques of both joints [N m]."""
+        if t > self._due - 0.5 * STEP:
+            self._due = t + self._config.dt
+            state = {"theta": np.cumsum(x[:2])[None], "omega": np.cumsum(x[2:])[None]}
+            observation, info = self._envs.reset(options=state)
+            info["time"] = np.array([t])
+            action = np.clip(self._controller(observation, info)[0], -1.0, 1.0)
+            self._torque[self._config.joints] = LIMIT * action
+        return self._torque.copy()
+
+
+def their_score(controller: Controller, seed: int) -> float:
+    """Return the share of an episode in their simulator for which the chain is up."""
+    np.random.seed(seed)  # noqa: NPY002 - their random numbers
+    parameters = _parameters([LIMIT, LIMIT])
+    tested = GlobalPolicyTestingControllerV2(
+        Ours(controller), goal=np.array([np.pi, 0.0, 0.0, 0.0]), n_disturbances=KNOCK_DOWNS,
+        t_max=SECONDS, reset_length=KNOCK_DOWN_SECONDS, mpar=parameters,
+    )  # fmt: skip
+    simulator = Simulator(plant=DoublePendulumPlant(model_pars=parameters))
+    times, states, _ = simulator.simulate(
+        t0=0.0, x0=[0.0] * 4, tf=SECONDS, dt=STEP, controller=tested, integrator="runge_kutta"
+    )
+    up = get_uptime(np.array(times), np.array(states), mpar=_parameters([LIMIT, 0.0]))
+    return float(up) / SECONDS
+
+
+def _parameters(limits: list[float]) -> Any:
+    """Return their description of the chain of the policy."""
+    chain = ROBOT["chain"]
+    masses, centres = np.array(chain["masses"]), np.array(chain["centres"])
+    return model_parameters(
+        mass=chain["masses"], length=chain["lengths"], com=chain["centres"],
+        inertia=(np.array(chain["inertias"]) + masses * centres**2).tolist(), damping=[0.0, 0.0],
+        cfric=[0.0, 0.0], gravity=chain["gravity"], motor_inertia=0.0, torque_limit=limits,
+    )  # fmt: skip
+
+
+def _controller(name: str) -> Controller:
+    return (
+        Policy.pretrained(name) if name in pretrained_names() else reference_controller(name, ROBOT)
+    )
+
+
+def _row(name: str, where: str, scores: Any) -> dict[str, Any]:
+    error = np.std(scores, ddof=1) / np.sqrt(len(scores)) if len(scores) > 1 else np.nan
+    numbers = {"mean": np.mean(scores), "standard_error": error, "least": np.min(scores)}
+    numbers |= {"largest": np.max(scores)}
+    row: dict[str, Any] = {"controller": name, "simulator": where, "episodes": len(scores)}
+    return row | {key: round(float(value), 4) for key, value in numbers.items()}
+
+
+def main() -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("controllers", nargs="*", default=CONTROLLERS, metavar="NAME")
+    parser.add_argument("--episodes", type=int, default=40, metavar="COUNT")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "results/realaigym.csv")
+    options = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    for name in options.controllers:
+        controller = _controller(name)
+        theirs = [their_score(controller, seed) for seed in range(options.episodes)]
+        ours = recovery(controller, ROBOT, episodes=options.episodes).uptime
+        for where, scores in (("RealAIGym", theirs), ("npend_gym", ours)):
+            rows.append(_row(name, where, scores))
+            print(rows[-1], flush=True)
+    write_csv(options.out, rows)
+
+
+if __name__ == "__main__":
+    main()
