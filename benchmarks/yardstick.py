@@ -51,7 +51,7 @@ def ours(groups, n, steps, h, theta, omega, torque, v, l, inverse_l, damping, g,
             damping[:0],
         )
         for _ in range(steps):
-            rk4_step(theta[first:last], omega[first:last], h, torque, rods, scratch)
+            rk4_step(0.0, theta[first:last], omega[first:last], h, torque, rods, scratch)
 
 
 def chains(n: int, width: int) -> list[np.ndarray]:

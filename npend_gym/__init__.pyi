@@ -7,6 +7,7 @@ from npend_gym import rl as rl
 from npend_gym import theory as theory
 from npend_gym import torch as torch
 from npend_gym._version import __version__ as __version__
+from npend_gym.chain import Cart as Cart
 from npend_gym.chain import Chain as Chain
 from npend_gym.envs import NPendulumEnv as NPendulumEnv
 from npend_gym.envs import NPendulumVectorEnv as NPendulumVectorEnv

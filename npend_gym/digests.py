@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from npend_gym.chain import Chain
+from npend_gym.chain import Cart, Chain
 from npend_gym.compiled.normal import make_normal
 from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID
@@ -32,7 +32,7 @@ GOLDEN: dict[str, str] = {
     "simulate, rk4":
         "73713f4137f1f45fcd8c3a77cfedfa73cf9dd3d08a078b26e38831f87f9277c2",
     "simulate, cart":
-        "002379e8570929fa11c12c49cc7e7e0f2ae8be665ce553e67605f791ce9080a7",
+        "a2ad67a876409adf649207b13ee73f262c7e48143120961fe35ace06752d5f07",
     "simulate, shaken pivot":
         "767ea39dc7a011f9c68a8e75e3a5c31319aeeb48481c94b6eeaf00a6489a5cc7",
     "simulate, drag":
@@ -74,7 +74,7 @@ GOLDEN: dict[str, str] = {
     "simulate, links":
         "0b76b87e9437f8ccb2a3b3e4df8881ef8fe0647364f5d7c2587c7aefe1a313c7",
     "simulate, machine":
-        "dea857db59ea60b76c22d8e10f5d26731422c07825f5020742e44d906e231219",
+        "84b23e7b54a64b7520b4de5cbf0616b50889d21bbe7b9e8dfddf534b173f91a9",
     "vector environment, machine":
         "f1bf7257665a9da4817a078c7b1a266284d2e9171c9ebe083e22e37ff16ac4af",
 }
@@ -108,15 +108,15 @@ def checks() -> dict[str, Callable[[], Iterator[Any]]]:
     motions: dict[str, dict[str, Any]] = {
         "dop853": {},
         "rk4": {"method": "rk4", "dt": 0.01},
-        "cart": {"cart_mass": 2.0, "force": 0.5},
         "shaken pivot": {"pivot_acceleration": (0.5, -1.0)},
-        "springs": {"stiffness": 500.0, "axial_damping": 0.1},
     }
     return {
         **{f"simulate, {name}": _motion(options) for name, options in motions.items()},
+        "simulate, cart": _motion({"force": 0.5}, base=Cart(2.0)),
+        "simulate, springs": _motion({}, stiffness=500.0, axial_damping=0.1),
         "simulate, drag": _motion({}, drag=0.05, quadratic_drag=0.02),
         "simulate, links": _motion({}, **LINKS),
-        "simulate, machine": _motion({"cart_mass": 2.0}, **LINKS, **MACHINERY),
+        "simulate, machine": _motion({}, base=Cart(2.0), **LINKS, **MACHINERY),
         **{f"pseudo-periods, {reading}": _periods(reading) for reading in READINGS},
         "random numbers": _random_numbers,
         **{f"environment, {mode}": _single(mode) for mode in MODES},
@@ -127,9 +127,9 @@ def checks() -> dict[str, Callable[[], Iterator[Any]]]:
     }
 
 
-def _motion(options: dict[str, Any], **air: float) -> Callable[[], Iterator[Any]]:
+def _motion(options: dict[str, Any], **parts: Any) -> Callable[[], Iterator[Any]]:
     def compute() -> Iterator[Any]:
-        chain = Chain(np.linspace(1.0, 2.0, 7), np.linspace(1.0, 0.5, 7), damping=0.01, **air)
+        chain = Chain(np.linspace(1.0, 2.0, 7), np.linspace(1.0, 0.5, 7), damping=0.01, **parts)
         times, torque = np.linspace(0.0, 3.0, 31), np.linspace(3.0, -1.0, 7)
         path: Trajectory = simulate(chain, 1.2, 0.3, times, torque=torque, **options)
         yield from (path.theta, path.omega, path.positions(), path.energy())

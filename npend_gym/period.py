@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, share_out
-from npend_gym.chain import Chain, check_chain
+from npend_gym.chain import Chain, check_chain, check_hung
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_periods
 from npend_gym.physics.arguments import check_rtol, warn_of_degrees
@@ -20,7 +20,7 @@ from npend_gym.physics.kernels.turning_points import (
     LINK,
 )
 from npend_gym.physics.measurement import Measurement, measure, shares
-from npend_gym.physics.springs import check_springs, check_vibrations
+from npend_gym.physics.mechanism import mechanism_of
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
 READINGS = (*_CODES, "listing")
@@ -28,6 +28,10 @@ READINGS = (*_CODES, "listing")
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 
 
+@_checks.keywords_moved(
+    stiffness="of the chain: Chain(..., stiffness=...)",
+    axial_damping="of the chain: Chain(..., axial_damping=...)",
+)
 def pseudo_periods(
     chain: Chain,
     theta: ArrayLike,
@@ -37,14 +41,15 @@ def pseudo_periods(
     duration: float | None = None,
     rtol: float = 1e-10,
     threads: int = 1,
-    stiffness: ArrayLike | None = None,
-    axial_damping: ArrayLike = 0.0,
+    pivot_acceleration: ArrayLike | None = None,
 ) -> FloatArray:
     """Return the pseudo-period [s] of every bob after a release, or after each of many.
 
     Parameters
     ----------
     chain : Chain
+        Springs are released with the tensions of rigid rods, a cart at rest; velocities are
+        relative to the pivot. The reading "listing" knows rigid rods on a pivot at rest alone.
     theta, omega : array_like, shape (n,) or (R, n)
         Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases, which
         are followed side by side, a few times faster than one by one and with the same results to
@@ -68,9 +73,8 @@ def pseudo_periods(
         Relative tolerance of the integration; the absolute one is a hundredth of it.
     threads : int
         Threads that share the releases. No result depends on it.
-    stiffness, axial_damping : float or array_like, shape (n,), optional
-        Of rods that stretch [N/m and N s/m], as in `simulate`, released with the tensions of rigid
-        ones. Not with "listing".
+    pivot_acceleration : array_like of shape (2,), optional
+        Constant acceleration of the pivot [m/s^2]; not with "listing".
 
     Returns
     -------
@@ -109,12 +113,10 @@ def pseudo_periods(
     theta, omega = _starts(chain, theta, omega)
     releases = theta.reshape(-1, chain.n), omega.reshape(-1, chain.n)
     reading = _checks.choice("reading", reading, READINGS)
-    springs = check_springs(chain, stiffness, axial_damping)
-    if springs is not None and reading == "listing":
-        raise ValueError(
-            "reading must be bob, link, height or com with stiffness, because the listing knows "
-            'rigid rods alone, got "listing"'
-        )
+    if reading == "listing":
+        check_hung(chain, 'reading "listing"')
+        if pivot_acceleration is not None:
+            raise ValueError('pivot_acceleration must be None with reading "listing"')
     rtol = check_rtol(rtol)
     threads = _checks.count("threads", threads, high=MAX_THREADS)
     if duration is not None:
@@ -135,15 +137,17 @@ def pseudo_periods(
     if duration is None:
         if chain.gravity == 0.0:
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
-        duration = _WINDOW * theory.fundamental_period(chain)
-    if springs is not None:
-        check_vibrations(chain, springs, duration)
+        duration = _WINDOW * theory.fundamental_period(chain.hung())
+    mechanism_of([chain]).check_vibrations(duration)
 
-    periods, measurement = np.empty_like(releases[0]), Measurement(_CODES[reading], duration, rtol)
+    periods, measurement = (
+        np.empty_like(releases[0]),
+        Measurement(_CODES[reading], duration, rtol, pivot_acceleration),
+    )
 
     def follow(share: slice, call: Call) -> None:
         start = releases[0][share], releases[1][share]
-        periods[share] = measure(chain, springs, *start, measurement, call)
+        periods[share] = measure(chain, *start, measurement, call)
 
     share_out(shares(len(periods)), threads, follow)
     return periods.reshape(theta.shape)

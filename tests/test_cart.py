@@ -9,7 +9,7 @@ from lanes import actions_for, assert_lanes_are_singles, assert_same, run
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_discrete_are
 
-from npend_gym import Chain
+from npend_gym import Cart, Chain
 from npend_gym.compiled.philox import Purpose, generator
 from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv, SwingUp
 
@@ -316,9 +316,40 @@ def test_the_defaults_are_those_of_the_documentation():
     assert NPendulumEnv(base="cart", torque_levels=3).action_space.n == 3
 
 
+def test_a_chain_that_brings_its_cart_stands_on_it():
+    own = Chain([1.0, 0.5], [0.4, 0.6], base=Cart(3.0, 0.2))
+    config = EnvConfig(chain=own)
+    assert (config.base, config.cart_mass, config.rail_damping) == ("cart", 3.0, 0.2)
+    assert config.chain == own
+    given = EnvConfig(chain=own.hung(), base="cart", cart_mass=3.0, rail_damping=0.2)
+    assert given.chain == own
+    assert EnvConfig(chain=own.hung()).chain == own.hung()
+    assert EnvConfig(chain="dm_control cartpole 3").cart_mass == 1.0
+
+
 @pytest.mark.parametrize(
     ("keywords", "error", "message"),
     [
+        (
+            {"chain": Chain.uniform(2, base=Cart(1.0)), "cart_mass": 2.0},
+            ValueError,
+            "cart_mass must be that of the chain's own cart, 1.0",
+        ),
+        (
+            {"chain": Chain.uniform(2, base=Cart(1.0)), "base": "pivot"},
+            ValueError,
+            "base must be that of the chain's own cart",
+        ),
+        (
+            {"chain": Chain.uniform(2, base=Cart(1.0, 0.5)), "rail_damping": 0.1},
+            ValueError,
+            "rail_damping must be that of the chain's own cart, 0.5",
+        ),
+        (
+            {"chain": Chain.uniform(2, stiffness=1e4)},
+            ValueError,
+            "chain must have rigid rods in an environment",
+        ),
         ({"base": "rail"}, ValueError, "base must be one of pivot, cart"),
         ({"cart_mass": 1.0}, ValueError, 'cart_mass belongs to a cart: give base="cart" with it'),
         ({"rail": 2.0}, ValueError, "rail belongs to a cart.*got 2.0"),

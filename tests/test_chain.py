@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from npend_gym import Chain
-from npend_gym.chain import ChainParameters
+from npend_gym.chain import MECHANISM, ChainParameters
 
 
 def test_scalars_stand_for_every_rod():
@@ -131,9 +131,10 @@ def test_many_chains_have_the_parameters_of_one_and_their_changes():
 
 
 def test_an_unknown_keyword_is_refused_with_the_nearest_one_and_all_there_are():
-    with pytest.raises(TypeError, match=r"did you mean 'inertias'\? It takes masses, .*, gear$"):
+    with pytest.raises(TypeError, match=r"did you mean 'inertias'\? It takes masses, .*, base$"):
         Chain(1.0, [1.0, 1.0], inertia=0.1)
-    assert list(inspect.signature(Chain).parameters) == list(ChainParameters._fields)
+    fields = [*ChainParameters._fields, *MECHANISM]
+    assert list(inspect.signature(Chain).parameters) == fields
 
 
 @pytest.mark.parametrize(

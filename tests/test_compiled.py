@@ -132,7 +132,8 @@ from npend_gym.physics import accelerations
 
 for chain in (Chain.uniform(3), Chain.rods(1.0, [1.0, 0.5]), Chain.realaigym("C.1")):
     print(*accelerations(chain, 0.5, 1.0))
-path = simulate(Chain.uniform(2), 0.5, 1.0, [0.0, 0.02], stiffness=50.0, method="rk4", dt=0.01)
+springs = Chain.uniform(2, stiffness=50.0)
+path = simulate(springs, 0.5, 1.0, [0.0, 0.02], method="rk4", dt=0.01)
 print(*path.theta[-1], *path.stretch[-1])
 """
 

@@ -5,7 +5,7 @@ import oracle
 import pytest
 from test_links import BARE, cases
 
-from npend_gym import Chain
+from npend_gym import Cart, Chain
 from npend_gym.chain import ChainParameters
 from npend_gym.physics import (
     DifferentiableEnsemble,
@@ -178,9 +178,7 @@ def test_the_state_after_a_differentiated_step_has_the_bits_of_the_step():
 def test_chains_on_carts_have_derivatives_by_cart_and_force():
     rng, n, size = np.random.default_rng(1), 2, 3
     theta, omega, torque = states(n, rng, size)
-    ensemble = DifferentiableEnsemble(
-        bobs(n, rng), size, joints=range(n), cart_mass=2.0, rail_damping=0.3
-    )
+    ensemble = DifferentiableEnsemble(bobs(n, rng, base=Cart(2.0, 0.3)), size, joints=range(n))
     x, v, force = rng.normal(size=(3, size))
 
     def after(change):

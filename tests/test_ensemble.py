@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym import Cart, Chain, pseudo_periods, simulate
 from npend_gym.chain import ChainParameters
 from npend_gym.physics import Ensemble, substeps
 from npend_gym.physics.substeps import MAX_PHASE, chain_of, default_substeps, substeps_of
@@ -225,21 +225,21 @@ MACHINE = {"inertias": 0.02, "centres": 0.3, "friction": 0.05, "armature": 0.01,
 @pytest.mark.long
 def test_chains_on_carts_follow_simulate_and_the_work_that_is_done(parts):
     rng = np.random.default_rng(3)
-    chains = [Chain(rng.uniform(0.5, 2.0, 2), [0.5, 0.4], drag=0.1, **parts) for _ in range(17)]
-    many = Ensemble(chains, cart_mass=2.0, rail_damping=0.3)
+    parts = parts | {"drag": 0.1, "base": Cart(2.0, 0.3)}
+    chains = [Chain(rng.uniform(0.5, 2.0, 2), [0.5, 0.4], **parts) for _ in range(17)]
+    many = Ensemble(chains)
     many.set_state(slice(None), [0.4, 0.2], 0.0, cart=(0.5, 0.3))
-    one = Ensemble(chains[5], 1, cart_mass=2.0, rail_damping=0.3)
+    one = Ensemble(chains[5], 1)
     one.set_state(0, [0.4, 0.2], 0.0, cart=(0.5, 0.3))
     for _ in range(10):
         many.advance(0.3, 0.05, 100, force=1.5)
         one.advance(0.3, 0.05, 100, force=1.5)
     path = simulate(
-        chains[5], [0.4, 0.2], 0.0, [0.0, 0.5], torque=0.3, cart_mass=2.0, rail_damping=0.3,
-        force=1.5, pivot_velocity=0.3,
+        chains[5], [0.4, 0.2], 0.0, [0.0, 0.5], position=0.5, velocity=0.3, torque=0.3, force=1.5,
     )  # fmt: skip
     np.testing.assert_allclose(many.theta[5], path.theta[-1], rtol=0, atol=1e-7)
-    carts = [many.cart[0][5], many.cart[1][5]]
-    np.testing.assert_allclose(carts, np.array(path.cart(0.5))[:, -1], rtol=0, atol=1e-7)
+    for found, expected in zip(many.cart, (path.position, path.velocity), strict=True):
+        assert found[5] == pytest.approx(expected[-1], abs=1e-7)
     for found, alone in ((many.theta, one.theta), (many.cart[0], one.cart[0])):
         np.testing.assert_array_equal(found[5], alone[0])
     # in the frame of the rail: m v^2 / 2 of the cart and of all that it carries
@@ -250,7 +250,7 @@ def test_chains_on_carts_follow_simulate_and_the_work_that_is_done(parts):
     centre_speeds = above + links.centres * np.cos(many.theta[5]) * many.omega[5]
     carried = velocity[5] * (weights @ centre_speeds + 0.5 * weights.sum() * velocity[5])
     gained = many.energy[5] + carried + velocity[5] ** 2  # 2 kg of cart
-    start = Ensemble(links, 1, cart_mass=2.0)
+    start = Ensemble(links, 1)
     start.set_state(0, [0.4, 0.2], 0.0, cart=(0.5, 0.3))
     before = start.energy[0] + 0.5 * weights.sum() * 0.3**2 + 0.3**2
     assert gained - before == pytest.approx(many.work[5], abs=1e-7)
@@ -272,12 +272,14 @@ def test_what_an_ensemble_was_not_made_for_is_refused():
     point_masses = Ensemble(Chain.uniform(2), 2)
     with pytest.raises(ValueError, match="begin with a chain that has these"):
         point_masses.set_chain(0, Chain.rods([1.0, 1.0], [1.0, 1.0]))
-    with pytest.raises(ValueError, match="force must be 0 where no cart_mass is given"):
+    with pytest.raises(ValueError, match=r"force must be 0 .* base=Cart\(mass\)"):
         point_masses.advance(0.0, 0.1, force=1.0)
-    with pytest.raises(ValueError, match="cart must be 0 where no cart_mass is given"):
+    with pytest.raises(ValueError, match=r"cart must be 0 .* base=Cart\(mass\)"):
         point_masses.set_state(0, 0.1, cart=(0.0, 1.0))
-    with pytest.raises(ValueError, match="rail_damping acts on the cart"):
-        Ensemble(Chain.uniform(2), 2, rail_damping=1.0)
+    with pytest.raises(ValueError, match="must all have a cart or none"):
+        Ensemble([Chain.uniform(2), Chain.uniform(2, base=Cart(1.0))])
+    with pytest.raises(ValueError, match="leave out stiffness, or use simulate"):
+        Ensemble(Chain.uniform(2, stiffness=1e3), 2)
     with pytest.raises(ValueError, match="the same number of rods"):
         Ensemble([Chain.uniform(2), Chain.uniform(3)])
 

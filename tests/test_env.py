@@ -174,12 +174,12 @@ def test_the_env_moves_as_simulate_does():
 
 
 def test_observations_are_wrapped_angles_or_sines_and_then_velocities():
-    start = {"theta": [3.5, -9.0], "omega": [0.25, -1.0]}
+    start = {"theta": [3.5, -9.1], "omega": [0.25, -1.0]}
     angles, _ = bare(n=2).reset(options=start)
-    expected = [3.5 - 2 * np.pi, -9.0 + 2 * np.pi, 0.25, -1.0]
+    expected = [3.5 - 2 * np.pi, -9.1 + 2 * np.pi, 0.25, -1.0]
     np.testing.assert_allclose(angles, expected, rtol=1e-6)
     sines, _ = bare(n=2, observation="sincos").reset(options=start)
-    expected = [*np.sin([3.5, -9.0]), *np.cos([3.5, -9.0]), 0.25, -1.0]
+    expected = [*np.sin([3.5, -9.1]), *np.cos([3.5, -9.1]), 0.25, -1.0]
     np.testing.assert_allclose(sines, expected, rtol=1e-6)
     at_pi, _ = bare(n=1).reset(options={"theta": np.nextafter(np.pi, 0.0), "omega": 0.0})
     assert at_pi[0] == -np.float32(np.pi)

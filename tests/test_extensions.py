@@ -8,23 +8,14 @@ import pytest
 from lagrangian import system
 from scipy.interpolate import CubicSpline
 
-from npend_gym import Chain, Trajectory, pseudo_periods, simulate
-from npend_gym.physics import linearise
+from npend_gym import Cart, Chain, Trajectory, pseudo_periods, simulate
+from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import velocities
-from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
-from npend_gym.physics.pivot import Pivot
 
 
-def accelerate(chain, theta, omega, torque, velocity=(0.0, 0.0), **options):
-    """Return the accelerations of the rods, and those of a pivot that moves."""
-    pivot = Pivot(velocity=tuple(velocity), **options)
-    base = [0.0, 0.0] if pivot.moves else []
-    state = np.concatenate([theta, base, omega, velocity if pivot.moves else []])
-    forces = np.concatenate([torque, [pivot.force, 0.0] if pivot.moves else []])
-    change = np.empty(state.size)
-    rods = arrays_of(chain.repeated(1), pivot.base)
-    derivative(state, forces, rods, new_work(chain.n), change)
-    return change[state.size // 2 :]
+def with_parts(chain, **parts):
+    """Return the same chain with a cart, or springs."""
+    return Chain.from_dict(chain.as_dict() | parts)
 
 
 def cases(n, drag=True):
@@ -46,7 +37,9 @@ def agree(got, expected):
 def test_drag_is_that_of_the_lagrangian(n):
     for chain, theta, omega, torque, _, _ in cases(n):
         matrix, force = system(chain, theta, omega, torque)
-        agree(accelerate(chain, theta, omega, torque), np.linalg.solve(matrix[2:, 2:], force[2:]))
+        agree(
+            accelerations(chain, theta, omega, torque), np.linalg.solve(matrix[2:, 2:], force[2:])
+        )
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
@@ -55,7 +48,9 @@ def test_an_accelerated_pivot_is_that_of_the_lagrangian_with_drag_too(n):
         velocity = given[::-1]
         matrix, force = system(chain, theta, omega, torque, velocity=velocity)
         expected = np.linalg.solve(matrix[2:, 2:], force[2:] - matrix[2:, :2] @ given)
-        found = accelerate(chain, theta, omega, torque, velocity, acceleration=tuple(given))
+        found = accelerations(
+            chain, theta, omega, torque, velocity=velocity, pivot_acceleration=given
+        )
         agree(found[:n], expected)
         np.testing.assert_array_equal(found[n:], given)
 
@@ -63,15 +58,15 @@ def test_an_accelerated_pivot_is_that_of_the_lagrangian_with_drag_too(n):
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_a_cart_is_that_of_the_lagrangian_with_drag_and_a_rail_that_resists(n):
     for chain, theta, omega, torque, cart, (push, speed) in cases(n):
-        rail, velocity = 0.3, (speed, 0.0)
-        matrix, force = system(chain, theta, omega, torque, cart, push - rail * speed, velocity)
+        rail = 0.3
+        matrix, force = system(chain, theta, omega, torque, cart, push - rail * speed, (speed, 0.0))
         moving = np.array([0, *range(2, n + 2)])  # not up
         expected = np.linalg.solve(matrix[np.ix_(moving, moving)], force[moving])
-        pushed = accelerate(
-            chain, theta, omega, torque, velocity, cart_mass=cart, force=push, rail_damping=rail
-        )
-        agree(pushed[:n], expected[1:])
-        agree(pushed[n:], [expected[0], 0.0])
+        pushed = accelerations(
+            with_parts(chain, base=Cart(cart, rail)), theta, omega, torque, force=push,
+            velocity=speed,
+        )  # fmt: skip
+        agree(pushed, np.append(expected[1:], expected[0]))
 
 
 def test_the_terms_are_there_in_long_chains_of_even_and_odd_length():
@@ -80,14 +75,15 @@ def test_the_terms_are_there_in_long_chains_of_even_and_odd_length():
     for n in (50, 51):
         masses, lengths, theta, omega = rng.uniform(0.5, 2.0, (4, n))
         free, slowed = (Chain(masses, lengths, drag=k * masses) for k in (0.0, 0.7))
-        expected = accelerate(free, theta, omega, np.zeros(n)) - 0.7 * omega
-        agree(accelerate(slowed, theta, omega, np.zeros(n)), expected)
+        expected = accelerations(free, theta, omega) - 0.7 * omega
+        agree(accelerations(slowed, theta, omega), expected)
     # a free fall of the pivot takes gravity away, a cart of great mass is a pivot at rest
-    chain, spin = Chain(masses, lengths), (theta, omega, np.zeros(n))
-    weightless = accelerate(Chain(masses, lengths, gravity=0.0), *spin)
-    agree(accelerate(chain, *spin, acceleration=(0.0, -chain.gravity))[:n], weightless)
-    heavy = accelerate(chain, *spin, cart_mass=1e16)
-    agree(heavy[:n], accelerate(chain, *spin))
+    chain = Chain(masses, lengths)
+    weightless = accelerations(Chain(masses, lengths, gravity=0.0), theta, omega)
+    falling = accelerations(chain, theta, omega, pivot_acceleration=(0.0, -chain.gravity))
+    agree(falling[:n], weightless)
+    heavy = accelerations(with_parts(chain, base=Cart(1e16)), theta, omega)
+    agree(heavy[:n], accelerations(chain, theta, omega))
 
 
 DRAGGED = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], 9.81, 0.05, [0.3, 0.1, 0.2], [0.2, 0.5, 0.1])
@@ -129,42 +125,44 @@ def test_work_of_an_accelerated_pivot_balances_the_energy(uneven):
 
 @pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 1e-3}])
 def test_work_of_the_force_on_a_cart_and_of_the_torque_balances_all_energy(uneven, options):
-    cart, push, torque = 1.5, 3.0, np.array([2.0, 0.0, -1.0, 0.5])
+    push, torque = 3.0, np.array([2.0, 0.0, -1.0, 0.5])
     path = simulate(
-        uneven, [0.8, -0.3, 1.0, 2.0], 0.1, np.linspace(0.0, 3.0, 31), torque=torque,
-        cart_mass=cart, force=push, pivot_velocity=-0.7, **options,
+        with_parts(uneven, base=Cart(1.5)), [0.8, -0.3, 1.0, 2.0], 0.1, np.linspace(0.0, 3.0, 31),
+        position=0.5, velocity=-0.7, torque=torque, force=push, **options,
     )  # fmt: skip
-    position, velocity = path.cart(position=0.5)
-    assert (position[0], velocity[0]) == pytest.approx((0.5, -0.7))
-    bobs = path.velocities() + velocity[:, None, None] * [1.0, 0.0]
-    extra = 0.5 * ((bobs**2).sum(axis=2) - (path.velocities() ** 2).sum(axis=2)) @ uneven.masses
-    total = path.energy() + extra + 0.5 * cart * velocity**2
+    assert (path.position[0], path.velocity[0]) == (0.5, -0.7)
+    bobs = path.velocities() + path.velocity[:, None, None] * [1.0, 0.0]
+    kinetic = 0.5 * (bobs**2).sum(axis=2) @ uneven.masses + 0.75 * path.velocity**2
+    np.testing.assert_allclose(path.kinetic_energy(), kinetic, rtol=1e-13)
     turned = np.diff(path.theta - path.theta[0], axis=1, prepend=0.0)
-    work = push * (position - position[0]) + turned @ torque
-    np.testing.assert_allclose(total - total[0], work, rtol=0, atol=1e-6)
+    work = push * (path.position - 0.5) + turned @ torque
+    np.testing.assert_allclose(path.energy() - path.energy()[0], work, rtol=0, atol=1e-6)
 
 
 def test_the_velocity_of_the_cart_is_the_change_of_its_position(uneven):
     times = np.linspace(0.0, 1.0, 1001)
-    path = simulate(uneven, [0.8, -0.3, 1.0, 2.0], 1.0, times, cart_mass=0.7, force=2.0,
-                    pivot_velocity=0.3)  # fmt: skip
-    position, velocity = path.cart()
-    moved = CubicSpline(times, velocity).antiderivative()(times)
-    np.testing.assert_allclose(position, moved, rtol=0, atol=1e-7)
-    assert np.ptp(velocity) > 1.0
+    chain = with_parts(uneven, base=Cart(0.7))
+    path = simulate(chain, [0.8, -0.3, 1.0, 2.0], 1.0, times, force=2.0, velocity=0.3)
+    moved = CubicSpline(times, path.velocity).antiderivative()(times)
+    np.testing.assert_allclose(path.position, moved, rtol=0, atol=1e-7)
+    assert np.ptp(path.velocity) > 1.0
 
 
 def test_a_cart_in_segments_is_a_cart_in_one_and_survives_saving(uneven, tmp_path):
-    whole = simulate(uneven, 0.8, 0.1, [0.0, 1.0, 2.0], cart_mass=2.0, force=1.0)
-    first = simulate(uneven, 0.8, 0.1, [0.0, 1.0], cart_mass=2.0, force=1.0)
-    place, speed = (motion[-1] for motion in first.cart())
+    chain = with_parts(uneven, base=Cart(2.0))
+    whole = simulate(chain, 0.8, 0.1, [0.0, 1.0, 2.0], force=1.0)
+    first = simulate(chain, 0.8, 0.1, [0.0, 1.0], force=1.0)
     then = simulate(
-        uneven, first.theta[-1], first.omega[-1], [1.0, 2.0], cart_mass=2.0, force=1.0,
-        pivot_velocity=speed,
+        chain, first.theta[-1], first.omega[-1], [1.0, 2.0], position=first.position[-1],
+        velocity=first.velocity[-1], force=1.0,
     )  # fmt: skip
     then.save(tmp_path / "then.npz")
-    again = Trajectory.load(tmp_path / "then.npz").cart(place)
-    np.testing.assert_allclose(again, np.array(whole.cart())[:, 1:], rtol=0, atol=1e-8)
+    again = Trajectory.load(tmp_path / "then.npz")
+    assert again.chain == chain
+    for name in ("theta", "omega", "position", "velocity"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(then, name))
+        expected = getattr(whole, name)[1:]
+        np.testing.assert_allclose(getattr(again, name), expected, rtol=0, atol=1e-8)
 
 
 def test_a_shaken_pivot_in_segments_follows_the_equations_with_time_in_them(uneven):
@@ -243,8 +241,8 @@ def test_the_linearisation_knows_drag(n):
         state, h = np.concatenate([theta, omega]), 1e-5
         slopes = [
             (
-                accelerate(chain, *np.split(state + h * e, 2), torque)
-                - accelerate(chain, *np.split(state - h * e, 2), torque)
+                accelerations(chain, *np.split(state + h * e, 2), torque)
+                - accelerations(chain, *np.split(state - h * e, 2), torque)
             )
             / (2.0 * h)
             for e in np.eye(2 * n)
@@ -271,20 +269,28 @@ def test_a_chain_knows_its_drag():
             Chain(1.0, [1.0, 2.0], **{name: [0.1, -0.1]})
 
 
+ON_CART = Chain.uniform(3, base=Cart(1.0))
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
         ({"pivot_acceleration": 1.0}, ValueError, "pivot_acceleration must be two numbers"),
         ({"pivot_acceleration": (np.nan, 1)}, ValueError, "pivot_acceleration must be finite"),
-        ({"cart_mass": 0.0}, ValueError, "cart_mass must be greater than zero"),
-        ({"cart_mass": "1"}, TypeError, "cart_mass must be a real number"),
-        ({"force": 1.0}, ValueError, "cart_mass must be given with it"),
-        ({"cart_mass": 1.0, "force": np.inf}, ValueError, "force must be finite"),
-        ({"cart_mass": 1.0, "pivot_acceleration": (0, 1)}, ValueError, "must be None with cart"),
-        ({"rail_damping": 1.0}, ValueError, "cart_mass must be given with it"),
-        ({"cart_mass": 1.0, "rail_damping": -1.0}, ValueError, "rail_damping must be zero or more"),
-        ({"pivot_velocity": 1.0}, ValueError, "pivot_velocity needs a pivot that moves"),
-        ({"cart_mass": 1.0, "pivot_velocity": (0, 1)}, ValueError, "must be 0 upwards for a cart"),
+        ({"force": 1.0}, ValueError, r"force .* must have base=Cart\(mass\)"),
+        ({"force": lambda _t: 1.0}, ValueError, r"force .* must have base=Cart\(mass\)"),
+        ({"velocity": 1.0}, ValueError, r"velocity .* must have base=Cart\(mass\)"),
+        ({"position": 1.0}, ValueError, r"position .* must have base=Cart\(mass\)"),
+        ({"pivot_acceleration": (0, 1), "force": 1.0}, ValueError, r"must have base=Cart\(mass\)"),
+        ({"chain": ON_CART, "force": np.inf}, ValueError, "force must be finite"),
+        ({"chain": ON_CART, "velocity": np.inf}, ValueError, "velocity must be finite"),
+        ({"chain": ON_CART, "position": "there"}, TypeError, "position must hold real numbers"),
+        ({"chain": ON_CART, "velocity": (0, 1)}, ValueError, "velocity must"),
+        (
+            {"chain": ON_CART, "pivot_acceleration": (0, 1)},
+            ValueError,
+            "must be None for a chain on",
+        ),
     ],
 )
 def test_bad_motions_of_the_pivot_are_refused_by_name(arguments, error, message):
@@ -294,8 +300,8 @@ def test_bad_motions_of_the_pivot_are_refused_by_name(arguments, error, message)
         )
 
 
-def test_there_is_no_cart_without_a_mass(uneven):
-    with pytest.raises(ValueError, match="cart_mass"):
-        simulate(uneven, 0.1, 0.0, [0.0, 1.0]).cart()
-    with pytest.raises(TypeError, match="position must be a real number"):
-        simulate(uneven, 0.1, 0.0, [0.0, 1.0], cart_mass=1.0).cart("there")
+def test_the_dense_output_of_a_cart_is_refused_where_there_is_none(uneven):
+    with pytest.raises(ValueError, match=r"base=Cart\(mass\)"):
+        simulate(uneven, 0.1, 0.0, [0.0, 1.0]).cart_at(0.5)
+    with pytest.raises(ValueError, match=r"base=Cart\(mass\)"):
+        simulate(uneven, 0.1, 0.0, [0.0, 1.0], pivot_acceleration=(1.0, 0.0)).cart_at(0.5)

@@ -16,8 +16,9 @@ from scripts import run_python
 from suites import gpu
 from suites.timing import Peers
 
-from npend_gym import Chain, simulate
+from npend_gym import Cart, Chain, simulate
 from npend_gym.compiled.sincos import FLOAT32_CONSTANTS, sincos
+from npend_gym.physics import simulate_on_device
 from npend_gym.physics.gpu_simulation import _launches
 
 HAS_NUMBA_CUDA = find_spec("numba_cuda") is not None
@@ -254,15 +255,16 @@ def test_sines_of_float32_have_the_precision_of_float32():
 SIMULATE = """
 import json
 import numpy as np
-from npend_gym import Chain, IntegrationError, simulate
+from npend_gym import Chain, IntegrationError
+from npend_gym.physics import simulate_on_device
 
 chain, theta, times = Chain.uniform(2, damping=0.1), [[0.5, 1.0], [-2.0, 0.1]], [0.0, 0.1, 0.35]
-path = simulate(chain, theta, 0.3, times, torque=0.5, method="rk4", dt=0.03, device="cuda")
+path = simulate_on_device(chain, theta, 0.3, times, torque=0.5, dt=0.03)
 path.save("motions.npz")
 again = type(path).load("motions.npz")
 assert np.array_equal(again.theta, path.theta) and again.energy().shape == (2, 3)
 try:
-    simulate(Chain.uniform(2, length=1e-3), theta, 0.0, times, method="rk4", dt=0.2, device="cuda")
+    simulate_on_device(Chain.uniform(2, length=1e-3), theta, 0.0, times, dt=0.2)
 except IntegrationError as error:
     message = str(error)
 print(json.dumps([path.theta.tolist(), path.omega.tolist(), message]))
@@ -372,7 +374,7 @@ def test_arrays_that_do_not_fit_are_refused_by_name():
 @pytest.mark.skipif(HAS_NUMBA_CUDA, reason="numba-cuda is installed")
 def test_without_the_extra_the_error_says_what_to_install():
     with pytest.raises(ImportError, match=r'pip install "npend-gym\[cuda\]"'):
-        simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], method="rk4", dt=0.1, device="cuda")
+        simulate_on_device(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], dt=0.1)
 
 
 @needs_numba_cuda
@@ -391,16 +393,15 @@ def test_without_a_gpu_the_error_says_so_and_what_to_do():
     assert 'device="cpu"' in message
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"method": "rk4", "dt": 0.1, "cart_mass": 1.0}, {"stiffness": 1e3}]
-)
-def test_what_a_gpu_cannot_simulate_is_refused(options):
-    with pytest.raises(
-        ValueError, match='device "cuda" takes method "rk4", constant torques and rigid rods'
-    ):
-        simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], device="cuda", **options)
-    with pytest.raises(ValueError, match="device must be"):
-        simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], device="gpu")
+@pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, {"stiffness": 1e3}])
+def test_what_a_gpu_cannot_simulate_is_refused(parts):
+    chain = Chain.uniform(2, **parts)
+    with pytest.raises(ValueError, match="is defined for rigid rods on a pivot at rest"):
+        simulate_on_device(chain, 0.1, 0.0, [0.0, 1.0], dt=0.1)
+    with pytest.raises(TypeError, match=r"chain must be a npend_gym\.Chain, got \["):
+        simulate_on_device([chain, chain], 0.1, 0.0, [0.0, 1.0], dt=0.1)
+    with pytest.raises(TypeError, match=r"npend_gym\.physics\.simulate_on_device"):
+        simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], device="cuda")
 
 
 BENCH = """

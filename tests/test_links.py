@@ -9,7 +9,7 @@ from engines import dm_control_model, mujoco_accelerations, mujoco_motion
 from gymnasium.envs.classic_control.acrobot import rk4
 
 from npend_gym import Chain, chaos, simulate
-from npend_gym.physics import accelerations, linearise, mass_matrix, tensions
+from npend_gym.physics import accelerations, linearise, mass_matrix
 from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
 from npend_gym.physics.substeps import default_substeps
 
@@ -117,12 +117,11 @@ def test_poles_on_the_cart_of_dm_control_swing_alike(num_poles, scale):
     expected = mujoco_motion(model, [0.1, *angles], [-0.3, *speeds], control, 2.0, 40_000)
     path = simulate(
         Chain.dm_control("cartpole", num_poles), np.pi - np.cumsum(angles), -np.cumsum(speeds),
-        [0.0, 2.0], cart_mass=1.0, force=10.0 * control, rail_damping=5e-4, pivot_velocity=-0.3,
-        rtol=1e-14, atol=1e-15,
+        [0.0, 2.0], position=0.1, velocity=-0.3, force=10.0 * control, rtol=1e-14, atol=1e-15,
     )  # fmt: skip
     found = np.diff(np.pi - path.theta[-1], prepend=0.0)
     np.testing.assert_allclose(found, expected[1:], rtol=0, atol=1e-9)
-    assert path.cart(0.1)[0][-1] == pytest.approx(expected[0], abs=1e-9)
+    assert path.position[-1] == pytest.approx(expected[0], abs=1e-9)
     assert np.abs(expected - [0.1, *angles]).max() > 0.2
 
 
@@ -223,12 +222,6 @@ def test_states_with_leading_axes_are_linearised_one_by_one():
     together = linearise(MACHINE, theta, omega)
     alone = linearise(MACHINE, theta[3, 1], omega[3, 1])
     np.testing.assert_allclose(together.A[3, 1], alone.A, rtol=1e-13)
-
-
-def test_tensions_of_links_are_refused():
-    for chain in (Chain.acrobot(), Chain(1.0, [1.0], friction=0.1)):
-        with pytest.raises(ValueError, match="tensions are those of massless rods"):
-            tensions(chain, 0.1, 0.0)
 
 
 def test_the_ends_of_links_are_their_joints():

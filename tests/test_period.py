@@ -111,9 +111,9 @@ def test_the_centre_of_mass_turns_when_its_place_is_extreme(chain):
 
 @pytest.mark.long
 def test_the_centre_of_mass_on_springs_turns_when_its_place_is_extreme():
-    chain, springs = Chain([1.0, 0.4], [0.6, 1.0]), {"stiffness": 60.0, "axial_damping": 0.5}
-    period = pseudo_periods(chain, 0.5, reading="com", **springs)
-    expected = com_by_frames(chain, 0.5, 5.0, **springs)
+    chain = Chain([1.0, 0.4], [0.6, 1.0], stiffness=60.0, axial_damping=0.5)
+    period = pseudo_periods(chain, 0.5, reading="com")
+    expected = com_by_frames(chain, 0.5, 5.0)
     np.testing.assert_allclose(period, expected, rtol=0, atol=1e-7)
 
 

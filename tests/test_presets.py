@@ -6,7 +6,7 @@ from engines import dm_control_model
 from gymnasium.envs.classic_control.acrobot import AcrobotEnv
 from scipy.integrate import quad
 
-from npend_gym import Chain
+from npend_gym import Cart, Chain
 
 
 def test_a_rod_with_a_tip_has_the_moments_of_its_density():
@@ -90,6 +90,10 @@ def test_dm_control_has_these_links(num_poles):
     np.testing.assert_allclose(chain.inertias, model.body_inertia[links:, 0], rtol=1e-14)
     np.testing.assert_array_equal(chain.damping, model.dof_damping[-chain.n :])
     assert -model.opt.gravity[2] == chain.gravity
+    if num_poles:
+        assert chain.base == Cart(model.body_mass[1], model.dof_damping[0])
+    else:
+        assert chain.base is None
 
 
 def test_a_name_stands_for_a_chain():

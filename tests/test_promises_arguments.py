@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain, physics, pseudo_periods, simulate, theory
+from npend_gym import Cart, Chain, physics, pseudo_periods, simulate, theory
 from npend_gym.cli import main
 from npend_gym.envs import NPendulumEnv, NPendulumVectorEnv
 
@@ -27,6 +27,18 @@ NO_CHOICES = ("", "no such", 1, b"bob", ["bob"], None, 10**9)
 def trajectory(**change):
     arguments = {"chain": Chain.uniform(2), "theta": 0.1, "omega": 0.0, "times": [0.0, 0.1]}
     return simulate(**(arguments | change))
+
+
+def on_cart(**change):
+    return trajectory(**({"chain": Chain.uniform(2, base=Cart(1.0))} | change))
+
+
+def cart(**change):
+    return Cart(**({"mass": 1.0} | change))
+
+
+def springs(**change):
+    return Chain(**({"masses": 1.0, "lengths": [1.0, 1.0], "stiffness": 1e3} | change))
 
 
 def fixed_step(**change):
@@ -78,7 +90,14 @@ CASES = [
     (trajectory, "times", (*NO_ARRAYS[:-2], None, 1.0, [1.0, 0.0], [0.0, 0.0], [[0.0, 1.0]])),
     (trajectory, "torque", NO_ARRAYS),
     (trajectory, "pivot_acceleration", (*NO_ARRAYS, 1.0)),
-    (trajectory, "cart_mass", NO_POSITIVES),
+    (on_cart, "position", (*NO_NUMBERS, None)),
+    (on_cart, "velocity", (*NO_NUMBERS, None)),
+    (on_cart, "force", (*NO_NUMBERS, None)),
+    (cart, "mass", NO_POSITIVES),
+    (cart, "damping", (*NO_NUMBERS, -1.0)),
+    (springs, "stiffness", (*NO_ARRAYS, 0.0, -1.0)),
+    (springs, "axial_damping", (*NO_ARRAYS, -1.0)),
+    (springs, "base", (1.0, "cart", Cart)),
     (trajectory, "force", (*NO_NUMBERS, None, 1.0)),
     (trajectory, "method", NO_CHOICES),
     (trajectory, "rtol", (*NO_NUMBERS, None, 0.0, 1e-15)),

@@ -14,7 +14,8 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, digests, simulate
 from npend_gym.cli import main
-from npend_gym.physics import adaptive, memory, single
+from npend_gym.compiled.packs import WIDTH
+from npend_gym.physics import many, memory, motion
 
 COUNTS = (1, 2, 5, 10, 50)
 
@@ -109,12 +110,16 @@ def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.003}])
-def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(monkeypatch, uneven, options):
-    times = np.linspace(0.0, 2.0, 7)
-    whole = simulate(uneven, 1.0, 0.5, times, **options)
-    for module in (adaptive, single):
-        monkeypatch.setattr(module, "RODS_PER_CALL", 20)  # five steps
-    pieced = simulate(uneven, 1.0, 0.5, times, **options)
+@pytest.mark.parametrize("starts", [(4,), (2, 4)], ids=["one motion", "two side by side"])
+def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(
+    monkeypatch, uneven, options, starts
+):
+    times, theta = np.linspace(0.0, 2.0, 7), np.full(starts, 1.0)
+    whole = simulate(uneven, theta, 0.5, times, **options)
+    monkeypatch.setattr(motion, "RODS_PER_CALL", 20)  # five steps
+    monkeypatch.setattr(many, "RODS_PER_CALL", 5 * 4 * WIDTH)
+    monkeypatch.setattr(many, "RODS_PER_PACK_CALL", 5 * 4 * WIDTH)
+    pieced = simulate(uneven, theta, 0.5, times, **options)
     np.testing.assert_array_equal(whole.theta, pieced.theta)
     np.testing.assert_array_equal(whole.omega, pieced.omega)
 

@@ -110,6 +110,18 @@ def rewritten(file, **change):
     np.savez(file, **arrays)
 
 
+ABOUT = {"chain": {"masses": [1, 1], "lengths": 1}, "provenance": {}}
+RECIPE = {
+    "method": "rk4", "settings": {"dt": 0.1}, "torque": [0.0, 0.0], "force": 0.0,
+    "pivot_acceleration": None,
+}  # fmt: skip
+
+
+def test_an_archive_that_tells_how_it_was_made_is_read(file):
+    rewritten(file, about=np.array(json.dumps(ABOUT | {"recipe": RECIPE})))
+    assert Trajectory.load(file).recipe.settings == {"dt": 0.1}
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -124,10 +136,31 @@ def rewritten(file, **change):
         {"about": np.array('{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": {}}')},
         {
             "about": np.array(
-                '{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": {}, '
-                '"pivot": {"acceleration": null, "cart_mass": -1.0, "force": 0.0}}'
+                '{"chain": {"masses": [1, 1], "lengths": 1, "base": {"mass": -1.0}}, '
+                '"provenance": {}}'
             )
         },
+        {  # a cart, and no position of it
+            "about": np.array(
+                '{"chain": {"masses": [1, 1], "lengths": 1, "base": {"mass": 1.0}}, '
+                '"provenance": {}}'
+            )
+        },
+        {"position": np.zeros(30), "velocity": np.zeros(30)},  # of a pivot: two numbers
+        {"counts": np.zeros(2, int)},
+        {"status": np.zeros(30, int)},
+        *(
+            {"about": np.array(json.dumps(ABOUT | {"recipe": RECIPE | change}))}
+            for change in (
+                {"method": "euler"},
+                {"settings": {"rtol": 0.0}},
+                {"torque": [0.0, 0.0, 0.0]},
+                {"torque": {"signal": {"times": [1.0, 0.0], "values": [0.0, 1.0]}}},
+                {"torque": {"lambda": "os.mkdir"}},
+                {"force": "strong"},
+                {"pivot_acceleration": [1.0]},
+            )
+        ),
         {"about": np.array("[" * 100_000)},
     ],
 )

@@ -5,13 +5,14 @@ import dataclasses
 import numpy as np
 import oracle
 import pytest
+from lagrangian import all_accelerations
 from scipy.integrate import DOP853
 from scipy.linalg import expm
 from test_derivatives import KINDS, PARAMETERS, TINY, Varied, chains
 
-from npend_gym import Chain, Trajectory, simulate
-from npend_gym.physics import Pivot, accelerations
-from npend_gym.physics.replay import replay
+from npend_gym import Cart, Chain, Event, Signal, Trajectory, simulate
+from npend_gym.physics import accelerations
+from npend_gym.physics.dense import retaken
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
 
@@ -62,17 +63,13 @@ def dense_dop853(rates, y, times, lengths):
 
 
 def lengths_of(trajectory):
-    made, state = trajectory.integration, [trajectory.theta[0], trajectory.omega[0]]
-    motion = replay(
-        made.method, trajectory.chain.repeated(1), np.concatenate(state), trajectory.times,
-        made.torque, made.settings,
-    )  # fmt: skip
-    return motion.advance(10**4).steps.lengths
+    steps = retaken(trajectory)[0].steps(trajectory.times)
+    return steps.end - steps.begin
 
 
 def oracle_of(trajectory):
     """Return a function that repeats the steps on the dense system, also of complex numbers."""
-    made, times = trajectory.integration, trajectory.times
+    made, times = trajectory.recipe, trajectory.times
     if made.method == "rk4":
         return lambda rates, y: dense_rk4(rates, y, times, made.settings["dt"])
     lengths = lengths_of(trajectory)
@@ -123,6 +120,127 @@ def test_a_motion_forward_and_backward_is_that_of_the_dense_system_to_rounding(k
             product = np.tensordot(weights, expected, 2)
             error = np.abs(gradient.by_parameters[name] - product).max()
             assert error <= 1e-11 * scale * weights.size, name
+
+
+def push_in_time(t):
+    return 2.0 * np.sin(3.0 * t)
+
+
+def torque_in_time(t, _theta, _omega):
+    return 1.0 + t * t
+
+
+DRIVES = {
+    "constants": ({"torque": [0.7, -0.3], "force": 1.5}, lambda _t: [0.7, -0.3, 1.5]),
+    "functions of time": (
+        {"torque": torque_in_time, "force": push_in_time},
+        lambda t: [1.0 + t * t, 0.0, 2.0 * np.sin(3.0 * t)],
+    ),
+    "signals": (
+        {
+            "torque": Signal(TIMES, np.outer([1.0, 2.0, -1.0, 0.5, 0.0], [1.0, -0.5]), "linear"),
+            "force": Signal([0.0, 0.11, 1.0], [2.0, -1.0, 0.5], "linear"),
+        },
+        lambda t: [
+            *(np.interp(t, TIMES, [1.0, 2.0, -1.0, 0.5, 0.0]) * np.array([1.0, -0.5])),
+            np.interp(t, [0.0, 0.11, 1.0], [2.0, -1.0, 0.5]),
+        ],
+    ),
+}
+MECHANISMS = ["pivot", "cart", "springs", "springs on a cart"]
+
+
+def with_clock(rates, size):
+    """Return rates of a state that has the time behind it, so that steps carry it along."""
+    return lambda y: np.append(rates(y[-1].real, y[:size]), 1.0)
+
+
+@pytest.mark.parametrize("drives", DRIVES)
+@pytest.mark.parametrize("mechanism", MECHANISMS)
+@pytest.mark.parametrize("method", METHODS)
+def test_carts_springs_and_drives_in_time_have_the_derivatives_of_the_lagrangian(
+    method, mechanism, drives
+):
+    parts = {"stiffness": [90.0, 60.0], "axial_damping": 0.4} if "springs" in mechanism else {}
+    on_cart = "cart" in mechanism
+    parts |= {"base": Cart(1.5, 0.3)} if on_cart else {}
+    chain = Chain([1.0, 0.6], [0.5, 0.8], damping=0.1, drag=0.2, **parts)
+    given, loads_at = DRIVES[drives]
+    given = {name: each for name, each in given.items() if on_cart or name != "force"}
+    start = {"position": 0.2, "velocity": -0.4} if on_cart else {}
+    start |= {"stretch": [0.1, 0.05], "stretch_rate": 0.2} if "springs" in mechanism else {}
+    made = simulate(chain, [0.9, -0.4], [0.5, 1.0], TIMES, **start, **given, **METHODS[method])
+    m, parameters = chain.coordinates, ("masses", "lengths", "gravity", "drag")
+    parameters += ("stiffness", "axial_damping") if "springs" in mechanism else ()
+    values = {name: getattr(chain, name) for name in PARAMETERS["machine"]}
+    if "springs" in mechanism:
+        values |= {"stiffness": chain.stiffness, "axial_damping": chain.axial_damping}
+    base = {"cart_mass": 1.5, "rail_damping": 0.3} if on_cart else None
+    motion, state = retaken(made)
+    count = 2 + on_cart
+
+    def moved(change, name=None):
+        """Return the frames after a change of the state and the loads, or of a parameter."""
+        own = dict(values)
+        if name is not None:
+            own[name] = own[name] + (change[0] if name == "gravity" else change)
+            if name == "lengths":
+                own["centres"] = own["lengths"]
+            change = np.zeros(2 * m + count)
+
+        def rates(t, y):
+            q, u = np.split(y, 2)
+            loads = np.array(loads_at(t)[:count]) + change[2 * m :]
+            return np.concatenate([u, all_accelerations(own, q, u, loads, base)])
+
+        y = np.append(state + change[: 2 * m], TIMES[0])
+        clocked = with_clock(rates, 2 * m)
+        if method == "rk4":
+            return dense_rk4(clocked, y, TIMES, made.recipe.settings["dt"])[:, :-1]
+        steps = motion.steps(TIMES)
+        return dense_dop853(clocked, y, TIMES, steps.end - steps.begin)[:, :-1]
+
+    columns = [made.theta, *([made.position[:, None]] if on_cart else [])]
+    columns += [made.stretch] if "springs" in mechanism else []
+    found = moved(np.zeros(2 * m + count))[:, :m]
+    np.testing.assert_allclose(found, np.hstack(columns), rtol=0, atol=1e-12)
+    expected = slopes(moved, 2 * m + count)
+    got = made.sensitivities(joints=range(2))  # and the force
+    both = np.concatenate([got.A, got.B], axis=-1)
+    assert np.abs(both - expected).max() <= 1e-11 * np.abs(expected).max()
+    bars = np.random.default_rng(0).normal(size=(2, TIMES.size, m))
+    weights = np.concatenate([*bars], axis=1)
+    gradient = made.gradient(*bars, parameters=parameters)
+    backward = np.hstack([gradient.by_theta, gradient.by_omega, gradient.by_torque])
+    product = np.tensordot(weights, expected, 2)
+    assert np.abs(backward - product).max() <= 1e-11 * np.abs(expected).max() * weights.size
+    for name in parameters:
+        size = 1 if name == "gravity" else 2
+        expected = slopes(lambda change, name=name: moved(change, name), size)
+        scale = max(np.abs(expected).max(), 1e-3)
+        got = made.sensitivities((), {name: [1.0] if name == "gravity" else np.eye(2)}).C
+        assert np.abs(got - expected).max() <= 1e-11 * scale, name
+        product = np.tensordot(weights, expected, 2)
+        error = np.abs(gradient.by_parameters[name] - product).max()
+        assert error <= 1e-10 * scale * weights.size, name
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_held_constant_are_differentiated_as_segments_one_after_another(method):
+    chain, knots, values = Chain.uniform(2, base=Cart(2.0)), [0.0, 0.11, 0.34], [3.0, -2.0]
+    whole = simulate(
+        chain, 1.0, 0.5, TIMES, torque=0.3, force=Signal(knots, values), **METHODS[method]
+    )
+    first = simulate(chain, 1.0, 0.5, TIMES[:3], torque=0.3, force=3.0, **METHODS[method])
+    then = simulate(
+        chain, first.theta[-1], first.omega[-1], TIMES[2:], position=first.position[-1],
+        velocity=first.velocity[-1], torque=0.3, force=-2.0, **METHODS[method],
+    )  # fmt: skip
+    np.testing.assert_array_equal(whole.theta[2:], then.theta)
+    got, before, after = (each.sensitivities((0,)) for each in (whole, first, then))
+    np.testing.assert_allclose(got.A[2:], after.A @ before.A[-1], rtol=1e-11, atol=1e-12)
+    expected = after.A @ before.B[-1] + after.B
+    np.testing.assert_allclose(got.B[2:], expected, rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -215,12 +333,20 @@ def test_a_saved_trajectory_keeps_its_derivatives(tmp_path):
 def test_motions_without_derivatives_are_refused_by_name():
     chain = Chain.uniform(2)
     made = simulate(chain, 1.0, 0.0, TIMES)
-    on_cart = dataclasses.replace(made, pivot=Pivot(cart_mass=1.0))
-    with pytest.raises(ValueError, match="rigid rods on a pivot at rest"):
-        on_cart.sensitivities()
     by_hand = Trajectory(chain, TIMES, made.theta, made.omega)
-    with pytest.raises(ValueError, match=r"one motion made by simulate\(\)"):
-        by_hand.gradient(1.0, 0.0)
+    for derive in (by_hand.sensitivities, lambda: by_hand.gradient(1.0, 0.0)):
+        with pytest.raises(ValueError, match=r"need a trajectory made by simulate\(\)"):
+            derive()
+    many = simulate(chain, [[1.0, 0.5], [0.5, 1.0]], 0.0, TIMES)
+    with pytest.raises(ValueError, match=r"those of one motion, got 2: take trajectory\[k\]"):
+        many.sensitivities()
+    fed_back = simulate(chain, 1.0, 0.5, TIMES, torque=lambda _t, _theta, omega: -0.1 * omega)
+    with pytest.raises(ValueError, match="torque must depend on time alone"):
+        fed_back.sensitivities()
+    ended = simulate(chain, 1.0, 0.0, TIMES, events=Event("angle", 0, value=0.9, terminal=True))
+    assert ended.status == 1
+    with pytest.raises(ValueError, match="an event ended it"):
+        ended.gradient(1.0, 0.0)
     other = dataclasses.replace(made, chain=Chain.uniform(2, length=1.1))
     for derive in (other.sensitivities, lambda: other.gradient(1.0, 1.0)):
         with pytest.raises(ValueError, match="does not end where its start and settings lead"):

@@ -10,12 +10,15 @@ from interrupt import Interrupt
 from scipy.integrate import solve_ivp
 
 import npend_gym
-from npend_gym import Chain, Event, Signal, simulate
+from npend_gym import Cart, Chain, Event, Signal, simulate
 from npend_gym.physics import accelerations
 
 pytestmark = pytest.mark.long  # three more kernels are compiled
 
 DOUBLE = Chain([1.0, 1.0], [1.0, 1.0])
+ON_CART = Chain([1.0, 1.0], [1.0, 1.0], base=Cart(2.0, 0.1))
+ON_SPRINGS = Chain([1.0, 1.0], [1.0, 1.0], stiffness=300.0, axial_damping=0.5)
+SPRINGS_ON_CART = Chain([1.0, 1.0], [1.0, 1.0], stiffness=300.0, base=Cart(2.0))
 TIMES = np.linspace(0.0, 5.0, 51)
 LINKS = Chain([1.0, 0.5], [0.5, 0.4], centres=[0.2, 0.3], inertias=[0.02, 0.01], friction=0.01)
 
@@ -26,21 +29,37 @@ def starts():
     return rng.uniform(-3.0, 3.0, (37, 2)), rng.normal(size=(37, 2))
 
 
-@pytest.mark.parametrize("chain", [DOUBLE, LINKS])
-def test_many_motions_have_the_bits_of_each_alone_on_any_number_of_threads(chain, starts):
-    theta, omega = starts
-    torque = np.linspace(-1.0, 1.0, 74).reshape(37, 2)
-    many = simulate(chain, theta, omega, TIMES, torque=torque)
+METHODS = {"dop853": {}, "rk4": {"method": "rk4", "dt": 0.005}}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "chain", [DOUBLE, LINKS, ON_CART, ON_SPRINGS, SPRINGS_ON_CART], ids=lambda chain: f"{chain}"
+)
+def test_many_motions_have_the_bits_of_each_alone_on_any_number_of_threads(chain, method, starts):
+    theta, omega = (0.5 * each for each in starts)
+    torque, options = np.linspace(-1.0, 1.0, 74).reshape(37, 2), METHODS[method]
+    beside = {} if chain.base is None else {
+        "force": np.linspace(-3.0, 3.0, 37), "velocity": np.linspace(0.5, -0.5, 37)
+    }  # fmt: skip
+    many = simulate(chain, theta, omega, TIMES, torque=torque, **beside, **options)
     assert many.theta.shape == (37, 51, 2)
     assert len(many) == 37
     for k in (0, 15, 16, 36):
-        alone = simulate(chain, theta[k], omega[k], TIMES, torque=torque[k])
-        np.testing.assert_array_equal(many[k].theta, alone.theta)
-        np.testing.assert_array_equal(many[k].omega, alone.omega)
-        assert (many.nfev[k], many.steps[k], many.refused_steps[k]) == (
-            alone.nfev, alone.steps, alone.refused_steps
-        )  # fmt: skip
-    shared = simulate(chain, theta, omega, TIMES, torque=torque, threads=3)
+        own = {name: values[k] for name, values in beside.items()}
+        alone = simulate(chain, theta[k], omega[k], TIMES, torque=torque[k], **own, **options)
+        for name in ("theta", "omega", "position", "velocity", "stretch", "stretch_rate"):
+            mine, its = getattr(many[k], name), getattr(alone, name)
+            assert (mine is None) == (its is None)
+            if its is not None:
+                np.testing.assert_array_equal(mine, its)
+        np.testing.assert_array_equal(many.energy()[k], alone.energy())
+        np.testing.assert_array_equal(many[k].at(1.23), alone.at(1.23))
+        if method == "dop853":
+            assert (many.nfev[k], many.steps[k], many.refused_steps[k]) == (
+                alone.nfev, alone.steps, alone.refused_steps
+            )  # fmt: skip
+    shared = simulate(chain, theta, omega, TIMES, torque=torque, **beside, **options, threads=3)
     np.testing.assert_array_equal(shared.theta, many.theta)
 
 
@@ -57,14 +76,28 @@ def test_chains_may_differ_and_energies_are_those_of_each():
         simulate(chains, np.ones((2, 2)), 0.0, TIMES)
 
 
-def test_many_motions_on_a_cart_or_with_rk4_are_those_of_each(starts):
-    theta, omega = starts[0][:3], starts[1][:3]
-    for keywords in ({"cart_mass": 2.0}, {"method": "rk4", "dt": 0.01}, {"stiffness": 1e5}):
-        many = simulate(DOUBLE, theta, omega, TIMES, **keywords)
-        alone = simulate(DOUBLE, theta[2], omega[2], TIMES, **keywords)
-        np.testing.assert_array_equal(many.theta[2], alone.theta)
-        if "cart_mass" in keywords:
-            np.testing.assert_array_equal(many[2].pivot_position, alone.pivot_position)
+def test_many_motions_on_carts_and_springs_that_differ_are_those_of_each(starts):
+    chains = [
+        Chain([1.0, m], [1.0, 0.8], stiffness=300.0 * m, base=Cart(m, 0.1)) for m in (0.5, 1.0, 2.0)
+    ]
+    many = simulate(chains, 0.3 * starts[0][:3], 0.0, TIMES)
+    for k, chain in enumerate(chains):
+        alone = simulate(chain, 0.3 * starts[0][k], 0.0, TIMES)
+        for name in ("theta", "position", "stretch"):
+            np.testing.assert_array_equal(getattr(many[k], name), getattr(alone, name))
+        np.testing.assert_array_equal(many.energy()[k], alone.energy())
+    for others in ([DOUBLE, ON_CART], [DOUBLE, ON_SPRINGS]):
+        with pytest.raises(ValueError, match="must all have"):
+            simulate(others, np.ones((2, 2)), 0.0, TIMES)
+
+
+def test_many_motions_of_an_accelerated_pivot_are_those_of_each(starts):
+    options = {"pivot_acceleration": (1.0, -2.0), "torque": 0.5}
+    many = simulate(DOUBLE, *(each[:3] for each in starts), TIMES, **options)
+    alone = simulate(DOUBLE, starts[0][2], starts[1][2], TIMES, **options)
+    for name in ("theta", "position", "velocity"):
+        np.testing.assert_array_equal(getattr(many[2], name), getattr(alone, name))
+    assert many.position.shape == (3, 51, 2)
 
 
 def test_the_number_of_evaluations_is_near_that_of_scipy():
@@ -89,13 +122,43 @@ def test_dense_output_has_the_bits_of_frames_and_any_shape():
     theta, omega = motion.at(TIMES.reshape(17, 3))
     np.testing.assert_array_equal(theta.reshape(51, 2), motion.theta)
     np.testing.assert_array_equal(omega.reshape(51, 2), motion.omega)
-    for keywords in ({"cart_mass": 2.0}, {"torque": Signal([0, 1.234, 5.0], [1.0, -1.0, 0.0])}):
-        motion = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES, **keywords)
+    signal = Signal([0, 1.234, 5.0], [1.0, -1.0, 0.0])
+    for chain, keywords in (
+        (ON_CART, {"velocity": 0.5}), (SPRINGS_ON_CART, {}), (DOUBLE, {"torque": signal}),
+        (DOUBLE, {"torque": drive}), (DOUBLE, {"pivot_acceleration": lambda t: (np.sin(t), 1.0)}),
+        (DOUBLE, {"events": Event("flip", terminal=True)}),
+    ):  # fmt: skip
+        motion = simulate(chain, [0.9, 0.7], 0.0, TIMES, **keywords)
         np.testing.assert_allclose(motion.at(TIMES)[0], motion.theta, rtol=0, atol=1e-9)
+        if chain.base is not None:
+            position, velocity = motion.cart_at(TIMES)
+            np.testing.assert_allclose(position, motion.position, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(velocity, motion.velocity, rtol=0, atol=1e-9)
     with pytest.raises(ValueError, match=r"within the motion, 0 to 5 s, got 5\.5"):
         motion.at(5.5)
-    with pytest.raises(ValueError, match="dop853"):
-        simulate(DOUBLE, 1.0, 0.0, TIMES, method="rk4", dt=0.1).at(1.0)
+
+
+@pytest.mark.parametrize("chain", [DOUBLE, SPRINGS_ON_CART])
+def test_dense_output_of_rk4_is_of_order_three_and_meets_its_frames(chain):
+    between, errors = np.linspace(0.1, 1.9, 91), []
+    exact = simulate(chain, 0.6, 0.5, [0.0, 2.0], rtol=1e-13, atol=1e-14).at(between)[0]
+    for dt in (0.02, 0.01, 0.005):
+        times = np.linspace(0.0, 2.0, 11)
+        motion = simulate(chain, 0.6, 0.5, times, method="rk4", dt=dt)
+        np.testing.assert_allclose(motion.at(times)[0], motion.theta, rtol=0, atol=1e-14)
+        errors.append(np.abs(motion.at(between)[0] - exact).max())
+    slope = np.polyfit(np.log([0.02, 0.01, 0.005]), np.log(errors), 1)[0]
+    assert 3.5 < slope < 4.5  # a polynomial of order 3 has an error of order 4
+
+
+def test_dense_output_after_a_terminal_event_ends_there():
+    motion = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES, events=Event("angle", 0, terminal=True))
+    end = motion.times[-1]
+    np.testing.assert_allclose(motion.at(end)[0], motion.theta[-1], rtol=0, atol=1e-10)
+    whole = simulate(DOUBLE, [2.0, 1.0], 0.0, TIMES)
+    np.testing.assert_allclose(motion.at(0.9 * end)[0], whole.at(0.9 * end)[0], rtol=0, atol=1e-9)
+    with pytest.raises(ValueError, match="within the motion"):
+        motion.at(end + 0.1)
 
 
 def test_many_motions_come_back_from_a_file(tmp_path, starts):
@@ -184,14 +247,49 @@ def test_a_moving_pivot_as_a_function_is_the_frame_that_moves():
     # a pivot that falls freely: no gravity is felt, and the chain goes on as it was
     falling = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, pivot_acceleration=lambda t: (0.0, -9.81))
     np.testing.assert_allclose(falling.theta[-1], [1.0, 0.5], atol=1e-12)
-    np.testing.assert_allclose(falling.pivot_position[-1], [0.0, -0.5 * 9.81 * 25], rtol=1e-12)
+    np.testing.assert_allclose(falling.position[-1], [0.0, -0.5 * 9.81 * 25], rtol=1e-12)
     constant = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, pivot_acceleration=[1.0, 2.0])
     law = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, pivot_acceleration=lambda t: (1.0, 2.0))
     np.testing.assert_array_equal(law.theta, constant.theta)
-    pushed = simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, cart_mass=2.0, force=lambda t: 3.0)
-    np.testing.assert_array_equal(
-        pushed.theta, simulate(DOUBLE, [1.0, 0.5], 0.0, TIMES, cart_mass=2.0, force=3.0).theta
+    for chain in (ON_CART, SPRINGS_ON_CART):
+        pushed = simulate(chain, [1.0, 0.5], 0.0, TIMES, force=lambda t: 3.0)
+        np.testing.assert_array_equal(
+            pushed.theta, simulate(chain, [1.0, 0.5], 0.0, TIMES, force=3.0).theta
+        )
+
+
+def test_a_force_that_feeds_the_cart_back_sees_all_coordinates():
+    """A cart held by a spring of its own: F = -k x - d v, by which it swings."""
+    heavy = Chain([1e-6], [1.0], base=Cart(2.0))
+    motion = simulate(
+        heavy, 0.0, 0.0, TIMES, position=0.3, force=lambda t, q, u: -8.0 * q[1] - 0.4 * u[1]
     )
+    w = np.sqrt(4.0 - 0.1**2)
+    swing = np.exp(-0.1 * TIMES) * (np.cos(w * TIMES) + 0.1 / w * np.sin(w * TIMES))
+    np.testing.assert_allclose(motion.position, 0.3 * swing, rtol=0, atol=1e-5)
+    shaken = simulate(
+        SPRINGS_ON_CART, 0.3, 0.0, TIMES, torque=lambda t, q, u: 0.1 * q[3] - 0.2 * u[4]
+    )
+    assert shaken.chain.coordinates == 5
+
+
+def test_fixed_steps_with_functions_and_signals_converge_to_the_adaptive_motion():
+    signal = Signal([0.0, 1.25, 5.0], [[1.0, 0.0], [-1.0, 0.5], [0.0, 0.0]], "linear")
+    for chain, keywords in (
+        (DOUBLE, {"torque": drive}), (DOUBLE, {"torque": slow_drive}), (DOUBLE, {"torque": signal}),
+        (ON_CART, {"force": lambda t: 3.0 * np.sin(t)}),
+        (DOUBLE, {"pivot_acceleration": lambda t: (np.sin(3.0 * t), np.cos(t))}),
+    ):  # fmt: skip
+        exact = simulate(chain, [0.5, 0.3], 0.0, [0.0, 2.0], rtol=1e-12, atol=1e-13, **keywords)
+        errors = [
+            np.abs(
+                simulate(chain, [0.5, 0.3], 0.0, [0.0, 2.0], method="rk4", dt=dt, **keywords).theta
+                - exact.theta
+            ).max()
+            for dt in (0.02, 0.01)
+        ]
+        assert errors[1] < 1e-6
+        assert 12.0 < errors[0] / errors[1] < 20.0  # order 4
 
 
 def fails_late(t, theta, omega):
@@ -218,8 +316,9 @@ def fails_in_python(t, theta, omega):
         ({"torque": lambda t, theta, omega: [1, 2, 3]}, r"shape \(\) or \(2,\), got"),
         ({"torque": Signal([0, 1], [1, 1])}, "sampled over the whole motion, 0 to 5 s"),
         ({"torque": Signal([0, 9], [[1, 1, 1]])}, "must have the shape"),
-        ({"force": lambda t: 1.0}, "cart_mass must be given"),
-        ({"torque": drive, "method": "rk4", "dt": 0.1}, 'must be "dop853"'),
+        ({"force": lambda t: 1.0}, r"must have base=Cart\(mass\)"),
+        ({"torque": fails_late, "method": "rk4", "dt": 0.1}, "torque raised ZeroDivisionError"),
+        ({"torque": nan_late, "method": "rk4", "dt": 0.1}, "torque must return finite numbers"),
         (
             {"torque": drive, "pivot_acceleration": Signal([0, 9], [[0, 0], [1, 1]])},
             "all functions",

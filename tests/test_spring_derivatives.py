@@ -13,7 +13,7 @@ from npend_gym.compiled.arrays import aligned_zeros, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
-from npend_gym.physics.kernels.driven import LAW_ENTRIES
+from npend_gym.physics.kernels.driven import AFTER_TORQUES
 from npend_gym.physics.kernels.dynamics import (
     ANSWER_ROWS,
     WORK_ROWS,
@@ -25,16 +25,16 @@ from npend_gym.physics.kernels.dynamics import (
 )
 from npend_gym.physics.kernels.link_terms import Base, Parameter
 from npend_gym.physics.kernels.rk4 import TABLEAU, WEIGHTS
-from npend_gym.physics.kernels.sensitivities import (
+from npend_gym.physics.kernels.springs import AXIAL_DAMPING, STIFFNESS, spring_arrays
+from npend_gym.physics.kernels.states import new_rates_scratch, rates_of_states
+from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
+from npend_gym.physics.kernels.tape import (
     Rods,
     Steps,
     carry_back,
     carry_changes,
     new_scratch,
 )
-from npend_gym.physics.kernels.springs import AXIAL_DAMPING, STIFFNESS, spring_arrays
-from npend_gym.physics.kernels.states import new_rates_scratch, rates_of_states
-from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
 
@@ -78,7 +78,7 @@ class Case:
             stiff = self.values["stiffness"], self.values["axial_damping"]
             self.arrays = spring_arrays(parameters, *stiff, entries)
         else:
-            self.arrays = arrays_of(parameters, entries)
+            self.arrays = arrays_of(parameters, None if entries is None else entries[:, None])
         moving = {"rest": 0, "cart": 1, "prescribed": 2}[base]
         self.m, self.loads = n + moving + n * self.stretching, n + (moving > 0)
         self.mass = chain.masses
@@ -225,7 +225,7 @@ def test_derivatives_of_steps_under_loads_that_change_are_those_of_the_dense_ste
     case, count = Case(kind, base, 2, seed=1), 3
     m, rng = case.m, case.rng
     lengths, stages = np.array([0.02, 0.03, 0.01]), len(TABLEAU)
-    loads = 3.0 * rng.normal(size=(count, stages, case.n + LAW_ENTRIES))
+    loads = 3.0 * rng.normal(size=(count, stages, case.n + AFTER_TORQUES))
     if base == "prescribed":
         loads[..., case.n] = 0.0
     q, u, _ = case.states(1)

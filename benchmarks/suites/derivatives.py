@@ -13,7 +13,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
-from npend_gym.physics.kernels.derivatives import adjoint_many, adjoint_rows
+from npend_gym.physics.kernels.rk4_derivatives import adjoint_many, adjoint_rows
 from npend_gym.physics.memory import Memory
 from suites.dynamics import many_steps, mujoco_chain
 from suites.timing import Job, Peers, Row, rates

@@ -89,7 +89,7 @@ def _repeat_step(
     scratch: FloatArray, times: int,
 ) -> None:  # fmt: skip
     for _ in range(times):
-        rk4_step(theta, omega, h, torque, rods, scratch)
+        rk4_step(0.0, theta, omega, h, torque, rods, scratch)
 
 
 @kernel
@@ -102,7 +102,7 @@ def _repeat_steps(
     for group in range(theta.shape[0]):
         x, w = packs(theta[group]), packs(omega[group])
         for _ in range(times):
-            rk4_step(x, w, h, packs(torque), wide, packs(scratch))
+            rk4_step(0.0, x, w, h, packs(torque), wide, packs(scratch))
 
 
 def evaluations(chain: Chain) -> Job:

@@ -1,11 +1,14 @@
+from npend_gym.chain.cart import Cart as Cart
 from npend_gym.chain.choice import as_chain as as_chain
 from npend_gym.chain.choice import plain_keywords as plain_keywords
 from npend_gym.chain.choice import preset_name as preset_name
 from npend_gym.chain.model import Chain as Chain
 from npend_gym.chain.model import check_chain as check_chain
+from npend_gym.chain.model import check_hung as check_hung
 from npend_gym.chain.parameters import FRICTION_SPEED as FRICTION_SPEED
 from npend_gym.chain.parameters import MAX_DENSE as MAX_DENSE
 from npend_gym.chain.parameters import MAX_RODS as MAX_RODS
+from npend_gym.chain.parameters import MECHANISM as MECHANISM
 from npend_gym.chain.parameters import SIMPLE_FIELDS as SIMPLE_FIELDS
 from npend_gym.chain.parameters import STANDARD_GRAVITY as STANDARD_GRAVITY
 from npend_gym.chain.parameters import ChainParameters as ChainParameters

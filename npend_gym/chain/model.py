@@ -14,7 +14,13 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._faces import MethodFromAbove
 from npend_gym.chain import parameters, presets
-from npend_gym.chain.parameters import FRICTION_SPEED, STANDARD_GRAVITY, ChainParameters
+from npend_gym.chain.cart import Cart, as_base
+from npend_gym.chain.parameters import (
+    FRICTION_SPEED,
+    MECHANISM,
+    STANDARD_GRAVITY,
+    ChainParameters,
+)
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -63,6 +69,14 @@ class Chain:
         The motor of joint j stands on link j-1 and has the kinetic energy
         armature_j ((1/gear_j - 1) omega_{j-1} + omega_j)^2 / 2. Infinite, or None: that of
         MuJoCo's `armature`, in which the rotor itself does not turn with link j-1.
+    stiffness : float or array_like, shape (n,), optional
+        Of rods that stretch [N/m], greater than zero: massless springs between point masses, whose
+        `lengths` are those without load. By default rods are rigid, which is the limit of stiff
+        springs.
+    axial_damping : float or array_like, shape (n,)
+        Viscous damping of such rods along their length [N s/m], zero or more.
+    base : Cart, optional
+        The cart that carries the pivot. By default the pivot is at rest.
 
     Raises
     ------
@@ -92,6 +106,9 @@ class Chain:
     friction_speed: FloatArray
     armature: FloatArray
     gear: FloatArray
+    stiffness: FloatArray | None
+    axial_damping: FloatArray
+    base: Cart | None
 
     @_checks.names_keywords
     def __init__(
@@ -109,6 +126,9 @@ class Chain:
         friction_speed: ArrayLike = FRICTION_SPEED,
         armature: ArrayLike = 0.0,
         gear: ArrayLike | None = np.inf,
+        stiffness: ArrayLike | None = None,
+        axial_damping: ArrayLike = 0.0,
+        base: Cart | None = None,
     ) -> None:
         n = parameters.rod_count(masses, lengths)
         object.__setattr__(self, "gravity", _checks.nonnegative_number("gravity", gravity))
@@ -123,13 +143,34 @@ class Chain:
             "friction": friction,
             "friction_speed": friction_speed,
             "armature": armature,
+            "axial_damping": axial_damping,
         }
+        if stiffness is not None:
+            given["stiffness"] = stiffness
         vectors = {name: _checks.vector(name, value, n) for name, value in given.items()}
         for name, value in (vectors | {"gear": parameters.gear_ratios("gear", gear, (n,))}).items():
             checked = parameters.check_parameter(name, value)
             checked.flags.writeable = False
             object.__setattr__(self, name, checked)
+        object.__setattr__(self, "base", as_base(base))
         self.repeated(1).check()
+        if stiffness is None:
+            object.__setattr__(self, "stiffness", None)
+        self._check_springs()
+
+    def _check_springs(self) -> None:
+        """Refuse damping of rods that do not stretch, and links that do."""
+        if self.stiffness is None:
+            if np.any(self.axial_damping):
+                raise ValueError(
+                    "axial_damping is that of rods that stretch: stiffness must be given with it, "
+                    f"got {_checks.show(self.axial_damping.tolist())}"
+                )
+        elif not self.is_ideal:
+            raise ValueError(
+                "stiffness is for point masses: centres, inertias, friction and armature must be "
+                f"left out with it, got {', '.join(self.repeated(1).beyond_ideal())}"
+            )
 
     uniform = classmethod(presets.uniform)
     rods = classmethod(presets.rods)
@@ -145,6 +186,11 @@ class Chain:
     def n(self) -> int:
         """Number of rods."""
         return self.masses.size
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates: n angles, the position of a cart, n stretches of springs."""
+        return self.n * (1 if self.stiffness is None else 2) + (self.base is not None)
 
     @cached_property
     def has_bobs(self) -> bool:
@@ -222,6 +268,11 @@ class Chain:
         plain = {name: np.asarray(getattr(self, name)).tolist() for name in shown}
         if "gear" in plain:
             plain["gear"] = [None if np.isinf(one) else one for one in plain["gear"]]
+        if self.stiffness is not None:
+            plain["stiffness"] = self.stiffness.tolist()
+            plain["axial_damping"] = self.axial_damping.tolist()
+        if self.base is not None:
+            plain["base"] = self.base.as_dict()
         return plain
 
     @classmethod
@@ -235,6 +286,11 @@ class Chain:
         """
         return cls(**parameters.check_keys(values))
 
+    def hung(self) -> Chain:
+        """Return this chain with rigid rods on a pivot at rest: no springs, no cart."""
+        own = self.as_dict()
+        return Chain.from_dict({name: own[name] for name in own if name not in MECHANISM})
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and self._key() == other._key()
 
@@ -242,7 +298,9 @@ class Chain:
         return hash(self._key())
 
     def _key(self) -> tuple[object, ...]:
-        return tuple(values.tobytes() for values in self.repeated(1))
+        springs = self.stiffness is not None and self.stiffness.tobytes()
+        rods = (values.tobytes() for values in self.repeated(1))
+        return (*rods, springs, self.axial_damping.tobytes(), self.base)
 
     def __repr__(self) -> str:
         def brief(a: FloatArray) -> str:
@@ -253,7 +311,10 @@ class Chain:
         if self.has_drag:
             shown |= {"drag": self.drag, "quadratic_drag": self.quadratic_drag}
         shown |= {name: getattr(self, name) for name in self.repeated(1).beyond_ideal()}
+        if self.stiffness is not None:
+            shown |= {"stiffness": self.stiffness, "axial_damping": self.axial_damping}
         texts = [f"{name}={brief(value)}" for name, value in shown.items()]
+        texts += [] if self.base is None else [f"base={self.base}"]
         return f"Chain(n={self.n}, {', '.join(texts)})"
 
 
@@ -262,3 +323,20 @@ def check_chain(value: Any) -> Chain:
     if not isinstance(value, Chain):
         raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(value)}")
     return value
+
+
+def check_hung(value: Any, what: str) -> Chain:
+    """Return a chain of rigid rods on a pivot at rest, the only ones that `what` is defined for.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `value` is no chain, or has springs or a cart.
+    """
+    chain = check_chain(value)
+    if chain.stiffness is not None or chain.base is not None:
+        raise ValueError(
+            f"{what} is defined for rigid rods on a pivot at rest: chain must have no stiffness "
+            f"and no base, as `chain.hung()` has none, got {chain!r}"
+        )
+    return chain

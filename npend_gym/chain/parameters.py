@@ -52,7 +52,7 @@ class ChainParameters(NamedTuple):
     def has_bobs(self) -> BoolArray:
         """Whether each chain is point masses on massless rods, without rotors, shape (B,)."""
         is_bob = (self.centres == self.lengths) & (self.inertias == 0.0) & (self.armature == 0.0)
-        return np.all(is_bob, axis=1)
+        return np.all(is_bob, axis=-1)
 
     @property
     def is_ideal(self) -> bool:
@@ -67,13 +67,13 @@ class ChainParameters(NamedTuple):
     @property
     def carried_masses(self) -> FloatArray:
         """Mass hanging on each rod [kg], shape (B, n)."""
-        return np.cumsum(self.masses[:, ::-1], axis=1)[:, ::-1]
+        return np.cumsum(self.masses[..., ::-1], axis=-1)[..., ::-1]
 
     @property
     def lift(self) -> FloatArray:
         """Mass times height that one full turn of each rod lifts [kg m], shape (B, n)."""
         carried = self.carried_masses
-        below = np.concatenate([carried[:, 1:], np.zeros_like(carried[:, :1])], axis=1)
+        below = np.concatenate([carried[..., 1:], np.zeros_like(carried[..., :1])], axis=-1)
         at_the_end = self.centres == self.lengths  # with the bits of the ideal chain
         with_centre = self.masses * self.centres + self.lengths * below
         return np.where(at_the_end, self.lengths * carried, with_centre)
@@ -142,13 +142,15 @@ class ChainParameters(NamedTuple):
 
 
 SIMPLE_FIELDS = ChainParameters._fields[:6]  # those that ideal chains have
+MECHANISM = ("stiffness", "axial_damping", "base")  # keywords of `Chain` beyond `ChainParameters`
 
 
 def check_keys(given: Any) -> Mapping[str, Any]:
     """Return keywords of `Chain`, refused where they are no mapping, or miss or invent a key."""
     if not isinstance(given, Mapping):
         raise TypeError(f"a chain must be a dict of parameters, got {_checks.show(given)}")
-    values, fields = cast("Mapping[str, Any]", given), ChainParameters._fields
+    values = cast("Mapping[str, Any]", given)
+    fields = (*ChainParameters._fields, *MECHANISM)
     missing = [f"has no {name!r};" for name in ("masses", "lengths") if name not in values]
     unknown = [
         f"must not have {name!r}{_checks.nearest(name, fields)}"
@@ -158,6 +160,9 @@ def check_keys(given: Any) -> Mapping[str, Any]:
     for fault in unknown + missing:
         raise ValueError(f"the dict of a chain {fault} its keys are {', '.join(fields)}")
     return values
+
+
+_POSITIVE = ("masses", "lengths", "friction_speed", "stiffness")  # in the names of parameters
 
 
 def check_parameter(name: str, value: FloatArray) -> FloatArray:
@@ -180,7 +185,7 @@ def check_parameter(name: str, value: FloatArray) -> FloatArray:
         )
     if "gear" in name or "centres" in name:
         return value
-    must_be_positive = any(word in name for word in ("masses", "lengths", "friction_speed"))
+    must_be_positive = any(word in name for word in _POSITIVE)
     return (_checks.positive if must_be_positive else _checks.at_least_zero)(name, value)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.chain.cart import Cart
 from npend_gym.chain.parameters import MAX_RODS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -76,13 +77,17 @@ def uniform(
     damping: float = 0.0,
     drag: float = 0.0,
     quadratic_drag: float = 0.0,
+    **parameters: Any,
 ) -> Chain:
-    """Return a chain of n equal rods, each `length` [m] long with a bob of `mass` [kg]."""
+    """Return a chain of n equal rods, each `length` [m] long with a bob of `mass` [kg].
+
+    `parameters` are further ones of `Chain`: `base`, `stiffness`, ...
+    """
     n = _checks.count("n", n, high=MAX_RODS)
     mass = _checks.positive_number("mass", mass)
     length = _checks.positive_number("length", length)
     equal = np.full(n, mass), np.full(n, length)
-    return cls(*equal, gravity, damping, drag, quadratic_drag)
+    return cls(*equal, gravity, damping, drag, quadratic_drag, **parameters)
 
 
 def rods(
@@ -130,15 +135,15 @@ def acrobot(cls: type[Chain]) -> Chain:
 
 
 def cartpole(cls: type[Chain]) -> Chain:
-    """Return the pole of Gymnasium's CartPole-v1, a rod of 0.1 kg and 1 m, g = 9.8 m/s^2.
+    """Return the pole and the cart of Gymnasium's CartPole-v1.
 
-    It stands on a cart of 1 kg: ``base="cart", cart_mass=1.0``.
+    The pole is a rod of 0.1 kg and 1 m, the cart has 1 kg, and g = 9.8 m/s^2.
 
     A. G. Barto, R. S. Sutton and C. W. Anderson, *Neuronlike adaptive elements that can solve
     difficult learning control problems*, IEEE Transactions on Systems, Man, and Cybernetics 13
     (1983), 834-846.
     """
-    return cls.rods(0.1, 1.0, gravity=9.8)
+    return cls.rods(0.1, 1.0, gravity=9.8, base=Cart(1.0))
 
 
 def realaigym(
@@ -220,8 +225,7 @@ def dm_control(cls: type[Chain], domain: str, num_poles: int = 1) -> Chain:
     Parameters
     ----------
     domain : "acrobot" or "cartpole"
-        "cartpole" is what stands on the cart; the cart itself has 1 kg (``cart_mass=1.0``) and a
-        damping of its own, 5e-4 N s/m.
+        "cartpole" has a cart of 1 kg, with a damping of 5e-4 N s/m on its rail.
     num_poles : int
         Number of poles on the cart.
 
@@ -232,16 +236,24 @@ def dm_control(cls: type[Chain], domain: str, num_poles: int = 1) -> Chain:
     """
     n = _checks.count("num_poles", num_poles, high=MAX_RODS)
     if _checks.choice("domain", domain, ("acrobot", "cartpole")) == "cartpole":
-        return _capsules(cls, np.full(n, 0.1), np.full(n, 0.045), 2e-6)
+        base = Cart(1.0, damping=5e-4)
+        return _capsules(cls, np.full(n, 0.1), np.full(n, 0.045), 2e-6, base)
     return _capsules(cls, np.ones(2), np.array([0.05, 0.049]), 0.05)
 
 
-def _capsules(cls: type[Chain], masses: FloatArray, radii: FloatArray, damping: float) -> Chain:
+def _capsules(
+    cls: type[Chain],
+    masses: FloatArray,
+    radii: FloatArray,
+    damping: float,
+    base: Cart | None = None,
+) -> Chain:
     """Return links that are capsules: rods of 1 m of these radii, with half balls at both ends."""
     balls = masses * 4.0 * radii / (4.0 * radii + 3.0)  # both halves, by volume
     inertias = (masses - balls) * (3.0 * radii**2 + 1.0) / 12.0
     inertias += balls * (0.4 * radii**2 + (3.0 * radii + 2.0) / 8.0)
-    return cls(masses, np.ones_like(radii), damping=damping, centres=0.5, inertias=inertias)
+    lengths = np.ones_like(radii)
+    return cls(masses, lengths, damping=damping, centres=0.5, inertias=inertias, base=base)
 
 
 def preset(cls: type[Chain], name: str) -> Chain:

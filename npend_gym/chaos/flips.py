@@ -10,11 +10,12 @@ from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.arguments import check_limits, check_rtol, check_states
+from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import energy
+from npend_gym.physics.equations import states_of
 from npend_gym.physics.integration import RODS_PER_PACK_CALL
-from npend_gym.physics.kernels.many import RUNNING, many_flips
-from npend_gym.physics.many import check_going, new_group, packs_of
+from npend_gym.physics.kernels.dop853_packs import RUNNING, many_flips
+from npend_gym.physics.many import Packs, check_going, new_group, packs_of
 
 
 def flip_times(
@@ -25,13 +26,14 @@ def flip_times(
     duration: float,
     rtol: float = 1e-9,
     threads: int = 1,
+    pivot_acceleration: ArrayLike | None = None,
 ) -> FloatArray:
     """Return when any rod of a chain first passes through upright, for one start or many.
 
     Parameters
     ----------
     chain : Chain
-        Of point masses or links, on a pivot at rest.
+        A cart starts at rest, and springs with the tensions of rigid rods.
     theta, omega : array_like, shape (n,) or (..., n)
         The starts [rad, rad/s]; one number stands for all rods.
     duration : float
@@ -41,6 +43,8 @@ def flip_times(
         the energy of a double pendulum is kept to 1e-7 of the lifting energy over 10 s.
     threads : int
         That share the starts. No result depends on it.
+    pivot_acceleration : array_like of shape (2,), optional
+        Constant acceleration of the pivot [m/s^2].
 
     Returns
     -------
@@ -71,32 +75,34 @@ def flip_times(
     [nan, 0.5645]
     """
     n = check_chain(chain).n
-    states = check_states(n, theta=theta, omega=omega)
-    check_limits(*states)
+    states = states_of(chain, theta, omega, pivot_acceleration=pivot_acceleration)
     duration = _checks.positive_number("duration", duration)
     settings = {"rtol": check_rtol(rtol), "atol": 1e-2 * rtol}
     threads = _checks.count("threads", threads, high=MAX_THREADS)
-    leading = states[0].shape[:-1]
-    begin, rates = (each.reshape(-1, n) for each in states)
-    times = np.full(len(begin), np.nan)
-    over = np.any(np.abs(begin) >= np.pi, axis=1)
+    q, u = (each.reshape(-1, states.mechanism.size) for each in (states.q, states.u))
+    states.mechanism.check_vibrations(duration)
+    times = np.full(len(q), np.nan)
+    over = np.any(np.abs(q[:, :n]) >= np.pi, axis=1)
     times[over] = 0.0
-    parameters = chain.repeated(1)
-    needed = float(2.0 * chain.gravity * np.abs(parameters.lift).min())
-    followed = np.flatnonzero(~over & (energy(chain, begin, rates) >= needed))
-    starts = begin[followed], rates[followed], np.zeros((followed.size, n))
+    reaches = np.ones_like(over)
+    if chain.stiffness is None and pivot_acceleration is None:  # no energy comes from elsewhere
+        needed = float(2.0 * chain.gravity * np.abs(chain.lift).min())
+        reaches = energy(chain, q[:, :n], u[:, :n]) >= needed
+    followed = np.flatnonzero(~over & reaches)
+    loads = np.zeros((followed.size, states.loads.shape[-1]))
+    packs = Packs(states.mechanism, np.hstack([q, u])[followed], loads, settings)
 
     def follow(members: slice, call: Call) -> None:
-        group = new_group(parameters, starts, 0.0, settings, members)
+        group = new_group(packs, 0.0, members)
         status, flips = np.full(2 * WIDTH, RUNNING), np.full(WIDTH, np.nan)
         attempts, starting = max(1, RODS_PER_PACK_CALL // (n * WIDTH)), True
         while np.any(status[:WIDTH] == RUNNING) and not call.stopped:
             lanes = group.solver, group.problem
-            many_flips(lanes, starting, duration, attempts, status, flips)
+            many_flips(lanes, n, starting, duration, attempts, status, flips)
             starting = False
             check_going(group, status, n)
         times[followed[members]] = flips[: members.stop - members.start]
 
     if followed.size:
         share_out(packs_of(followed.size), threads, follow)
-    return times.reshape(leading)
+    return times.reshape(states.q.shape[:-1])

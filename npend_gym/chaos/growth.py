@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -116,19 +117,29 @@ def log_growth(
     rate: float = 1.0,
     rtol: float = 1e-11,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    pivot_acceleration: Any = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return instants [s], and the logarithm of a tangent vector's length there, (T,) each.
 
-    Its length is that of (theta, omega / rate), 1 at the start; `progress` wraps the iteration over
-    hundredths of the duration. The other arguments are those of `tangent_growth`.
+    Its length is that of (theta, omega / rate), 1 at the start, lengths counted in mean rods;
+    `progress` wraps the iteration over hundredths of the duration. The other arguments are those
+    of `tangent_growth`.
     """
-    count, step, n = count_parts(chain, duration, STEP), STEP / fastest_rate(chain), chain.n
-    scale = np.concatenate([np.ones(n), np.full(n, 1.0 / rate)])
-    vectors = np.random.default_rng(n).normal(size=(1, 2 * n))
+    count, step = count_parts(chain, duration, STEP), STEP / fastest_rate(chain)
+    m = chain.coordinates + (0 if pivot_acceleration is None else 2)
+    # lengths by that of a rod, so that they compare with angles
+    units = np.where(np.arange(m) < chain.n, 1.0, 1.0 / float(chain.lengths.mean()))
+    scale = np.concatenate([units, units / rate])
+    vectors = np.random.default_rng(chain.n).normal(size=(1, 2 * m))
     vectors /= np.linalg.norm(vectors)
     vectors /= scale
     times, logarithm, total = step * np.arange(count + 1.0), np.zeros(count + 1), 0.0
-    pieces, done = tangents(chain, theta, omega, times, vectors, rtol=rtol), 0
+    pieces, done = (
+        tangents(
+            chain, theta, omega, times, vectors, rtol=rtol, pivot_acceleration=pivot_acceleration
+        ),
+        0,
+    )
     for mark in progress([count * k // 100 for k in range(1, 101)]):
         while done < mark:
             span, frames = next(pieces)
@@ -187,8 +198,9 @@ def volume_change(chain: Chain, theta0: float = 1.0, duration: float = 2.0) -> f
     True
     """
     path = simulate(chain, theta0, 0.5, [0.0, duration], rtol=1e-12, atol=1e-14)
-    start, end = np.linalg.slogdet(mass_matrix(chain, path.theta))[1]
-    growth, unit = end - start, np.eye(2 * chain.n)
+    masses = mass_matrix(chain, path.theta, stretch=path.stretch)
+    start, end = np.linalg.slogdet(masses)[1]
+    growth, unit = end - start, np.eye(2 * chain.coordinates)
     vectors = unit.copy()
     for _ in tangents(chain, theta0, 0.5, path.times, vectors, rtol=1e-12):
         growth += np.linalg.slogdet(vectors)[1]

@@ -91,6 +91,7 @@ def largest_lyapunov(
     duration: float,
     rtol: float = 1e-11,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    pivot_acceleration: Any = None,
 ) -> LargestExponent:
     """Return the largest Lyapunov exponent of a motion, with its error, for any number of rods.
 
@@ -106,6 +107,8 @@ def largest_lyapunov(
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     progress : callable
         Wraps the iteration over hundredths of the duration, for a progress bar.
+    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
+        Acceleration of the pivot [m/s^2], as in `simulate`.
 
     Returns
     -------
@@ -137,7 +140,9 @@ def largest_lyapunov(
     >>> found.exponent > 0.3  # 1/s: chaotic
     True
     """
-    times, logarithm, made_by = _grow(chain, theta, omega, duration, rtol, progress)
+    times, logarithm, made_by = _grow(
+        chain, theta, omega, duration, rtol, progress, pivot_acceleration
+    )
     first = times.size // _SETTLING
     rates = (logarithm[first + 1 :] - logarithm[first]) / (times[first + 1 :] - times[first])
     statistical = max(_block_error(logarithm[first:], times[first:], b) for b in _BLOCKS)
@@ -154,12 +159,13 @@ def megno(
     duration: float,
     rtol: float = 1e-11,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    pivot_acceleration: Any = None,
 ) -> Megno:
     """Return MEGNO, which tells regular motion from chaos within few periods, for any n.
 
     Parameters
     ----------
-    chain, theta, omega, duration, rtol, progress
+    chain, theta, omega, duration, rtol, progress, pivot_acceleration
         As for `largest_lyapunov`. Some hundred periods of the slowest mode tell weak chaos too.
 
     Returns
@@ -190,7 +196,9 @@ def megno(
     >>> chaos.megno(Chain.uniform(2), [2.0, 2.0], duration=100.0).value > 4.0  # 2 where regular
     True
     """
-    times, logarithm, made_by = _grow(chain, theta, omega, duration, rtol, progress)
+    times, logarithm, made_by = _grow(
+        chain, theta, omega, duration, rtol, progress, pivot_acceleration
+    )
     integral = cumulative_trapezoid(np.append(0.0, logarithm), np.append(0.0, times))
     y = 2.0 * (logarithm - integral / times)
     mean = cumulative_trapezoid(np.append(0.0, y), np.append(0.0, times)) / times
@@ -205,11 +213,14 @@ def _grow(
     duration: float,
     rtol: float,
     progress: Callable[[Iterable[int]], Iterable[int]],
+    pivot_acceleration: Any,
 ) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
     """Return instants, the logarithm of a tangent vector there, and the record of the arguments."""
     n, rate = check_chain(chain).n, fastest_rate(chain)
     start = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
-    times, logarithm = log_growth(chain, start[:n], start[n:], duration, rate, rtol, progress)
+    times, logarithm = log_growth(
+        chain, start[:n], start[n:], duration, rate, rtol, progress, pivot_acceleration
+    )
     if times.size < _SETTLING * max(_BLOCKS):
         least = _SETTLING * max(_BLOCKS) * times[0]
         raise ValueError(f"duration must be at least {least:g} s for this chain, got {duration:g}")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.chain import Chain, check_chain
+from npend_gym.chain import Chain, check_hung
 from npend_gym.chaos.continuation import Constraint, ContinuationError, Shooting, between, family
 from npend_gym.chaos.variations import describe, loses_energy
 from npend_gym.physics import Trajectory, accelerations, mass_matrix, simulate
@@ -128,7 +128,7 @@ def periodic_orbits(
     >>> round(orbit.period, 4), orbit.closure < 1e-9
     (2.6495, True)
     """
-    n = _checks.count("n", check_chain(chain).n, high=MAX_RODS)
+    n = _checks.count("n", check_hung(chain, "periodic_orbits").n, high=MAX_RODS)
     mode = _checks.count("mode", mode, low=0, high=n - 1)
     if loses_energy(chain):
         raise ValueError(

@@ -15,6 +15,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.chaos.variations import count_parts, describe
 from npend_gym.physics import simulate
+from npend_gym.physics.mechanism import AXIAL, PIVOT
 
 _PART = 10.0  # rad of the fastest mode, at least, in one simulation
 
@@ -52,6 +53,7 @@ def poincare_section(
     direction: int = 1,
     rtol: float = 1e-10,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    pivot_acceleration: Any = None,
 ) -> Section:
     """Return the states in which a rod passes an angle, whole turns aside, in one direction.
 
@@ -72,6 +74,8 @@ def poincare_section(
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     progress : callable
         Wraps the iteration over parts of the duration, for a progress bar.
+    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
+        Acceleration of the pivot [m/s^2], as in `simulate`.
 
     Returns
     -------
@@ -106,6 +110,7 @@ def poincare_section(
         raise ValueError(f"direction must be 1 or -1, got {_checks.show(direction)}")
     parts = min(100, count_parts(chain, duration, _PART))
     state = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
+    more: dict[str, Any] = {"pivot_acceleration": pivot_acceleration}
     made_by = provenance(
         describe(chain, np.concatenate(state))
         | {
@@ -120,9 +125,11 @@ def poincare_section(
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for part in progress(range(parts)):
         ends = times[part : part + 2]
-        path = simulate(chain, *state, ends, events=event, rtol=rtol, atol=0.01 * rtol)
+        path = simulate(chain, *state, ends, events=event, rtol=rtol, atol=0.01 * rtol, **more)
         found.append((path.t_events[0], path.theta_events[0], path.omega_events[0]))
         state = path.theta[-1], path.omega[-1]
+        given = {name: getattr(path, name) for name in (*PIVOT, *AXIAL)}
+        more |= {name: each[-1] for name, each in given.items() if each is not None}
     instants, thetas, omegas = (np.concatenate(each) for each in zip(*found, strict=True))
     near = np.cos(thetas[:, rod] - angle) > 0.0  # half a turn away the sine is zero, too
     if not near.any():

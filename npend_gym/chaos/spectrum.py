@@ -16,7 +16,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.chaos.variations import describe, fastest_rate, loses_energy, motion_of
 from npend_gym.physics import mass_matrix, momentum_jacobian
-from npend_gym.physics.sensitivities import carry, rods_of
+from npend_gym.physics.sensitivities import carry, changes_of
 
 MAX_RODS = 500  # each orthogonalisation takes O(n^3) operations: a second of them
 _STEPS = 16  # between two orthogonalisations, where no vector shrinks much
@@ -55,6 +55,7 @@ def lyapunov_spectrum(
     samples: int = 200,
     rtol: float = 1e-11,
     progress: Callable[[Iterable[float]], Iterable[float]] = iter,
+    pivot_acceleration: Any = None,
 ) -> LyapunovSpectrum:
     """Return the Lyapunov exponents of a motion: the rates at which small changes of it grow.
 
@@ -75,6 +76,8 @@ def lyapunov_spectrum(
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     progress : callable
         Wraps the iteration over the instants, for a progress bar.
+    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
+        Acceleration of the pivot [m/s^2], as in `simulate`.
 
     Returns
     -------
@@ -110,26 +113,30 @@ def lyapunov_spectrum(
     ((4,), True)
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_RODS)
-    count = 2 * n if count is None else _checks.count("count", count, high=2 * n)
+    m = chain.coordinates + (0 if pivot_acceleration is None else 2)
+    count = 2 * m if count is None else _checks.count("count", count, high=2 * m)
     duration = _checks.positive_number("duration", duration)
     instants = np.linspace(0.0, duration, _checks.count("samples", samples) + 1)[1:].tolist()
-    motion = motion_of(chain, theta, omega, [0.0, duration], rtol)
+    motion = motion_of(chain, theta, omega, 0.0, rtol, pivot_acceleration)
     start = motion.state.copy()
-    inertia = float(np.mean(np.diagonal(mass_matrix(chain, start[:n]))))
+    inertia = float(np.mean(np.diagonal(mass_matrix(chain, start[:n]))[:n]))
     unit = inertia * fastest_rate(chain)
-    basis = np.eye(2 * n)[:, [*range(n), *reversed(range(n, 2 * n))]][:, :count]
+    basis = np.eye(2 * m)[:, [*range(m), *reversed(range(m, 2 * m))]][:, :count]
     vectors = np.ascontiguousarray(solve(_metric(chain, start, unit), basis).T)
     steps = _DAMPED_STEPS if loses_energy(chain) else _STEPS
-    carried = carry(motion, rods_of(motion), vectors, steps=steps)
+    ends = np.array([0.0, duration])
+    carried = carry(motion, ends, changes_of(motion, vectors), steps)
     sums, times, history = np.zeros(count), np.empty(samples), np.empty((samples, count))
+    time = 0.0
     for k, instant in enumerate(progress(instants)):
-        while motion.time < instant:
-            next(carried)
-            metric = _metric(chain, motion.state, unit)
+        while time < instant:
+            _, _, tape = next(carried)
+            time = tape.end
+            metric = _metric(chain, tape.after, unit)
             orthogonal, triangle = qr(metric @ vectors.T, mode="economic")
             sums += np.log(np.abs(np.diag(triangle)))
             vectors[:] = solve(metric, orthogonal).T
-        times[k], history[k] = motion.time, sums / motion.time
+        times[k], history[k] = time, sums / time
     given = {"duration": duration, "count": count, "samples": samples, "rtol": rtol}
     made_by = provenance(describe(chain, start) | given)
     exponents = np.sort(history[-1])[::-1]
@@ -137,7 +144,11 @@ def lyapunov_spectrum(
 
 
 def _metric(chain: Chain, state: FloatArray, unit: float) -> FloatArray:
-    """Return the matrix that takes changes of (theta, omega) to those of (theta, p / unit)."""
-    n = chain.n
-    momenta = momentum_jacobian(chain, state[:n], state[n:])
-    return np.concatenate([np.eye(n, 2 * n), momenta / unit])
+    """Return the matrix that takes changes of (q, u) to those of (q, p / unit)."""
+    size, n = state.size // 2, chain.n
+    shaken = slice(n, n + size - chain.coordinates)  # a pivot that nothing of the chain moves
+    q, u = (np.delete(half, shaken) for half in np.split(state, 2))
+    metric, own = np.eye(2 * size), np.delete(np.arange(size), shaken)
+    momenta = momentum_jacobian(chain, q, u) / unit
+    metric[np.ix_(size + own, np.concatenate([own, size + own]))] = momenta
+    return metric

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,10 +12,15 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
-from npend_gym.physics.arguments import check_limits, check_settings
+from npend_gym.physics.arguments import check_settings
+from npend_gym.physics.drives import varies
+from npend_gym.physics.equations import states_of
 from npend_gym.physics.integration import check_times
-from npend_gym.physics.replay import Replay, replay
-from npend_gym.physics.sensitivities import carry, rods_of
+from npend_gym.physics.mechanism import mechanism_of
+from npend_gym.physics.motion import Motion
+from npend_gym.physics.recipe import AT_REST, Recipe
+from npend_gym.physics.recipe import motion_of as motion_from
+from npend_gym.physics.sensitivities import carry, changes_of
 from npend_gym.theory.modes import decay_rate
 
 # Longest step times the fastest mode's frequency, or the rate of the fastest decay: vectors follow
@@ -32,6 +38,7 @@ def tangents(
     *,
     rtol: float = 1e-11,
     steps: int = 256,
+    pivot_acceleration: Any = None,
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Carry tangent vectors along a motion, exactly through the steps of the integrator.
 
@@ -45,16 +52,18 @@ def tangents(
         The start [rad, rad/s]; one number stands for all rods.
     times : ndarray, shape (T,)
         Instants [s]; the motion starts at the first, which is not yielded.
-    vectors : ndarray, shape (D, 2n)
-        Changes of (theta, omega) at the start, float64; it is overwritten.
+    vectors : ndarray, shape (D, 2m)
+        Changes of all coordinates and their rates at the start, float64; it is overwritten.
     rtol : float
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     steps : int
         Of the motion, in one iteration, at most.
+    pivot_acceleration : array_like of shape (2,), Signal or callable, optional
+        Acceleration of the pivot [m/s^2], as in `simulate`.
 
     Yields
     ------
-    slice, ndarray of shape (F, D, 2n)
+    slice, ndarray of shape (F, D, 2m)
         Which of the instants lie in the steps, and the vectors there.
 
     Raises
@@ -74,38 +83,75 @@ def tangents(
     >>> np.round(grown, 2).tolist()
     [4.49, 2.19, 5.87, 2.72]
     """
-    motion = motion_of(chain, theta, omega, times, rtol)
+    begin = float(np.asarray(times)[0])
+    motion = motion_of(chain, theta, omega, begin, rtol, pivot_acceleration)
     size = motion.state.size
     if vectors.ndim != 2 or vectors.shape[1] != size or vectors.dtype != np.float64:
         raise ValueError(
             f"vectors must be float64 of shape (D, {size}), got {vectors.dtype} {vectors.shape}"
         )
-    return carry(motion, rods_of(motion), vectors, steps=_checks.count("steps", steps))
+    instants, steps = check_times(times, chain.n), _checks.count("steps", steps)
+    carried = carry(motion, instants, changes_of(motion, vectors), steps)
+    return ((where, frames) for where, frames, _ in carried)
 
 
 def motion_of(
-    chain: Chain, theta: ArrayLike, omega: ArrayLike, times: ArrayLike, rtol: float = 1e-11
-) -> Replay:
-    """Return the motion along which tangent vectors are carried; arguments as for `tangents`."""
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    begin: float = 0.0,
+    rtol: float = 1e-11,
+    pivot_acceleration: Any = None,
+) -> Motion:
+    """Return the motion along which tangent vectors are carried; arguments as for `tangents`.
+
+    A cart starts at rest, and springs with the tensions of rigid rods.
+    """
     n = check_chain(chain).n
-    state = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
-    check_limits(state[:n], state[n:])
-    rate = fastest_rate(chain)
-    if np.any(chain.damping) or np.any(chain.drag):
-        rate = max(rate, decay_rate(chain, chain.damping, chain.drag))
+    start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
+    shaken = varies(pivot_acceleration)
+    states = states_of(chain, *start, pivot_acceleration=AT_REST if shaken else pivot_acceleration)
+    rate = max(fastest_rate(chain), slowest_decay(chain))
     settings = check_settings("dop853", rtol, 0.01 * rtol, _LONGEST / rate)
-    instants, none = check_times(times, n), np.zeros(n)
-    return replay("dop853", chain.repeated(1), state, instants, none, settings)
+    recipe = Recipe("dop853", settings, np.zeros(n), 0.0, pivot_acceleration)
+    motion = motion_from(states.mechanism, np.concatenate([states.q, states.u]), begin, recipe)
+    motion.drives.check_time_alone(begin, states.q, states.u)
+    return motion
+
+
+def slowest_decay(chain: Chain) -> float:
+    """Return a bound of the rate [1/s] at which dampers and drag act; 0 without them."""
+    rate = mechanism_of([chain]).axial_rates()[1]
+    lighter = _lighter(chain)
+    if np.any(chain.damping) or np.any(chain.drag):
+        rate = max(rate, lighter * decay_rate(chain.hung(), chain.damping, chain.drag))
+    if chain.base is not None:
+        rate = max(rate, lighter * chain.base.damping / chain.base.mass)
+    return rate
+
+
+def _lighter(chain: Chain) -> float:
+    """Return by how much less inertia a chain may have on its cart than on a pivot at rest.
+
+    A chain of mass m on a cart of mass M has at least M / (M + m) of it.
+    """
+    return 1.0 if chain.base is None else 1.0 + float(chain.masses.sum()) / chain.base.mass
 
 
 def loses_energy(chain: Chain) -> bool:
     """Return whether damping, drag or dry friction takes energy from the chain."""
-    return chain.has_drag or bool(np.any(chain.damping) or np.any(chain.friction))
+    resists = np.any(chain.damping) or np.any(chain.friction) or np.any(chain.axial_damping)
+    return chain.has_drag or bool(resists) or (chain.base is not None and chain.base.damping > 0.0)
 
 
 def fastest_rate(chain: Chain) -> float:
-    """Return the angular frequency [rad/s] of the fastest normal mode; 1 rad/s without gravity."""
-    return theory.fastest_frequency(check_chain(chain)) or 1.0
+    """Return the angular frequency [rad/s] of the fastest normal mode; 1 rad/s without gravity.
+
+    On a cart and with springs it is a bound of it.
+    """
+    vibrating = mechanism_of([check_chain(chain)]).axial_rates()[0]
+    swinging = theory.fastest_frequency(chain.hung()) or 1.0
+    return max(vibrating, swinging * math.sqrt(_lighter(chain)))
 
 
 def count_parts(chain: Chain, duration: float, step: float) -> int:
@@ -127,5 +173,5 @@ def count_parts(chain: Chain, duration: float, step: float) -> int:
 
 def describe(chain: Chain, state: FloatArray) -> dict[str, Any]:
     """Return a chain and a start (theta, omega) as the record of what made a result keeps them."""
-    theta, omega = np.split(state, 2)
+    theta, omega = state[: chain.n], state[state.size // 2 :][: chain.n]
     return {"chain": chain.as_dict(), "theta": theta.tolist(), "omega": omega.tolist()}

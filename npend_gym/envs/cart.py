@@ -10,11 +10,11 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import STANDARD_GRAVITY, Chain
+from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain
 from npend_gym.envs.keywords import DEFAULTS, motor_limit
 from npend_gym.envs.modes import Mode
 from npend_gym.envs.rows import Episode
-from npend_gym.physics.pivot import Pivot
+from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.substeps import MAX_SUBSTEPS
 
 if TYPE_CHECKING:
@@ -28,6 +28,33 @@ OF_CART = {
 }  # fmt: skip
 KEYWORDS = ("cart_mass", "rail", "rail_damping", "max_force")
 _PER_SUBSTEP = 16.0  # substeps in the time in which the rail's damping brakes to 1/e
+
+
+def given_cart(
+    chain: Chain, given: Mapping[str, Any], keywords: Mapping[str, Any]
+) -> Mapping[str, Any]:
+    """Return the keywords of the cart, with those of a chain that brings its own.
+
+    Raises
+    ------
+    ValueError
+        If rods stretch, or the keywords say something else of the chain's cart.
+    """
+    if chain.stiffness is not None:
+        raise ValueError(
+            "chain must have rigid rods in an environment, because equal steps do not resolve the "
+            f"vibrations of springs; chain.hung() has them, got {chain!r}"
+        )
+    if chain.base is None:
+        return given
+    own = {"base": "cart", "cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
+    for name, value in own.items():
+        if name in keywords and keywords[name] not in (value, None):
+            raise ValueError(
+                f"{name} must be that of the chain's own cart, {value!r}, or left out, got "
+                f"{_checks.show(keywords[name])}"
+            )
+    return {**given, **own}
 
 
 def checked_cart(given: Mapping[str, Any], mode: Mode, chain: Chain) -> dict[str, Any]:
@@ -64,7 +91,10 @@ def checked_cart(given: Mapping[str, Any], mode: Mode, chain: Chain) -> dict[str
 
 def base_of(config: EnvConfig) -> FloatArray | None:
     """Return the entries of `link_terms.Base` of a cart; None of a pivot at rest."""
-    return Pivot(cart_mass=config.cart_mass, rail_damping=config.rail_damping).base
+    if config.cart_mass is None:
+        return None
+    cart = Cart(config.cart_mass, config.rail_damping)
+    return mechanism_of([Chain(1.0, 1.0, base=cart)]).base
 
 
 def cart_speed_factor(config: EnvConfig) -> float:

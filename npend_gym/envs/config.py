@@ -14,9 +14,9 @@ from typing_extensions import Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import Cart, Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.cart import OF_CART, checked_cart, substeps_on_cart
+from npend_gym.envs.cart import OF_CART, checked_cart, given_cart, substeps_on_cart
 from npend_gym.envs.goals import check_goal_env, goal_space
 from npend_gym.envs.hardware import check_limits, checked_hardware
 from npend_gym.envs.keywords import (
@@ -130,7 +130,10 @@ class EnvConfig:
         given: dict[str, Any] = DEFAULTS | keywords
         chain = check_weight(chain_of(keywords))
         mode = find_mode(given["mode"])
-        cart = checked_cart(given, mode, chain)
+        cart = checked_cart(given_cart(chain, given, keywords), mode, chain)
+        if cart["base"] == "cart":
+            own = Cart(cart["cart_mass"], cart["rail_damping"])
+            chain = Chain.from_dict(chain.as_dict() | {"base": own})
         on_cart = cart["base"] == "cart"
         actuated = () if on_cart and "actuated" not in keywords else given["actuated"]
         joints = joints_of(actuated, chain.n, least=0 if on_cart else 1)

@@ -21,7 +21,7 @@ from npend_gym.envs.modes import Mode
 from npend_gym.envs.motors import Command, Motor, apply_many, apply_one
 from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import Sensor, sense_many, sense_one
-from npend_gym.physics.kernels.ensemble import advance_many, advance_one
+from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.memory import Memory, Plan
 

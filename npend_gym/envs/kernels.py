@@ -36,8 +36,8 @@ from npend_gym.envs.rows import (
     Output,
     Task,
 )
+from npend_gym.physics.kernels.advance import advance_group, bob_velocities
 from npend_gym.physics.kernels.dynamics import energies
-from npend_gym.physics.kernels.ensemble import advance_group, bob_velocities
 from npend_gym.physics.kernels.layout import (
     Group,
     Member,
@@ -359,7 +359,7 @@ def step_many(
     Parameters
     ----------
     members, rods, model, timing, scratch
-        As for `npend_gym.physics.kernels.ensemble.advance_many`, `members` with the rows of
+        As for `npend_gym.physics.kernels.advance.advance_many`, `members` with the rows of
         `Episode`. With 0 substeps nothing moves: the call only observes, in the groups with a lane
         to be OBSERVED.
     actions : ndarray, shape (joints, lanes)

@@ -117,7 +117,7 @@ DEFAULTS: dict[str, Any] = {
 } | {
     name: parameter.default
     for name, parameter in inspect.signature(Chain).parameters.items()
-    if parameter.default is not parameter.empty
+    if parameter.default is not parameter.empty and name in CHAIN_KEYWORDS
 }
 
 

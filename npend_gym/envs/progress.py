@@ -94,7 +94,11 @@ class CallGuard:
 
     def refuse(self, env: Any, call: str) -> ResetNeeded | EnvInUse:
         """Return the error of a call, by name, that must not be made now."""
-        return EnvInUse(call) if _used_elsewhere(env) else self.progress.refuse(call)
+        # another thread may end its call, and begin the next, between any two of these looks
+        for _ in range(3):
+            if _used_elsewhere(env) or self.progress is Progress.READY:
+                return EnvInUse(call)
+        return self.progress.refuse(call)
 
 
 def _used_elsewhere(env: Any) -> bool:

@@ -20,7 +20,7 @@ from npend_gym.envs.modes import Mode, NearPose, Release
 from npend_gym.envs.rows import Episode
 from npend_gym.physics.kernels.layout import Member, Model, Rod
 from npend_gym.physics.kernels.link_terms import Base, Parameter
-from npend_gym.physics.kernels.members import Indices, begin_to_measure, write_chain
+from npend_gym.physics.kernels.member_rows import Indices, begin_to_measure, write_chain
 from npend_gym.theory.closed_forms import paper_period
 
 _paper_period = inlined_kernel(paper_period)

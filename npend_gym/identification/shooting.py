@@ -13,7 +13,7 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.identification.parameters import OFFSET, Model
 from npend_gym.identification.segments import Segments
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.motions import angles_between
+from npend_gym.physics.kernels.multiple_steps import angles_between
 from npend_gym.physics.motions import Motions
 from npend_gym.physics.substeps import default_substeps
 

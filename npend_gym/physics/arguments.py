@@ -13,34 +13,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain, ChainParameters, check_chain
+from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.layout import MAX_SPEED
+from npend_gym.physics.mechanism import Mechanism, mechanism_of
 
 MIN_RTOL = 1e-14
 METHODS = ("dop853", "rk4")  # of `simulate`
 _MOST_DEGREES = 720.0  # larger numbers are no degrees of a start
 
 
-def check_chains(chains: Chain | Sequence[Chain], size: int | None) -> tuple[ChainParameters, int]:
-    """Return the parameters of one chain for all, or of each, and the number of members.
+def check_chains(chains: Chain | Sequence[Chain], size: int | None) -> tuple[Mechanism, int]:
+    """Return one chain for all, or each, as kernels take them, and the number of members.
 
     Raises
     ------
     ValueError, TypeError
-        If one is no chain, they differ in their number of rods, or `size` is not their number.
+        If one is no chain, they are not of one kind, or `size` is not their number.
     """
     listed = [chains] if isinstance(chains, Chain) else [*chains]
-    n = check_chain(listed[0] if listed else None).n
+    mechanism = mechanism_of(listed)
     members = len(listed) if size is None else _checks.count("size", size)
     if members != len(listed) and not isinstance(chains, Chain):
         raise ValueError(f"size must be the number of chains, {len(listed)}, got {members}")
-    rows = [check_chain(chain).repeated(1) for chain in listed]
-    for chain in listed:
-        if chain.n != n:
-            raise ValueError(f"chains must have the same number of rods, got {n} and {chain.n}")
-    fields = zip(*rows, strict=True)
-    return ChainParameters(*(np.concatenate(field) for field in fields)), members
+    return mechanism, members
 
 
 def check_states(n: int, **values: ArrayLike) -> tuple[FloatArray, ...]:

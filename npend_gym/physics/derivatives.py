@@ -21,7 +21,8 @@ from npend_gym.physics.directions import (
     kind_of,
 )
 from npend_gym.physics.ensemble import Ensemble
-from npend_gym.physics.kernels.derivatives import (
+from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
+from npend_gym.physics.kernels.rk4_derivatives import (
     STEP_ROWS,
     adjoint_many,
     adjoint_rows,
@@ -29,7 +30,6 @@ from npend_gym.physics.kernels.derivatives import (
     tangent_rows,
     tangents_many,
 )
-from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
 from npend_gym.physics.memory import Plan
 
 _TAPE = 2**22  # bytes of the tapes that are kept for the way back: more would leave the cache

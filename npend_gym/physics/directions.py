@@ -13,16 +13,27 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.physics.kernels.layout import Model
 from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, Parameter
+from npend_gym.physics.kernels.springs import AXIAL_DAMPING, STIFFNESS, SpringArrays
 from npend_gym.physics.kernels.tensions import ChainArrays
 
-Kind = type[ChainArrays] | type[LinkArrays] | type[MachineArrays]
+Kind = type[ChainArrays] | type[LinkArrays] | type[MachineArrays] | type[SpringArrays]
+_OF_POINT_MASSES = ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag")
 _DIFFERENTIABLE: dict[Any, tuple[str, ...]] = {
-    ChainArrays: ("masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"),
+    ChainArrays: _OF_POINT_MASSES,
+    SpringArrays: (*_OF_POINT_MASSES, "stiffness", "axial_damping"),
     LinkArrays: ("masses", "lengths", "gravity", "damping", "centres", "inertias"),
     MachineArrays: ChainParameters._fields,
 }
 # by the number of arrays in the model, `count_terms`
 KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
+
+
+_ROWS = Parameter._asdict() | {"stiffness": STIFFNESS, "axial_damping": AXIAL_DAMPING}
+
+
+def row_count(kind: Kind) -> int:
+    """Return how many rows of parameters kernels have for this kind of chains."""
+    return len(_ROWS) if kind is SpringArrays else len(ChainParameters._fields)
 
 
 def kind_of(model: Model) -> Kind:
@@ -34,7 +45,7 @@ def check_names(names: Iterable[str], kind: Kind) -> list[str]:
     """Return the names of parameters, refused where this kind of chains has no such thing."""
     known, chosen = _DIFFERENTIABLE[kind], [*names]
     for name in chosen:
-        _checks.choice("parameter", name, ChainParameters._fields)
+        _checks.choice("parameter", name, (*_ROWS,))
         if name not in known:
             raise ValueError(
                 f"{name} cannot be differentiated for this kind of chain, which has "
@@ -58,10 +69,10 @@ def check_directions(
         expected = (count,) if name == "gravity" else (count, n)
         if value.shape != expected:
             raise ValueError(f"{name} must have the shape {expected}, got {value.shape}")
-    changed = np.zeros((count, len(ChainParameters._fields) if names else 0, n))
+    changed = np.zeros((count, row_count(kind) if names else 0, n))
     for name, value in directions.items():
-        changed[:, Parameter._asdict()[name]] = value[:, None] if name == "gravity" else value
-    if "lengths" in names and "centres" not in names and kind is not ChainArrays:
+        changed[:, _ROWS[name]] = value[:, None] if name == "gravity" else value
+    if "lengths" in names and "centres" not in names and kind not in (ChainArrays, SpringArrays):
         if np.any(ends.any(axis=0) != ends.all(axis=0)):
             raise ValueError("centres must be given where they are at ends of some rods alone")
         changed[:, Parameter.centres] = np.where(ends[0], changed[:, Parameter.lengths], 0.0)
@@ -73,7 +84,7 @@ def by_names(bars: FloatArray, names: list[str], ends: BoolArray) -> dict[str, F
 
     `ends` is as for `check_directions`.
     """
-    rows = {name: bars[:, Parameter._asdict()[name]].copy() for name in names}
+    rows = {name: bars[:, _ROWS[name]].copy() for name in names}
     if "lengths" in names and "centres" not in names:
         rows["lengths"] += np.where(ends, bars[:, Parameter.centres], 0.0)
     if "gravity" in names:

@@ -18,7 +18,7 @@ def positions(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
 
     x_i = sum_{k<=i} l_k sin theta_k, y_i = -sum_{k<=i} l_k cos theta_k (the paper's section 2).
     """
-    s, c = _sincos(theta)
+    s, c = sincos(theta)
     x = np.cumsum(chain.lengths * s, axis=-1)
     y = -np.cumsum(chain.lengths * c, axis=-1)
     return np.stack([x, y], axis=-1)
@@ -35,12 +35,12 @@ def bodies(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
 
 def velocities(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the velocities of the bobs, or of the links' far ends [m/s], shape (..., n, 2)."""
-    return _tip_velocities(chain.lengths, *_sincos(theta), omega)
+    return _tip_velocities(chain.lengths, *sincos(theta), omega)
 
 
 def centres(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
     """Return the positions of the links' centres of mass [m], shape (..., n, 2)."""
-    s, c = _sincos(theta)
+    s, c = sincos(theta)
     back = chain.centres - chain.lengths  # from the end of the link
     return positions(chain, theta) + np.stack([back * s, -back * c], axis=-1)
 
@@ -60,7 +60,7 @@ def kinetic_energy(
     the masses out.
     """
     bobs = bool(np.all(chain.has_bobs))
-    return kinetic_from(chain, *_sincos(theta), omega, bobs=bobs)
+    return kinetic_from(chain, *sincos(theta), omega, bobs=bobs)
 
 
 def kinetic_from(chain: Chain | ChainParameters, s: Any, c: Any, omega: Any, *, bobs: bool) -> Any:
@@ -89,7 +89,7 @@ def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> Float
     It is zero where all links hang straight down. Written with 1 - cos theta = 2 sin^2(theta/2),
     exact for small angles too.
     """
-    return chain.gravity * lift_from(chain.lift, _sincos(0.5 * theta)[0])
+    return chain.gravity * lift_from(chain.lift, sincos(0.5 * theta)[0])
 
 
 def lift_from(lift: Any, half_sines: Any) -> Any:
@@ -109,16 +109,14 @@ def energy_of_links(
     chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
 ) -> FloatArray:
     """Return the energy of each link with its rotor [J], shape (..., n); their sum is `energy`."""
-    s, c = _sincos(theta)
+    s, c = sincos(theta)
     back = chain.centres - chain.lengths
     vx = np.cumsum(chain.lengths * c * omega, axis=-1) + back * omega * c
     vy = np.cumsum(chain.lengths * s * omega, axis=-1) + back * omega * s
     above = np.concatenate([np.zeros_like(omega[..., :1]), omega[..., :-1]], axis=-1)
     rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
     turning = chain.inertias * omega**2 + rotors
-    risen = (
-        2.0 * chain.lengths * _sincos(0.5 * theta)[0] ** 2
-    )  # 1 - cos theta, for small angles too
+    risen = 2.0 * chain.lengths * sincos(0.5 * theta)[0] ** 2  # 1 - cos theta, for small angles too
     height = np.cumsum(risen, axis=-1) + back / chain.lengths * risen
     weight = chain.masses * chain.gravity
     return 0.5 * (chain.masses * (vx**2 + vy**2) + turning) + weight * height
@@ -130,9 +128,87 @@ def _tip_velocities(l: FloatArray, s: FloatArray, c: FloatArray, omega: FloatArr
     return np.stack([vx, vy], axis=-1)
 
 
-def _sincos(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+def sincos(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return sine and cosine, of the shape of `theta`; NumPy's differ between machines."""
     angles = np.array(theta, np.float64, order="C")
     s, c = np.empty_like(angles), np.empty_like(angles)
     sincos_all(angles.reshape(-1), s.reshape(-1), c.reshape(-1))
     return s, c
+
+
+def centre_velocities(
+    chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
+) -> FloatArray:
+    """Return the velocities of the links' centres of mass [m/s], shape (..., n, 2)."""
+    s, c = sincos(theta)
+    back = (chain.centres - chain.lengths) * omega  # from the end of the link
+    return velocities(chain, theta, omega) + np.stack([back * c, back * s], axis=-1)
+
+
+def stretched(chain: Chain, stretch: FloatArray) -> ChainParameters:
+    """Return the chain as rigid rods of the lengths that its springs have, for states (..., n)."""
+    return _with_lengths(chain, chain.lengths + stretch)
+
+
+def stretching(chain: Chain, theta: FloatArray, rate: FloatArray) -> FloatArray:
+    """Return what stretching at this rate adds to the velocities of bobs [m/s], (..., n, 2)."""
+    # sum_k x_k' e_k, as positions are sums of the lengths along the rods
+    return positions(_with_lengths(chain, rate), theta)
+
+
+def _with_lengths(chain: Chain, lengths: FloatArray) -> ChainParameters:
+    fields = {
+        name: np.broadcast_to(row[0], lengths.shape)
+        for name, row in chain.repeated(1)._asdict().items()
+        if name != "gravity"
+    }
+    gravity = np.broadcast_to(chain.gravity, lengths.shape[:-1])
+    return ChainParameters(**fields | {"lengths": lengths, "centres": lengths, "gravity": gravity})
+
+
+def potential_of_springs(chain: Chain, theta: FloatArray, stretch: FloatArray) -> FloatArray:
+    """Return the energy of gravity and springs above hanging at rest [J], shape (...).
+
+    With x the stretch and x_0 = g sum_{k>=i} m_k / k_i that at rest, the terms that are linear
+    in x cancel: sum_i k_i (x_i - x_0i)^2 / 2 is left beside the energy of rods of these lengths.
+    """
+    stiffness = np.asarray(chain.stiffness)
+    at_rest = chain.gravity * chain.carried_masses / stiffness
+    in_springs = 0.5 * np.sum(stiffness * (stretch - at_rest) ** 2, axis=-1)
+    return potential_energy(stretched(chain, stretch), theta) + in_springs
+
+
+def velocities_of_motion(
+    chain: Chain,
+    theta: FloatArray,
+    omega: FloatArray,
+    stretch: FloatArray | None,
+    rate: FloatArray | None,
+) -> FloatArray:
+    """Return the velocities of bobs, those of springs too, relative to the pivot [m/s]."""
+    if stretch is None or rate is None:
+        return velocities(chain, theta, omega)
+    return velocities(stretched(chain, stretch), theta, omega) + stretching(chain, theta, rate)
+
+
+def kinetic_of_motion(
+    chain: Chain,
+    theta: FloatArray,
+    omega: FloatArray,
+    velocity: FloatArray | None,
+    stretch: FloatArray | None,
+    rate: FloatArray | None,
+) -> FloatArray:
+    """Return the kinetic energy [J], with that of springs and of a cart of this velocity."""
+    if stretch is None:
+        energy, centres = kinetic_energy(chain, theta, omega), None
+    else:
+        centres = velocities_of_motion(chain, theta, omega, stretch, rate)
+        energy = 0.5 * np.sum(chain.masses * np.sum(centres**2, axis=-1), axis=-1)
+    if chain.base is None or velocity is None:
+        return energy
+    if centres is None:
+        centres = centre_velocities(chain, theta, omega)
+    momentum = np.sum(chain.masses * centres[..., 0], axis=-1)
+    whole = chain.base.mass + chain.masses.sum()
+    return energy + (momentum + 0.5 * whole * velocity) * velocity

@@ -13,11 +13,10 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics.arguments import check_chains, check_limits, check_members, check_states
-from npend_gym.physics.kernels.ensemble import advance_many, advance_one
+from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.members import Members
 from npend_gym.physics.memory import Memory, Plan
-from npend_gym.physics.pivot import check_pivot
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS
 
 
@@ -32,16 +31,14 @@ class Ensemble(Members):
     Parameters
     ----------
     chains : Chain or sequence of Chain
-        One chain for all members, or one for each; all with the same number of rods.
+        One chain for all members, or one for each; all with the same number of rods, and all with a
+        cart or none. Energies and positions are relative to the pivot.
     size : int, optional
         Number of members B; needed where one chain is given for all.
     joints : sequence of int
         Joints that `advance` puts torques on; joint 0 is the pivot.
     threads : int
         Threads that share the members. No result depends on it.
-    cart_mass, rail_damping : float
-        Mass [kg] of the cart that carries each pivot, if there is one, and viscous damping on its
-        rail [N s/m], as in `simulate`. Energies and positions are relative to the pivot.
 
     Attributes
     ----------
@@ -77,6 +74,10 @@ class Ensemble(Members):
 
     _always_packed = False
 
+    @_checks.keywords_moved(
+        cart_mass="of the chain: Chain(..., base=Cart(mass))",
+        rail_damping="of the chain: Chain(..., base=Cart(mass, damping))",
+    )
     def __init__(
         self,
         chains: Chain | Sequence[Chain],
@@ -84,17 +85,22 @@ class Ensemble(Members):
         *,
         joints: Sequence[int] = (0,),
         threads: int = 1,
-        cart_mass: float | None = None,
-        rail_damping: float = 0.0,
     ) -> None:
-        together, self.size = check_chains(chains, size)
-        self.n = together.masses.shape[1]
+        mechanism, self.size = check_chains(chains, size)
+        if mechanism.springs is not None:
+            raise ValueError(
+                "chains of an ensemble must have rigid rods, because equal steps do not resolve "
+                "the vibrations of springs: leave out stiffness, or use simulate"
+            )
+        self.n = mechanism.n
         self.joints = np.array([_checks.count("joint", j, low=0, high=self.n - 1) for j in joints])
-        pivot = check_pivot(cart_mass=cart_mass, rail_damping=rail_damping)
         super().__init__(
-            Memory(together, self.size, threads, base=pivot.base, packed=self._always_packed)
-        )
-        self._has_cart = pivot.moves
+            Memory(
+                mechanism.parameters, self.size, threads, base=mechanism.base,
+                packed=self._always_packed,
+            )
+        )  # fmt: skip
+        self._has_cart = mechanism.base is not None
         self._plans: dict[tuple[float, int, float], Plan] = {}  # of the last step
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
@@ -108,7 +114,17 @@ class Ensemble(Members):
             One for all, or arrays of parameters with a leading axis of k.
         """
         chosen = check_members(members, self.size)
-        rows = chain.repeated(chosen.size) if isinstance(chain, Chain) else chain
+        base = None
+        if not isinstance(chain, Chain):
+            rows = chain
+        else:
+            given, _ = check_chains(chain, None)
+            if given.springs is not None or (given.base is not None) != self._has_cart:
+                raise ValueError(
+                    "chain must have rigid rods, and a cart where the other members have one, got "
+                    f"{chain!r}"
+                )
+            rows, base = chain.repeated(chosen.size), given.base
         if rows.masses.shape != (chosen.size, self.n):
             raise ValueError(
                 f"chain must have {self.n} rods, for each of the {chosen.size} members, "
@@ -119,6 +135,7 @@ class Ensemble(Members):
         self._ready = False
         self._substeps.clear()
         memory.write_chain(chosen, rows)
+        memory.write_base(chosen, base)
         memory.restart(chosen)
         self._ready = True
 
@@ -160,7 +177,7 @@ class Ensemble(Members):
         """Return numbers that belong to carts, refused where there are none."""
         values = _checks.broadcast(name, value, shape)
         if np.any(values) and not self._has_cart:
-            raise ValueError(f"{name} must be 0 where no cart_mass is given")
+            raise ValueError(f"{name} must be 0 for chains without a cart: base=Cart(mass)")
         return values
 
     def advance(

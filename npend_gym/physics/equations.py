@@ -9,22 +9,137 @@ as few operations by `npend_gym.physics.kernels.links`.
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, Chain, check_chain
-from npend_gym.chain.inertia import link_inertia, rotor_inertia
+from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
-from npend_gym.physics.kernels.dynamics import arrays_of, new_work
+from npend_gym.physics.energy import sincos, velocities
+from npend_gym.physics.kernels.dynamics import new_work
+from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.kernels.states import solve_states
+from npend_gym.physics.mechanism import (
+    Mechanism,
+    check_axial_start,
+    check_lengths,
+    mechanism_of,
+)
+
+_DIFFERENCE = 1e-5  # of the time in which the state changes: T' is a difference over that
+
+
+class States(NamedTuple):
+    """States of a chain, checked, with leading axes (...)."""
+
+    mechanism: Mechanism
+    q: FloatArray  # (..., m)
+    u: FloatArray  # (..., m)
+    loads: FloatArray  # (..., n), with a cart or a moving pivot (..., n + 1): its force [N]
+
+
+def states_of(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    torque: ArrayLike | None = None,
+    *,
+    force: ArrayLike = 0.0,
+    position: ArrayLike = 0.0,
+    velocity: ArrayLike = 0.0,
+    stretch: ArrayLike | None = None,
+    stretch_rate: ArrayLike | None = None,
+    pivot_acceleration: ArrayLike | None = None,
+) -> States:
+    """Return the states that the arguments of `accelerations` describe.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+    n = check_chain(chain).n
+    angles, speeds, torques = check_states(
+        n, theta=theta, omega=omega, torque=check_torque(torque, n)
+    )
+    check_limits(angles, speeds)
+    more: dict[str, Any] = {
+        "force": force, "position": position, "velocity": velocity, "stretch": stretch,
+        "stretch_rate": stretch_rate, "pivot_acceleration": pivot_acceleration,
+    }  # fmt: skip
+    return assembled(chain, angles, speeds, torques, **more)
+
+
+def assembled(
+    chain: Chain,
+    angles: FloatArray,
+    speeds: FloatArray,
+    torques: FloatArray,
+    *,
+    force: ArrayLike = 0.0,
+    position: ArrayLike = 0.0,
+    velocity: ArrayLike = 0.0,
+    stretch: ArrayLike | None = None,
+    stretch_rate: ArrayLike | None = None,
+    pivot_acceleration: ArrayLike | None = None,
+) -> States:
+    """Do as `states_of` with angles, velocities and torques (..., n) that have been checked."""
+    accelerated = None
+    if pivot_acceleration is not None:
+        accelerated = _pair("pivot_acceleration", pivot_acceleration)
+    mechanism = mechanism_of([chain], accelerated)
+    leading, places = angles.shape[:-1], mechanism.places
+    given = {"position": position, "velocity": velocity, "force": force}
+    if places != 1:
+        for name, value in given.items():
+            if np.any(_checks.array(name, value)) and (places == 0 or name == "force"):
+                raise ValueError(
+                    f"{name} is that of a cart: the chain must have base=Cart(mass), got "
+                    f"{_checks.show(value)}"
+                )
+    place, speed = (
+        _of_base(name, given[name], (*leading, places)) for name in ("position", "velocity")
+    )
+    loads = torques
+    if places:
+        pushed = _checks.broadcast("force", force, leading) if places == 1 else np.zeros(leading)
+        loads = np.concatenate([torques, pushed[..., None]], axis=-1)
+    own = check_axial_start(chain, stretch, stretch_rate, angles.shape)
+    if own is None and chain.stiffness is not None:
+        own = slow_start(chain, angles, speeds, torques, force, speed, accelerated)
+    axial = ((), ()) if own is None else ((own[0],), (own[1],))
+    q = np.concatenate([angles, place, *axial[0]], axis=-1)
+    u = np.concatenate([speeds, speed, *axial[1]], axis=-1)
+    return States(mechanism, q, u, loads)
+
+
+def _pair(name: str, value: ArrayLike) -> FloatArray:
+    given = _checks.array(name, value)
+    if given.shape != (2,):
+        raise ValueError(f"{name} must be two numbers, sideways and up, got {_checks.show(given)}")
+    return given
+
+
+def _of_base(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return position or velocity of the base, (..., places): one number is sideways."""
+    if shape[-1] == 0:
+        return np.zeros(shape)
+    given = _checks.array(name, value)
+    if shape[-1] == 2 and given.ndim == 0:
+        given = np.array([float(given), 0.0])
+    if shape[-1] == 1 and given.shape == shape[:-1]:
+        given = given[..., None]
+    return np.array(_checks.broadcast(name, given, shape) if given.ndim != 1 or len(shape) == 1
+                    else np.broadcast_to(given, shape))  # fmt: skip
 
 
 def accelerations(
-    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None
+    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None, **more: Any
 ) -> FloatArray:
-    """Return the angular accelerations of the rods [rad/s^2], in O(n) operations a state.
+    """Return the accelerations of all coordinates, in O(n) operations a state.
 
     Parameters
     ----------
@@ -34,6 +149,40 @@ def accelerations(
         axes (instants of a trajectory, say) stand for as many states.
     torque : float or array_like, shape (..., n), optional
         Torque on the joints [N m]: a number acts on joint 0, an array on every joint.
+    **more
+        Of a chain on a cart `force` [N], `position` [m] and `velocity` [m/s], shape (...); of
+        springs `stretch` [m] and `stretch_rate` [m/s], shape (..., n), by default those with
+        which they follow rigid rods; and `pivot_acceleration`, two numbers [m/s^2].
+
+    Returns
+    -------
+    ndarray, shape (..., m)
+        Of the angles [rad/s^2], then of the cart [m/s^2], then of the stretches [m/s^2].
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> from npend_gym import Cart, Chain, physics
+    >>> physics.accelerations(Chain.uniform(3), [0.1, 0.2, 0.3], 0.0).round(4).tolist()
+    [0.9035, -1.9112, -1.8829]
+    >>> physics.accelerations(Chain.uniform(1, base=Cart(1.0)), 0.0, 0.0, force=2.0).tolist()
+    [-2.0, 2.0]
+    """
+    states = states_of(chain, theta, omega, torque, **more)
+    return _solve(states)[0]
+
+
+def tensions(
+    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None, **more: Any
+) -> FloatArray:
+    """Return the tensions of the rods [N], positive where a rod pulls, in O(n) operations a state.
+
+    Of a link with mass: the force along it in its upper joint. Parameters and shapes are those of
+    `accelerations`.
 
     Returns
     -------
@@ -43,32 +192,6 @@ def accelerations(
     ------
     ValueError, TypeError
         If an argument breaks its rule.
-
-    Examples
-    --------
-    >>> from npend_gym import Chain, physics
-    >>> physics.accelerations(Chain.uniform(3), [0.1, 0.2, 0.3], 0.0).round(4).tolist()
-    [0.9035, -1.9112, -1.8829]
-    """
-    return _solve(chain, theta, omega, torque)[0]
-
-
-def tensions(
-    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None
-) -> FloatArray:
-    """Return the tensions of the rods [N], positive where a rod pulls, in O(n) operations a state.
-
-    Parameters and shapes are those of `accelerations`.
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument breaks its rule, or the chain is not one of point masses on massless rods,
-        the only ones on which all force is along the rod.
 
     Examples
     --------
@@ -76,97 +199,93 @@ def tensions(
     >>> physics.tensions(Chain.uniform(3), 0.0, 0.0).round(2).tolist()
     [29.43, 19.62, 9.81]
     """
-    if not check_chain(chain).is_ideal:
-        raise ValueError(
-            "tensions are those of massless rods with bobs at their ends and no dry friction: "
-            f"links have forces across as well; got {chain}"
-        )
-    return _solve(chain, theta, omega, torque)[1]
+    return _tensions(chain, states_of(chain, theta, omega, torque, **more))
 
 
-def mass_matrix(chain: Chain, theta: ArrayLike) -> FloatArray:
-    """Return the mass matrix M [kg m^2]: omega . M omega / 2 is the kinetic energy.
-
-    M_ij = l_i l_j cos(theta_i - theta_j) sum_{k >= max(i, j)} m_k: symmetric, positive definite.
-    With links, M_ij = l_i h_j cos(theta_i - theta_j) where link j is below link i, h being
-    `Chain.lift`, and M_ii = I_i + m_i c_i^2 + l_i^2 sum_{k > i} m_k. Rotor j adds armature_j to
-    M_jj, (1/gear_j - 1) times as much to M_j,j-1, and the square of it to M_j-1,j-1.
-
-    Parameters
-    ----------
-    chain : Chain
-        Of at most 10 000 rods.
-    theta : array_like, shape (..., n)
-        Angles [rad]; one number stands for all rods.
-
-    Returns
-    -------
-    ndarray, shape (..., n, n)
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument breaks its rule.
-
-    Examples
-    --------
-    >>> from npend_gym import Chain, physics
-    >>> physics.mass_matrix(Chain.uniform(2), [0.0, 0.0]).tolist()
-    [[2.0, 1.0], [1.0, 1.0]]
-    """
-    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    (angles,) = check_states(n, theta=theta)
-    return link_inertia(chain) * np.cos(differences(angles)) + rotor_inertia(chain)
+def _tensions(chain: Chain, states: States) -> FloatArray:
+    mechanism, n = states.mechanism, chain.n
+    if mechanism.springs is not None:
+        stiffness, damping = mechanism.springs
+        return stiffness[0] * states.q[..., -n:] + damping[0] * states.u[..., -n:]
+    alpha, tension = _solve(states)
+    if chain.is_ideal and mechanism.places == 0:
+        return tension
+    return _joint_forces(chain, states, alpha)
 
 
-def momentum_jacobian(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> FloatArray:
-    """Return the derivatives of the canonical momenta p = M(theta) omega by theta and omega.
-
-    Parameters
-    ----------
-    chain : Chain
-        Of at most 10 000 rods.
-    theta, omega : array_like, shape (..., n)
-        Angles [rad] and angular velocities [rad/s]; one number stands for all rods.
-
-    Returns
-    -------
-    ndarray, shape (..., n, 2n)
-        By theta [kg m^2/s]: S_ik omega_k, less sum_j S_ij omega_j on the diagonal, S being M with
-        the sine of theta_i - theta_j in place of its cosine. By omega: M [kg m^2].
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument breaks its rule.
-
-    Examples
-    --------
-    >>> from npend_gym import Chain, physics
-    >>> physics.momentum_jacobian(Chain.uniform(2), 0.0, 1.0)[:, 2:].tolist()  # M
-    [[2.0, 1.0], [1.0, 1.0]]
-    """
-    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    angles, speeds = check_states(n, theta=theta, omega=omega)
-    turned = link_inertia(chain) * np.sin(differences(angles))
-    by_theta = turned * speeds[..., None, :] - np.eye(n) * (turned @ speeds[..., None])
-    return np.concatenate([by_theta, mass_matrix(chain, angles)], axis=-1)
+def _joint_forces(chain: Chain, states: States, alpha: FloatArray) -> FloatArray:
+    """Return the forces along the links in their upper joints [N], by Newton's law."""
+    n, places, mechanism = chain.n, states.mechanism.places, states.mechanism
+    theta, omega = states.q[..., :n], states.u[..., :n]
+    s, c = sincos(theta)
+    along, across = np.stack([s, -c], axis=-1), np.stack([c, s], axis=-1)
+    turned = alpha[..., :n, None] * across - (omega**2)[..., None] * along
+    base = np.zeros((*theta.shape[:-1], 1, 2))
+    moving = np.zeros_like(base)
+    if places:
+        base[..., 0, :places] = alpha[..., n : n + places]
+        moving[..., 0, :places] = states.u[..., n : n + places]
+    if places == 2 and mechanism.base is not None:
+        base[..., 0, :] = mechanism.base[[Base.ACROSS, Base.UP], 0]
+    tips = base + np.cumsum(chain.lengths[:, None] * turned, axis=-2)
+    centres = tips + (chain.centres - chain.lengths)[:, None] * turned
+    force = chain.masses[:, None] * (centres + np.array([0.0, chain.gravity]))
+    if chain.has_drag:
+        speeds = moving + velocities(chain, theta, omega)
+        size = np.linalg.norm(speeds, axis=-1)
+        force = force + (chain.drag + chain.quadratic_drag * size)[..., None] * speeds
+    hanging = np.cumsum(force[..., ::-1, :], axis=-2)[..., ::-1, :]
+    return -np.sum(hanging * along, axis=-1)
 
 
-def differences(theta: FloatArray) -> FloatArray:
-    """Return theta_i - theta_j, shape (..., n, n)."""
-    return theta[..., :, None] - theta[..., None, :]
-
-
-def _solve(
-    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None
+def slow_start(
+    chain: Chain,
+    theta: FloatArray,
+    omega: FloatArray,
+    torque: FloatArray,
+    force: ArrayLike = 0.0,
+    velocity: FloatArray | None = None,
+    accelerated: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return accelerations and tensions, (..., n) each: one compiled call for all states."""
-    n = check_chain(chain).n
-    states = check_states(n, theta=theta, omega=omega, torque=check_torque(torque, n))
-    check_limits(*states[:2])
-    result = np.empty((2, *states[0].shape))
-    theta, omega, torque = (value.reshape(-1, n) for value in states)
-    alpha, tension = result.reshape(2, -1, n)
-    solve_states(theta, omega, torque, arrays_of(chain.repeated(1)), new_work(n), alpha, tension)
-    return result[0], result[1]
+    """Return the stretch and its rate with which springs follow rigid rods, and do not ring.
+
+    They carry the tensions T of rigid rods in the same state: stretch T/k, its rate T'/k. What is
+    left of vibration along the rods decreases as 1/k^2.
+    """
+    own = chain.as_dict()
+    rigid = Chain.from_dict({k: own[k] for k in own if k not in ("stiffness", "axial_damping")})
+    more: dict[str, Any] = {"pivot_acceleration": accelerated}
+    if chain.base is not None and velocity is not None:
+        more = {"force": force, "velocity": velocity[..., 0]}
+    states = assembled(rigid, theta, omega, torque, **more)
+    tension, alpha = _tensions(rigid, states), _solve(states)[0][..., : chain.n]
+    pace = np.maximum(np.abs(omega), np.sqrt(np.abs(alpha))).max(axis=-1, keepdims=True)
+    h = _DIFFERENCE / np.where(pace > 0.0, pace, 1.0)
+    after, before = (
+        _tensions(
+            rigid,
+            assembled(
+                rigid, theta + (s * omega + 0.5 * s * s * alpha), omega + s * alpha, torque, **more
+            ),
+        )
+        for s in (h, -h)
+    )
+    stiffness = np.asarray(chain.stiffness)
+    rate = (after - before) / (2.0 * h) / stiffness
+    stretch = (tension - chain.axial_damping * rate) / stiffness
+    check_lengths(chain, stretch, "; give stretch, or more stiffness")
+    return stretch, rate
+
+
+def _solve(states: States) -> tuple[FloatArray, FloatArray]:
+    """Return accelerations (..., m) and tensions (..., n): one compiled call for all states."""
+    mechanism, shape = states.mechanism, states.q.shape
+    n, size = mechanism.n, mechanism.size
+    alpha, tension = np.empty(shape), np.empty((*shape[:-1], n))
+    q, u = states.q.reshape(-1, size), states.u.reshape(-1, size)
+    loads = states.loads.reshape(-1, states.loads.shape[-1])
+    solve_states(
+        q, u, loads, mechanism.arrays(), new_work(size), alpha.reshape(-1, size),
+        tension.reshape(-1, n),
+    )  # fmt: skip
+    return alpha, tension

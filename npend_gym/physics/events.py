@@ -13,7 +13,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.adaptive import Steps
+from npend_gym.physics.motion import Steps
 
 QUANTITIES = ("angle", "angular_velocity", "velocity", "height", "energy", "flip")
 _PARTS = 4  # of a step, at whose ends the sign is looked at
@@ -72,9 +72,13 @@ class Event:
                 f"value {self.value:g} and direction {self.direction}: use an angle"
             )
 
-    def of(self, chain: Chain, theta: FloatArray, omega: FloatArray) -> FloatArray:
-        """Return the quantity less `value` in states (..., n), shape (...)."""
-        i = self.rod
+    def of(self, chain: Chain, q: FloatArray, u: FloatArray) -> FloatArray:
+        """Return the quantity less `value` in states (..., m) of all coordinates, shape (...)."""
+        i, n = self.rod, chain.n
+        theta, omega = q[..., :n], u[..., :n]
+        rods: Any = chain
+        if chain.stiffness is not None:
+            rods = _energy.stretched(chain, q[..., -n:])
         if self.quantity == "angle":
             found = theta[..., i]
         elif self.quantity == "angular_velocity":
@@ -82,9 +86,12 @@ class Event:
         elif self.quantity == "flip":
             return np.cos(0.5 * theta[..., i])
         elif self.quantity == "velocity":
-            found = _energy.velocities(chain, theta, omega)[..., i, 0]
+            moving = _energy.velocities(rods, theta, omega)
+            if chain.stiffness is not None:
+                moving = moving + _energy.stretching(chain, theta, u[..., -n:])
+            found = moving[..., i, 0]
         elif self.quantity == "height":
-            found = _energy.positions(chain, theta)[..., i, 1]
+            found = _energy.positions(rods, theta)[..., i, 1]
         else:
             found = _energy.energy_of_links(chain, theta, omega)[..., i]
         return np.asarray(found - self.value)
@@ -111,14 +118,14 @@ class Occurrence(NamedTuple):
 class Watch:
     """Looks for events in steps that come one after another."""
 
-    def __init__(self, events: list[Watched], n: int) -> None:
-        self._events, self._n = events, n
+    def __init__(self, events: list[Watched], chain: Chain) -> None:
+        self._events, self._n = events, chain.n
         self._found: list[list[Occurrence]] = [[] for _ in events]
         self._ended = False
 
     def look(self, steps: Steps) -> Occurrence | None:
         """Keep the events in some steps; return the first terminal one."""
-        new = [occurrences(event, steps, self._n) for event in self._events]
+        new = [occurrences(event, steps) for event in self._events]
         last = [
             found[0] for event, found in zip(self._events, new, strict=True)
             if event.terminal and found
@@ -162,6 +169,11 @@ def watched(events: Any, chain: Chain) -> list[Watched]:
                     f"rod of an event must be from {-chain.n} to {chain.n - 1} for {chain.n} rods, "
                     f"got {event.rod}"
                 )
+            if event.quantity == "energy" and chain.stiffness is not None:
+                raise ValueError(
+                    "quantity of an event must not be energy for springs, whose energy belongs to "
+                    "no bob: use a function event(t, theta, omega)"
+                )
             function = _of_event(event, chain)
         elif callable(event):
             function = _of_function(event)
@@ -176,9 +188,9 @@ def watched(events: Any, chain: Chain) -> list[Watched]:
 
 
 def _of_event(event: Event, chain: Chain) -> Callable[..., FloatArray]:
-    def values(t: FloatArray, theta: FloatArray, omega: FloatArray) -> FloatArray:
+    def values(t: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
         del t
-        return event.of(chain, theta, omega)
+        return event.of(chain, q, u)
 
     return values
 
@@ -187,11 +199,11 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
     """Return a function of one state as one of many."""
     name = getattr(event, "__name__", "an event")
 
-    def values(t: FloatArray, theta: FloatArray, omega: FloatArray) -> FloatArray:
+    def values(t: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
         found = np.empty(t.shape)
         for at in np.ndindex(t.shape):
             try:
-                value = np.asarray(event(float(t[at]), theta[at].copy(), omega[at].copy()), float)
+                value = np.asarray(event(float(t[at]), q[at].copy(), u[at].copy()), float)
             except Exception as error:
                 raise ValueError(
                     f"{name} raised {type(error).__name__} at t = {t[at]:g} s: {error}"
@@ -207,13 +219,13 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
     return values
 
 
-def occurrences(event: Watched, steps: Steps, n: int) -> list[Occurrence]:
+def occurrences(event: Watched, steps: Steps) -> list[Occurrence]:
     """Return the zeros of an event within steps, in order."""
-    size = max(1, _RODS_AT_ONCE // n)
-    return [found for part in steps.parts(size) for found in _occurrences(event, part, n)]
+    size = max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])
+    return [found for part in steps.parts(size) for found in _occurrences(event, part)]
 
 
-def _occurrences(event: Watched, steps: Steps, n: int) -> list[Occurrence]:
+def _occurrences(event: Watched, steps: Steps) -> list[Occurrence]:
     """Return the zeros within steps that are looked at together.
 
     The sign is looked at in a few places of each step. A value of zero has no sign: a motion that
@@ -225,7 +237,7 @@ def _occurrences(event: Watched, steps: Steps, n: int) -> list[Occurrence]:
     states = steps.states_at(index, np.broadcast_to(x, index.shape))
     length = steps.end - steps.begin
     times = steps.begin[:, None] + length[:, None] * x
-    values = event.function(times, states[..., :n], states[..., half : half + n])
+    values = event.function(times, states[..., :half], states[..., half:])
     before, after = values[:, :-1], values[:, 1:]
     rising, falling = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
     wanted = {1: rising, -1: falling, 0: rising | falling}[event.direction]
@@ -236,7 +248,7 @@ def _occurrences(event: Watched, steps: Steps, n: int) -> list[Occurrence]:
         def value(fraction: float, step: Any = step) -> float:
             state = steps.states_at(step, np.array(fraction))
             at = steps.begin[step] + fraction * length[step]
-            return float(event.function(at, state[:n], state[half : half + n]))
+            return float(event.function(at, state[:half], state[half:]))
 
         tolerance = max(_RESOLUTION / float(length[k]), 4.0 * np.finfo(float).eps)
         low, high = float(x[part]), float(x[part + 1])

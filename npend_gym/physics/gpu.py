@@ -15,7 +15,7 @@ from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.gpu import DeviceKernel, require_device, simulated
 from npend_gym.physics.arguments import check_chains
 from npend_gym.physics.directions import KINDS
-from npend_gym.physics.kernels import ensemble, layout, threads
+from npend_gym.physics.kernels import advance, layout, threads
 from npend_gym.physics.kernels.link_terms import count_terms
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, substeps_of
 
@@ -69,7 +69,13 @@ class DeviceChains:
         drag: bool = False,
     ) -> None:
         self.cuda = require_device()
-        self.parameters, self.size = check_chains(chains, size)
+        mechanism, self.size = check_chains(chains, size)
+        if mechanism.springs is not None or mechanism.base is not None:
+            raise ValueError(
+                "chains on a GPU must have rigid rods and a pivot at rest: leave out stiffness and "
+                "base, or use the processor"
+            )
+        self.parameters = mechanism.parameters
         self.n, self.dtype = self.parameters.masses.shape[1], np.dtype(dtype)
         _checks.choice("dtype", self.dtype.name, ("float64", "float32"))
         self._rows = self.cuda.to_device(self.parameters.stacked().astype(self.dtype))
@@ -219,8 +225,8 @@ def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
     """Return the kernel for `n` rods, or for any number if they are more than SHORT."""
     entry = threads.short_chains(n) if n <= SHORT else threads.long_chains()
     replaced = {
-        ensemble.mark: threads.no_marks,
-        ensemble.follow_marked: threads.no_following,
+        advance.mark: threads.no_marks,
+        advance.follow_marked: threads.no_following,
         layout.resists: threads.always if resisted else threads.never,
     }
     return DeviceKernel(entry, (terms, KINDS[terms]), dtype, replaced)

@@ -7,13 +7,20 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, check_hung
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.gpu import DeviceChains
-from npend_gym.physics.integration import IntegrationError, count_steps, diverged_text
-from npend_gym.physics.trajectory import MAX_BYTES, Trajectory
+from npend_gym.physics.integration import (
+    MAX_BYTES,
+    IntegrationError,
+    check_times,
+    count_steps,
+    diverged_text,
+)
+from npend_gym.physics.trajectory import Trajectory
 
 _MAX_LAUNCH = 2**16  # steps in one launch, so that Ctrl-C is heard
 
@@ -24,15 +31,50 @@ def simulate_on_device(
     chain: Chain,
     theta: ArrayLike,
     omega: ArrayLike,
-    times: FloatArray,
-    torque: ArrayLike | None,
+    times: ArrayLike,
+    *,
     dt: float,
+    torque: ArrayLike | None = None,
 ) -> Trajectory:
-    """Return the motions from states (..., n), a trajectory of shape (..., T, n): see `simulate`.
+    """Return many motions side by side from a GPU, by the method "rk4" of `simulate`.
 
-    Parameters are those of `simulate`; `times` and `dt` have been checked.
+    Needs the extra "cuda".
+
+    Parameters
+    ----------
+    chain : Chain
+        One for all, of rigid rods on a pivot at rest.
+    theta, omega : array_like, shape (..., n)
+        Angles [rad] and angular velocities [rad/s] at ``times[0]``.
+    times : array_like, shape (T,)
+        Instants at which the states are wanted [s], increasing.
+    dt : float
+        Longest step [s].
+    torque : float or array_like, shape (..., n), optional
+        Constant torque [N m]: a number acts on joint 0, an array on every joint.
+
+    Returns
+    -------
+    Trajectory
+        Its `theta` has the shape (..., T, n).
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    IntegrationError
+        If a state diverges.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from npend_gym import Chain, physics
+    >>> starts = np.random.default_rng(0).uniform(-1.0, 1.0, (1000, 2))
+    >>> chain, times = Chain.uniform(2), [0.0, 1.0]
+    >>> physics.simulate_on_device(chain, starts, 0.0, times, dt=0.01)  # doctest: +SKIP
     """
-    n, given = chain.n, check_torque(torque, chain.n)
+    n, given = check_hung(chain, "simulate_on_device").n, check_torque(torque, chain.n)
+    times, dt = check_times(times, n), _checks.positive_number("dt", dt)
     states = check_states(n, theta=theta, omega=omega, torque=given)
     check_limits(*states[:2])
     leading, rods = states[0].shape[:-1], states[0].size
@@ -51,7 +93,7 @@ def simulate_on_device(
         frames[:, k] = frame
     result = np.moveaxis(frames, 3, 1).reshape(2, *leading, times.size, n)
     arguments = {"method": "rk4", "dt": dt, "torque": given.tolist(), "device": chains.device}
-    return Trajectory(chain, times, result[0], result[1], provenance(arguments))
+    return Trajectory(chain, times, result[0], result[1], provenance=provenance(arguments))
 
 
 def _frames(

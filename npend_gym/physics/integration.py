@@ -9,11 +9,11 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.dop853 import Problem, Solver
-from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.springs import SpringArrays
-from npend_gym.physics.trajectory import MAX_BYTES
 
+MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
 _MAX_STEPS = 10**12  # between two times
+_NO_LENGTH = ", or a rod has no length left"  # what else may stop the motion of springs
 # Rods times steps in one compiled call, after which Ctrl-C is heard: of a motion a sixth of a
 # second, of motions in packs and of measurements a quarter
 RODS_PER_CALL, RODS_PER_PACK_CALL = 125_000, 50_000
@@ -39,12 +39,18 @@ def check_times(times: ArrayLike, n: int) -> FloatArray:
 
 
 def check_fixed_steps(
-    sound: bool, theta: FloatArray, times: FloatArray, done: int, dt: float, beyond: str = ""
+    sound: bool,
+    theta: FloatArray,
+    times: FloatArray,
+    done: int,
+    dt: float,
+    *,
+    springs: bool = False,
 ) -> None:
     """Raise an error where `rk4_frames` cannot go on, after it has written `done` frames."""
     check_angles(theta, float(times[done - 1]))
     if not sound:
-        raise IntegrationError(diverged_text(times[done - 1 : done + 1], dt) + beyond)
+        raise IntegrationError(diverged_text(times[done - 1 : done + 1], dt) + _NO_LENGTH * springs)
 
 
 def count_steps(times: FloatArray, dt: float) -> NDArray[np.int64]:
@@ -71,13 +77,8 @@ def check_adaptive_steps(done: int, solver: Solver, problem: Problem, n: int) ->
         raise IntegrationError(
             f"no step is small enough at t = {solver.clock[1]:g} s for "
             f"rtol = {problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the "
-            "state and parameters" + ended_rod(problem.chain)
+            "state and parameters" + _NO_LENGTH * isinstance(problem.chain, SpringArrays)
         )
-
-
-def ended_rod(chain: AnyArrays) -> str:
-    """Return what else may stop the motion of rods that stretch."""
-    return ", or a rod has no length left" if isinstance(chain, SpringArrays) else ""
 
 
 def check_angles(theta: FloatArray, time: float) -> None:

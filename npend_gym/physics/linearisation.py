@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,27 +11,32 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
-from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.derivatives import DifferentiableEnsemble
+from npend_gym.physics.equations import states_of
+from npend_gym.physics.kernels.states import new_rates_scratch, rates_of_states
 
 _ENTRIES = 2**21  # of the Jacobians that are made at once: 16 MB
 
 
 class Linearisation(NamedTuple):
-    """Derivatives by the state (theta, omega), and by the torques on some joints.
+    """Derivatives by the state (q, u), and by the torques on some joints and the force on a cart.
 
-    Of a rate: d/dt (delta theta, delta omega) = A (delta theta, delta omega) + B delta torque. Of a
-    step: what that gives after it.
+    Of a rate: d/dt (delta q, delta u) = A (delta q, delta u) + B delta loads. Of a step: what that
+    gives after it.
     """
 
-    A: FloatArray  # (..., 2n, 2n)
-    B: FloatArray  # (..., 2n, number of joints)
+    A: FloatArray  # (..., 2m, 2m)
+    B: FloatArray  # (..., 2m, inputs)
 
 
 def jacobian(
-    chain: Chain, theta: ArrayLike, omega: ArrayLike = 0.0, torque: ArrayLike | None = None
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike = 0.0,
+    torque: ArrayLike | None = None,
+    **more: Any,
 ) -> FloatArray:
-    """Return the derivatives of d/dt (theta, omega) by theta, omega and the torques on all joints.
+    """Return the derivatives of d/dt (q, u) by q, u and all torques and forces.
 
     Parameters
     ----------
@@ -42,12 +47,14 @@ def jacobian(
         all rods, and leading axes (instants of a trajectory, say) stand for as many states.
     torque : float or array_like, shape (..., n), optional
         Torque on the joints [N m]: a number acts on joint 0, an array on every joint.
+    **more
+        Force, state of a cart, springs, acceleration of the pivot: see `accelerations`.
 
     Returns
     -------
-    ndarray, shape (..., 2n, 3n)
-        The lower half, by which the accelerations change, ends in the inverse mass matrix times
-        how torques act on rods.
+    ndarray, shape (..., 2m, 2m + n), on a cart (..., 2m, 2m + n + 1)
+        Of all coordinates, in the order of `accelerations`. The lower half, by which the
+        accelerations change, ends in the inverse mass matrix times how loads act.
 
     Raises
     ------
@@ -65,7 +72,7 @@ def jacobian(
     >>> physics.jacobian(Chain.uniform(1), [0.0]).round(4).tolist()
     [[0.0, 1.0, 0.0], [-9.81, 0.0, 1.0]]
     """
-    whole = _by_chunks(_rates, chain, theta, omega, torque, range(check_chain(chain).n))
+    whole = _linearised(chain, theta, omega, torque, range(check_chain(chain).n), more)
     return np.concatenate(whole, axis=-1)
 
 
@@ -75,20 +82,22 @@ def linearise(
     omega: ArrayLike = 0.0,
     torque: ArrayLike | None = None,
     joints: Sequence[int] = (0,),
+    **more: Any,
 ) -> Linearisation:
-    """Return the derivatives of d/dt (theta, omega) with respect to the state and to torques.
+    """Return the derivatives of d/dt (q, u) with respect to the state and to torques.
 
     Parameters
     ----------
-    chain, theta, omega, torque
+    chain, theta, omega, torque, **more
         As for `jacobian`, whose columns these are.
     joints : sequence of int
-        Joints whose torques are the inputs; B has a column for each.
+        Joints whose torques are the inputs; B has a column for each, then one for the force on a
+        cart.
 
     Returns
     -------
     Linearisation
-        A, shape (..., 2n, 2n), and B, shape (..., 2n, len(joints)).
+        A, shape (..., 2m, 2m), and B, shape (..., 2m, inputs).
 
     Raises
     ------
@@ -106,14 +115,16 @@ def linearise(
     Examples
     --------
     >>> import numpy as np
-    >>> from npend_gym import Chain, physics
+    >>> from npend_gym import Cart, Chain, physics
     >>> A, B = physics.linearise(Chain.uniform(2), np.pi)
     >>> A.shape, B.shape
     ((4, 4), (4, 1))
     >>> float(np.linalg.eigvals(A).real.max().round(4))  # 1/s: how fast it falls from upright
     5.7874
+    >>> physics.linearise(Chain.uniform(2, base=Cart(1.0)), np.pi, joints=()).B.shape
+    (6, 1)
     """
-    return _by_chunks(_rates, chain, theta, omega, torque, joints)
+    return _linearised(chain, theta, omega, torque, joints, more)
 
 
 def step_jacobian(
@@ -125,23 +136,25 @@ def step_jacobian(
     dt: float,
     substeps: int | None = None,
     joints: Sequence[int] = (0,),
+    **more: Any,
 ) -> Linearisation:
     """Return the derivatives of the states after a step by those before it and by torques.
 
     Parameters
     ----------
-    chain, theta, omega, torque
-        As for `jacobian`.
+    chain, theta, omega, torque, **more
+        As for `jacobian`; of rigid rods.
     dt, substeps
         The step, as `Ensemble.advance` takes it: a Runge-Kutta step for each substep, by default as
         many as resolve the motion.
     joints : sequence of int
-        Joints whose torques are the inputs; B has a column for each.
+        Joints whose torques are the inputs; B has a column for each, then one for the force on a
+        cart.
 
     Returns
     -------
     Linearisation
-        A, shape (..., 2n, 2n), and B, shape (..., 2n, len(joints)).
+        A, shape (..., 2m, 2m), and B, shape (..., 2m, inputs).
 
     Raises
     ------
@@ -157,44 +170,59 @@ def step_jacobian(
     >>> A.shape, B.shape
     ((4, 4), (4, 1))
     """
+    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
+    wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
+    states = states_of(chain, theta, omega, torque, **more)
+    m = chain.coordinates
+    q, u, loads = (each.reshape(-1, each.shape[-1]) for each in (states.q, states.u, states.loads))
+    # joints whose torques are not asked for, but act
+    others = [int(j) for j in np.flatnonzero(np.any(loads[:, :n], axis=0)) if j not in wanted]
+    at, inputs = [*wanted, *others], [*range(len(wanted))]
+    if chain.base is not None:
+        inputs.append(len(at))
+    if chain.stiffness is not None:
+        raise ValueError(
+            "chain must have rigid rods, because the steps of an ensemble do not resolve the "
+            'vibrations of springs: take simulate(..., method="rk4").sensitivities()'
+        )
+    size = max(1, min(len(q), _ENTRIES // (2 * m * (2 * m + len(at)))))
+    whole = np.empty((len(q), 2 * m, 2 * m + len(inputs)))
+    for first in range(0, len(q), size):
+        span = slice(first, first + size)
+        ensemble = DifferentiableEnsemble(chain, len(q[span]), joints=at)
+        cart = (q[span, n], u[span, n]) if chain.base is not None else (0.0, 0.0)
+        ensemble.set_state(slice(None), q[span, :n], u[span, :n], cart=cart)
+        force = loads[span, n] if chain.base is not None else 0.0
+        found = ensemble.step_jacobian(loads[span][:, at], dt, substeps, force=force)
+        whole[span] = np.concatenate([found.A, found.B[..., inputs]], axis=-1)
+    whole = whole.reshape(*states.q.shape[:-1], 2 * m, -1)
+    return Linearisation(whole[..., : 2 * m], whole[..., 2 * m :])
 
-    def step(ensemble: DifferentiableEnsemble, loads: FloatArray) -> FloatArray:
-        found = ensemble.step_jacobian(loads, dt, substeps)
-        return np.concatenate([found.A, found.B], axis=-1)
 
-    return _by_chunks(step, chain, theta, omega, torque, joints)
-
-
-def _rates(ensemble: DifferentiableEnsemble, loads: FloatArray) -> FloatArray:
-    """Return the derivatives of d/dt (theta, omega)."""
-    below, n = ensemble.acceleration_jacobian(loads), ensemble.n
-    above = np.broadcast_to(np.eye(n, below.shape[-1], k=n), below.shape)  # theta' = omega
-    return np.concatenate([above, below], axis=-2)
-
-
-def _by_chunks(
-    jacobian: Callable[[DifferentiableEnsemble, FloatArray], FloatArray],
+def _linearised(
     chain: Chain,
     theta: ArrayLike,
     omega: ArrayLike,
     torque: ArrayLike | None,
     joints: Sequence[int],
+    more: dict[str, Any],
 ) -> Linearisation:
-    """Return the Jacobians of all states, some of them side by side at a time."""
+    """Return the derivatives of the rates in all states: one compiled call."""
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    states = check_states(n, theta=theta, omega=omega, torque=check_torque(torque, n))
-    check_limits(*states[:2])
     wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
-    angles, speeds, loads = (value.reshape(-1, n) for value in states)
-    # joints whose torques are not asked for, but act
-    others = [int(j) for j in np.flatnonzero(np.any(loads, axis=0)) if j not in wanted]
-    at, columns = [*wanted, *others], 2 * n + len(wanted)
-    size = max(1, min(len(angles), _ENTRIES // (2 * n * (2 * n + len(at)))))
-    whole = np.empty((len(angles), 2 * n, columns))
-    for first in range(0, len(angles), size):
-        span = slice(first, first + size)
-        ensemble = DifferentiableEnsemble(chain, len(angles[span]), joints=at)
-        ensemble.set_state(slice(None), angles[span], speeds[span])
-        whole[span] = jacobian(ensemble, loads[span][:, at])[..., :columns]
-    whole = whole.reshape(*states[0].shape[:-1], 2 * n, columns)
-    return Linearisation(whole[..., : 2 * n], whole[..., 2 * n :])
+    if chain.base is not None:
+        wanted.append(n)
+    states = states_of(chain, theta, omega, torque, **more)
+    m, mechanism = states.mechanism.size, states.mechanism
+    q, u = states.q.reshape(-1, m), states.u.reshape(-1, m)
+    loads = states.loads.reshape(-1, states.loads.shape[-1])
+    below = np.empty((len(q), m, 2 * m + len(wanted)))
+    mass = mechanism.parameters.masses[0].copy()
+    rates_of_states(
+        q, u, loads, np.array(wanted, np.int64), mechanism.arrays(), mass, new_rates_scratch(m),
+        below,
+    )  # fmt: skip
+    above = np.broadcast_to(np.eye(m, below.shape[-1], k=m), below.shape)  # q' = u
+    whole = np.concatenate([above, below], axis=-2)
+    whole = whole.reshape(*states.q.shape[:-1], 2 * m, -1)
+    return Linearisation(whole[..., : 2 * m], whole[..., 2 * m :])

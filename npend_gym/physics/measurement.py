@@ -5,16 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
 from npend_gym._threads import Call
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.energy import centre_of_mass, positions
+from npend_gym.physics.energy import centre_of_mass, positions, stretched
+from npend_gym.physics.equations import assembled
 from npend_gym.physics.integration import RODS_PER_PACK_CALL, IntegrationError, check_angles
 from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
-from npend_gym.physics.kernels.dynamics import arrays_of
 from npend_gym.physics.kernels.releases import (
     RELEASE_ROWS,
     RUNNING,
@@ -31,7 +32,6 @@ from npend_gym.physics.kernels.turning_points import (
     new_record,
     speed_threshold,
 )
-from npend_gym.physics.springs import Springs, axial_start, stretched
 
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
@@ -43,6 +43,7 @@ class Measurement(NamedTuple):
     reading: int  # BOB, LINK, HEIGHT or COM
     duration: float  # s; the release ends there, complete or not
     rtol: float
+    pivot_acceleration: ArrayLike | None = None
 
 
 def shares(count: int) -> list[slice]:
@@ -56,7 +57,6 @@ def shares(count: int) -> list[slice]:
 
 def measure(
     chain: Chain,
-    springs: Springs | None,
     theta: FloatArray,
     omega: FloatArray,
     measurement: Measurement,
@@ -72,11 +72,11 @@ def measure(
         If the integration cannot go on.
     """
     count, n = len(theta), chain.n
-    reading, duration, rtol = measurement
+    reading, duration, rtol, _ = measurement
     lanes = 1 if count == 1 else WIDTH
     # lanes to spare repeat the last release
     theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
-    solver, problem, record = _release(chain, springs, theta, omega, measurement)
+    solver, problem, record = _release(chain, theta, omega, measurement)
     threshold = _threshold(chain, omega, reading, rtol)
     release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
     status, scratch = release[STATUS * lanes :], aligned_zeros(RELEASE_ROWS, n * lanes)
@@ -97,27 +97,25 @@ def measure(
 
 def _release(
     chain: Chain,
-    springs: Springs | None,
     theta: FloatArray,
     omega: FloatArray,
     measurement: Measurement,
 ) -> tuple[Solver, Problem, Record]:
     """Return releases from these states (lanes, n), not yet begun, as the kernels take them."""
-    reading, _, rtol = measurement
+    reading, _, rtol, accelerated = measurement
     lanes, n = len(theta), chain.n
-    rods, state, per_rod = chain.repeated(lanes), [theta, omega], theta
-    arrays = arrays_of(rods)
-    if springs is not None:
-        stretch, rate = axial_start(chain, springs, theta, omega, np.zeros(n))
-        arrays, rods = springs.arrays(chain, lanes), stretched(chain, stretch)
-        state = [theta, stretch, omega, rate]
+    states = assembled(chain, theta, omega, np.zeros_like(theta), pivot_acceleration=accelerated)
+    mechanism, per_rod = states.mechanism.of(np.zeros(lanes, np.int64)), theta
+    rods: ChainParameters = chain.repeated(lanes)
+    if chain.stiffness is not None:
+        rods = stretched(chain, states.q[:, -n:])
         per_rod = -np.diff(positions(rods, theta)[..., 1], axis=1, prepend=0.0)
     if reading == COM:
         whole = chain.lengths * float(chain.masses.sum())
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
     return (
-        new_solver(0.0, innermost(np.hstack(state)), lanes),
-        Problem(arrays, np.zeros(n * lanes), rtol, 1e-2 * rtol),
+        new_solver(0.0, innermost(np.hstack([states.q, states.u])), lanes),
+        Problem(mechanism.arrays(), np.zeros(states.loads.size), rtol, 1e-2 * rtol),
         new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading))),
     )
 

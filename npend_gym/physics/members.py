@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import Chain, ChainParameters
+from npend_gym.chain import Cart, Chain, ChainParameters
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.memory import Memory
 from npend_gym.physics.substeps import chain_of, substeps_of
 
@@ -98,8 +99,12 @@ class Members:
         return self.positions[:, -1]
 
     def chain(self, member: int) -> Chain:
-        """Return the chain of a member."""
-        return chain_of(self.parameters, member)
+        """Return the chain of a member, with its cart."""
+        chain, rows = chain_of(self.parameters, member), self._intact.base_of(member)
+        if rows is None:
+            return chain
+        cart = Cart(float(1.0 / rows[Base.INVERSE_MASS]), float(rows[Base.DAMPING]))
+        return Chain.from_dict(chain.as_dict() | {"base": cart})
 
     def _default_substeps(self, dt: float) -> int:
         """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""

@@ -15,10 +15,10 @@ from npend_gym._threads import MAX_THREADS, Call, Helpers, each_once
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.kernels.ensemble import MAX_PARTS
+from npend_gym.physics.kernels.advance import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
 from npend_gym.physics.kernels.link_terms import Joint, Link, check_terms, model_terms
-from npend_gym.physics.kernels.members import Indices, begin_all_to_measure, write_chains
+from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure, write_chains
 
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _ALIASED = 256  # numbers, of 2 kB
@@ -48,8 +48,8 @@ class Memory:
         Threads that share the members. No result depends on it.
     spare_rows : int
         Rows after those of `Member` in `members`, for the use of the caller.
-    base : ndarray, optional
-        The entries of `link_terms.Base` where the pivots are carts.
+    base : ndarray, shape (len(Base), B or 1), optional
+        The rows of `link_terms.Base` where the pivots are carts.
     packed : bool
         Whether even one member is kept in a pack, for kernels that know nothing else.
 
@@ -90,7 +90,8 @@ class Memory:
             or None,
         )
         if base is not None and self.arrays[2] is not None:
-            self.arrays[2][-1][:] = base[:, None]
+            own = base[:, np.minimum(np.arange(lanes), base.shape[1] - 1)]
+            self.arrays[2][-1][:] = own.reshape(len(base), self.groups, self.width).swapaxes(0, 1)
         self._scratch = [new_scratch(self.n, self.width) for _ in range(threads)]
         self._helpers: Helpers | None = None
         self.arrays[0][Member.ACTIVE] = 1.0
@@ -195,6 +196,18 @@ class Memory:
         """Return chains, refused where they need more than the chain the memory was made for."""
         check_terms(chains, len(self.arrays[2] or ()))
         return chains
+
+    def write_base(self, members: Indices, base: FloatArray | None) -> None:
+        """Give some members a base, whose rows of `link_terms.Base` are (len(Base), 1)."""
+        if base is not None and self.arrays[2] is not None:
+            self.arrays[2][-1][members // self.width, :, members % self.width] = base.T
+
+    def base_of(self, member: int) -> FloatArray | None:
+        """Return the rows of `link_terms.Base` of a member whose base moves."""
+        model = self.arrays[2]
+        if model is None or len(model) < 3 or model[-1].shape[1] == 0:
+            return None
+        return model[-1][member // self.width, :, member % self.width]
 
     def write_chain(self, members: Indices, chains: ChainParameters) -> None:
         """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""

@@ -13,8 +13,8 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.directions import check_directions, kind_of
-from npend_gym.physics.kernels.derivatives import tangent_rows
-from npend_gym.physics.kernels.motions import carry_changes, steps_of_chain
+from npend_gym.physics.kernels.multiple_steps import carry_changes, steps_of_chain
+from npend_gym.physics.kernels.rk4_derivatives import tangent_rows
 from npend_gym.physics.memory import Memory
 
 _STEPS_PER_CALL = 100_000  # Runge-Kutta steps of one chain: some tenths of a second

@@ -3,174 +3,339 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import ChainParameters
-from npend_gym.physics.directions import by_names, check_directions, check_names
-from npend_gym.physics.kernels.dynamics import arrays_of
-from npend_gym.physics.kernels.sensitivities import Rods, carry_back, carry_changes, new_scratch
-from npend_gym.physics.replay import Replay, replay
-
-if TYPE_CHECKING:
-    from npend_gym.physics.trajectory import Trajectory
+from npend_gym.physics.dense import retaken
+from npend_gym.physics.directions import by_names, check_directions, check_names, row_count
+from npend_gym.physics.kernels import dop853, rk4
+from npend_gym.physics.kernels.driven import Sampled, Torque
+from npend_gym.physics.kernels.dynamics import AnyArrays
+from npend_gym.physics.kernels.tape import (
+    Rods,
+    Steps,
+    carry_back,
+    carry_changes,
+    new_scratch,
+)
+from npend_gym.physics.mechanism import AXIAL, PIVOT
+from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Steps as Taken
+from npend_gym.physics.trajectory import Trajectory
 
 _WORK = 10_000_000  # of one call, in stages times rods times changes: Ctrl-C is heard after it
-_FIRST = 16  # steps of the first segment; the k-th has k times as many
-_MAX_BYTES = 2**33  # of the derivatives at all times
+_MAX_BYTES = 2**33  # of the derivatives at all times, or of the states that a gradient keeps
+_AT_A_TIME = 256  # steps
 
 
 class Sensitivities(NamedTuple):
-    """The derivatives of a motion at T instants by what it began with.
+    """The derivatives of a motion at T instants by what it began with; m coordinates.
 
-    d (theta, omega) = A d (theta, omega) at the start + B d torque + C d parameters.
+    d (q, u) = A d (q, u) at the start + B d torque + C d parameters.
     """
 
-    A: FloatArray  # (T, 2n, 2n)
-    B: FloatArray  # (T, 2n, number of joints)
-    C: FloatArray  # (T, 2n, K): along each direction of the parameters
+    A: FloatArray  # (T, 2m, 2m)
+    B: FloatArray  # (T, 2m, number of joints), with a cart a column more for the force on it
+    C: FloatArray  # (T, 2m, K): along each direction of the parameters
 
 
 class MotionGradient(NamedTuple):
-    """The gradient of a function of a motion by what the motion began with."""
+    """The gradient of a function of a motion by what the motion began with; m coordinates."""
 
-    by_theta: FloatArray  # (n,)
-    by_omega: FloatArray  # (n,)
-    by_torque: FloatArray  # (n,)
+    by_theta: FloatArray  # (m,)
+    by_omega: FloatArray  # (m,)
+    by_torque: FloatArray  # (n,), with a cart the force after them
     by_parameters: dict[str, FloatArray]  # (n,) each; () for gravity
 
 
-def rods_of(motion: Replay, names: Sequence[str] = ()) -> Rods:
-    """Return the chain of a replay for kernels that differentiate by the named parameters."""
-    parameters, chain = motion.parameters, motion.chain
-    if not parameters.has_drag and {"drag", "quadratic_drag"}.intersection(names):
-        # kernels leave out drag where there is none
-        least = np.full_like(parameters.drag, _checks.SMALLEST)
-        chain = arrays_of(parameters._replace(drag=least))
-    return Rods(chain, parameters.masses[0].copy(), motion.torque[None, None])
+class Method(NamedTuple):
+    """A Runge-Kutta method as its derivatives need it."""
+
+    tableau: FloatArray  # (stages, stages)
+    weights: FloatArray  # of the end of a step, (stages,)
+    instants: FloatArray  # of the stages, in steps, (stages,)
+    needed: int  # stages of a step without dense output
+
+
+_METHODS = {
+    "dop853": Method(
+        dop853.TABLEAU, dop853.TABLEAU[dop853.STAGES].copy(), dop853.INSTANTS, dop853.STAGES
+    ),
+    "rk4": Method(rk4.TABLEAU, rk4.WEIGHTS, rk4.INSTANTS, len(rk4.WEIGHTS)),
+}
+
+
+class Tape(NamedTuple):
+    """Some steps of a motion, for kernels that differentiate them."""
+
+    steps: Steps
+    loads: FloatArray  # (S or 1, stages or 1, loads)
+    frames: slice  # which of the instants lie in them
+    end: float  # s
+    after: FloatArray  # the state at the end of the last of them, (2m,)
+
+
+def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterator[Tape]:
+    """Integrate a motion from ``times[0]`` on, and yield its steps, so many at a time.
+
+    They have the bits of those that `simulate` takes from the same start with the same settings.
+    """
+    method, adaptive = _METHODS[motion.method], motion.method == "dop853"
+    ends = times[[0, -1]] if adaptive else times  # what lies between does not change these steps
+    for segment in motion.segments(ends, kept=True, dense=False, most=steps):
+        taken = segment.steps
+        if taken is None or not taken.begin.size:
+            continue
+        begin, end, length = taken.begin, taken.end, taken.end - taken.begin
+        first, last = np.searchsorted(times, [begin[0], end[-1]], side="right")
+        instants = times[first:last]
+        at = np.searchsorted(end, instants)
+        within, stages = instants < end[at], np.full(len(begin), method.needed)
+        weights = np.tile(method.weights, (at.size, 1))
+        if within.any():
+            inside = at[within]
+            fraction = (instants[within] - begin[inside]) / length[inside]
+            weights[within] = dop853.dense_weights(fraction)
+            stages[inside] = len(method.tableau)
+        kernel_steps = Steps(
+            taken.states.copy(), length, method.tableau, stages, method.weights, at, weights
+        )
+        loads = _loads(motion, segment.torque, taken, method.instants)
+        span = slice(int(first), int(last))
+        yield Tape(kernel_steps, loads, span, float(end[-1]), segment.after)
+
+
+def _loads(motion: Motion, torque: Torque, taken: Taken, instants: FloatArray) -> FloatArray:
+    """Return what acts at each stage of each step, (S or 1, stages or 1, loads)."""
+    drives = motion.drives
+    if isinstance(torque, np.ndarray):
+        return torque.copy()[None, None]
+    times = taken.begin[:, None] + (taken.end - taken.begin)[:, None] * instants
+    if isinstance(torque, Sampled):
+        return torque.line[0] + (times - torque.begin)[..., None] * torque.line[1]
+    states = np.repeat(taken.states, instants.size, axis=0)
+    q, u = np.split(states, 2, axis=1)
+    return drives.at(times.ravel(), q, u).reshape(*times.shape, -1)
+
+
+class Changes(NamedTuple):
+    """What changes at the start of a motion, in D directions."""
+
+    states: FloatArray  # (D, 2m); overwritten
+    loads: FloatArray  # constant in time, (D, loads)
+    parameters: FloatArray  # (D, rows, n)
+
+
+def changes_of(motion: Motion, states: FloatArray) -> Changes:
+    """Return changes of the state alone."""
+    n, count = motion.mechanism.n, len(states)
+    return Changes(states, np.zeros((count, n + 3)), np.zeros((count, 0, n)))
 
 
 def carry(
-    motion: Replay,
-    rods: Rods,
-    changes: FloatArray,
-    pushed: FloatArray | None = None,
-    changed: FloatArray | None = None,
-    steps: int = 256,
-) -> Iterator[tuple[slice, FloatArray]]:
-    """Carry D small changes along a motion to its end, at most `steps` at a time.
+    motion: Motion,
+    times: FloatArray,
+    changes: Changes,
+    steps: int = _AT_A_TIME,
+    names: Sequence[str] = (),
+) -> Iterator[tuple[slice, FloatArray, Tape]]:
+    """Carry small changes along a motion, exactly through at most `steps` steps at a time.
 
-    `changes` (D, 2n), of theta and omega, stands between two segments at the end of the last step:
-    whoever iterates may normalise it there. `pushed` (D, n) and `changed` (D, rows, n) are changes
-    of torques and parameters. Yield which instants are passed, and the changes there, (F, D, 2n).
+    The changes stand between two segments at the end of the last step: whoever iterates may
+    normalise them there. Yield which instants are passed, the changes there, (F, D, 2m), and the
+    tape. `names` are the parameters that change.
     """
-    count, size = changes.shape
-    n = size // 2
-    pushed = np.zeros((count, n)) if pushed is None else pushed
-    changed = np.zeros((count, 0, n)) if changed is None else changed
-    scratch = new_scratch(motion.stages, n)
-    at_a_time = max(1, min(steps, _WORK // (motion.stages * n * count)))
-    while not motion.ended:
-        taken, where = motion.advance(at_a_time)
-        frames = np.empty((taken.at.size, count, size))
-        carry_changes(taken, rods, changes, pushed, changed, frames, scratch)
-        _check_finite(changes, float(motion.times[min(where.stop, motion.times.size - 1)]))
-        yield where, frames
+    count, size = changes.states.shape
+    stages = len(_METHODS[motion.method].tableau)
+    at_a_time = max(1, min(steps, 2 * _WORK // (stages * size * max(1, count))))
+    scratch, chain = new_scratch(stages, size // 2), arrays_for(motion, names)
+    mass = motion.mechanism.parameters.masses[0].copy()
+    for tape in tapes(motion, times, at_a_time):
+        frames = np.empty((tape.steps.at.size, count, size))
+        rods = Rods(chain, mass, tape.loads)
+        carry_changes(
+            tape.steps, rods, changes.states, changes.loads, changes.parameters, frames, scratch
+        )
+        _check_finite(changes.states, tape.end)
+        yield tape.frames, frames, tape
+
+
+def arrays_for(motion: Motion, names: Sequence[str]) -> AnyArrays:
+    """Return the chain of a motion for kernels that differentiate by the named parameters."""
+    mechanism = motion.mechanism
+    if not mechanism.parameters.has_drag and {"drag", "quadratic_drag"}.intersection(names):
+        # kernels leave out drag where there is none
+        least = np.full_like(mechanism.parameters.drag, _checks.SMALLEST)
+        parameters = mechanism.parameters._replace(drag=least)
+        return mechanism._replace(parameters=parameters).arrays()
+    return mechanism.arrays()
 
 
 def sensitivities(
-    trajectory: Trajectory, joints: Sequence[int], parameters: Mapping[str, ArrayLike] | None
+    trajectory: Trajectory,
+    joints: Sequence[int] = (0,),
+    parameters: Mapping[str, ArrayLike] | None = None,
 ) -> Sensitivities:
-    """See `Trajectory.sensitivities`."""
-    motion, n = _replay(trajectory), trajectory.chain.n
+    """Return the derivatives of all coordinates and rates by what the motion began with.
+
+    Parameters
+    ----------
+    joints : sequence of int
+        Joints by whose torques derivatives are wanted; B has a column for each, then one for the
+        force on a cart.
+    parameters : mapping of str to array_like, shape (K, n), optional
+        K directions in which parameters of the chain change together, by their names in
+        `Chain`; the shape for gravity is (K,). ``{"masses": np.eye(n)}`` is each mass alone.
+
+    Returns
+    -------
+    Sensitivities
+        A, shape (T, 2m, 2m), by the state at ``times[0]``, in the order of `accelerations`; B,
+        shape (T, 2m, inputs), by constant torques; C, shape (T, 2m, K), along the
+        directions.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule, the motion was not made by `simulate`, or the
+        derivatives would take more than 8 GB.
+    FloatingPointError
+        If derivatives grow beyond all bounds.
+
+    Notes
+    -----
+    They are the derivatives of the steps that were taken, to rounding, their lengths held
+    fixed: for "dop853" those of each accepted step and of the polynomial between its ends.
+    Functions of time and Signals count as given. The motion is integrated once more, with the
+    same bits. The time grows as the number of derivatives, the memory is that of the result.
+    """
+    motion, state, n = *_retaken(trajectory), trajectory.chain.n
     wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
-    ends = motion.parameters.centres == motion.parameters.lengths
-    directions = check_directions(parameters, n, type(motion.chain), ends)
-    last = 2 * n + len(wanted)
+    wanted += [n] * (motion.mechanism.places == 1)
+    directions = check_directions(parameters, n, type(motion.arrays), _ends(motion))
+    last = state.size + len(wanted)
     total = last + len(directions)
-    bytes_wanted = 16 * n * total * trajectory.times.size
+    bytes_wanted = 8 * state.size * total * trajectory.times.size
     if bytes_wanted > _MAX_BYTES:
         raise ValueError(
             f"derivatives at {trajectory.times.size} instants take {bytes_wanted:.2g} bytes, and "
             f"at most {_MAX_BYTES:.2g} are allowed: simulate with fewer times, or use gradient()"
         )
-    changes, pushed = np.eye(total, 2 * n), np.zeros((total, n))
-    pushed[range(2 * n, last), wanted] = 1.0
-    changed = np.zeros((total, directions.shape[1], n))
-    changed[last:] = directions
-    whole = np.empty((trajectory.times.size, total, 2 * n))
-    whole[0] = changes
-    for where, frames in carry(
-        motion, rods_of(motion, [*(parameters or ())]), changes, pushed, changed
+    changes = Changes(
+        np.eye(total, state.size), np.zeros((total, n + 3)),
+        np.zeros((total, directions.shape[1], n)),
+    )  # fmt: skip
+    changes.loads[range(state.size, last), wanted] = 1.0
+    changes.parameters[last:] = directions
+    whole = np.empty((trajectory.times.size, total, state.size))
+    whole[0], reached = changes.states, state
+    for where, frames, tape in carry(
+        motion, trajectory.times, changes, names=[*(parameters or ())]
     ):
-        whole[where] = frames
-    _check_same(motion, trajectory)
+        whole[where], reached = frames, tape.after
+    _check_same(reached, trajectory)
     columns = whole.swapaxes(1, 2)
-    return Sensitivities(*np.split(columns, [2 * n, last], axis=2))
+    return Sensitivities(*np.split(columns, [state.size, last], axis=2))
 
 
 def gradient(
-    trajectory: Trajectory, theta_bar: ArrayLike, omega_bar: ArrayLike, parameters: Sequence[str]
+    trajectory: Trajectory,
+    theta_bar: ArrayLike,
+    omega_bar: ArrayLike,
+    parameters: Sequence[str] = (),
 ) -> MotionGradient:
-    """See `Trajectory.gradient`."""
-    motion, n, shape = _replay(trajectory), trajectory.chain.n, trajectory.theta.shape
-    names = check_names(parameters, type(motion.chain))
-    bars = np.concatenate(
-        [
-            _checks.broadcast("theta_bar", theta_bar, shape),
-            _checks.broadcast("omega_bar", omega_bar, shape),
-        ],
-        axis=1,
-    )
-    rods, scratch = rods_of(motion, names), new_scratch(motion.stages, n)
-    bar, torque_bar = np.zeros(2 * n), np.zeros(n)
-    chain_bar = np.zeros((len(ChainParameters._fields) if names else 0, n))
-    marks = [(motion.mark(), 0)]
-    while not motion.ended:
-        marks[-1] = (marks[-1][0], _FIRST * len(marks))
-        motion.advance(marks[-1][1])
-        marks.append((motion.mark(), 0))
-    _check_same(motion, trajectory)
-    for mark, count in marks[-2::-1]:
-        motion.go_back(mark)
-        steps, where = motion.advance(count)
-        carry_back(steps, rods, bar, torque_bar[None, None], chain_bar, bars[where], scratch)
+    """Return the gradient of a function of this motion by what the motion began with.
+
+    Parameters
+    ----------
+    theta_bar, omega_bar : array_like, shape (T, n) or (T, m)
+        Derivatives of the function by the angles (or all coordinates) and their rates at all
+        times; one number stands for all.
+    parameters : sequence of str
+        Names of the parameters of `Chain` by which derivatives are wanted as well.
+
+    Returns
+    -------
+    MotionGradient
+        `by_theta` and `by_omega`, of the state at ``times[0]``, shape (m,) each, `by_torque` on
+        every joint, with a cart the force after them, and `by_parameters`, a dict.
+
+    Raises
+    ------
+    ValueError, TypeError, FloatingPointError
+        As for `sensitivities`.
+
+    Notes
+    -----
+    It goes back through the steps that `sensitivities` goes forward through, and takes the same
+    time for one derivative or all. It holds the state at the beginning of each step.
+    """
+    motion, state, n = *_retaken(trajectory), trajectory.chain.n
+    names, m = check_names(parameters, type(motion.arrays)), state.size // 2
+    bars = np.zeros((trajectory.times.size, 2 * m))
+    for first, (name, given) in zip((0, m), (("theta_bar", theta_bar), ("omega_bar", omega_bar)),
+                                    strict=True):  # fmt: skip
+        width = m if np.ndim(given) == 2 and np.shape(given)[1] == m else n
+        shape = (trajectory.times.size, width)
+        bars[:, first : first + width] = _checks.broadcast(name, given, shape)
+    scratch = new_scratch(len(_METHODS[motion.method].tableau), m)
+    chain, mass = arrays_for(motion, names), motion.mechanism.parameters.masses[0].copy()
+    bar, loads = np.zeros(2 * m), n + (motion.mechanism.places == 1)
+    load_bar = np.zeros((1, 1, n + 3))
+    chain_bar = np.zeros((row_count(type(motion.arrays)) if names else 0, n))
+    kept, held = list[Tape](), 0
+    for tape in tapes(motion, trajectory.times):
+        kept.append(tape)
+        held += tape.steps.states.nbytes + tape.loads.nbytes
+        if held > _MAX_BYTES:
+            raise ValueError(
+                f"the states at the beginning of all steps must take at most {_MAX_BYTES:.2g} "
+                "bytes: simulate the motion in segments"
+            )
+    _check_same(kept[-1].after if kept else state, trajectory)
+    while kept:
+        tape = kept.pop()
+        rods = Rods(chain, mass, tape.loads)
+        carry_back(tape.steps, rods, bar, load_bar, chain_bar, bars[tape.frames], scratch)
         _check_finite(bar, float(trajectory.times[-1]))
     bar += bars[0]
-    ends = motion.parameters.centres == motion.parameters.lengths
-    by_parameters = by_names(chain_bar[None], names, ends)
+    by_parameters = by_names(chain_bar[None], names, _ends(motion))
     rows = {name: value[0] for name, value in by_parameters.items()}
-    return MotionGradient(bar[:n].copy(), bar[n:].copy(), torque_bar, rows)
+    return MotionGradient(bar[:m].copy(), bar[m:].copy(), load_bar[0, 0, :loads].copy(), rows)
 
 
-def _replay(trajectory: Trajectory) -> Replay:
-    """Return the motion from the start of a trajectory, refused where it has no derivatives."""
-    made = trajectory.integration
-    if made is None or trajectory.theta.ndim != 2:
+def _ends(motion: Motion) -> NDArray[np.bool_]:
+    """Whether the centre of mass of each link is at its end, and stays there, (1, n)."""
+    parameters = motion.mechanism.parameters
+    return parameters.centres == parameters.lengths
+
+
+def _retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
+    """Return the motion of a trajectory to be integrated once more, and its first state."""
+    if trajectory.theta.ndim != 2:
         raise ValueError(
-            "derivatives need one motion made by simulate(), which knows how its steps were taken"
+            f"derivatives are those of one motion, got {len(trajectory)}: take trajectory[k]"
         )
-    if trajectory.pivot.moves or trajectory.springs is not None:
-        raise ValueError(
-            "derivatives of a whole motion are there for rigid rods on a pivot at rest: for a cart "
-            "take the steps of DifferentiableEnsemble"
-        )
-    state = np.concatenate([trajectory.theta[0], trajectory.omega[0]])
-    parameters = trajectory.chain.repeated(1)
-    return replay(made.method, parameters, state, trajectory.times, made.torque, made.settings)
+    motion, state = retaken(trajectory)
+    motion.drives.check_time_alone(float(trajectory.times[0]), *np.split(state, 2))
+    return motion, state
 
 
-def _check_same(motion: Replay, trajectory: Trajectory) -> None:
+def _check_same(reached: FloatArray, trajectory: Trajectory) -> None:
     """Refuse derivatives of a motion that does not lead where the trajectory does."""
-    reached = np.concatenate([trajectory.theta[-1], trajectory.omega[-1]])
-    if not np.array_equal(motion.state, reached):
+    halves: list[list[FloatArray]] = [[trajectory.theta[-1]], [trajectory.omega[-1]]]
+    for names in (PIVOT, AXIAL):
+        for half, name in zip(halves, names, strict=True):
+            value = getattr(trajectory, name)
+            half.extend([] if value is None else [np.atleast_1d(value[-1])])
+    if not np.array_equal(reached, np.concatenate([*halves[0], *halves[1]])):
         raise ValueError(
             "the trajectory does not end where its start and settings lead: it was changed, or "
-            "made by another version; simulate it again"
+            "made by another version, or an event ended it; simulate it again"
         )
 
 

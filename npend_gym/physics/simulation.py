@@ -2,53 +2,56 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from itertools import cycle
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
-from npend_gym._threads import MAX_THREADS
+from npend_gym._checks import FloatArray
+from npend_gym._provenance import provenance
+from npend_gym._threads import MAX_THREADS, Call, share_out
 from npend_gym.chain import Chain, check_chain
-from npend_gym.physics.adaptive import Motion
 from npend_gym.physics.arguments import check_settings
-from npend_gym.physics.driving import Signal, drive_of
-from npend_gym.physics.events import Event, EventFunction
+from npend_gym.physics.drives import Signal
+from npend_gym.physics.events import Event, EventFunction, Watch, watched
 from npend_gym.physics.integration import check_times
-from npend_gym.physics.kernels.dynamics import arrays_of
-from npend_gym.physics.many import check_many, simulate_many, stacked
-from npend_gym.physics.single import Conditions, is_law, simulate_one
-from npend_gym.physics.trajectory import Trajectory
+from npend_gym.physics.many import Packs, frames_of_packs, stacked
+from npend_gym.physics.recipe import motion_of
+from npend_gym.physics.start import Start
+from npend_gym.physics.trajectory import Trajectory, columns_of
 
-Law = Signal | Callable[..., Any]
+TimeVarying = Signal | Callable[..., Any]
 
 
+@_checks.keywords_moved(
+    cart_mass="of the chain: Chain(..., base=Cart(mass))",
+    rail_damping="of the chain: Chain(..., base=Cart(mass, damping))",
+    stiffness="of the chain: Chain(..., stiffness=...)",
+    axial_damping="of the chain: Chain(..., axial_damping=...)",
+    pivot_velocity="named velocity",
+    device="a function of its own: npend_gym.physics.simulate_on_device(...)",
+)
 def simulate(
     chain: Chain | Sequence[Chain],
     theta: ArrayLike,
     omega: ArrayLike,
     times: ArrayLike,
     *,
-    torque: ArrayLike | Law | None = None,
-    pivot_acceleration: ArrayLike | Law | None = None,
-    cart_mass: float | None = None,
-    force: float | Law = 0.0,
-    rail_damping: float = 0.0,
-    pivot_velocity: ArrayLike = 0.0,
-    stiffness: ArrayLike | None = None,
-    axial_damping: ArrayLike = 0.0,
+    position: ArrayLike = 0.0,
+    velocity: ArrayLike = 0.0,
     stretch: ArrayLike | None = None,
     stretch_rate: ArrayLike | None = None,
+    torque: ArrayLike | TimeVarying | None = None,
+    force: ArrayLike | TimeVarying = 0.0,
+    pivot_acceleration: ArrayLike | TimeVarying | None = None,
     method: str = "dop853",
     rtol: float = 1e-10,
     atol: float = 1e-12,
     dt: float | None = None,
     events: Event | EventFunction | Sequence[Event | EventFunction] | None = None,
     threads: int = 1,
-    device: str = "cpu",
 ) -> Trajectory:
     """Integrate the equations of motion and return the state at the given times.
 
@@ -62,31 +65,23 @@ def simulate(
         Angles that look like degrees, such as 120, bring a warning.
     times : array_like, shape (T,)
         Instants at which the state is wanted [s], increasing.
+    position, velocity : float or array_like, shape (B,)
+        Of the cart at ``times[0]`` [m and m/s], if the chain has one. With `pivot_acceleration`
+        those of the pivot, also as two numbers, sideways and up: where there is drag, the motion
+        of the chain depends on its velocity.
+    stretch, stretch_rate : float or array_like, shape (n,) or (B, n), optional
+        How much longer than ``chain.lengths`` springs are at ``times[0]`` [m], and its rate [m/s],
+        zero where only `stretch` is given. By default springs carry the tensions of rigid rods,
+        and so follow them without vibration.
     torque : float, array_like of shape (n,) or (B, n), Signal or callable, optional
         Torque [N m]: a number acts on joint 0, an array on every joint. A `Signal` was sampled in
         time; a function ``torque(t, theta, omega)`` returns a number or an array (n,), and must
-        not write into its arguments.
+        not write into its arguments, in which the other coordinates follow the angles.
+    force : float, array_like of shape (B,), Signal or callable
+        Horizontal force [N] on the cart; of a function of t, or of (t, theta, omega), a number.
     pivot_acceleration : array_like of shape (2,), Signal or callable, optional
-        Acceleration of the pivot [m/s^2], sideways and up; of a function of t, two numbers.
-    cart_mass : float, optional
-        Mass [kg] of a cart that carries the pivot along a horizontal rail; see `Trajectory.cart`.
-        The rail bears the reaction of a torque at joint 0.
-    force : float, Signal or callable
-        Horizontal force [N] on the cart; of a function of t, a number.
-    rail_damping : float
-        Viscous damping of the cart on its rail [N s/m].
-    pivot_velocity : float or array_like, shape (2,)
-        Velocity of the pivot at ``times[0]`` [m/s], sideways and up; a number: sideways. The motion
-        of the chain depends on it where there is drag, or damping on the rail.
-    stiffness : float or array_like, shape (n,), optional
-        Of rods that stretch [N/m]: massless springs between point masses, for a pivot at rest. By
-        default rods are rigid, which is the limit of stiff ones; they take fewer steps.
-    axial_damping : float or array_like, shape (n,)
-        Viscous damping of the springs along their length [N s/m].
-    stretch, stretch_rate : float or array_like, shape (n,), optional
-        How much longer than ``chain.lengths`` the springs are at ``times[0]`` [m], and its rate
-        [m/s], zero where only `stretch` is given. By default springs carry the tensions of rigid
-        rods, and so follow them without vibration.
+        Acceleration of the pivot [m/s^2], sideways and up, which nothing else moves; of a function
+        as for `force`, two numbers.
     method : {"dop853", "rk4"}
         "dop853": order 8(5,3), with steps chosen to meet `rtol` and `atol`. "rk4": order 4, with
         equal steps between two times, as few as possible but none longer than `dt`.
@@ -98,12 +93,9 @@ def simulate(
     events : Event, callable or list of these, optional
         What is looked for: an `Event`, or a function ``event(t, theta, omega)`` whose zeros are
         wanted, with the attributes `terminal` and `direction` of SciPy's, if any. See
-        ``t_events`` and `status` of `Trajectory`.
+        ``t_events`` and ``status`` of `Trajectory`.
     threads : int
-        That share the motions of a large B. No result depends on it.
-    device : {"cpu", "cuda"}
-        "cuda": many motions side by side on a GPU, by method "rk4", of rigid rods on a pivot at
-        rest. `torque` may then have the shape (B, n) too. Needs the extra "cuda".
+        That share many motions. No result depends on it.
 
     Returns
     -------
@@ -120,12 +112,12 @@ def simulate(
     Notes
     -----
     The equations are the paper's Eq. (eom), solved in O(n) through the rod tensions, or those of
-    links, friction, rotors and a pivot that moves, solved in O(n) as articulated bodies; see
-    `npend_gym.physics.accelerations` and docs/extensions.md. Results are the same bits on every
-    machine, where functions of the user's are.
+    links, friction, rotors, carts and springs; see `npend_gym.physics.accelerations` and
+    docs/extensions.md. The rail bears the reaction of a torque at joint 0. Results are the same
+    bits on every machine, where functions of the user's are.
 
     Functions are compiled by Numba where they can be (once, in about a second); others are called
-    in Python, which takes some microseconds for each of twelve evaluations in a step. Both give the
+    in Python, which takes some microseconds for each evaluation, twelve in a step. Both give the
     same bits where Python and machine code do. Steps end at the instants of a `Signal`.
 
     The sign of an event is looked at in four places of each step, so two zeros that are nearer to
@@ -144,70 +136,74 @@ def simulate(
     """
     settings = check_settings(method, rtol, atol, dt)
     threads = _checks.count("threads", threads, high=MAX_THREADS)
-    given = Conditions(
-        torque, pivot_acceleration, cart_mass, force, rail_damping, pivot_velocity, stiffness,
-        axial_damping, stretch, stretch_rate, events,
-    )  # fmt: skip
-    if _checks.choice("device", device, ("cpu", "cuda")) == "cuda":
-        return _on_device(chain, theta, omega, times, settings, given)
-    if not isinstance(chain, (list, tuple)):
-        chain = check_chain(chain)
-        states = _checks.array("theta", theta), _checks.array("omega", omega)
-        if max(each.ndim for each in states) < 2:
-            return simulate_one(chain, theta, omega, times, settings, given)
-    chains = (chain,) if isinstance(chain, Chain) else tuple(chain)
+    single = isinstance(chain, Chain) or not isinstance(chain, (list, tuple))
+    chains = (check_chain(chain),) if single else tuple(cast("Sequence[Chain]", chain))
+    own = [_checks.array("theta", theta), _checks.array("omega", omega)]
+    one = single and max(each.ndim for each in own) < 2
     instants = check_times(times, check_chain(chains[0] if chains else None).n)
-    law, fixed = is_law(torque), cast("Any", torque)
-    parameters, states = check_many(chains, theta, omega, None if law else fixed)
-    if "rtol" in settings and not given.beyond_torque and not law:
-        return simulate_many(chains, parameters, states, instants, settings, threads)
-    each = [
-        simulate_one(own, a, b, instants, settings, given if law else given._replace(torque=c))
-        for own, a, b, c in zip(cycle(chains), *states, strict=False)
-    ]
-    return stacked(each, chains if len(chains) > 1 else ())
+    drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
+    places = {"position": position, "velocity": velocity}
+    axial = {"stretch": stretch, "stretch_rate": stretch_rate}
+    begin = float(instants[0])
+    started = Start(chains, theta, omega, drives, places | axial, begin, one=one)
+    looked_for = watched(events, chains[0])
+    if one:
+        return _simulate_one(started, 0, instants, settings, events)
+    if not started.varying and not looked_for:
+        return _simulate_packs(started, instants, settings, threads)
+    each: list[Trajectory | None] = [None] * started.count
+
+    def follow(k: int, call: Call) -> None:
+        if not call.stopped:
+            each[k] = _simulate_one(started, k, instants, settings, events)
+
+    share_out(range(started.count), threads, follow)
+    return stacked([motion for motion in each if motion is not None], started)
 
 
-def _on_device(
-    chain: Chain | Sequence[Chain],
-    theta: ArrayLike,
-    omega: ArrayLike,
-    times: ArrayLike,
-    settings: dict[str, float],
-    given: Conditions,
+def _simulate_one(
+    started: Start, k: int, times: FloatArray, settings: dict[str, float], events: Any
 ) -> Trajectory:
-    """Return many motions from a GPU; see `simulate`."""
-    if not isinstance(chain, Chain):
-        raise TypeError(
-            f'chain must be one Chain with device "cuda", got {type(chain).__name__}: '
-            "simulate others one after another"
-        )
-    if "rtol" in settings or given.beyond_torque or is_law(given.torque):
-        raise ValueError(
-            'device "cuda" takes method "rk4", constant torques and rigid rods on a pivot at rest: '
-            'use device "cpu" for anything else'
-        )
-    from npend_gym.physics.gpu_simulation import simulate_on_device
+    """Return one motion, until the last of the times or the first terminal event."""
+    chain, mechanism, recipe = started.chain(k), started.one(k), started.recipe(settings, k)
+    mechanism.check_vibrations(float(times[-1] - times[0]))
+    state = np.concatenate([started.q[k], started.u[k]])
+    motion = motion_of(mechanism, state, float(times[0]), recipe)
+    found = watched(events, chain)
+    frames, counts, watch = np.empty((times.size, state.size)), np.zeros(3), Watch(found, chain)
+    frames[0] = state
+    for segment in motion.segments(times, kept=bool(found)):
+        frames[segment.frames] = segment.states
+        counts += segment.counts
+        end = None if segment.steps is None else watch.look(segment.steps)
+        if end is not None:
+            before = times < end.time
+            times = np.append(times[before], end.time)
+            frames = np.concatenate([frames[: times.size - 1], [end.state]])
+            break
+    made = started.described(recipe) | motion.drives.as_dict()
+    parts: dict[str, Any] = columns_of(mechanism, frames) | watch.as_dict()
+    return Trajectory(
+        chain, times, provenance=provenance(made), recipe=recipe,
+        counts=counts.astype(np.int64) if "rtol" in settings else None, **parts,
+    )  # fmt: skip
 
-    instants = check_times(times, check_chain(chain).n)
-    return simulate_on_device(chain, theta, omega, instants, given.torque, **settings)
 
-
-def motion_of(trajectory: Trajectory) -> Motion:
-    """Return the motion of rigid rods on a pivot at rest that a trajectory was made from.
-
-    Raises
-    ------
-    ValueError
-        If it was not made by `simulate` with "dop853".
-    """
-    made, chain = trajectory.integration, trajectory.chain
-    if made is None or made.method != "dop853":
-        raise ValueError('at() needs a trajectory made by simulate(..., method="dop853")')
-    if trajectory.pivot.moves or trajectory.springs is not None:
-        raise ValueError("at() of a trajectory from a file needs rigid rods on a pivot at rest")
-    state = np.concatenate([trajectory.theta[0], trajectory.omega[0]])
-    ends = float(trajectory.times[0]), float(trajectory.times[-1])
-    tolerances = made.settings["rtol"], made.settings["atol"], made.settings.get("dt", math.inf)
-    drive = drive_of(chain.n, chain.n, made.torque, 0.0, None)
-    return Motion(arrays_of(chain.repeated(1)), state, drive, *tolerances, ends, chain.n)
+def _simulate_packs(
+    started: Start, times: FloatArray, settings: dict[str, float], threads: int
+) -> Trajectory:
+    """Return many motions that nothing drives but constants, in packs."""
+    mechanism, recipe = started.mechanism, started.recipe(settings)
+    mechanism.check_vibrations(float(times[-1] - times[0]))
+    packs = Packs(mechanism, np.hstack([started.q, started.u]), started.loads, settings)
+    frames, counts = frames_of_packs(packs, times, threads)
+    made: dict[str, Any] = {"motions": started.count} | started.described(recipe)
+    if np.all(started.loads == started.loads[0]):
+        made["torque"] = started.loads[0, : mechanism.n].tolist()
+    parts: dict[str, Any] = dict(columns_of(mechanism, frames))
+    return Trajectory(
+        started.chains[0], times, **parts, provenance=provenance(made),
+        status=np.zeros(started.count, np.int64), recipe=recipe,
+        counts=None if counts is None else counts.astype(np.int64),
+        chains=started.chains if len(started.chains) > 1 else (),
+    )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,33 +16,10 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics import DifferentiableEnsemble, StepGradient
 from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
 from npend_gym.physics.memory import Plan
+from npend_gym.torch.divergence import DivergedError, check_bars
 
 _MAX_ENSEMBLES = 16  # of different sizes, that are kept
 _ONE_AT_A_TIME = threading.RLock()  # ensembles are written before each call
-
-
-class DivergedError(FloatingPointError):
-    """Raised where chains leave all bounds in a step, so that there is no gradient.
-
-    Attributes
-    ----------
-    lanes : list of int
-        Which chains.
-    step : int or None
-        The step of a rollout or an environment, from 1; None of a step alone.
-    """
-
-    def __init__(self, lanes: Sequence[int], step: int | None = None) -> None:
-        self.lanes, self.step = list(lanes), step
-        which = "the step" if step is None else f"step {step}"
-        super().__init__(
-            f"lanes {_checks.show(self.lanes)} leave all bounds in {which}, where nothing can be "
-            "differentiated: take smaller torques, shorter steps or more substeps"
-        )
-
-    def in_step(self, step: int) -> DivergedError:
-        """Return the error with the number of the step."""
-        return DivergedError(self.lanes, step)
 
 
 class _Lanes(DifferentiableEnsemble):
@@ -64,9 +40,19 @@ class _Lanes(DifferentiableEnsemble):
         """Put all members into states, as `set_state` does, but begin no measurements."""
         memory, bounds = self._intact, ((theta, MAX_ANGLE), (omega, MAX_SPEED))
         if not all(np.abs(x).max(initial=0.0) <= limit for x, limit in bounds):  # NaN is not
-            self.set_state(slice(None), theta, omega)  # which says what is wrong
+            self.set_state(slice(None), theta[:, : self.n], omega[:, : self.n])  # names it
         for field, values in ((Rod.THETA, theta), (Rod.OMEGA, omega)):
-            memory.fill(memory.per_rod(field), values)
+            memory.fill(memory.per_rod(field), values[:, : self.n])
+            if self._has_cart:
+                memory.fill(memory.of_base(field), values[:, self.n])
+
+    def reached(self) -> tuple[FloatArray, FloatArray]:
+        """Return all coordinates and their rates, (B, m) each."""
+        states = self.theta, self.omega
+        if not self._has_cart:
+            return states
+        first, second = (np.column_stack(pair) for pair in zip(states, self.cart, strict=True))
+        return first, second
 
 
 class CompiledSteps:
@@ -134,11 +120,11 @@ class CompiledSteps:
     def forward(
         self, rows: ChainParameters, state: Sequence[FloatArray], dt: float, substeps: int | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return theta and omega, (B, n), after a step from `state`: theta, omega and torque."""
+        """Return all coordinates and rates, (B, m), after a step from `state`: q, u and loads."""
         with _ONE_AT_A_TIME:
             ensemble = self._ensemble(rows, *state[:2])
             try:
-                ensemble.advance(state[2], dt, substeps)
+                ensemble.advance(dt=dt, substeps=substeps, **self._loads(state[2]))
             except BaseException:
                 self._ensembles.clear()  # one that was interrupted cannot be used again
                 raise
@@ -146,7 +132,7 @@ class CompiledSteps:
             if lost:
                 self._ensembles.clear()  # it would remain so
                 raise DivergedError(lost)
-            return ensemble.theta, ensemble.omega
+            return ensemble.reached()
 
     def backward(
         self,
@@ -164,12 +150,18 @@ class CompiledSteps:
             theta_bar, omega_bar = bars
             try:
                 return ensemble.step_vjp(
-                    state[2], dt, substeps, theta_bar=theta_bar, omega_bar=omega_bar,
-                    parameters=names,
+                    dt=dt, substeps=substeps, theta_bar=theta_bar, omega_bar=omega_bar,
+                    parameters=names, **self._loads(state[2]),
                 )  # fmt: skip
             except BaseException:
                 self._ensembles.clear()
                 raise
+
+    def _loads(self, inputs: FloatArray) -> dict[str, FloatArray]:
+        """Return torques on joints, and the force on a cart, which stands after them."""
+        if self.chain.base is None:
+            return {"torque": inputs}
+        return {"torque": inputs[:, :-1], "force": inputs[:, -1]}
 
     def _ensemble(self, rows: ChainParameters, theta: FloatArray, omega: FloatArray) -> _Lanes:
         size = len(theta)
@@ -217,17 +209,3 @@ def _is_broken(name: str, value: FloatArray) -> bool:
     except ValueError:
         return True
     return False
-
-
-def check_bars(bars: Sequence[FloatArray]) -> None:
-    """Refuse gradients that a step cannot take back."""
-    for bar in bars:
-        if not np.all(np.abs(bar) <= _checks.LARGEST):
-            lanes = np.flatnonzero(~np.all(np.abs(bar) <= _checks.LARGEST, axis=-1)).tolist()
-            largest = float(np.nanmax(np.abs(bar), initial=0.0))
-            what = "NaN" if math.isnan(float(bar.sum())) else f"as large as {largest:g}"
-            raise FloatingPointError(
-                f"the gradient that arrives at a step from behind is {what} in lanes "
-                f"{_checks.show(lanes)}: shorten the horizon, or look for what made it so in the "
-                "function that is differentiated"
-            )

@@ -27,7 +27,8 @@ from npend_gym.envs.seeds import Seeds
 from npend_gym.physics.substeps import chain_of
 from npend_gym.torch.actions import check_config, check_place, clipped_action
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
-from npend_gym.torch.compiled_steps import CompiledSteps, DivergedError
+from npend_gym.torch.compiled_steps import CompiledSteps
+from npend_gym.torch.divergence import DivergedError
 from npend_gym.torch.judging import Lanes, State, judge, observe, quantities
 from npend_gym.torch.steps import check_device, check_tensor
 

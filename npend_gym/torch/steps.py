@@ -41,10 +41,11 @@ def step(
     ----------
     chain : Chain
         Of which all states are, but for `parameters`.
-    theta, omega : Tensor, shape (..., n)
-        Angles [rad] and angular velocities [rad/s]. Leading axes are broadcast.
-    torque : Tensor, shape (..., joints), or float
-        Torques on `joints` [N m].
+    theta, omega : Tensor, shape (..., m)
+        Angles [rad] and angular velocities [rad/s], then position [m] and velocity [m/s] of a cart.
+        Leading axes are broadcast.
+    torque : Tensor, shape (..., inputs), or float
+        Torques on `joints` [N m], then the force on a cart [N].
     parameters : mapping of str to Tensor, optional
         Other values of parameters of the chain, by their names in `Chain`: shape (..., n), of which
         (n,) is one chain for all; (...) for gravity.
@@ -58,7 +59,7 @@ def step(
 
     Returns
     -------
-    theta, omega : Tensor, shape (..., n)
+    theta, omega : Tensor, shape (..., m)
         Of the dtype of the arguments. Steps are computed in float64.
 
     Raises
@@ -93,12 +94,13 @@ def step(
     given = dict(parameters or {})
     tensors = as_tensors({"theta": theta, "omega": omega, "torque": torque} | given)
     dtype, wide = tensors[0].dtype, [x.to(torch.float64) for x in tensors]
-    sizes = {"theta": chain.n, "omega": chain.n, "torque": len(steps.joints)}
+    m = chain.coordinates
+    sizes = {"theta": m, "omega": m, "torque": len(steps.joints) + (chain.base is not None)}
     sizes |= {name: 0 if name == "gravity" else chain.n for name in given}
     leading, flat = _broadcast(sizes, wide)
     call = Call(steps, dt, substeps, tuple(given))
     after = applied(Step, call, *flat)
-    reached, velocity = (x.reshape(*leading, chain.n).to(dtype) for x in after)
+    reached, velocity = (x.reshape(*leading, m).to(dtype) for x in after)
     return reached, velocity
 
 

@@ -2,8 +2,9 @@
 
 dynamics has the equations, states evaluates them for many states; rk4 and dop853 take steps;
 turning_points says when a bob turns, releases and listing measure a release; layout names the
-fields of many chains, ensemble advances them. Equations and steps are written for numbers that are
-floats, one chain, or packs (see `npend_gym.compiled.packs`), many chains side by side.
+fields of many chains, advance takes their steps, tape differentiates those of a motion. Equations
+and steps are written for numbers that are floats, one chain, or packs (see
+`npend_gym.compiled.packs`), many chains side by side.
 
 Joint j lies between rod j-1 and rod j, joint 0 at the pivot.
 

@@ -25,7 +25,7 @@ TABLEAU = _A = np.zeros((_ROWS, _ROWS))  # in its row STAGES the end of the step
 _A[:STAGES, :STAGES] = DOP853.A
 _A[STAGES, :STAGES] = DOP853.B
 _A[STAGES + 1 :] = DOP853.A_EXTRA
-_C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])  # instants of the stages, in steps
+INSTANTS = _C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])  # of the stages, in steps
 _E5, _E3, _D = np.array(DOP853.E5), np.array(DOP853.E3), np.array(DOP853.D)
 _SAFETY, _MIN_FACTOR, _MAX_FACTOR = 0.9, 0.2, 10.0
 _POWERS = 7  # rows of the interpolation polynomial

@@ -159,15 +159,15 @@ def model_terms(chains: ChainParameters, base: FloatArray | None = None) -> list
         _fill_terms(chains.stacked(), links, joints[:, :0])
         return [links]
     _fill_terms(chains.stacked(), links, joints)
-    entries = np.zeros(0) if base is None else base
-    moving = np.broadcast_to(entries[:, None, None], (entries.size, lanes, 1))
+    rows = np.zeros((0, 1)) if base is None else base
+    moving = np.broadcast_to(rows[:, :, None], (len(rows), lanes, 1))
     return [links, joints, moving]
 
 
 def link_arrays(chains: ChainParameters, base: FloatArray | None = None) -> Any:
     """Return the parameters of B chains with links or machinery, the lane innermost.
 
-    `base` holds the entries of `Base` where the base moves.
+    `base` (len(Base), B or 1) holds the rows of `Base` where the base moves.
     """
     plain = innermost(chains.lengths), innermost(chains.damping), np.array(chains.gravity)
     rows = [innermost(terms) for terms in model_terms(chains, base)]

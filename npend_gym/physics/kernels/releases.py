@@ -134,10 +134,11 @@ def _along_spring(
     reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
     rods: Stretching,
 ) -> tuple[float, float]:  # fmt: skip
-    n = rods.length.size
+    size = solver.y.size // 2
+    first = size - rods.length.size  # of the stretches, behind a base that moves
     theta, _ = _state_at(solver, x, i)
-    stretch, _ = _state_at(solver, x, n + i)
-    growth, change = _state_at(solver, x, 3 * n + i)
+    stretch, _ = _state_at(solver, x, first + i)
+    growth, change = _state_at(solver, x, size + first + i)
     s, c = sincos(theta)
     r = rods.length[i] + stretch
     if reading != HEIGHT:

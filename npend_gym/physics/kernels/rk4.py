@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.arrays import aligned_zeros
+from npend_gym.compiled.arrays import aligned_zeros, packs
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
-from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, accelerations, copy
+from npend_gym.compiled.packs import WIDTH
+from npend_gym.physics.kernels.driven import Torque, driven_accelerations
+from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, copy
 
 # Rows of the work space: accelerations of K_1..K_4; velocities of K_2..K_4, which are their q';
 # coordinates of the stage; then the rows of `accelerations`
@@ -20,6 +22,7 @@ RK4_ROWS = WORK + WORK_ROWS
 
 TABLEAU = np.diag([0.5, 0.5, 1.0], -1)  # the method as `sensitivities.Steps` has it
 WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+INSTANTS = np.array([0.0, 0.5, 0.5, 1.0])
 
 
 def new_rk4_scratch(n: int, width: int = 1) -> FloatArray:
@@ -40,10 +43,10 @@ def _next_stage(
 
 @spliced_kernel
 def rk4_step(
-    theta: FloatArray, omega: FloatArray, h: float, torque: FloatArray, chain: AnyArrays,
+    t: Any, theta: FloatArray, omega: FloatArray, h: Any, torque: Torque, chain: AnyArrays,
     scratch: FloatArray,
 ) -> Any:  # fmt: skip
-    """Advance a chain, or a pack of them, by one step of `h` seconds, in place.
+    """Advance a chain, or a pack of them, by one step of `h` seconds from `t`, in place.
 
     `scratch` has RK4_ROWS rows of n + 2 or more. Afterwards the accelerations at the start of the
     step are in its row 0, those of the last stage, near those at the end, in row K_4. A loop over
@@ -55,13 +58,13 @@ def rk4_step(
     a1, a2, a3, a4 = scratch[0], scratch[1], scratch[2], scratch[K_4]
     w2, w3, w4 = scratch[OMEGA_2], scratch[OMEGA_2 + 1], scratch[OMEGA_2 + 2]
     x, work = scratch[_THETA][:n], scratch[WORK:]
-    power_1 = accelerations(theta, omega, torque, chain, work, a1)
+    power_1 = driven_accelerations(t, theta, omega, torque, chain, work, a1)
     _next_stage(theta, omega, omega, a1, 0.5 * h, x, w2)
-    power_2 = accelerations(x, w2, torque, chain, work, a2)
+    power_2 = driven_accelerations(t + 0.5 * h, x, w2, torque, chain, work, a2)
     _next_stage(theta, omega, w2, a2, 0.5 * h, x, w3)
-    power_3 = accelerations(x, w3, torque, chain, work, a3)
+    power_3 = driven_accelerations(t + 0.5 * h, x, w3, torque, chain, work, a3)
     _next_stage(theta, omega, w3, a3, h, x, w4)
-    power_4 = accelerations(x, w4, torque, chain, work, a4)
+    power_4 = driven_accelerations(t + h, x, w4, torque, chain, work, a4)
     sixth = h / 6.0
     for i in range(n):
         theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
@@ -70,42 +73,70 @@ def rk4_step(
     return sixth * ((power_1 + power_4) + 2.0 * (power_2 + power_3))
 
 
+# Weights of the stages in the rows of the polynomial between the ends of a step, as `interpolate`
+# takes it: the continuous extension of order 3 (Hairer, Norsett, Wanner, section II.6)
+DENSE = np.array([[1.0, 2.0, 2.0, 1.0], [5.0, -2.0, -2.0, -1.0], [-4.0, 4.0, 4.0, -4.0]]) / 6.0
+_ENDS, _INNER, _LAST = DENSE.T[[0, 1, 3]]
+
+
 @inner_kernel
 def _steps(
-    theta: FloatArray, omega: FloatArray, h: float, count: int, torque: FloatArray,
+    t: float, theta: FloatArray, omega: FloatArray, h: float, count: int, torque: Torque,
     chain: AnyArrays, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take `count` steps: compiled together with what surrounds them, they would be slower."""
-    for _ in range(count):
-        rk4_step(theta, omega, h, torque, chain, scratch)
+    for k in range(count):
+        rk4_step(t + k * h, theta, omega, h, torque, chain, scratch)
+
+
+@inlined_kernel
+def _keep_polynomial(h: float, y: FloatArray, scratch: FloatArray, poly: FloatArray) -> None:
+    """Write the polynomial of the last step, which began at `y`, into `poly` (3 rows of 2m)."""
+    m = y.size // 2
+    for p in range(3):
+        ends, inner, last = _ENDS[p], _INNER[p], _LAST[p]
+        for i in range(m):
+            middle = scratch[OMEGA_2, i] + scratch[OMEGA_2 + 1, i]
+            whole = ends * y[m + i] + inner * middle + last * scratch[OMEGA_2 + 2, i]
+            poly[p * 2 * m + i] = h * whole
+            middle = scratch[1, i] + scratch[2, i]
+            poly[(2 * p + 1) * m + i] = h * (
+                ends * scratch[0, i] + inner * middle + last * scratch[K_4, i]
+            )
 
 
 @kernel
 def rk4_frames(
     y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
-    torque: FloatArray, chain: AnyArrays, scratch: FloatArray, frames: FloatArray,
+    torque: Torque, chain: AnyArrays, scratch: FloatArray, frames: FloatArray,
     visited: FloatArray,
 ) -> bool:  # fmt: skip
-    """Write the state (theta, omega) at each time into `frames` (T, 2n).
+    """Write the state y = (q, u) at each time into `frames` (T, 2m).
 
     The interval from times[k - 1] to times[k] is cut into steps[k] equal steps. `progress` holds
     the number of frames that are written, the steps taken since the last of them, and the steps
-    that this call may take: it stops there, and another call continues from the state `y`. The
-    state at the beginning of each step is written into a row of `visited`, unless that is empty.
-    Return False where the state diverged, in the interval before the frame that was to be written
-    next.
+    that this call may take: it stops there, and another call continues from the state `y`. Begin
+    and end of each step, and the state at its beginning, are written into a row of `visited`
+    (steps, 2 + 2m), unless that is empty; in a longer row, (steps, 2 + 8m), the polynomial of the
+    step follows. Return False where the state diverged, in the interval before the frame that was
+    to be written next.
     """
-    n = y.size // 2
-    theta, omega, passed = y[:n], y[n:], 0
+    size = y.size // 2
+    theta, omega, passed = y[:size], y[size:], 0
     while progress[0] < times.size and progress[2] > 0:
         k = progress[0]
         h: Any = (times[k] - times[k - 1]) / steps[k]
-        count = min(steps[k] - progress[1], progress[2])
+        count, t = min(steps[k] - progress[1], progress[2]), times[k - 1] + progress[1] * h
         if visited.size > 0:
             count = 1
-            copy(y, visited[passed])
+            row = visited[passed]
+            row[0], row[1] = t, times[k] if progress[1] + 1 == steps[k] else t + h
+            copy(y, row[2:])
             passed += 1
-        _steps(theta, omega, h, count, torque, chain, scratch)
+        _steps(t, theta, omega, h, count, torque, chain, scratch)
+        if visited.shape[1] > 2 + y.size:
+            row = visited[passed - 1]
+            _keep_polynomial(h, row[2 : 2 + y.size], scratch, row[2 + y.size :])
         progress[1] += count
         progress[2] -= count
         if progress[1] < steps[k]:
@@ -119,3 +150,28 @@ def rk4_frames(
         progress[0] += 1
         progress[1] = 0
     return True
+
+
+@kernel
+def rk4_frames_of_packs(
+    y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
+    torque: FloatArray, chain: AnyArrays, scratch: FloatArray, frames: FloatArray,
+) -> None:  # fmt: skip
+    """Do as `rk4_frames` for WIDTH motions side by side: `frames` are (T, 2m WIDTH).
+
+    A motion that diverges is looked for by the caller.
+    """
+    wide, size, rods = packs(y), y.size // 2, packs(chain)
+    theta, omega = wide[: size // WIDTH], wide[size // WIDTH :]
+    while progress[0] < times.size and progress[2] > 0:
+        k = progress[0]
+        h: Any = (times[k] - times[k - 1]) / steps[k]
+        count = min(steps[k] - progress[1], progress[2])
+        for _ in range(count):
+            rk4_step(0.0, theta, omega, h, packs(torque), rods, packs(scratch))
+        progress[1] += count
+        progress[2] -= count
+        if progress[1] == steps[k]:
+            copy(y, frames[k])
+            progress[0] += 1
+            progress[1] = 0

@@ -39,7 +39,7 @@ def solve_states(
     """
     for k in range(theta.shape[0]):
         accelerations(theta[k], omega[k], torque[k], chain, scratch, alpha[k])
-        copy(scratch[TENSIONS][1 : 1 + theta.shape[1]], tension[k])
+        copy(scratch[TENSIONS][1 : 1 + tension.shape[1]], tension[k])
 
 
 def new_rates_scratch(m: int) -> FloatArray:

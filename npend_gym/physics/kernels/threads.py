@@ -18,13 +18,13 @@ from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.sincos import MAX_ANGLE, sincos
 from npend_gym.compiled.translation import CUDA, FLOAT
-from npend_gym.physics.kernels.derivatives import adjoint_of_group, adjoint_rows
+from npend_gym.physics.kernels.advance import advance_group
 from npend_gym.physics.kernels.dynamics import copy
-from npend_gym.physics.kernels.ensemble import advance_group
 from npend_gym.physics.kernels.layout import MAX_SPEED, RK4, Member, Model, Rod, Timing, group_of
 from npend_gym.physics.kernels.link_terms import Base, Joint, Link
-from npend_gym.physics.kernels.members import write_chain
+from npend_gym.physics.kernels.member_rows import write_chain
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
+from npend_gym.physics.kernels.rk4_derivatives import adjoint_of_group, adjoint_rows
 
 _PARAMETERS = len(ChainParameters._fields)
 _SCRATCH = RK4 + RK4_ROWS

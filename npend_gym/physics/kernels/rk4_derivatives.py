@@ -11,6 +11,7 @@ from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
+from npend_gym.physics.kernels.advance import MAX_PARTS, substep_parts
 from npend_gym.physics.kernels.dynamics import (
     ANSWER_ROWS,
     WORK_ROWS,
@@ -19,7 +20,6 @@ from npend_gym.physics.kernels.dynamics import (
     copy,
     respond,
 )
-from npend_gym.physics.kernels.ensemble import MAX_PARTS, substep_parts
 from npend_gym.physics.kernels.layout import Group, Model, Timing, group_of
 from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
 

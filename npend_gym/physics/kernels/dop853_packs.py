@@ -103,20 +103,19 @@ def _zero(solver: Solver, i: int, level: float, low: float, high: float) -> floa
 
 
 @inner_kernel
-def _first_flip(solver: Solver) -> float:
+def _first_flip(solver: Solver, n: int) -> float:
     """Return the fraction of the last step at which a rod first stands upright; NaN if none does.
 
     A rod that turns round within the step is looked at where it does.
     """
-    n = solver.y.size // 2
-    earliest = math.nan
+    rates, earliest = solver.y.size // 2, math.nan
     for i in range(n):
         begin, end = solver.y_old[i], solver.y[i]
         high = 1.0
         if abs(end) < math.pi:
-            if solver.y_old[n + i] * solver.y[n + i] >= 0.0:
+            if solver.y_old[rates + i] * solver.y[rates + i] >= 0.0:
                 continue
-            high = _zero(solver, n + i, 0.0, 0.0, 1.0)
+            high = _zero(solver, rates + i, 0.0, 0.0, 1.0)
             if abs(_angle_at(solver, i, high)) < math.pi:
                 continue
             end = _angle_at(solver, i, high)
@@ -129,17 +128,17 @@ def _first_flip(solver: Solver) -> float:
 
 @kernel
 def many_flips(
-    lanes: tuple[Solver, Problem], starting: bool, duration: float, max_steps: int,
+    lanes: tuple[Solver, Problem], n: int, starting: bool, duration: float, max_steps: int,
     status: FloatArray, flips: FloatArray,
 ) -> None:  # fmt: skip
-    """Follow WIDTH motions from rods within a half turn until one stands upright, or `duration`.
+    """Follow WIDTH motions from `n` rods within a half turn until one is upright, or `duration`.
 
     Its instant is written into `flips` (WIDTH,). `status` (2 WIDTH,) has room for which lanes have
     taken a step. See `many_frames` for the rest.
     """
     solver, problem, state = solver_as(packs, lanes[0]), _in_packs(lanes[1]), packs(status)
     bare_solver, clock = solver_as(bare, lanes[0]), solver.clock
-    n = solver.y.size // 2
+    rates = solver.y.size // 2
     if starting:
         start(solver, problem)
     for _ in range(max_steps):
@@ -153,7 +152,7 @@ def many_flips(
         # where a rod may have come, at the sum of its speeds at both ends of the step
         reached = clock[1] < 0.0
         for i in range(n):
-            fastest = abs(solver.y_old[n + i]) + abs(solver.y[n + i])
+            fastest = abs(solver.y_old[rates + i]) + abs(solver.y[rates + i])
             far = abs(solver.y[i]) + (clock[1] - clock[0]) * fastest
             reached = reached | (far >= math.pi)
         if any_of(taken & reached):
@@ -162,7 +161,7 @@ def many_flips(
                 own = lane_of_solver(bare_solver, lane, WIDTH)
                 if status[WIDTH + lane] == 0.0:
                     continue
-                x = _first_flip(own)
+                x = _first_flip(own, n)
                 if not math.isnan(x):
                     flips[lane] = own.clock[0] + x * (own.clock[1] - own.clock[0])
                     status[lane] = DONE

@@ -1,4 +1,4 @@
-"""What drives a motion in the course of time: constants, sampled quantities, functions."""
+"""What drives a motion: constants, quantities that were sampled in time, functions."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.callbacks import Callback, compiled_law, python_law
-from npend_gym.physics.kernels.driven import LAW_ENTRIES, Driven, Sampled, Torque
+from npend_gym.compiled.callbacks import Callback
+from npend_gym.physics.functions import NAMES, compiled_writer, python_writer, takes_time_alone
+from npend_gym.physics.kernels.driven import AFTER_TORQUES, Driven, Sampled, Torque
 
 KINDS = ("previous", "linear")
 _MAX_SAMPLES = 10_000_000
@@ -103,49 +104,82 @@ class Signal:
         return rows[:-1], np.diff(rows, axis=0) / np.diff(times)[:, None]
 
 
-Law = Signal | Callable[..., Any]
+Function = Callable[..., Any]
+TimeVarying = Signal | Function
 
 
-class Drive:
-    """Torques, the force on a cart and the acceleration of the pivot, as they change in time.
+def varies(value: Any) -> bool:
+    """Return whether a drive changes in time: a `Signal` or a function."""
+    return isinstance(value, Signal) or callable(value)
+
+
+class Drives:
+    """The torques, the force on a cart and the acceleration of the pivot of one motion.
 
     Parameters
     ----------
     n : int
         Rods.
-    fixed : ndarray, shape (n + LAW_ENTRIES,)
+    fixed : ndarray, shape (n + AFTER_TORQUES,)
         What stands for those that do not change: torques on joints, force, acceleration.
-    laws : dict
-        `Signal` or function by name: "torque", "force", "pivot_acceleration".
-    coordinates : int
-        Of the chain: n, or more where the pivot moves.
+    varying : dict
+        `Signal` or function by name, see NAMES.
+    loads : int
+        Entries that kernels take as torques: n, or n + 1 where the base moves.
+
+    Raises
+    ------
+    ValueError
+        If functions and signals are mixed.
     """
 
-    def __init__(self, n: int, fixed: FloatArray, laws: dict[str, Law], coordinates: int) -> None:
-        self.n, self.fixed, self.laws, self.coordinates = n, fixed, laws, coordinates
+    def __init__(
+        self, n: int, fixed: FloatArray, varying: dict[str, TimeVarying], loads: int
+    ) -> None:
+        self.n, self.fixed, self.varying = n, fixed, varying
+        self._loads = loads
         self._callback: Callback | None = None
-        self._broken = np.full(1, np.nan)  # instant at which the law wrote NaN or infinity
-        functions = [name for name, law in laws.items() if not isinstance(law, Signal)]
-        if functions and len(functions) < len(laws):
+        self._broken = np.full(1, np.nan)  # instant at which a function wrote NaN or infinity
+        functions = [name for name, each in varying.items() if not isinstance(each, Signal)]
+        if functions and len(functions) < len(varying):
             raise ValueError(
-                f"{' and '.join(laws)} must be all functions or all signals, got a function for "
+                f"{' and '.join(varying)} must be all functions or all signals, got a function for "
                 f"{' and '.join(functions)} alone; a function may call a Signal"
             )
 
     @property
     def constant(self) -> bool:
         """Whether nothing changes in time."""
-        return not self.laws
+        return not self.varying
 
-    def begin(self, t: float, theta: FloatArray, omega: FloatArray) -> None:
+    @property
+    def constants(self) -> FloatArray:
+        """What acts where nothing changes in time, as kernels take it."""
+        return self.fixed[: self._loads].copy()
+
+    def check_time_alone(self, t: float, q: FloatArray, u: FloatArray) -> None:
+        """Refuse functions that depend on the state: their derivatives are not known."""
+        for name, each in self.varying.items():
+            if isinstance(each, Signal):
+                continue
+            here = _called(name, each, t, q, u)
+            elsewhere = _called(name, each, t, q + 0.1, u), _called(name, each, t, q, u + 0.1)
+            if not all(np.array_equal(here, other) for other in elsewhere):
+                raise ValueError(
+                    f"{name} must depend on time alone where motions are differentiated, but "
+                    f"{getattr(each, '__name__', 'the function')} says something else in another "
+                    "state: take the steps of DifferentiableEnsemble for feedback"
+                )
+
+    def begin(self, t: float, q: FloatArray, u: FloatArray) -> None:
         """Call all functions once; refuse what they return there if it breaks their rules."""
         shapes = {"torque": ((), (self.n,)), "force": ((),), "pivot_acceleration": ((2,),)}
         scalar = True
-        for name, law in self.laws.items():
-            if isinstance(law, Signal):
-                _check_width(name, law, shapes[name])
+        for name, each in self.varying.items():
+            if isinstance(each, Signal):
+                _check_width(name, each, shapes[name])
                 continue
-            value = _called(name, law, t, theta, omega)
+            value = _called(name, each, t, q, u)
             if value.shape not in shapes[name] or not np.all(np.isfinite(value)):
                 rule = " or ".join(str(shape) for shape in shapes[name])
                 raise ValueError(
@@ -153,62 +187,71 @@ class Drive:
                     f"{_checks.show(value)} at t = {t:g} s"
                 )
             scalar = scalar and (name != "torque" or value.ndim == 0)
-        if self.laws and not any(isinstance(law, Signal) for law in self.laws.values()):
-            law = compiled_law(self.laws, self.fixed, scalar=scalar)
-            called = law or python_law(self.laws, self.fixed, scalar=scalar)
-            self._callback = Callback(called, LAW_ENTRIES, compiled=law is not None)
+        if self.varying and not any(isinstance(each, Signal) for each in self.varying.values()):
+            writer = compiled_writer(self.varying, self.fixed, scalar=scalar)
+            called = writer or python_writer(self.varying, self.fixed, scalar=scalar)
+            self._callback = Callback(called, AFTER_TORQUES, compiled=writer is not None)
 
     def as_dict(self) -> dict[str, Any]:
         """Return what changes in time, in words, ready for JSON."""
         how = "compiled" if self._callback is None or self._callback.compiled else "in Python"
         return {
-            name: f"{len(np.asarray(law.values))} samples, {law.kind}"
-            if isinstance(law, Signal)
-            else f"function {getattr(law, '__name__', type(law).__name__)}, {how}"
-            for name, law in self.laws.items()
+            name: f"{len(np.asarray(each.values))} samples, {each.kind}"
+            if isinstance(each, Signal)
+            else f"function {getattr(each, '__name__', type(each).__name__)}, {how}"
+            for name, each in self.varying.items()
         }
+
+    def at(self, times: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
+        """Return what acts at instants (S,) in states (S, m) each, (S, n + AFTER_TORQUES)."""
+        values = np.tile(self.fixed, (times.size, 1))
+        places = {"torque": 0, "force": self.n, "pivot_acceleration": self.n + 1}
+        for name, each in self.varying.items():
+            for k, t in enumerate(times):
+                given = np.atleast_1d(
+                    each(float(t)) if isinstance(each, Signal)
+                    else _called(name, each, float(t), q[k], u[k])
+                )  # fmt: skip
+                values[k, places[name] : places[name] + given.size] = given
+        return values
 
     def pieces(self, begin: float, end: float) -> Iterator[tuple[FloatArray, Torque]]:
         """Yield intervals within which nothing jumps, and what acts there, from begin to end."""
-        whole = np.array([begin, end])
-        forces = np.zeros(self.coordinates)
-        forces[: self.n] = self.fixed[: self.n]
-        if self.coordinates > self.n:
-            forces[self.n] = self.fixed[self.n]
+        whole, loads = np.array([begin, end]), self.constants
         if self.constant:
             if end > begin:
-                yield whole, forces
+                yield whole, loads
             return
         if self._callback is not None:
-            yield whole, Driven(self._callback.address, self.fixed.copy(), forces, self._broken)
+            yield whole, Driven(self._callback.address, self.fixed.copy(), loads, self._broken)
             return
-        knots = [np.asarray(law.times) for law in self.laws.values() if isinstance(law, Signal)]
-        for name, times in zip(self.laws, knots, strict=True):
+        signals = {name: each for name, each in self.varying.items() if isinstance(each, Signal)}
+        knots = {name: np.asarray(each.times) for name, each in signals.items()}
+        for name, times in knots.items():
             if begin < times[0] or end > times[-1]:
                 raise ValueError(
                     f"{name} must be sampled over the whole motion, {begin:g} to {end:g} s; its "
                     f"samples are from {times[0]:g} to {times[-1]:g} s"
                 )
-        inner = np.unique(np.concatenate(knots))
+        inner = np.unique(np.concatenate([*knots.values()]))
         ends = np.concatenate([[begin], inner[(inner > begin) & (inner < end)], [end]])
         for piece in pairwise(ends):
-            yield np.array(piece), self._line(float(piece[0]), forces)
+            yield np.array(piece), self._line(float(piece[0]), signals, loads)
 
-    def _line(self, begin: float, forces: FloatArray) -> Sampled:
+    def _line(self, begin: float, signals: dict[str, Signal], loads: FloatArray) -> Sampled:
         """Return the straight lines on which the signals run from an instant on."""
         line = np.array([self.fixed, np.zeros_like(self.fixed)])
         places = {"torque": 0, "force": self.n, "pivot_acceleration": self.n + 1}
-        for name, law in self.laws.items():
-            if isinstance(law, Signal):
-                times, (values, slopes) = np.asarray(law.times), law.lines()
-                k = min(int(np.searchsorted(times, begin, side="right")) - 1, times.size - 2)
-                place = slice(places[name], places[name] + values.shape[1])
-                line[0, place] = values[k] + (begin - times[k]) * slopes[k]
-                line[1, place] = slopes[k]
-        return Sampled(begin, line, forces)
+        for name, each in signals.items():
+            times, (values, slopes) = np.asarray(each.times), each.lines()
+            k = min(int(np.searchsorted(times, begin, side="right")) - 1, times.size - 2)
+            place = slice(places[name], places[name] + values.shape[1])
+            line[0, place] = values[k] + (begin - times[k]) * slopes[k]
+            line[1, place] = slopes[k]
+        return Sampled(begin, line, loads)
 
     @contextmanager
-    def heard(self) -> Generator[None, None, None]:
+    def interruptible(self) -> Generator[None, None, None]:
         """Hold Ctrl-C back while compiled code calls functions in Python, where it would be lost.
 
         The functions then write NaN, which ends the compiled call, and the signal is given again.
@@ -236,63 +279,58 @@ class Drive:
         if pressed:
             signal.raise_signal(signal.SIGINT)
 
-    def check(self, theta: FloatArray, omega: FloatArray, t: float, *, stuck: bool) -> None:
+    def check(self, q: FloatArray, u: FloatArray, t: float, *, stuck: bool) -> None:
         """Raise what a function raised, or where the motion is `stuck` say that it returned NaN."""
         if self._callback is None:
             return
         failure, self._callback.failure = self._callback.failure, None
         if isinstance(failure, Exception):
             raise ValueError(
-                f"{' or '.join(self.laws)} raised {type(failure).__name__} soon after t = {t:g} s: "
-                f"{failure}"
+                f"{' or '.join(self.varying)} raised {type(failure).__name__} soon after "
+                f"t = {t:g} s: {failure}"
             ) from failure
         if failure is not None:
             raise failure
         if stuck and np.isfinite(self._broken[0]):
             at = float(self._broken[0])
-            for name, law in self.laws.items():  # to name the exception of machine code
-                _called(name, law, at, theta, omega)
+            for name, each in self.varying.items():  # to name the exception of machine code
+                _called(name, each, at, q, u)
             raise ValueError(
-                f"{' and '.join(self.laws)} must return finite numbers, got NaN, infinity or an "
+                f"{' and '.join(self.varying)} must return finite numbers, got NaN, infinity or an "
                 f"exception soon after t = {t:g} s"
             )
 
 
-def _check_width(name: str, law: Signal, shapes: tuple[tuple[int, ...], ...]) -> None:
-    shape = np.shape(law.values)[1:]
+def _check_width(name: str, given: Signal, shapes: tuple[tuple[int, ...], ...]) -> None:
+    shape = np.shape(given.values)[1:]
     if shape not in shapes:
         raise ValueError(
             f"{name}: values of the signal must have the shape "
             + " or ".join(str(("K", *each)) for each in shapes)
-            + f", got {np.shape(law.values)}"
+            + f", got {np.shape(given.values)}"
         )
 
 
-def _called(
-    name: str, law: Callable[..., Any], t: float, theta: FloatArray, omega: FloatArray
-) -> FloatArray:
+def _called(name: str, function: Function, t: float, q: FloatArray, u: FloatArray) -> FloatArray:
     """Return what a function says, or a ValueError that names it."""
-    arguments = (t, theta.copy(), omega.copy()) if name == "torque" else (t,)
+    late = name != "torque" and takes_time_alone(function)
     try:
-        return np.asarray(law(*arguments), float)
+        return np.asarray(function(t) if late else function(t, q.copy(), u.copy()), float)
     except Exception as error:
         raise ValueError(f"{name} raised {type(error).__name__} at t = {t:g} s: {error}") from error
 
 
-def drive_of(
-    n: int,
-    coordinates: int,
-    torque: FloatArray | Law,
-    force: float | Law,
-    acceleration: tuple[float, float] | Law | None,
-) -> Drive:
-    """Return the drive that the arguments of `simulate` describe; constants have been checked."""
-    fixed, laws = np.zeros(n + LAW_ENTRIES), dict[str, Law]()
-    given = {"torque": torque, "force": force, "pivot_acceleration": acceleration}
-    places = {"torque": slice(n), "force": n, "pivot_acceleration": slice(n + 1, n + 3)}
+def drives_of(n: int, moves: bool, given: dict[str, Any]) -> Drives:
+    """Return the drives of one motion; constants among those `given` by NAMES are checked.
+
+    `moves` says whether the base does.
+    """
+    fixed, varying = np.zeros(n + AFTER_TORQUES), dict[str, TimeVarying]()
+    slots = (slice(n), slice(n, n + 1), slice(n + 1, n + 3))
+    places: dict[str, slice] = dict(zip(NAMES, slots, strict=True))
     for name, value in given.items():
-        if isinstance(value, Signal) or callable(value):
-            laws[name] = value
+        if varies(value):
+            varying[name] = value
         elif value is not None:
             fixed[places[name]] = value
-    return Drive(n, fixed, laws, coordinates)
+    return Drives(n, fixed, varying, n + moves)

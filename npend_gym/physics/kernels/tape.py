@@ -21,7 +21,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
 from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
-from npend_gym.physics.kernels.driven import ACROSS, LAW_ENTRIES, UP, accelerate_base
+from npend_gym.physics.kernels.driven import ACROSS, AFTER_TORQUES, UP, accelerate_base
 from npend_gym.physics.kernels.dynamics import (
     ANSWER_ROWS,
     WORK_ROWS,
@@ -57,7 +57,7 @@ class Rods(NamedTuple):
     """A chain, and the loads on it: torques at joints 0..n-1 [N m], then a force on a base [N].
 
     Where the acceleration of the base is prescribed and changes in time, it follows behind the
-    force: n + `driven.LAW_ENTRIES` loads. The same loads at all times are a table of one row.
+    force: n + `driven.AFTER_TORQUES` loads. The same loads at all times are a table of one row.
     """
 
     chain: AnyArrays
@@ -109,7 +109,7 @@ def _take_stages(steps: Steps, step: int, rods: Rods, scratch: FloatArray) -> No
             x[i] = state[i] + h * x[i]
             w[i] = state[m + i] + h * w[i]
         loads = _at(rods.loads, step, s)
-        if loads.size == n + LAW_ENTRIES:
+        if loads.size == n + AFTER_TORQUES:
             accelerate_base(rods.chain, loads[n + ACROSS], loads[n + UP])
         accelerations_kept(x[:m], w, loads, rods.chain, stage, stage[_ALPHA][:m])
 

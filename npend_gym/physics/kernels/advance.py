@@ -166,7 +166,7 @@ def advance_group(
                 _begin_substep(group, rest)
             if damped:
                 dissipated = dissipated + (h / 6.0) * joint_power(omega, chain)
-            dissipated = dissipated + rk4_step(theta, omega, h, torque, chain, rk4)
+            dissipated = dissipated + rk4_step(0.0, theta, omega, h, torque, chain, rk4)
             if damped:
                 dissipated = _dissipate(group, h, dissipated, rest)
             if some_wait:

@@ -8,9 +8,9 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.kernels.derivatives import tangents_of_group
 from npend_gym.physics.kernels.layout import Model, Rod, group_of
-from npend_gym.physics.kernels.members import Indices
+from npend_gym.physics.kernels.member_rows import Indices
+from npend_gym.physics.kernels.rk4_derivatives import tangents_of_group
 
 
 @inlined_kernel

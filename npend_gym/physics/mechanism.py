@@ -1,0 +1,181 @@
+"""Chains side by side with what carries them and what stretches, as kernels take them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain, ChainParameters, check_chain
+from npend_gym.physics.kernels.dynamics import AnyArrays, arrays_of
+from npend_gym.physics.kernels.link_terms import Base
+from npend_gym.physics.kernels.springs import spring_arrays
+
+MAX_VIBRATIONS = 1e9  # along the rods, in the time that is simulated
+PIVOT = ("position", "velocity")  # of a cart, or of a pivot that is accelerated
+AXIAL = ("stretch", "stretch_rate")  # of springs
+
+
+class Mechanism(NamedTuple):
+    """The parameters of B chains, or of one for all, and of what belongs to them.
+
+    The coordinates of each are theta (n), then those of its base (one of a cart, two of a pivot
+    with a prescribed acceleration), then the stretch of its springs (n).
+    """
+
+    parameters: ChainParameters  # (B, n)
+    springs: tuple[FloatArray, FloatArray] | None  # stiffness and axial damping, (B, n) each
+    base: FloatArray | None  # (len(Base), B); None where the pivot is at rest
+    places: int  # coordinates of the base: 0, 1 or 2
+
+    @property
+    def n(self) -> int:
+        """Number of rods."""
+        return self.parameters.masses.shape[1]
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates of each chain."""
+        return self.n + self.places + (self.n if self.springs is not None else 0)
+
+    def of(self, lanes: NDArray[np.int64]) -> Mechanism:
+        """Return the chains of these motions."""
+        if len(self.parameters.gravity) == 1:
+            lanes = np.zeros_like(lanes)
+        springs, base = self.springs, self.base
+        return Mechanism(
+            ChainParameters(*(np.asarray(each[lanes]) for each in self.parameters)),
+            None if springs is None else (springs[0][lanes], springs[1][lanes]),
+            None if base is None else base[:, lanes if base.shape[1] > 1 else np.zeros_like(lanes)],
+            self.places,
+        )
+
+    def arrays(self) -> AnyArrays:
+        """Return them in the form that the kernels take, the lane innermost."""
+        if self.springs is not None:
+            return spring_arrays(self.parameters, *self.springs, base=self.base)
+        return arrays_of(self.parameters, self.base)
+
+    def axial_rates(self) -> tuple[float, float]:
+        """Return bounds of how fast springs vibrate and relax [1/s]; zeros for rigid rods.
+
+        Rods vibrate no faster than sqrt(2 max_i k_i (1/m_i + 1/m_{i-1})), by Gershgorin's circles;
+        dampers relax no faster than 2 max_i d_i (1/m_i + 1/m_{i-1}). m_{-1} is that of the cart.
+        """
+        if self.springs is None:
+            return 0.0, 0.0
+        inverse = 1.0 / self.parameters.masses
+        above = np.zeros((len(inverse), 1))
+        if self.base is not None:
+            above = above + self.base[Base.INVERSE_MASS][:, None]
+        both_ends = inverse + np.hstack([above, inverse[:, :-1]])
+        stiffness, damping = self.springs
+        vibrating = float(np.sqrt(2.0 * np.max(stiffness * both_ends)))
+        return vibrating, float(2.0 * np.max(damping * both_ends))
+
+    def check_vibrations(self, duration: float) -> None:
+        """Refuse springs so stiff that a motion of this `duration` [s] would never be finished."""
+        if max(self.axial_rates()) * duration > 2.0 * np.pi * MAX_VIBRATIONS:
+            stiffness, damping = (each.tolist() for each in self.springs or ())
+            raise ValueError(
+                "stiffness and axial_damping must make rods vibrate at most "
+                f"{MAX_VIBRATIONS:g} times in {duration:g} s, because every vibration takes steps, "
+                f"got {_checks.show(stiffness)} and {_checks.show(damping)}: "
+                "leave them out, rigid rods are the limit of stiff springs"
+            )
+
+
+def mechanism_of(chains: Sequence[Chain], accelerated: FloatArray | None = None) -> Mechanism:
+    """Return chains of one kind side by side.
+
+    Parameters
+    ----------
+    chains : sequence of Chain
+        With equally many rods; all with a cart or none, all with springs or none.
+    accelerated : ndarray, shape (2,) or (B, 2), optional
+        Prescribed acceleration of the pivots, sideways and up [m/s^2].
+
+    Raises
+    ------
+    ValueError, TypeError
+        If one is no chain, or they are not of one kind.
+    """
+    first = check_chain(chains[0] if chains else None)
+    for chain in chains:
+        if check_chain(chain).n != first.n:
+            raise ValueError(
+                f"chains must have the same number of rods, got {first.n} and {chain.n}"
+            )
+        for name, what in (("stiffness", "springs"), ("base", "a cart")):
+            if (getattr(chain, name) is None) != (getattr(first, name) is None):
+                raise ValueError(
+                    f"chains must all have {what} or none, got {first!r} and {chain!r}"
+                )
+    fields = zip(*(chain.repeated(1) for chain in chains), strict=True)
+    parameters = ChainParameters(*(np.concatenate(field) for field in fields))
+    springs = base = None
+    if first.stiffness is not None:
+        stiffness = np.array([chain.stiffness for chain in chains])
+        springs = stiffness, np.array([chain.axial_damping for chain in chains])
+    if first.base is not None:
+        if accelerated is not None:
+            raise ValueError(
+                "pivot_acceleration must be None for a chain on a cart, because forces move a cart"
+            )
+        base = np.zeros((len(Base), len(chains)))
+        carts = [chain.base for chain in chains if chain.base is not None]
+        base[Base.INVERSE_MASS] = [1.0 / cart.mass for cart in carts]
+        base[Base.DAMPING] = [cart.damping for cart in carts]
+        return Mechanism(parameters, springs, base, 1)
+    if accelerated is not None:
+        pairs = accelerated.reshape(-1, 2)
+        base = np.zeros((len(Base), len(pairs)))
+        base[Base.ACROSS], base[Base.UP] = pairs.T
+        return Mechanism(parameters, springs, base, 2)
+    return Mechanism(parameters, springs, None, 0)
+
+
+def check_axial_start(
+    chain: Chain, stretch: ArrayLike | None, stretch_rate: ArrayLike | None, shape: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return stretch [m] and its rate [m/s] at the start as given, of `shape` (..., n), or None.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule, or rods are rigid.
+    """
+    given: dict[str, Any] = {"stretch": stretch, "stretch_rate": stretch_rate}
+    if chain.stiffness is None:
+        for name, value in given.items():
+            if value is not None:
+                raise ValueError(
+                    f"{name} is that of rods that stretch: the chain must have stiffness, got "
+                    f"{name}={_checks.show(value)}"
+                )
+        return None
+    if stretch is None:
+        if stretch_rate is not None:
+            raise ValueError("stretch must be given with stretch_rate")
+        return None
+    rate = 0.0 if stretch_rate is None else stretch_rate
+    start = (
+        _checks.broadcast("stretch", stretch, shape),
+        _checks.broadcast("stretch_rate", rate, shape),
+    )
+    check_lengths(chain, start[0], "")
+    return start
+
+
+def check_lengths(chain: Chain, stretch: FloatArray, way_out: str) -> None:
+    """Refuse springs that have no length left at the start."""
+    if np.any(stretch <= -chain.lengths):
+        raise ValueError(
+            "stretch must leave every rod a length greater than zero at the start, but is "
+            f"{_checks.show(stretch.tolist())} for lengths {_checks.show(chain.lengths.tolist())}"
+            + way_out
+        )

@@ -1,0 +1,71 @@
+"""How the steps of a motion are taken: its method, and what drives it."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from npend_gym._checks import FloatArray
+from npend_gym.physics.drives import drives_of
+from npend_gym.physics.functions import NAMES
+from npend_gym.physics.mechanism import Mechanism
+from npend_gym.physics.motion import Motion
+
+
+class Function:
+    """A function that drives a motion; it pickles by its name, where it has one.
+
+    A copy that lost the function says so where it is needed.
+    """
+
+    def __init__(self, function: Callable[..., Any] | None, name: str | None = None) -> None:
+        self.function = function
+        self.name = name or getattr(function, "__name__", type(function).__name__)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Return what the function says."""
+        if self.function is None:
+            raise ValueError(
+                f"this needs the function {self.name}, which could not be pickled with the "
+                "trajectory: define it at the top of a module, or simulate again"
+            )
+        return self.function(*arguments)
+
+    def __deepcopy__(self, _: Any) -> Function:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        try:
+            pickle.dumps(self.function)
+        except Exception:  # noqa: BLE001 - lambdas and closures raise different ones
+            return Function, (None, self.name)
+        return Function, (self.function, self.name)
+
+
+AT_REST = np.zeros(2)  # acceleration of a pivot that functions or signals accelerate
+
+
+class Recipe(NamedTuple):
+    """How `simulate` takes the steps of a motion: its method, and what drives it."""
+
+    method: str
+    settings: dict[str, float]  # "rtol" and "atol", or "dt"
+    torque: Any  # on every joint [N m], (n,) or (B, n); or a Signal or Function
+    force: Any = 0.0  # on a cart [N], () or (B,); or a Signal or Function
+    pivot_acceleration: Any = None  # [m/s^2], (2,); or a Signal or Function
+
+
+def motion_of(mechanism: Mechanism, state: FloatArray, begin: float, recipe: Recipe) -> Motion:
+    """Return a motion from a state (2m,), ready to be integrated by a recipe."""
+    n, m = mechanism.n, mechanism.size
+    given = {name: getattr(recipe, name) for name in NAMES}
+    plain = {
+        name: each.function if isinstance(each, Function) and each.function else each
+        for name, each in given.items()
+    }
+    drives = drives_of(n, mechanism.places > 0, plain)
+    drives.begin(begin, state[:m], state[m:])
+    return Motion(mechanism, state, drives, recipe.settings)

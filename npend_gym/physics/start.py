@@ -1,0 +1,139 @@
+"""Motions at their beginning: the arguments of `simulate`, checked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym._checks import FloatArray
+from npend_gym.chain import Chain
+from npend_gym.physics.arguments import check_states, check_torque
+from npend_gym.physics.drives import Signal, drives_of, varies
+from npend_gym.physics.equations import States, assembled, slow_start, states_of
+from npend_gym.physics.functions import NAMES
+from npend_gym.physics.kernels.driven import AFTER_TORQUES
+from npend_gym.physics.mechanism import Mechanism, mechanism_of
+from npend_gym.physics.recipe import AT_REST, Function, Recipe
+
+
+class Start:
+    """Motions at their beginning: mechanism, state and drives of each, checked."""
+
+    def __init__(
+        self,
+        chains: tuple[Chain, ...],
+        theta: ArrayLike,
+        omega: ArrayLike,
+        drives: dict[str, Any],
+        state: dict[str, Any],
+        begin: float,
+        *,
+        one: bool,
+    ) -> None:
+        self.chains, first = chains, chains[0]
+        self.varying = {name: each for name, each in drives.items() if varies(each)}
+        if "force" in self.varying and first.base is None:
+            raise ValueError("force acts on a cart: the chain must have base=Cart(mass)")
+        accelerated = drives["pivot_acceleration"]
+        if "pivot_acceleration" in self.varying:
+            accelerated = AT_REST
+        constant = {name: None if name in self.varying else drives[name] for name in drives}
+        constant["force"] = 0.0 if "force" in self.varying else drives["force"]
+        torque = check_torque(constant["torque"], first.n)
+        theta, omega, torque = self._rows(theta, omega, torque, one=one)
+        given: dict[str, Any] = {"force": constant["force"], "pivot_acceleration": accelerated}
+        states = states_of(first, theta, omega, torque, **given, **state)
+        if self.varying and first.stiffness is not None and state["stretch"] is None:
+            states = self._first_driven(states, begin, theta, omega, state)
+        self.mechanism = states.mechanism
+        q, u, loads = states.q, states.u, states.loads
+        if len(chains) > 1:
+            pair = None if accelerated is None else np.asarray(accelerated, float)
+            self.mechanism = mechanism_of(chains, pair)
+            if self.mechanism.springs is not None and state["stretch"] is None:
+                n = first.n
+                for k, chain in enumerate(chains):
+                    more = loads[k, n] if loads.shape[1] > n else 0.0, u[k, n : n + 1], pair
+                    q[k, -n:], u[k, -n:] = slow_start(chain, theta[k], omega[k], torque[k], *more)
+        size = self.mechanism.size
+        self.q, self.u = q.reshape(-1, size), u.reshape(-1, size)
+        self.loads = loads.reshape(-1, loads.shape[-1])
+        self.accelerated = accelerated if accelerated is None else np.asarray(accelerated, float)
+        self.count = len(self.q)
+
+    def _first_driven(
+        self, states: States, begin: float, theta: FloatArray, omega: FloatArray, state: Any
+    ) -> States:
+        """Return states whose springs carry what functions and signals do at the beginning."""
+        n, moves = self.chains[0].n, states.mechanism.places > 0
+        q, u = (each.reshape(-1, states.mechanism.size) for each in (states.q, states.u))
+        fixed = dict(zip(NAMES, (np.zeros(n), 0.0, None), strict=True))
+        drives = drives_of(n, moves, fixed | self.varying)
+        first = drives.at(np.full(len(q), begin), q, u)
+        acting = first.reshape(*theta.shape[:-1], n + AFTER_TORQUES)
+        torque = states.loads[..., :n] + acting[..., :n]
+        given: dict[str, Any] = {}
+        if states.mechanism.places == 1:
+            given["force"] = states.loads[..., n] + acting[..., n]
+        if states.mechanism.places == 2:
+            given["pivot_acceleration"] = first[0, n + 1 :]
+        driven = assembled(self.chains[0], theta, omega, torque, **given, **state)
+        return states._replace(q=driven.q, u=driven.u)
+
+    def _rows(
+        self, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike, *, one: bool
+    ) -> tuple[FloatArray, ...]:
+        """Return theta, omega and torque, (n,) each for one motion, or (B, n)."""
+        n, members = self.chains[0].n, len(self.chains)
+        if one:
+            rows = [_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)]
+            rows += [_checks.vector("torque", torque, n)]
+        else:
+            rows = [*check_states(n, theta=theta, omega=omega, torque=torque)]
+            if rows[0].ndim == 1:
+                rows = [np.tile(values, (members, 1)) for values in rows]
+            if rows[0].ndim != 2 or (members > 1 and len(rows[0]) != members):
+                raise ValueError(
+                    f"theta, omega and torque must have the shape (B, {n})"
+                    + (f" for B = {members} chains" if members > 1 else "")
+                    + f", got {rows[0].shape}"
+                )
+        return tuple(rows)
+
+    def chain(self, k: int) -> Chain:
+        """Return the chain of motion `k`."""
+        return self.chains[k if len(self.chains) > 1 else 0]
+
+    def one(self, k: int) -> Mechanism:
+        """Return the mechanism of motion `k`."""
+        return self.mechanism.of(np.array([k]))
+
+    def recipe(self, settings: dict[str, float], k: int | None = None) -> Recipe:
+        """Return how the steps of motion `k`, or of all, are taken."""
+        n, rows = self.chains[0].n, slice(None) if k is None else k
+        loads = self.loads[rows]
+        on_cart = self.mechanism.places == 1
+        given: dict[str, Any] = {
+            "torque": loads[..., :n].copy(),
+            "force": 0.0 if not on_cart else loads[..., n].copy() if k is None else float(loads[n]),
+            "pivot_acceleration": self.accelerated,
+        }
+        for name, each in self.varying.items():
+            given[name] = each if isinstance(each, (Signal, Function)) else Function(each)
+        return Recipe("dop853" if "rtol" in settings else "rk4", settings, **given)
+
+    def described(self, recipe: Recipe) -> dict[str, Any]:
+        """Return what made a motion, for its provenance."""
+        return {"method": recipe.method, **recipe.settings} | {
+            name: _plain(value)
+            for name in NAMES
+            for value in [getattr(recipe, name)]
+            if value is not None and not varies(value) and np.ndim(value) < 2
+        }
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value

@@ -1,0 +1,480 @@
+"""What carries a chain and what stretches in it: one value, its equations, its motions as data."""
+
+import copy
+import json
+import pickle
+
+import numpy as np
+import pytest
+from lagrangian import all_accelerations
+from test_links import cases
+
+from npend_gym import Cart, Chain, Event, Signal, Trajectory, chaos, pseudo_periods, simulate
+from npend_gym.chain import ChainParameters
+from npend_gym.physics import (
+    Ensemble,
+    accelerations,
+    jacobian,
+    linearise,
+    mass_matrix,
+    momentum_jacobian,
+    tensions,
+)
+
+TINY = 1e-30  # of a complex step: its error is of the order of its square
+PARTS = {
+    "pivot": {},
+    "cart": {"base": Cart(1.7, 0.6)},
+    "springs": {"stiffness": [90.0, 60.0, 120.0], "axial_damping": [0.4, 0.0, 1.0]},
+}
+PARTS["springs on a cart"] = PARTS["cart"] | PARTS["springs"]
+TIMES = np.linspace(0.0, 1.0, 11)
+
+
+def chain_of(mechanism, **more):
+    return Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], **PARTS[mechanism], **more)
+
+
+def moving(chain, seed=0):
+    """Return coordinates and rates, (m,) each."""
+    q, u = np.random.default_rng(seed).normal(size=(2, chain.coordinates))
+    if chain.stiffness is not None:
+        q[-chain.n :] *= 0.1
+    return q, 2.0 * u
+
+
+def arguments_of(chain, q, u):
+    """Return coordinates and rates as the keywords of `simulate` and `accelerations`."""
+    n = chain.n
+    state = {"theta": q[..., :n], "omega": u[..., :n]}
+    if chain.base is not None:
+        state |= {"position": q[..., n], "velocity": u[..., n]}
+    if chain.stiffness is not None:
+        state |= {"stretch": q[..., -n:], "stretch_rate": u[..., -n:]}
+    return state
+
+
+# -- the value --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mechanism", PARTS)
+def test_a_chain_with_all_its_parts_comes_back_from_json(mechanism):
+    chain = chain_of(mechanism, damping=0.1, drag=0.2)
+    again = Chain.from_dict(json.loads(json.dumps(chain.as_dict())))
+    assert again == chain
+    assert hash(again) == hash(chain)
+    assert repr(again) == repr(chain)
+    assert pickle.loads(pickle.dumps(chain)) == chain
+    assert copy.deepcopy(chain) == chain
+    assert again.base == PARTS[mechanism].get("base")
+    assert (again.stiffness is None) == ("springs" not in mechanism)
+
+
+def test_links_on_a_cart_come_back_from_json():
+    chain = next(cases(3, 1, base=Cart(2.0)))[0]
+    assert Chain.from_dict(json.loads(json.dumps(chain.as_dict()))) == chain
+
+
+def test_a_chain_without_parts_describes_itself_as_ever():
+    assert set(Chain.uniform(2).as_dict()) == {
+        "masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"
+    }  # fmt: skip
+    assert repr(Chain.uniform(2)).endswith("gravity=9.81, damping=0)")
+
+
+def test_coordinates_are_angles_then_a_cart_then_springs():
+    counts = [chain_of(mechanism).coordinates for mechanism in PARTS]
+    assert counts == [3, 4, 6, 7]
+
+
+def test_chains_with_other_parts_differ_and_hung_alike_are_equal():
+    chains = [chain_of(mechanism) for mechanism in PARTS]
+    chains += [chain_of("cart", damping=0.1), Chain(**chains[0].as_dict(), base=Cart(1.7, 0.5))]
+    assert len({*chains}) == len(chains)
+    assert {chain.hung() for chain in chains[:4]} == {chains[0]}
+    assert chains[0].hung() == chains[0]
+    assert chains[4].hung() == Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], damping=0.1)
+
+
+def test_a_chain_says_in_words_what_it_hangs_from_and_that_it_stretches():
+    text = repr(Chain.uniform(2, stiffness=100.0, axial_damping=0.5, base=Cart(2.0)))
+    assert text.endswith("stiffness=100, axial_damping=0.5, base=Cart(mass=2.0, damping=0.0))")
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: Cart(0.0), ValueError, "mass of a cart must be greater than zero"),
+        (lambda: Cart("1"), TypeError, "mass of a cart must be a real number"),
+        (lambda: Cart(1.0, -1.0), ValueError, "damping of a cart must be zero or more"),
+        (lambda: Cart(np.inf), ValueError, "mass of a cart must be finite"),
+        (lambda: Chain.uniform(2, base=1.0), TypeError, "base must be None or a Cart"),
+        (
+            lambda: Chain.uniform(2, base={"weight": 1.0}),
+            ValueError,
+            "base must have the keys",
+        ),
+        (
+            lambda: Chain.uniform(2, base={"mass": -1.0}),
+            ValueError,
+            "mass of a cart must be greater",
+        ),
+        (lambda: Chain.uniform(2, stifness=1.0), TypeError, "stiffness"),
+    ],
+)
+def test_bad_parts_are_refused_by_name(make, error, message):
+    with pytest.raises(error, match=message):
+        make()
+
+
+def release(**keyword):
+    return simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], **keyword)
+
+
+def periods(**keyword):
+    return pseudo_periods(Chain.uniform(2), 0.1, **keyword)
+
+
+def ensemble(**keyword):
+    return Ensemble(Chain.uniform(2), 2, **keyword)
+
+
+@pytest.mark.parametrize(
+    ("call", "keyword", "place"),
+    [
+        (release, "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
+        (release, "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
+        (release, "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
+        (release, "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
+        (release, "pivot_velocity", "velocity"),
+        (release, "device", r"npend_gym\.physics\.simulate_on_device"),
+        (periods, "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
+        (periods, "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
+        (ensemble, "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
+        (ensemble, "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
+    ],
+)
+def test_a_keyword_of_the_past_is_refused_with_its_new_place(call, keyword, place):
+    with pytest.raises(TypeError, match=rf"takes no keyword '{keyword}': it is .*{place}"):
+        call(**{keyword: 1.0})
+
+
+@pytest.mark.parametrize("mechanism", ["cart", "springs", "springs on a cart"])
+def test_what_is_defined_for_rigid_rods_on_a_pivot_at_rest_says_so(mechanism):
+    chain = chain_of(mechanism)
+    for call in (
+        lambda: chaos.periodic_orbits(chain, 0, amplitudes=[0.1]),
+        lambda: pseudo_periods(chain, 0.1, reading="listing"),
+    ):
+        with pytest.raises(ValueError, match=r"rigid rods on a pivot at rest.*chain\.hung\(\)"):
+            call()
+
+
+# -- the equations ----------------------------------------------------------------------------
+
+
+def places(chain, q):
+    """Return the positions of the bobs in the frame of the rail, (..., n, 2), also complex."""
+    n = chain.n
+    lengths = chain.lengths + (0.0 if chain.stiffness is None else q[..., -n:])
+    theta = q[..., :n]
+    along = np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
+    bobs = np.cumsum(lengths[..., None] * along, axis=-2)
+    if chain.base is not None:
+        bobs[..., 0] += q[..., n, None]
+    return bobs
+
+
+def dense_mass_matrix(chain, q):
+    """Return the second derivatives of the kinetic energy by the rates, from positions alone."""
+    m = chain.coordinates
+    if np.iscomplexobj(q):  # there is no complex step of a complex step
+        h = 1e-5
+        columns = [
+            (places(chain, q + h * e) - places(chain, q - h * e)) / (2 * h) for e in np.eye(m)
+        ]
+    else:
+        columns = [places(chain, q + 1j * TINY * e).imag / TINY for e in np.eye(m)]
+    by_q = np.stack(columns)  # (m, n, 2)
+    matrix = np.einsum("ikx,jkx,k->ij", by_q, by_q, chain.masses)
+    if chain.base is not None:
+        matrix[chain.n, chain.n] += chain.base.mass
+    return matrix
+
+
+@pytest.mark.parametrize("mechanism", PARTS)
+def test_the_mass_matrix_is_that_of_the_kinetic_energy_of_all_bobs_and_the_cart(mechanism):
+    chain = chain_of(mechanism)
+    for seed in range(3):
+        q, _ = moving(chain, seed)
+        own = {} if chain.stiffness is None else {"stretch": q[-3:]}
+        found = mass_matrix(chain, q[:3], **own)
+        np.testing.assert_allclose(found, dense_mass_matrix(chain, q), rtol=0, atol=1e-13)
+    many = np.stack([moving(chain, seed)[0] for seed in range(3)])
+    own = {} if chain.stiffness is None else {"stretch": many[:, -3:]}
+    np.testing.assert_array_equal(mass_matrix(chain, many[:, :3], **own)[2], found)
+
+
+@pytest.mark.parametrize("mechanism", PARTS)
+def test_the_derivatives_of_the_momenta_are_those_of_the_mass_matrix_times_the_rates(mechanism):
+    chain = chain_of(mechanism)
+    m = chain.coordinates
+    q, u = moving(chain)
+    by_q = [(dense_mass_matrix(chain, q + 1j * TINY * e) @ u).imag / TINY for e in np.eye(m)]
+    found = momentum_jacobian(chain, q, u)
+    np.testing.assert_allclose(found[:, :m], np.transpose(by_q), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found[:, m:], dense_mass_matrix(chain, q), rtol=0, atol=1e-13)
+    both = momentum_jacobian(chain, np.stack([q, 2.0 * q]), np.stack([u, u]))
+    np.testing.assert_array_equal(both[0], found)
+
+
+@pytest.mark.parametrize("mechanism", PARTS)
+def test_the_kinetic_energy_of_a_motion_is_half_of_its_rates_times_its_momenta(mechanism):
+    chain = chain_of(mechanism)
+    q, u = moving(chain)
+    path = simulate(chain, **arguments_of(chain, q, u), times=[0.0])
+    expected = 0.5 * u @ dense_mass_matrix(chain, q) @ u
+    assert path.kinetic_energy()[0] == pytest.approx(expected, rel=1e-12)
+
+
+def of_lagrangian(chain, q, u, loads, acceleration=None):
+    names = (*ChainParameters._fields, "stiffness", "axial_damping")
+    values = {name: getattr(chain, name) for name in names}
+    if chain.stiffness is None:
+        values = {name: values[name] for name in ChainParameters._fields}
+    base = None if acceleration is None else {"acceleration": acceleration}
+    if chain.base is not None:
+        base = {"cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
+    return all_accelerations(values, q, u, loads, base)
+
+
+@pytest.mark.parametrize("mechanism", PARTS)
+def test_accelerations_of_all_coordinates_are_those_of_the_lagrangian(mechanism):
+    chain = chain_of(mechanism, damping=0.3, drag=0.2, quadratic_drag=0.1)
+    q, u = (np.stack(rows) for rows in zip(*(moving(chain, k) for k in range(5)), strict=True))
+    rng = np.random.default_rng(9)
+    torque, push = rng.normal(size=(5, 3)), rng.normal(size=5)
+    force = {} if chain.base is None else {"force": push}
+    found = accelerations(chain, **arguments_of(chain, q, u), torque=torque, **force)
+    for k in range(5):
+        expected = of_lagrangian(chain, q[k], u[k], np.append(torque[k], push[k]))
+        np.testing.assert_allclose(found[k], expected, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("mechanism", PARTS)
+def test_the_linearisation_has_all_coordinates_and_the_force_behind_the_joints(mechanism):
+    chain = chain_of(mechanism, damping=0.3, drag=0.2)
+    (q, u), m = moving(chain), chain.coordinates
+    inputs = 3 + (chain.base is not None)
+    torque = np.array([1.0, -0.5, 0.2])
+    force = {} if chain.base is None else {"force": 2.0}
+
+    def rates(change):
+        moved_q, moved_u = q + change[:m], u + change[m : 2 * m]
+        loads = np.append(torque, 2.0) + np.append(change[2 * m :], [0.0] * (4 - inputs))
+        return np.concatenate([moved_u, of_lagrangian(chain, moved_q, moved_u, loads)])
+
+    expected = [rates(1j * TINY * e).imag / TINY for e in np.eye(2 * m + inputs)]
+    whole = jacobian(chain, **arguments_of(chain, q, u), torque=torque, **force)
+    np.testing.assert_allclose(whole, np.transpose(expected), rtol=1e-10, atol=1e-9)
+    a, b = linearise(chain, **arguments_of(chain, q, u), torque=torque, joints=(2,), **force)
+    np.testing.assert_array_equal(a, whole[:, : 2 * m])
+    columns = [2 * m + 2, *([2 * m + 3] if chain.base is not None else [])]
+    np.testing.assert_array_equal(b, whole[:, columns])
+
+
+def newton(chain, q, u, a, raised=(0.0, 0.0)):
+    """Return the pull along each link in its upper joint, by Newton's law for what hangs there.
+
+    The accelerations of the centres of mass are second differences of their positions along
+    q + u t + a t^2 / 2; `raised` is a prescribed acceleration of the pivot.
+    """
+    h, weights = 2e-3, np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
+    times = h * np.arange(-3, 4)[:, None]
+    path = q + u * times + 0.5 * a * times**2
+    tips = places(chain, path)
+    joints = np.concatenate([tips[:, :1] * 0.0, tips[:, :-1]], axis=1)
+    if chain.base is not None:
+        joints[:, 0, 0] = path[:, chain.n]
+    share = 1.0 if chain.stiffness is not None else (chain.centres / chain.lengths)[:, None]
+    centres = joints + share * (tips - joints)
+    falling = np.tensordot(weights, centres, 1) / h**2 + raised
+    speeds = np.tensordot(np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0, tips, 1) / h
+    size = np.linalg.norm(speeds, axis=-1, keepdims=True)
+    force = chain.masses[:, None] * (falling + np.array([0.0, chain.gravity]))
+    force += (chain.drag[:, None] + chain.quadratic_drag[:, None] * size) * speeds
+    hanging = np.cumsum(force[::-1], axis=0)[::-1]
+    along = np.stack([np.sin(q[: chain.n]), -np.cos(q[: chain.n])], axis=-1)
+    return -(hanging * along).sum(axis=-1)
+
+
+@pytest.mark.parametrize("mechanism", PARTS)
+def test_tensions_are_what_newton_says_of_the_bobs_below(mechanism):
+    chain = chain_of(mechanism, damping=0.3, drag=0.2, quadratic_drag=0.1)
+    q, u = moving(chain)
+    state = arguments_of(chain, q, u) | {"torque": [2.0, -1.0, 0.5]}
+    state |= {} if chain.base is None else {"force": 3.0}
+    expected = newton(chain, q, u, accelerations(chain, **state))
+    np.testing.assert_allclose(tensions(chain, **state), expected, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("base", [None, Cart(1.5, 0.3)])
+def test_tensions_of_links_are_the_forces_along_them_in_their_upper_joints(base):
+    for chain, theta, omega, torque in cases(3, 5, base=base):
+        q, u = (np.append(x, [0.2] * (base is not None)) for x in (theta, omega))
+        state = arguments_of(chain, q, u) | {"torque": torque}
+        expected = newton(chain, q, u, accelerations(chain, **state))
+        found = tensions(chain, **state)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+def test_tensions_feel_a_pivot_that_is_accelerated():
+    chain, raised = chain_of("pivot"), (1.5, -3.0)
+    q, u = moving(chain)
+    state = arguments_of(chain, q, u) | {"pivot_acceleration": raised}
+    alpha = accelerations(chain, **state)
+    np.testing.assert_array_equal(alpha[3:], raised)
+    expected = newton(chain, q, u, alpha[:3], raised)
+    np.testing.assert_allclose(tensions(chain, **state), expected, rtol=0, atol=1e-5)
+
+
+# -- motions as data --------------------------------------------------------------------------
+
+
+def drive_of_the_module(t, _theta, omega):
+    return np.sin(t) - 0.1 * omega[0]
+
+
+LAMBDA = lambda t, _theta, omega: np.sin(t) - 0.1 * omega[0]  # noqa: E731 - it must not pickle
+SAMPLES = Signal([0.0, 0.55, 1.0], [[1.0, 0.0, 0.0], [-1.0, 0.5, 0.0], [0.0, 0.0, 0.2]], "linear")
+DRIVEN = {
+    "constant torques": ("pivot", {"torque": [0.5, 0.0, -0.2]}),
+    "a force": ("springs on a cart", {"force": 2.0, "velocity": 0.3, "torque": 0.1}),
+    "samples": ("cart", {"torque": SAMPLES, "force": Signal([0.0, 1.0], [1.0, -1.0])}),
+    "an acceleration": ("springs", {"pivot_acceleration": (1.0, -2.0)}),
+    "a shaken pivot": (
+        "pivot", {"pivot_acceleration": Signal([0.0, 1.0], [[1.0, 0.0], [0.0, 2.0]], "linear")}
+    ),
+    "a function of the module": ("pivot", {"torque": drive_of_the_module}),
+    "a lambda": ("cart", {"torque": LAMBDA, "force": lambda t: 2.0 * np.cos(t)}),
+    "an event": ("pivot", {"events": Event("velocity", rod=0, terminal=True)}),
+}  # fmt: skip
+LOST = ("a lambda",)  # when pickled
+LOST_IN_FILES = ("a lambda", "a function of the module")
+
+
+def motion_of(kind, **more):
+    mechanism, keywords = DRIVEN[kind]
+    return simulate(chain_of(mechanism), 0.5, 0.2, TIMES, **keywords, **more)
+
+
+def same(one, other):
+    for name in (
+        "times", "theta", "omega", "position", "velocity", "stretch", "stretch_rate", "counts"
+    ):  # fmt: skip
+        mine, its = getattr(one, name), getattr(other, name)
+        assert (mine is None) == (its is None), name
+        if its is not None:
+            np.testing.assert_array_equal(mine, its)
+    assert (one.chain, one.provenance) == (other.chain, other.provenance)
+    np.testing.assert_array_equal(one.status, other.status)
+    for mine, its in zip(one.t_events, other.t_events, strict=True):
+        np.testing.assert_array_equal(mine, its)
+    np.testing.assert_array_equal(one.energy(), other.energy())
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.02}], ids=["dop853", "rk4"])
+@pytest.mark.parametrize("kind", DRIVEN)
+def test_a_trajectory_pickles_copies_and_saves_whatever_drove_it(kind, options, tmp_path):
+    motion = motion_of(kind, **options)
+    inside = 0.37 * motion.times[-1]
+    expected = motion.at(inside)
+    motion.save(tmp_path / "motion.npz")
+    copies = {
+        "pickled": pickle.loads(pickle.dumps(motion)),
+        "copied": copy.copy(motion),
+        "copied deeply": copy.deepcopy(motion),
+        "saved": Trajectory.load(tmp_path / "motion.npz"),
+    }
+    for how, again in copies.items():
+        same(again, motion)
+        lost = {"pickled": LOST, "saved": LOST_IN_FILES}.get(how, ())
+        if kind in lost:
+            with pytest.raises(ValueError, match=r"needs the function .*, which could not"):
+                again.at(inside)
+        else:
+            np.testing.assert_array_equal(again.at(inside), expected)
+
+
+def test_a_pickle_holds_the_motion_and_not_the_steps_that_dense_output_keeps():
+    motion = motion_of("constant torques")
+    before = len(pickle.dumps(motion))
+    motion.at(0.5)
+    assert len(pickle.dumps(motion)) == before
+
+
+def test_many_motions_pickle_and_each_of_them_goes_on(tmp_path):
+    chain = chain_of("springs on a cart")
+    motion = simulate(chain, np.full((3, 3), 0.4), 0.0, TIMES, force=[1.0, 0.0, -1.0])
+    motion.save(tmp_path / "many.npz")
+    for again in (pickle.loads(pickle.dumps(motion)), Trajectory.load(tmp_path / "many.npz")):
+        same(again, motion)
+        np.testing.assert_array_equal(again[2].at(0.123), motion[2].at(0.123))
+
+
+def test_text_has_the_cart_and_the_springs_too(tmp_path):
+    motion = motion_of("a force")
+    motion.to_csv(tmp_path / "motion.csv")
+    table = np.genfromtxt(tmp_path / "motion.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["position"], motion.position)
+    np.testing.assert_array_equal(table["velocity"], motion.velocity)
+    for k in range(3):
+        np.testing.assert_array_equal(table[f"theta{k}"], motion.theta[:, k])
+        np.testing.assert_array_equal(table[f"stretch{k}"], motion.stretch[:, k])
+        np.testing.assert_array_equal(table[f"stretch_rate{k}"], motion.stretch_rate[:, k])
+
+
+# -- what follows from motions ----------------------------------------------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mechanism", ["cart", "springs", "springs on a cart"])
+def test_exponents_of_a_motion_without_losses_add_up_to_zero_with_carts_and_springs(mechanism):
+    chain = Chain.uniform(
+        2, base=Cart(1.5) if "cart" in mechanism else None,
+        stiffness=300.0 if "springs" in mechanism else None,
+    )  # fmt: skip
+    found = chaos.lyapunov_spectrum(chain, [1.5, 1.0], 0.0, duration=4.0)
+    assert found.exponents.shape == (2 * chain.coordinates,)
+    assert np.abs(found.history.sum(axis=1)).max() < 1e-6
+    assert found.exponents[0] > 0.1
+
+
+@pytest.mark.long
+def test_a_section_of_a_cart_is_made_of_states_of_its_motion():
+    chain = Chain.uniform(2, base=Cart(2.0))
+    section = chaos.poincare_section(chain, 1.0, 0.0, duration=10.0)
+    motion = simulate(
+        chain, 1.0, 0.0, [0.0, 10.0], rtol=1e-10, events=Event("angle", 0, direction=1)
+    )
+    np.testing.assert_allclose(section.times, motion.t_events[0], rtol=0, atol=1e-8)
+
+
+def shaken_up_and_down(t):
+    """Acceleration of a pivot at 0.1 m cos(120 t): a^2 w^2 = 144 > 2 g l = 19.62 m^2/s^2."""
+    return 0.0, -0.1 * 120.0**2 * np.cos(120.0 * t)
+
+
+def test_kapitzas_pendulum_stands_up_where_its_pivot_is_shaken_fast_enough():
+    pendulum, times = Chain.uniform(1), np.linspace(0.0, 10.0, 501)
+    standing = simulate(
+        pendulum, np.pi - 0.2, 0.0, times, pivot_acceleration=shaken_up_and_down,
+        velocity=(0.0, 0.0),
+    )  # fmt: skip
+    assert np.abs(standing.theta - np.pi).max() < 0.5
+    # about upright it swings as in the effective potential: w^2 = a^2 w^2 / (2 l^2) - g / l
+    slow = np.sqrt(0.5 * (0.1 * 120.0) ** 2 - 9.81)
+    crossings = np.flatnonzero(np.diff(np.sign(standing.theta[:, 0] - np.pi)))
+    assert np.diff(times[crossings]).mean() == pytest.approx(np.pi / slow, rel=0.05)
+    falling = simulate(pendulum, np.pi - 0.2, 0.0, times)
+    assert np.abs(falling.theta - np.pi).max() > 3.0
