@@ -4,7 +4,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
 
-from npend_gym import Chain, simulate, theory
+from npend_gym import Cart, Chain, simulate, theory
 from npend_gym.physics import linearise
 from npend_gym.theory.modes import decay_rate
 
@@ -175,3 +175,17 @@ def test_the_papers_period_does_not_apply_to_links():
     assert models.fundamental == theory.fundamental_period(chain)
     rubbing = Chain(1.0, [1.0, 1.0], friction=0.1)  # friction is no matter of the period
     assert theory.ideal_period(rubbing) == theory.ideal_period(Chain.uniform(2))
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        theory.normal_modes, theory.fundamental_period, theory.fastest_frequency,
+        theory.ideal_period, theory.small_angle_periods, theory.com_period,
+        theory.amplitude_growth, lambda chain: theory.models(chain, 0.1),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, {"stiffness": 1e3}])
+def test_what_is_known_of_a_pivot_at_rest_alone_is_refused_for_carts_and_springs(function, parts):
+    with pytest.raises(ValueError, match="rigid rods on a pivot at rest"):
+        function(Chain.uniform(300, **parts))

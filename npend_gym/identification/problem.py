@@ -11,7 +11,7 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.chain import Chain, as_chain
+from npend_gym.chain import Chain, as_chain, check_hung
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import OFFSET, Model, new_model
 from npend_gym.identification.plausibility import check_units, warn_of_other_angles, warn_of_values
@@ -44,7 +44,7 @@ class Problem:
         segment: float | None = None,
         held_out: float = 0.25,
     ) -> None:
-        known = as_chain(chain)
+        known = check_hung(as_chain(chain), "identify")
         if known.n != motion.links:
             raise ValueError(
                 f"chain must have a link for each of {motion.links} angles, got {known.n}"

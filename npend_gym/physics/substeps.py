@@ -82,7 +82,7 @@ def _may_exceed(chains: ChainParameters, rate: float) -> BoolArray:
 
 def _fastest_rate(chain: Chain) -> float:
     """Return the rate [1/s] that the substeps must resolve: of the fastest mode, or of braking."""
-    swinging = chain
+    swinging = chain = chain.hung() if chain.base is not None else chain
     if not chain.gravity:
         swinging = Chain.from_dict(chain.as_dict() | {"gravity": STANDARD_GRAVITY})
     damping, drag = _resistance(chain)

@@ -11,7 +11,7 @@ from scipy.special import ellipk
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain
+from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain, check_hung
 from npend_gym.theory.rope import SLOWEST, com_ratio
 
 MAX_TERMS = 100_000  # of the amplitude series
@@ -39,6 +39,7 @@ def ideal_period(chain: Chain) -> float:
             "ideal_period is the paper's formula for point masses on massless rods, and does not "
             f"apply to links: use fundamental_period; got {chain}"
         )
+    check_hung(chain, "ideal_period")
     if not chain.gravity:
         return math.nan
     return paper_period(chain.masses, chain.lengths, chain.gravity)

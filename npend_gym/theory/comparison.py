@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, check_hung
 from npend_gym.theory.closed_forms import (
     amplitude_correction,
     ideal_period,
@@ -56,6 +56,7 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
     >>> [round(float(period), 4) for period in theory.models(Chain.uniform(5), np.pi / 4)]
     [4.4857, 4.665, 3.9076, 4.0233]
     """
+    check_hung(chain, "theory.models")
     ideal = ideal_period(chain) if chain.has_bobs else math.nan
     corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
     small = math.nan

@@ -14,7 +14,7 @@ from scipy.linalg import eigh, eigh_tridiagonal
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import MAX_DENSE, Chain, ChainParameters
+from npend_gym.chain import MAX_DENSE, Chain, ChainParameters, check_hung
 from npend_gym.chain.inertia import link_inertia, rotor_inertia
 
 
@@ -43,6 +43,7 @@ def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
     >>> omega.round(4).tolist(), modes.shape
     ([2.3972, 5.7874], (2, 2))
     """
+    check_hung(chain, "normal_modes")
     _checks.count("n", chain.n, high=MAX_DENSE)
     if chain.has_bobs:
         squares, vectors = eigh_tridiagonal(*_stiffness(chain))
@@ -66,6 +67,7 @@ def fundamental_period(chain: Chain) -> float:
     >>> round(theory.fundamental_period(Chain.uniform(3)), 4)
     3.1111
     """
+    check_hung(chain, "fundamental_period")
     frequency = _frequency(chain, 0) if chain.gravity > 0.0 else 0.0
     return 2.0 * math.pi / frequency if frequency > 0.0 else math.nan
 
@@ -79,6 +81,7 @@ def fastest_frequency(chain: Chain) -> float:
     >>> round(theory.fastest_frequency(Chain.uniform(3)), 4)
     7.8552
     """
+    check_hung(chain, "fastest_frequency")
     return _frequency(chain, chain.n - 1)
 
 

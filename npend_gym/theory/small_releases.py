@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_DENSE, Chain
+from npend_gym.chain import MAX_DENSE, Chain, check_hung
 from npend_gym.theory.closed_forms import large_n_com_period, pendulum_factor
 from npend_gym.theory.modes import normal_modes
 
@@ -48,6 +48,7 @@ def small_angle_periods(chain: Chain) -> FloatArray:
     >>> theory.small_angle_periods(Chain.uniform(2)).round(4).tolist()
     [2.4429, 2.6343]
     """
+    check_hung(chain, "small_angle_periods")
     frequencies, angles = _superposition(chain)
     if frequencies.size == 0:
         return np.full(chain.n, np.nan)
@@ -95,6 +96,7 @@ def com_period(chain: Chain | int, amplitude: ArrayLike = 0.0) -> FloatArray:
     """
     if not isinstance(chain, Chain):
         chain = Chain.uniform(_checks.count("chain", chain))
+    check_hung(chain, "com_period")
     factor = pendulum_factor(amplitude)
     if chain.n > _MODES_UP_TO and chain.is_uniform and chain.gravity > 0.0:
         length, gravity = float(chain.lengths[0]), chain.gravity

@@ -20,7 +20,7 @@ import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, check_hung
 from npend_gym.chain.inertia import link_inertia
 from npend_gym.theory.modes import normal_modes
 from npend_gym.theory.small_releases import com_period
@@ -70,6 +70,7 @@ def amplitude_growth(chain: Chain) -> AmplitudeGrowth:
     >>> round(theory.amplitude_growth(Chain.uniform(1)).com, 4)  # 1/16 for one pendulum
     0.0625
     """
+    check_hung(chain, "amplitude_growth")
     n = _checks.count("n", chain.n, high=MAX_THIRD_ORDER)
     lift, gravity, inertia = chain.lift, chain.gravity, link_inertia(chain)
     if gravity == 0.0 or np.any(lift <= 0.0):
