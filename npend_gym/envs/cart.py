@@ -33,12 +33,12 @@ _PER_SUBSTEP = 16.0  # substeps in the time in which the rail's damping brakes t
 def given_cart(
     chain: Chain, given: Mapping[str, Any], keywords: Mapping[str, Any]
 ) -> Mapping[str, Any]:
-    """Return the keywords of the cart, with those of a chain that brings its own.
+    """Return the keywords of the cart; a chain that has its own brings those that are left out.
 
     Raises
     ------
     ValueError
-        If rods stretch, or the keywords say something else of the chain's cart.
+        If rods stretch, or `base` is "pivot" for a chain on a cart.
     """
     if chain.stiffness is not None:
         raise ValueError(
@@ -47,14 +47,14 @@ def given_cart(
         )
     if chain.base is None:
         return given
-    own = {"base": "cart", "cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
-    for name, value in own.items():
-        if name in keywords and keywords[name] not in (value, None):
-            raise ValueError(
-                f"{name} must be that of the chain's own cart, {value!r}, or left out, got "
-                f"{_checks.show(keywords[name])}"
-            )
-    return {**given, **own}
+    if keywords.get("base", "cart") != "cart":
+        raise ValueError(
+            'base must be "cart", or left out, for a chain that has a cart of its own, got '
+            f"{_checks.show(keywords['base'])}; chain.hung() has none"
+        )
+    own = {"cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
+    own = {name: value for name, value in own.items() if keywords.get(name) is None}
+    return {**given, "base": "cart", **own}
 
 
 def checked_cart(given: Mapping[str, Any], mode: Mode, chain: Chain) -> dict[str, Any]:

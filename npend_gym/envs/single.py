@@ -169,9 +169,11 @@ class NPendulumEnv(gym.Env[ObsArray, Any]):
         Makes actions discrete, with this many evenly spaced torques from -1 to 1 for each actuated
         joint: the digits of an action to this base, the last joint's being the lowest.
     base : {"pivot", "cart"}
-        What the chain hangs from: a pivot at rest, or a cart on a horizontal rail.
+        What the chain hangs from: a pivot at rest, or a cart on a horizontal rail. A chain that has
+        a cart of its own, ``Chain(..., base=Cart(mass))``, stands on that, and needs no `base`.
     cart_mass : float, optional
-        [kg]; by default that of the chain. This and the next three are for base="cart" alone.
+        [kg]; by default that of the chain's own cart, or that of the chain. This and the next three
+        are for carts alone.
     rail : float, optional
         How far the rail reaches to each side [m]; by default twice the length of the chain.
     rail_damping : float
