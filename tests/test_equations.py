@@ -8,7 +8,8 @@ from hypothesis import given
 
 from npend_gym import Chain, simulate
 from npend_gym.physics import energy
-from npend_gym.physics.equations import accelerations, mass_matrix, tensions
+from npend_gym.physics.equations import accelerations, tensions
+from npend_gym.physics.mass import mass_matrix
 
 
 @given(chains_in_motion())
