@@ -478,3 +478,8 @@ def test_kapitzas_pendulum_stands_up_where_its_pivot_is_shaken_fast_enough():
     assert np.diff(times[crossings]).mean() == pytest.approx(np.pi / slow, rel=0.05)
     falling = simulate(pendulum, np.pi - 0.2, 0.0, times)
     assert np.abs(falling.theta - np.pi).max() > 3.0
+
+
+def test_an_unknown_keyword_of_a_state_is_named_with_the_nearest_one():
+    with pytest.raises(TypeError, match="no keyword 'velocty'; did you mean 'velocity'"):
+        accelerations(Chain.uniform(1, base=Cart(1.0)), 0.1, 0.0, velocty=1.0)

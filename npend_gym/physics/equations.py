@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import TypedDict, Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -41,35 +42,42 @@ class States(NamedTuple):
     loads: FloatArray  # (..., n), with a cart or a moving pivot (..., n + 1): its force [N]
 
 
+class StateKeywords(TypedDict, total=False):
+    """What belongs to a state beside angles, velocities and torques: see `accelerations`."""
+
+    force: ArrayLike
+    position: ArrayLike
+    velocity: ArrayLike
+    stretch: ArrayLike | None
+    stretch_rate: ArrayLike | None
+    pivot_acceleration: ArrayLike | None
+
+
 def states_of(
     chain: Chain,
     theta: ArrayLike,
     omega: ArrayLike,
     torque: ArrayLike | None = None,
-    *,
-    force: ArrayLike = 0.0,
-    position: ArrayLike = 0.0,
-    velocity: ArrayLike = 0.0,
-    stretch: ArrayLike | None = None,
-    stretch_rate: ArrayLike | None = None,
-    pivot_acceleration: ArrayLike | None = None,
+    **more: Unpack[StateKeywords],
 ) -> States:
     """Return the states that the arguments of `accelerations` describe.
 
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule.
+        If an argument breaks its rule, or is unknown.
     """
-    n = check_chain(chain).n
+    n, known = check_chain(chain).n, StateKeywords.__annotations__
+    for name in more:
+        if name not in known:
+            raise TypeError(
+                f"a state has no keyword {name!r}{_checks.nearest(name, known)} It has "
+                f"{', '.join(known)}"
+            )
     angles, speeds, torques = check_states(
         n, theta=theta, omega=omega, torque=check_torque(torque, n)
     )
     check_limits(angles, speeds)
-    more: dict[str, Any] = {
-        "force": force, "position": position, "velocity": velocity, "stretch": stretch,
-        "stretch_rate": stretch_rate, "pivot_acceleration": pivot_acceleration,
-    }  # fmt: skip
     return assembled(chain, angles, speeds, torques, **more)
 
 
@@ -137,7 +145,11 @@ def _of_base(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 
 
 def accelerations(
-    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None, **more: Any
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    torque: ArrayLike | None = None,
+    **more: Unpack[StateKeywords],
 ) -> FloatArray:
     """Return the accelerations of all coordinates, in O(n) operations a state.
 
@@ -177,7 +189,11 @@ def accelerations(
 
 
 def tensions(
-    chain: Chain, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike | None = None, **more: Any
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    torque: ArrayLike | None = None,
+    **more: Unpack[StateKeywords],
 ) -> FloatArray:
     """Return the tensions of the rods [N], positive where a rod pulls, in O(n) operations a state.
 

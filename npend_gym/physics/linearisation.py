@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from typing_extensions import Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
 from npend_gym.physics.derivatives import DifferentiableEnsemble
-from npend_gym.physics.equations import states_of
+from npend_gym.physics.equations import StateKeywords, states_of
 from npend_gym.physics.kernels.states import new_rates_scratch, rates_of_states
 
 _ENTRIES = 2**21  # of the Jacobians that are made at once: 16 MB
@@ -34,7 +35,7 @@ def jacobian(
     theta: ArrayLike,
     omega: ArrayLike = 0.0,
     torque: ArrayLike | None = None,
-    **more: Any,
+    **more: Unpack[StateKeywords],
 ) -> FloatArray:
     """Return the derivatives of d/dt (q, u) by q, u and all torques and forces.
 
@@ -82,7 +83,7 @@ def linearise(
     omega: ArrayLike = 0.0,
     torque: ArrayLike | None = None,
     joints: Sequence[int] = (0,),
-    **more: Any,
+    **more: Unpack[StateKeywords],
 ) -> Linearisation:
     """Return the derivatives of d/dt (q, u) with respect to the state and to torques.
 
@@ -136,7 +137,7 @@ def step_jacobian(
     dt: float,
     substeps: int | None = None,
     joints: Sequence[int] = (0,),
-    **more: Any,
+    **more: Unpack[StateKeywords],
 ) -> Linearisation:
     """Return the derivatives of the states after a step by those before it and by torques.
 
@@ -205,7 +206,7 @@ def _linearised(
     omega: ArrayLike,
     torque: ArrayLike | None,
     joints: Sequence[int],
-    more: dict[str, Any],
+    more: StateKeywords,
 ) -> Linearisation:
     """Return the derivatives of the rates in all states: one compiled call."""
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
