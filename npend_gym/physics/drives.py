@@ -171,8 +171,13 @@ class Drives:
                     "state: take the steps of DifferentiableEnsemble for feedback"
                 )
 
-    def begin(self, t: float, q: FloatArray, u: FloatArray) -> None:
-        """Call all functions once; refuse what they return there if it breaks their rules."""
+    def begin(
+        self, t: float, q: FloatArray, u: FloatArray, kept: dict[Any, Callback] | None = None
+    ) -> None:
+        """Call all functions once; refuse what they return there if it breaks their rules.
+
+        `kept` has the machine code that other motions of the same call were driven by.
+        """
         shapes = {"torque": ((), (self.n,)), "force": ((),), "pivot_acceleration": ((2,),)}
         scalar = True
         for name, each in self.varying.items():
@@ -188,9 +193,16 @@ class Drives:
                 )
             scalar = scalar and (name != "torque" or value.ndim == 0)
         if self.varying and not any(isinstance(each, Signal) for each in self.varying.values()):
-            writer = compiled_writer(self.varying, self.fixed, scalar=scalar)
-            called = writer or python_writer(self.varying, self.fixed, scalar=scalar)
-            self._callback = Callback(called, AFTER_TORQUES, compiled=writer is not None)
+            kept, key = {} if kept is None else kept, (self.fixed.tobytes(), scalar)
+            self._callback = kept.get(key) or self._new_callback(scalar=scalar)
+            if self._callback.compiled:  # one in Python keeps what it raised
+                kept[key] = self._callback
+
+    def _new_callback(self, *, scalar: bool) -> Callback:
+        """Return the functions as kernels call them, as machine code where that is possible."""
+        writer = compiled_writer(self.varying, self.fixed, scalar=scalar)
+        called = writer or python_writer(self.varying, self.fixed, scalar=scalar)
+        return Callback(called, AFTER_TORQUES, compiled=writer is not None)
 
     def as_dict(self) -> dict[str, Any]:
         """Return what changes in time, in words, ready for JSON."""

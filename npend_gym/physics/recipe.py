@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.callbacks import Callback
 from npend_gym.physics.drives import drives_of
 from npend_gym.physics.functions import NAMES
 from npend_gym.physics.mechanism import Mechanism
@@ -58,8 +59,17 @@ class Recipe(NamedTuple):
     pivot_acceleration: Any = None  # [m/s^2], (2,); or a Signal or Function
 
 
-def motion_of(mechanism: Mechanism, state: FloatArray, begin: float, recipe: Recipe) -> Motion:
-    """Return a motion from a state (2m,), ready to be integrated by a recipe."""
+def motion_of(
+    mechanism: Mechanism,
+    state: FloatArray,
+    begin: float,
+    recipe: Recipe,
+    kept: dict[Any, Callback] | None = None,
+) -> Motion:
+    """Return a motion from a state (2m,), ready to be integrated by a recipe.
+
+    `kept` is as for `Drives.begin`.
+    """
     n, m = mechanism.n, mechanism.size
     given = {name: getattr(recipe, name) for name in NAMES}
     plain = {
@@ -67,5 +77,5 @@ def motion_of(mechanism: Mechanism, state: FloatArray, begin: float, recipe: Rec
         for name, each in given.items()
     }
     drives = drives_of(n, mechanism.places > 0, plain)
-    drives.begin(begin, state[:m], state[m:])
+    drives.begin(begin, state[:m], state[m:], kept)
     return Motion(mechanism, state, drives, recipe.settings)

@@ -168,7 +168,7 @@ def _simulate_one(
     chain, mechanism, recipe = started.chain(k), started.one(k), started.recipe(settings, k)
     mechanism.check_vibrations(float(times[-1] - times[0]))
     state = np.concatenate([started.q[k], started.u[k]])
-    motion = motion_of(mechanism, state, float(times[0]), recipe)
+    motion = motion_of(mechanism, state, float(times[0]), recipe, started.callbacks)
     found = watched(events, chain)
     frames, counts, watch = np.empty((times.size, state.size)), np.zeros(3), Watch(found, chain)
     frames[0] = state

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
+from npend_gym.compiled.callbacks import Callback
 from npend_gym.physics.arguments import check_states, check_torque
 from npend_gym.physics.drives import Signal, drives_of, varies
 from npend_gym.physics.equations import States, assembled, slow_start, states_of
@@ -34,6 +35,7 @@ class Start:
         one: bool,
     ) -> None:
         self.chains, first = chains, chains[0]
+        self.callbacks = dict[Any, Callback]()  # functions as machine code, for all motions
         self.varying = {name: each for name, each in drives.items() if varies(each)}
         if "force" in self.varying and first.base is None:
             raise ValueError("force acts on a cart: the chain must have base=Cart(mass)")
