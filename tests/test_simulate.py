@@ -225,3 +225,8 @@ def test_bad_arguments_are_refused_by_name(uneven, change, error, message):
     arguments = {"chain": uneven, "theta": 0.1, "omega": 0.0, "times": [0.0, 1.0]} | change
     with pytest.raises(error, match=message):
         simulate(**arguments)
+
+
+def test_no_motions_at_all_are_refused():
+    with pytest.raises(ValueError, match=r"must have the shape \(B, 2\), got \(0, 2\)"):
+        simulate(Chain.uniform(2), np.zeros((0, 2)), 0.0, [0.0, 1.0])

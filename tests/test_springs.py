@@ -447,3 +447,14 @@ def test_bad_springs_of_releases_are_refused_by_name(change, message):
     arguments = {"chain": Chain.uniform(3, stiffness=1e3), "theta": 0.1}
     with pytest.raises(ValueError, match=message):
         pseudo_periods(**arguments | change)
+
+
+def test_springs_of_different_chains_start_with_what_a_function_does_to_each_of_them():
+    chains = [Chain([m, 1.0], [1.0, 0.5], stiffness=400.0, base=Cart(2.0)) for m in (0.5, 2.0)]
+    starts, times = [[0.5, 0.2], [0.1, 0.9]], [0.0, 0.5, 1.0]
+    many = simulate(chains, starts, 0.0, times, force=lambda t: 3.0 + t)
+    for k, chain in enumerate(chains):
+        alone = simulate(chain, starts[k], 0.0, times, force=lambda t: 3.0 + t)
+        np.testing.assert_array_equal(many[k].stretch, alone.stretch)
+        pushed = simulate(chain, starts[k], 0.0, times, force=3.0)
+        np.testing.assert_array_equal(many[k].stretch[0], pushed.stretch[0])

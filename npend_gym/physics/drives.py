@@ -178,6 +178,15 @@ class Drives:
 
         `kept` has the machine code that other motions of the same call were driven by.
         """
+        scalar = self.check_functions(t, q, u)
+        if self.varying and not any(isinstance(each, Signal) for each in self.varying.values()):
+            kept, key = {} if kept is None else kept, (self.fixed.tobytes(), scalar)
+            self._callback = kept.get(key) or self._new_callback(scalar=scalar)
+            if self._callback.compiled:  # one in Python keeps what it raised
+                kept[key] = self._callback
+
+    def check_functions(self, t: float, q: FloatArray, u: FloatArray) -> bool:
+        """Refuse what functions return if it breaks their rules; return if the torque is one."""
         shapes = {"torque": ((), (self.n,)), "force": ((),), "pivot_acceleration": ((2,),)}
         scalar = True
         for name, each in self.varying.items():
@@ -192,11 +201,7 @@ class Drives:
                     f"{_checks.show(value)} at t = {t:g} s"
                 )
             scalar = scalar and (name != "torque" or value.ndim == 0)
-        if self.varying and not any(isinstance(each, Signal) for each in self.varying.values()):
-            kept, key = {} if kept is None else kept, (self.fixed.tobytes(), scalar)
-            self._callback = kept.get(key) or self._new_callback(scalar=scalar)
-            if self._callback.compiled:  # one in Python keeps what it raised
-                kept[key] = self._callback
+        return scalar
 
     def _new_callback(self, *, scalar: bool) -> Callback:
         """Return the functions as kernels call them, as machine code where that is possible."""

@@ -13,9 +13,8 @@ from npend_gym.chain import Chain
 from npend_gym.compiled.callbacks import Callback
 from npend_gym.physics.arguments import check_states, check_torque
 from npend_gym.physics.drives import Signal, drives_of, varies
-from npend_gym.physics.equations import States, assembled, slow_start, states_of
+from npend_gym.physics.equations import slow_start, states_of
 from npend_gym.physics.functions import NAMES
-from npend_gym.physics.kernels.driven import AFTER_TORQUES
 from npend_gym.physics.mechanism import Mechanism, mechanism_of
 from npend_gym.physics.recipe import AT_REST, Function, Recipe
 
@@ -48,42 +47,34 @@ class Start:
         theta, omega, torque = self._rows(theta, omega, torque, one=one)
         given: dict[str, Any] = {"force": constant["force"], "pivot_acceleration": accelerated}
         states = states_of(first, theta, omega, torque, **given, **state)
-        if self.varying and first.stiffness is not None and state["stretch"] is None:
-            states = self._first_driven(states, begin, theta, omega, state)
         self.mechanism = states.mechanism
-        q, u, loads = states.q, states.u, states.loads
+        pair = None if accelerated is None else np.asarray(accelerated, float)
         if len(chains) > 1:
-            pair = None if accelerated is None else np.asarray(accelerated, float)
             self.mechanism = mechanism_of(chains, pair)
-            if self.mechanism.springs is not None and state["stretch"] is None:
-                n = first.n
-                for k, chain in enumerate(chains):
-                    more = loads[k, n] if loads.shape[1] > n else 0.0, u[k, n : n + 1], pair
-                    q[k, -n:], u[k, -n:] = slow_start(chain, theta[k], omega[k], torque[k], *more)
+        self.accelerated = pair
         size = self.mechanism.size
-        self.q, self.u = q.reshape(-1, size), u.reshape(-1, size)
-        self.loads = loads.reshape(-1, loads.shape[-1])
-        self.accelerated = accelerated if accelerated is None else np.asarray(accelerated, float)
+        self.q, self.u = states.q.reshape(-1, size), states.u.reshape(-1, size)
+        self.loads = states.loads.reshape(-1, states.loads.shape[-1])
         self.count = len(self.q)
+        chosen = first.stiffness is not None and state["stretch"] is None
+        if chosen and (self.varying or len(chains) > 1):
+            for k in range(self.count):
+                self.q[k, -first.n :], self.u[k, -first.n :] = self._axial_start(k, begin)
 
-    def _first_driven(
-        self, states: States, begin: float, theta: FloatArray, omega: FloatArray, state: Any
-    ) -> States:
-        """Return states whose springs carry what functions and signals do at the beginning."""
-        n, moves = self.chains[0].n, states.mechanism.places > 0
-        q, u = (each.reshape(-1, states.mechanism.size) for each in (states.q, states.u))
-        fixed = dict(zip(NAMES, (np.zeros(n), 0.0, None), strict=True))
-        drives = drives_of(n, moves, fixed | self.varying)
-        first = drives.at(np.full(len(q), begin), q, u)
-        acting = first.reshape(*theta.shape[:-1], n + AFTER_TORQUES)
-        torque = states.loads[..., :n] + acting[..., :n]
-        given: dict[str, Any] = {}
-        if states.mechanism.places == 1:
-            given["force"] = states.loads[..., n] + acting[..., n]
-        if states.mechanism.places == 2:
-            given["pivot_acceleration"] = first[0, n + 1 :]
-        driven = assembled(self.chains[0], theta, omega, torque, **given, **state)
-        return states._replace(q=driven.q, u=driven.u)
+    def _axial_start(self, k: int, begin: float) -> tuple[FloatArray, FloatArray]:
+        """Return the start of springs that carry what acts on motion `k` at the beginning."""
+        n, places = self.chains[0].n, self.mechanism.places
+        nothing = dict(zip(NAMES, (np.zeros(n), 0.0, None), strict=True))
+        drives = drives_of(n, places > 0, nothing | self.varying)
+        drives.check_functions(begin, self.q[k], self.u[k])
+        acting = drives.at(np.array([begin]), self.q[k : k + 1], self.u[k : k + 1])[0]
+        acting[: self.loads.shape[1]] += self.loads[k]
+        shaken = "pivot_acceleration" in self.varying
+        return slow_start(
+            self.chain(k), self.q[k, :n], self.u[k, :n], acting[:n],
+            acting[n] if places == 1 else 0.0, self.u[k, n : n + places],
+            acting[n + 1 :] if shaken else self.accelerated,
+        )  # fmt: skip
 
     def _rows(
         self, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike, *, one: bool
@@ -97,7 +88,7 @@ class Start:
             rows = [*check_states(n, theta=theta, omega=omega, torque=torque)]
             if rows[0].ndim == 1:
                 rows = [np.tile(values, (members, 1)) for values in rows]
-            if rows[0].ndim != 2 or (members > 1 and len(rows[0]) != members):
+            if rows[0].ndim != 2 or not len(rows[0]) or (members > 1 and len(rows[0]) != members):
                 raise ValueError(
                     f"theta, omega and torque must have the shape (B, {n})"
                     + (f" for B = {members} chains" if members > 1 else "")
