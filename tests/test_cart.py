@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import solve_discrete_are
 
 from npend_gym import Cart, Chain
-from npend_gym.compiled.philox import Purpose, generator
+from npend_gym._streams import Purpose
+from npend_gym.compiled.philox import generator
 from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv, SwingUp
 
 CARTS = ["npend/CartPole-v1", "npend/CartDoublePole-v1", "npend/CartTriplePole-v1"]

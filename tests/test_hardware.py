@@ -10,7 +10,7 @@ from oracle import accelerations
 from scipy import signal, stats
 from scipy.integrate import solve_ivp
 
-from npend_gym.compiled.philox import Purpose
+from npend_gym._streams import Purpose
 from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv, SwingUp
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile

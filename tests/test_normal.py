@@ -6,9 +6,10 @@ import pytest
 from scipy import stats
 from scripts import run_uncompiled
 
+from npend_gym._streams import Purpose
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.normal import log, make_normal, normal_pair
-from npend_gym.compiled.philox import Purpose, keys_of, philox, unit
+from npend_gym.compiled.philox import keys_of, philox, unit
 
 COUNT = 100_000
 

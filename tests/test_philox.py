@@ -6,9 +6,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scripts import run_uncompiled
 
+from npend_gym._streams import Purpose
 from npend_gym.compiled.jit import kernel
 from npend_gym.compiled.philox import (
-    Purpose,
     first_units,
     generator,
     key_of,

@@ -11,7 +11,8 @@ from gymnasium.vector import AutoresetMode
 from lanes import actions_for, assert_lanes_are_singles, assert_same, run
 
 from npend_gym import Chain
-from npend_gym.compiled.philox import Purpose, generator
+from npend_gym._streams import Purpose
+from npend_gym.compiled.philox import generator
 from npend_gym.envs import NPendulumEnv, NPendulumVectorEnv, Transition
 
 GOAL_ENV = {"goal_env": True, "reward_type": "sparse"}

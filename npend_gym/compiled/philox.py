@@ -15,7 +15,7 @@ Salmon, Moraes, Dror and Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC
 # ruff: noqa: ARG001  Numba hands these functions more than they need
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,19 +31,6 @@ _MASK = 2**64 - 1
 _FACTOR_0, _FACTOR_1 = 0xD2E7470EE14C6C93, 0xCA5A826395121157
 _BUMP_LOW, _BUMP_HIGH = 0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B
 
-
-class Purposes(NamedTuple):
-    """What a stream of random numbers is for: a word of its counter."""
-
-    START: int = 0  # the state in which an episode starts
-    CHAIN: int = 1  # the parameters of a random chain
-    SENSOR: int = 2
-    MOTOR: int = 3
-    PUSH: int = 4
-    GOAL: int = 5
-
-
-Purpose = Purposes()
 
 if TYPE_CHECKING:
 

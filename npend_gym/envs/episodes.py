@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym._streams import Purpose
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
-from npend_gym.compiled.philox import Keys, Purpose, generator
+from npend_gym.compiled.philox import Keys, generator
 from npend_gym.envs.cart import OF_CART, base_of, cart_speed_factor
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.hardware import ROWS, fit_hardware

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
+from npend_gym._streams import Purpose
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.exponential import one_minus_exp
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.normal import normal_pair
 from npend_gym.compiled.packs import WIDTH, any_of, where
-from npend_gym.compiled.philox import Keys, Purpose, philox, unit
+from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
 from npend_gym.envs.kernels import wrapped
 from npend_gym.envs.rows import EPISODE_ROWS, Episode

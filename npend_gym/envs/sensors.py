@@ -11,11 +11,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from npend_gym._checks import FloatArray
+from npend_gym._streams import Purpose
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.normal import make_normal
 from npend_gym.compiled.packs import WIDTH, any_of, where
-from npend_gym.compiled.philox import Keys, Purpose, philox, unit
+from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
 from npend_gym.envs.kernels import ObsArray, observe, wrapped
 from npend_gym.envs.motors import Motor

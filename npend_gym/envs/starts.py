@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from npend_gym._checks import FloatArray
+from npend_gym._streams import Purpose
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
-from npend_gym.compiled.philox import Keys, Purpose, philox, unit
+from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.envs.modes import Mode, NearPose, Release
 from npend_gym.envs.rows import Episode
 from npend_gym.physics.kernels.layout import Member, Model, Rod

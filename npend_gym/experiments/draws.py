@@ -12,7 +12,8 @@ of trials share trials.
 from __future__ import annotations
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.philox import Purpose, first_units, keys_of
+from npend_gym._streams import Purpose
+from npend_gym.compiled.philox import first_units, keys_of
 
 
 def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -> FloatArray:
