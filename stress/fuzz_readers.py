@@ -220,6 +220,9 @@ def main() -> int:
         watch = Watch(options.corpus)
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=r"theta reaches", category=UserWarning)
+        warnings.filterwarnings(
+            "ignore", message=r".*does not say for which environment", category=UserWarning
+        )
         if options.guided:
             guide(names[0], readers, options, watch)
         began = time.perf_counter()

@@ -31,6 +31,7 @@ def strict():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message="theta reaches")
+        warnings.filterwarnings("ignore", message=".*does not say for which environment")
         yield
 
 

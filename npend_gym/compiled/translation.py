@@ -106,8 +106,13 @@ class Translation:
         return self.number(value)
 
     def choice(self, chosen: Any) -> Any:
-        """Return the one of the functions to choose from that is of the kind named."""
+        """Return the one of the functions to choose from that is of the kind named.
+
+        Where none is, the choice is by another argument, which is an array on a GPU.
+        """
         found = [kernel for kind, kernel in chosen.by_type.items() if kind in self.kinds]
+        if not found and 0 in chosen.by_type:
+            return chosen.by_type[0]
         if len(found) != 1:
             raise ValueError(
                 f"{chosen.__name__} is there for {[*chosen.by_type]}, not {self.kinds}"

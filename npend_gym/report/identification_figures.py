@@ -91,6 +91,7 @@ def parameters(result: Identification) -> Figure:
     left, right = panels(figure, 1, 2)
     k = np.arange(len(result.names))
     known = np.isfinite(result.standard_errors) & (result.standard_errors > 0.0)
+    known &= result.values != 0.0  # the relative error of zero has no meaning
     size = np.where(known, np.abs(result.values), 1.0)
     relative = 100.0 * result.standard_errors[known] / size[known]
     left.plot(relative, k[known], "o", color=BLUE)
