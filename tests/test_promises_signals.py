@@ -166,7 +166,8 @@ def test_bad_arguments_are_refused_with_closed_streams_too(line):
 STARTS = {
     # what pip writes as `npend`, and what `python -m` does: it imports the package first
     "script": "from npend_gym.cli import main; sys.exit(main())",
-    "module": "import runpy; runpy.run_module('npend_gym', run_name='__main__', alter_sys=True)",
+    "module": "import runpy; del sys.argv[1:3]; "
+    "runpy.run_module('npend_gym', run_name='__main__', alter_sys=True)",
 }
 # Prints a line when the imports that take long begin: what is before takes a millisecond or two
 TELLING = f"""
