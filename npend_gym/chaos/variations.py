@@ -111,7 +111,7 @@ def motion_of(
     start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     shaken = varies(pivot_acceleration)
     states = states_of(chain, *start, pivot_acceleration=AT_REST if shaken else pivot_acceleration)
-    rate = max(fastest_rate(chain), slowest_decay(chain))
+    rate = max(fastest_rate(chain), fastest_decay(chain))
     settings = check_settings("dop853", rtol, 0.01 * rtol, _LONGEST / rate)
     recipe = Recipe("dop853", settings, np.zeros(n), 0.0, pivot_acceleration)
     motion = motion_from(states.mechanism, np.concatenate([states.q, states.u]), begin, recipe)
@@ -119,7 +119,7 @@ def motion_of(
     return motion
 
 
-def slowest_decay(chain: Chain) -> float:
+def fastest_decay(chain: Chain) -> float:
     """Return a bound of the rate [1/s] at which dampers and drag act; 0 without them."""
     rate = mechanism_of([chain]).axial_rates()[1]
     lighter = _lighter(chain)

@@ -104,8 +104,7 @@ class Signal:
         return rows[:-1], np.diff(rows, axis=0) / np.diff(times)[:, None]
 
 
-Function = Callable[..., Any]
-TimeVarying = Signal | Function
+TimeVarying = Signal | Callable[..., Any]
 
 
 def varies(value: Any) -> bool:
@@ -222,14 +221,14 @@ class Drives:
     def at(self, times: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
         """Return what acts at instants (S,) in states (S, m) each, (S, n + AFTER_TORQUES)."""
         values = np.tile(self.fixed, (times.size, 1))
-        places = {"torque": 0, "force": self.n, "pivot_acceleration": self.n + 1}
+        places = _slots(self.n)
         for name, each in self.varying.items():
             for k, t in enumerate(times):
                 given = np.atleast_1d(
                     each(float(t)) if isinstance(each, Signal)
                     else _called(name, each, float(t), q[k], u[k])
                 )  # fmt: skip
-                values[k, places[name] : places[name] + given.size] = given
+                values[k, places[name]][: given.size] = given
         return values
 
     def pieces(self, begin: float, end: float) -> Iterator[tuple[FloatArray, Torque]]:
@@ -258,13 +257,13 @@ class Drives:
     def _line(self, begin: float, signals: dict[str, Signal], loads: FloatArray) -> Sampled:
         """Return the straight lines on which the signals run from an instant on."""
         line = np.array([self.fixed, np.zeros_like(self.fixed)])
-        places = {"torque": 0, "force": self.n, "pivot_acceleration": self.n + 1}
+        places = _slots(self.n)
         for name, each in signals.items():
             times, (values, slopes) = np.asarray(each.times), each.lines()
             k = min(int(np.searchsorted(times, begin, side="right")) - 1, times.size - 2)
-            place = slice(places[name], places[name] + values.shape[1])
-            line[0, place] = values[k] + (begin - times[k]) * slopes[k]
-            line[1, place] = slopes[k]
+            of_values, of_slopes = line[:, places[name]][:, : values.shape[1]]
+            of_values[:] = values[k] + (begin - times[k]) * slopes[k]
+            of_slopes[:] = slopes[k]
         return Sampled(begin, line, loads)
 
     @contextmanager
@@ -328,7 +327,9 @@ def _check_width(name: str, given: Signal, shapes: tuple[tuple[int, ...], ...]) 
         )
 
 
-def _called(name: str, function: Function, t: float, q: FloatArray, u: FloatArray) -> FloatArray:
+def _called(
+    name: str, function: Callable[..., Any], t: float, q: FloatArray, u: FloatArray
+) -> FloatArray:
     """Return what a function says, or a ValueError that names it."""
     late = name != "torque" and takes_time_alone(function)
     try:
@@ -337,14 +338,18 @@ def _called(name: str, function: Function, t: float, q: FloatArray, u: FloatArra
         raise ValueError(f"{name} raised {type(error).__name__} at t = {t:g} s: {error}") from error
 
 
+def _slots(n: int) -> dict[str, slice]:
+    """Return where each drive stands in what kernels are given, by NAMES."""
+    return dict(zip(NAMES, (slice(n), slice(n, n + 1), slice(n + 1, n + 3)), strict=True))
+
+
 def drives_of(n: int, moves: bool, given: dict[str, Any]) -> Drives:
     """Return the drives of one motion; constants among those `given` by NAMES are checked.
 
     `moves` says whether the base does.
     """
     fixed, varying = np.zeros(n + AFTER_TORQUES), dict[str, TimeVarying]()
-    slots = (slice(n), slice(n, n + 1), slice(n + 1, n + 3))
-    places: dict[str, slice] = dict(zip(NAMES, slots, strict=True))
+    places = _slots(n)
     for name, value in given.items():
         if varies(value):
             varying[name] = value
