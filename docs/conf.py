@@ -136,6 +136,7 @@ autodoc_mock_imports = ["stable_baselines3", "tensordict", "torch", "torchrl"]
 napoleon_google_docstring = False
 napoleon_use_param = napoleon_use_rtype = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False  # docstrings give types; the letters of generic ones mean nothing
 napoleon_custom_sections = [
     "Description",
     "Action",
@@ -145,6 +146,7 @@ napoleon_custom_sections = [
     "Starting state",
     "Episode end",
     "Info",
+    "Tasks",
     "Version history",
 ]
 

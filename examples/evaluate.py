@@ -21,7 +21,7 @@ from npend_gym.report.robustness_report import evaluation_text
 from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
 from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.policies.policy import find_policy
+from npend_gym.rl.policies.shipped import find_policy
 from npend_gym.rl.training.tasks import env_of_task, evaluation_env
 
 
@@ -101,10 +101,9 @@ def main() -> None:
     print(f"{arguments.env_id} {keywords}")
     evaluation = evaluate(
         controller,
-        keywords,
+        keywords | {"id": arguments.env_id},
         episodes=arguments.episodes,
         seed=arguments.seed,
-        env_id=arguments.env_id,
     )
     print(evaluation_text(evaluation.as_row(), gym.spec(arguments.env_id).reward_threshold))
     if arguments.video:

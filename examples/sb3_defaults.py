@@ -39,7 +39,7 @@ def trained(algorithm: str, steps: int, seed: int) -> dict[str, Any]:
     model.learn(steps)
     seconds = round(time.process_time() - start_time, 1)
     env.close()
-    score = evaluate(model, KEYWORDS, env_id=ENV_ID)
+    score = evaluate(model, KEYWORDS | {"id": ENV_ID})
     made = {
         "npend_gym": npend_gym.__version__,
         "stable_baselines3": stable_baselines3.__version__,

@@ -103,7 +103,7 @@ def score_of(model: BaseAlgorithm, config: dict[str, Any], **options: Any) -> di
     """Return how well a model does in episodes of the environment that `config` describes."""
     env_id, settings = section(config)
     keywords = evaluation_env(settings.get("env_kwargs", {}))
-    return evaluate(model, keywords, env_id=env_id, **options).as_row()
+    return evaluate(model, keywords | {"id": env_id}, **options).as_row()
 
 
 class Checkpoints(BaseCallback):

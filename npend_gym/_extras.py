@@ -14,7 +14,7 @@ def require(module: str, extra: str, purpose: str) -> Any:
     module : str
         Name of the module, such as "sympy" or "ray.util.joblib".
     extra : str
-        Extra of the package that installs it, such as "kane".
+        Extra of the package that installs it, such as "plot".
     purpose : str
         What needs it, in the plural: "figures".
 

@@ -47,8 +47,6 @@ GOLDEN: dict[str, str] = {
         "7b604ea4c26d56468f82c82efc5a4dcfa55372748e5484b86b91553e58894d41",
     "pseudo-periods, com":
         "f72f7d9b34cf85bcc0bf3e431b94448afa3819b2d7296fd2b0ab264247ee8884",
-    "pseudo-periods, listing":
-        "ac4a922183b77f6611320cd8e1f9860775fb865e779440ac1f909e7ae9ca1312",
     "random numbers":
         "d5b23020686d4b80c904fa907482e42fffdc6c8aca01fe76f8d4527e70a32263",
     "environment, passive":

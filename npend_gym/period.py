@@ -8,22 +8,16 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, share_out
-from npend_gym.chain import Chain, check_chain, check_hung
+from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.listing import LISTING_DURATION, MAX_LISTING_DURATION, listing_periods
 from npend_gym.physics.arguments import check_rtol, warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.turning_points import (
-    BOB,
-    COM,
-    HEIGHT,
-    LINK,
-)
+from npend_gym.physics.kernels.turning_points import BOB, COM, HEIGHT, LINK
 from npend_gym.physics.measurement import Measurement, measure, shares
 from npend_gym.physics.mechanism import mechanism_of
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
-READINGS = (*_CODES, "listing")
+READINGS = tuple(_CODES)
 
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 
@@ -49,32 +43,31 @@ def pseudo_periods(
     ----------
     chain : Chain
         Springs are released with the tensions of rigid rods, a cart at rest; velocities are
-        relative to the pivot. The reading "listing" knows rigid rods on a pivot at rest alone.
+        relative to the pivot.
     theta, omega : array_like, shape (n,) or (R, n)
         Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases, which
         are followed side by side, a few times faster than one by one and with the same results to
         the last bit. One number stands for all. At rest angles beyond 2 pi are refused, as they
         are likely to be degrees; of a moving chain those that look like degrees bring a warning.
-    reading : {"bob", "link", "height", "com", "listing"}
+    reading : {"bob", "link", "height", "com"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 
         - "bob": the bob's horizontal velocity has reversed twice;
         - "link": the rod's angular velocity has gone 0, -, +, 0;
         - "height": the bob is back at its starting height;
         - "com": the horizontal velocity of the chain's centre of mass has reversed twice: one
-          pseudo-period for all bobs;
-        - "listing": the estimator printed in the paper's appendix D, quirks and all.
+          pseudo-period for all bobs.
 
         The bob of a link with inertia is its far end: the next joint, or the tip.
     duration : float, optional
         Length of the window [s]. By default it lasts until every bob has completed, at most ten
-        fundamental periods ("listing": the paper's 10 s).
+        fundamental periods.
     rtol : float
         Relative tolerance of the integration; the absolute one is a hundredth of it.
     threads : int
         Threads that share the releases. No result depends on it.
     pivot_acceleration : array_like of shape (2,), optional
-        Constant acceleration of the pivot [m/s^2]; not with "listing".
+        Constant acceleration of the pivot [m/s^2].
 
     Returns
     -------
@@ -112,26 +105,11 @@ def pseudo_periods(
     check_chain(chain)
     theta, omega = _starts(chain, theta, omega)
     releases = theta.reshape(-1, chain.n), omega.reshape(-1, chain.n)
-    reading = _checks.choice("reading", reading, READINGS)
-    if reading == "listing":
-        check_hung(chain, 'reading "listing"')
-        if pivot_acceleration is not None:
-            raise ValueError('pivot_acceleration must be None with reading "listing"')
+    reading = check_reading(reading)
     rtol = check_rtol(rtol)
     threads = _checks.count("threads", threads, high=MAX_THREADS)
     if duration is not None:
         duration = _checks.positive_number("duration", duration)
-    if reading == "listing":
-        window = duration or LISTING_DURATION
-        if window > MAX_LISTING_DURATION:  # it compares every frame with every other
-            raise ValueError(
-                f'duration must be at most {MAX_LISTING_DURATION:g} with reading "listing", '
-                f"got {window:g}"
-            )
-        listed = [
-            listing_periods(chain, *start, window, rtol) for start in zip(*releases, strict=True)
-        ]
-        return np.reshape(listed, theta.shape)
     if chain.gravity == 0.0 and not np.any(omega):
         return np.full(theta.shape, np.nan)
     if duration is None:
@@ -151,6 +129,16 @@ def pseudo_periods(
 
     share_out(shares(len(periods)), threads, follow)
     return periods.reshape(theta.shape)
+
+
+def check_reading(reading: str) -> str:
+    """Return `reading`, which must be one of `READINGS`."""
+    if reading == "listing":
+        raise ValueError(
+            f'reading must be one of {", ".join(READINGS)}; "listing", the paper\'s own estimator, '
+            "is `listing_periods` in paper/estimator.py of a clone"
+        )
+    return _checks.choice("reading", reading, READINGS)
 
 
 def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArray, FloatArray]:

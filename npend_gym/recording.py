@@ -18,7 +18,6 @@ from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.physics import Trajectory, simulate
 
-INSTANT_READINGS = ("bob", "link", "height", "com")  # those that an instant of the motion completes
 DEFAULT_SECONDS = 15.0  # of an episode
 _INCOMPLETE_SECONDS = 10.0  # the paper's window, for releases that complete nothing
 _AFTERWARDS = 1.05  # a release is recorded a little longer than its last pseudo-period
@@ -96,10 +95,8 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
     Raises
     ------
     ValueError
-        If the reading is "listing", whose estimate is no instant, or the recording would be too
-        long to be held.
+        If the recording would be too long to be held.
     """
-    _checks.choice("reading", experiment.reading, INSTANT_READINGS)
     interval = _checks.positive_number("interval", interval)
     chain, seconds = experiment.chain_of(run.n), experiment.duration
     if seconds is None:

@@ -148,3 +148,49 @@ def test_progress_sees_every_part_of_the_motion_and_may_stop_it():
 def test_bad_input_is_refused_by_name(call, error, text):
     with pytest.raises(error, match=text):
         call(Chain.uniform(2))
+
+
+@pytest.mark.long
+def test_tangent_vectors_are_differences_of_neighbours():
+    chain, start = Chain([1.0, 2.0], [1.0, 0.5]), np.array([1.5, -1.0, 0.5, 0.3])
+    times = np.linspace(0.0, 1.0, 11)
+
+    def motion(state):
+        path = simulate(chain, state[:2], state[2:], times, rtol=1e-13, atol=1e-14)
+        return np.concatenate([path.theta, path.omega], axis=1)
+
+    vectors, found = np.eye(4), np.empty((11, 4, 4))
+    for span, frames in chaos.tangents(chain, start[:2], start[2:], times, vectors, rtol=1e-13):
+        found[span] = frames
+    step = 1e-6
+    for vector, e in enumerate(np.eye(4)):
+        expected = (motion(start + step * e) - motion(start - step * e)) / (2 * step)
+        error = np.abs(found[1:, vector] - expected[1:]).max()
+        assert error <= 1e-8 * np.abs(expected).max()
+    np.testing.assert_array_equal(vectors, found[-1])
+
+
+@pytest.mark.long
+def test_orthogonal_tangent_vectors_shrink_together_as_friction_says():
+    """The exponents of a damped pendulum add up to minus its damping over m l^2, at any time."""
+    chain, total = Chain([2.0], [0.5], damping=0.1), 0.0
+    vectors = np.eye(2)
+    for _ in chaos.tangents(chain, 2.0, 0.0, [0.0, 20.0], vectors, steps=10):
+        orthogonal, triangle = np.linalg.qr(vectors.T)
+        vectors[:] = orthogonal.T
+        total += np.log(np.abs(np.diag(triangle))).sum()
+    assert total == pytest.approx(-20.0 * 0.1 / (2.0 * 0.5**2), rel=1e-9)
+
+
+def test_tangent_vectors_of_another_chain_are_refused():
+    with pytest.raises(ValueError, match=r"vectors must be float64 of shape \(D, 4\), got"):
+        chaos.tangents(Chain.uniform(2), 1.0, 0.0, [0.0, 1.0], np.eye(2))
+    wild = Chain.uniform(5), 2.0, 0.0, [0.0, 500.0]
+    with pytest.raises(FloatingPointError, match="beyond all bounds until t = "):
+        list(chaos.tangents(*wild, np.eye(1, 10), steps=100_000))
+
+
+def test_the_flow_keeps_volume_and_friction_does_not(uneven):
+    assert abs(chaos.volume_change(uneven)) < 1e-7
+    damped = Chain(uneven.masses, uneven.lengths, damping=0.5)
+    assert chaos.volume_change(damped) < -0.5

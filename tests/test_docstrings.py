@@ -17,9 +17,10 @@ NEEDS = {"torch": "torch", "rl": "stable_baselines3", "notebook": "PIL"}
 
 
 def modules_with_examples():
-    for path in sorted(PACKAGE.rglob("*.py")):
-        if ">>> " in path.read_text("utf-8") and "examples" not in path.parts:
-            yield ".".join(("npend_gym", *path.relative_to(PACKAGE).with_suffix("").parts))
+    for folder in (PACKAGE, Path(__file__).parents[1] / "paper"):
+        for path in sorted(folder.rglob("*.py")):
+            if ">>> " in path.read_text("utf-8") and "examples" not in path.parts:
+                yield ".".join(path.relative_to(folder.parent).with_suffix("").parts)
 
 
 @pytest.mark.parametrize("name", list(modules_with_examples()))

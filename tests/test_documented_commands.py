@@ -11,11 +11,16 @@ from scripts import run_script
 from suites import timing
 
 from npend_gym.cli import main, parsers
+from npend_gym.rl import Policy
+from paper import __main__ as study
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "paper/README.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 BLOCK = re.compile(r"```(?:sh|console)\n(.*?)```", re.DOTALL)
-OURS = ("npend ", "python examples/")
+OURS = ("npend ", "python examples/", "python -m paper")
 
 
 def commands(page):
@@ -32,13 +37,21 @@ def commands(page):
                     yield shlex.split(command, comments=True), whole
 
 
+def file_of(words):
+    """Return the script that `python FILE ...` or `python -m MODULE ...` runs."""
+    name = words[1] if words[1] != "-m" else f"{words[2].replace('.', '/')}.py"
+    return ROOT / name
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_the_page_are_understood(page, capsys):
     parser, each = parsers()
     for words, whole in commands(page):
         placeholder = any(re.fullmatch(r"[A-Z]+|\.\.\.", word) for word in words)
-        if words[0] == "python":
-            script = (ROOT / words[1]).read_text("utf-8")
+        if words[:3] == ["python", "-m", "paper"]:
+            study.command().parse_args(words[3:])
+        elif words[0] == "python":
+            script = file_of(words).read_text("utf-8")
             options = {word for word in words[2:] if word.startswith("--")} - {"--env"}
             assert all(f'"{option}"' in script for option in options), words
         elif whole and not placeholder:
@@ -63,9 +76,11 @@ ELSEWHERE = {  # why a command is not run here
     "clone_behaviour": "Minari, too",
     "--address": "it needs a cluster",
     "--only gpu": "it needs a GPU",
-    "--out results/paper": "its findings are tested one by one, and take long together",
-    "--only hesitation": "minutes; tests/test_paper_hesitation.py runs it",
-    "--only tables-together": "minutes; tests/test_paper_tables.py runs it",
+    "paper --out results": "its findings are tested one by one, and take long together",
+    "paper.period": "minutes; tests/paper/test_period_paper.py runs a part",
+    "--full": "half an hour; tests/paper/test_com_law.py runs a part",
+    "--only hesitation": "minutes; tests/paper/test_paper_hesitation.py runs it",
+    "--only tables-together": "minutes; tests/paper/test_paper_tables.py runs it",
     "--only chaos-n": "minutes: exponents up to N = 100",
     "--resume": "it goes on with what was interrupted; tests/test_rl_checkpoints.py",
     "results.py": "training that takes hours; tests/test_rl_examples.py runs a part",
@@ -115,6 +130,7 @@ def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, mo
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for name, data in OWN.items():
         shutil.copy(ROOT / "examples" / "data" / data, tmp_path / name)
+    Policy.pretrained("calm-1").save(tmp_path / "calm.safetensors")  # as code of a page makes one
     plan = re.search(r"```toml\n(n = .*?)```", page.read_text("utf-8"), re.DOTALL)
     if plan:
         (tmp_path / "plan.toml").write_text(plan[1].replace("trials = 1000", "trials = 2"))
@@ -125,7 +141,9 @@ def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, mo
         if words[1] != "analyse":  # which reads what the command before has written
             for folder in {"results", "FOLDER"} & set(words):
                 shutil.rmtree(folder, ignore_errors=True)
-        if words[0] == "python":
+        if words[:3] == ["python", "-m", "paper"]:
+            assert study.main(words[3:]) == 0, words
+        elif words[0] == "python":
             run_script(ROOT / words[1], *shorter(words)[2:], cwd=tmp_path)
         else:
             assert main(shorter(words)[1:]) == 0, words

@@ -351,3 +351,13 @@ def test_the_substeps_of_many_chains_are_found_without_computing_each(monkeypatc
         computed.clear()
         substeps_of(drawn_chains(kind, 5000, 3, rng), 0.05)
         assert len(computed) < 30
+
+
+def test_default_substeps_resolve_the_motion_of_a_chain_on_a_light_cart():
+    chain = Chain.uniform(2, base=Cart(0.02))
+    ensemble = Ensemble(chain, 1)
+    ensemble.set_state(slice(None), [0.1, -0.2])
+    ensemble.advance(0.0, 0.1)
+    motion = simulate(chain, [0.1, -0.2], 0.0, [0.0, 0.1], rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(ensemble.theta[0], motion.theta[1], atol=1e-6)
+    assert ensemble.cart[0][0] == pytest.approx(motion.position[1], abs=1e-6)

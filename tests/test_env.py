@@ -441,6 +441,40 @@ def test_a_hundred_thousand_steps_do_not_grow_the_memory():
     assert sizes[-1] - sizes[0] < 2_000  # kilobytes
 
 
+def test_pictures_have_the_size_that_is_asked_for_and_a_plain_one_hides_the_action():
+    pytest.importorskip("pygame")
+    frames = []
+    for torque in (0.0, 1.0):
+        env = make(n=2, render_mode="rgb_array", render_size=84, render_plain=True, dt=1e-9)
+        env.reset(seed=0)
+        env.step(np.array([torque], np.float32))
+        frames.append(env.render())
+    assert frames[0].shape == (84, 84, 3)
+    np.testing.assert_array_equal(*frames)
+    with pytest.raises(ValueError, match="render_size must be"):
+        make(render_size=8)
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_gymnasiums_wrapper_makes_pictures_the_observation_of_many_environments(mode):
+    pytest.importorskip("pygame")
+    from gymnasium.wrappers import AddRenderObservation
+
+    keywords = {"n": 2, "render_mode": "rgb_array", "render_size": 64, "render_plain": True}
+    envs = gym.make_vec("npend/SwingUp-v1", 2, mode, wrappers=[AddRenderObservation], **keywords)
+    native = gym.make_vec("npend/SwingUp-v1", 2, **keywords)
+    for each in (envs, native):
+        each.action_space.seed(3)
+    pictures, _ = envs.reset(seed=5)
+    native.reset(seed=[5, 6])
+    np.testing.assert_array_equal(pictures, np.stack(native.render()))
+    actions = envs.action_space.sample()
+    pictures, *_ = envs.step(actions)
+    native.step(actions)
+    np.testing.assert_array_equal(pictures, np.stack(native.render()))
+    envs.close()
+
+
 def test_pictures_follow_the_chain():
     pytest.importorskip("pygame")
     env = make(mode="passive", n=3, render_mode="rgb_array")

@@ -96,6 +96,9 @@ KEYWORDS = {
     "spread": one_of(0.0, 0.3),
     "randomize": lambda n: st.fixed_dictionaries({}, optional={k: s(n) for k, s in DRAWN.items()}),
     "observe_context": one_of(False, True),
+    "observe_velocities": one_of(False, True),
+    "render_size": one_of(48, 84),
+    "render_plain": one_of(False, True),
 }
 # Those of sensors and motors that are not ideal
 HARDWARE = {

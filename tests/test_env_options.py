@@ -7,6 +7,50 @@ import pytest
 from npend_gym.envs import EnvConfig, Mode
 from npend_gym.envs.registration import ENV_ID, TASKS
 from npend_gym.rl import evaluate
+from npend_gym.rl.evaluation.rollouts import Observer
+
+# -- observations without velocities --------------------------------------------------------
+
+SEEN = {"randomize": {"masses": (0.8, 1.2)}, "observe_context": True}
+IN_PART = {
+    "angles": {"observation": "angles"},
+    "scaled": {"observation": "scaled"},
+    "cart": {"observation": "sincos", "base": "cart"} | SEEN,
+    "sensors": {"observation": "sincos", "angle_noise": 0.1, "observation_delay": 1.5},
+    "goals": {"observation": "angles", "mode": "transition"},
+}
+
+
+@pytest.mark.parametrize("keywords", IN_PART.values(), ids=IN_PART)
+def test_without_velocities_all_else_is_observed_as_with_them(keywords):
+    n = 2
+    angles = n if keywords["observation"] == "angles" else 2 * n
+    velocities = [*range(angles, angles + n), *([angles + n + 1] if "base" in keywords else [])]
+    whole, part = (
+        gym.make_vec(ENV_ID, num_envs=3, n=n, observe_velocities=seen, **keywords)
+        for seen in (True, False)
+    )
+    single = gym.make(ENV_ID, n=n, observe_velocities=False, **keywords)
+    space, left = whole.single_observation_space, part.single_observation_space
+    assert left.shape == single.observation_space.shape == (space.shape[0] - len(velocities),)
+    np.testing.assert_array_equal(left.high, np.delete(space.high, velocities))
+    shown, seen, alone = (env.reset(seed=4)[0] for env in (whole, part, single))
+    for _ in range(4):
+        np.testing.assert_array_equal(seen, np.delete(shown, velocities, axis=1))
+        np.testing.assert_array_equal(seen[0], alone)
+        actions = whole.action_space.sample()
+        (shown, *rest), (seen, *others) = whole.step(actions), part.step(actions)
+        alone = single.step(actions[0])[0]
+        for expected, got in zip(rest[:3], others[:3], strict=True):
+            np.testing.assert_array_equal(got, expected)
+        np.testing.assert_array_equal(others[3]["omega"], rest[3]["omega"])
+
+
+def test_a_controller_that_needs_velocities_says_so():
+    config = EnvConfig(observe_velocities=False)
+    with pytest.raises(ValueError, match=r"observe_velocities must be True .* got False"):
+        Observer(lambda observation, _: observation, config)
+
 
 # -- bounded observations -------------------------------------------------------------------
 
@@ -210,10 +254,9 @@ def test_a_controller_of_discrete_torques_is_evaluated_like_one_of_continuous_on
     def discrete(observation, info):
         return brake(observation, info)[:, 0].astype(int) + 1
 
-    keywords = {"n": 1, "max_episode_steps": 100, "env_id": "npend/Calm-v1"}
-    env_id = keywords.pop("env_id")
-    one = evaluate(brake, keywords, episodes=5, env_id=env_id)
-    other = evaluate(discrete, keywords | {"torque_levels": 3}, episodes=5, env_id=env_id)
+    keywords = {"id": "npend/Calm-v1", "n": 1, "max_episode_steps": 100}
+    one = evaluate(brake, keywords, episodes=5)
+    other = evaluate(discrete, keywords | {"torque_levels": 3}, episodes=5)
     assert one.returns.min() > 10.0
     assert np.array_equal(one.returns, other.returns)
     assert np.array_equal(one.motor_work, other.motor_work)
@@ -230,8 +273,7 @@ def test_dqn_of_stable_baselines3_trains_on_discrete_torques():
     assert model.q_net.q_net[-1].out_features == 3
     mean = evaluate(
         lambda observation, _: model.predict(observation, deterministic=True)[0],
-        keywords,
+        keywords | {"id": "npend/SwingUp-v1"},
         episodes=3,
-        env_id="npend/SwingUp-v1",
     ).returns
     assert np.isfinite(mean).all()

@@ -1,10 +1,14 @@
 """Making an environment: its keywords, its tasks, its entry in Gymnasium's registry, its errors."""
 
 import inspect
+import os
 import pickle
+import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -182,3 +186,93 @@ def test_the_number_of_rods_is_that_of_the_masses_where_it_is_not_given():
 def test_the_words_of_other_packages_are_answered_with_ours(name, hint):
     with pytest.raises(TypeError, match=hint):
         NPendulumEnv(**{name: 3})
+
+
+# -- what CONTRIBUTING says of a keyword, a key of the info and a task ----------------------
+
+ROOT = Path(__file__).parent.parent
+WALKED = r"""
+import inspect
+import numpy as np
+from npend_gym import NPendulumEnv, NPendulumVectorEnv
+from npend_gym.envs import EnvConfig, Info
+from npend_gym.physics import mass_matrix
+
+def both(lanes=LANES, **keywords):
+    env, envs = NPendulumEnv(n=2, **keywords), NPendulumVectorEnv(lanes, n=2, **keywords)
+    shown, vector = env.reset(seed=3), envs.reset(seed=3)
+    for action in ([0.5], [-1.0]):
+        stepped = env.step(np.array(action))
+        many = envs.step(np.tile(action, (lanes, 1)))
+        assert np.array_equal(many[0][0], stepped[0]) and many[1][0] == stepped[1]
+        assert np.array_equal(many[4]["theta"][0], stepped[4]["theta"])
+    assert shown[0] in env.observation_space and vector[0] in envs.observation_space
+    return env, stepped, many
+
+# the keyword
+env, (observation, *_, info), _ = both(angle_offset=0.25)
+assert np.allclose(observation[:2], info["theta"] + 0.25, atol=1e-6)
+assert np.allclose(observation[2:], info["omega"], atol=1e-6)
+assert EnvConfig(n=2).angle_offset == 0.0
+assert inspect.signature(NPendulumVectorEnv).parameters["angle_offset"].default == 0.0
+assert "angle_offset : float\n        By how much the sensors show" in NPendulumEnv.__doc__
+assert env.get_state()["members"]["angle_offset"] == 0.25
+env, (*_, info), many = both(randomize={"angle_offset": {"low": 0.1, "high": 0.2}})
+assert 0.1 < info["context"][0] == many[4]["context"][0, 0] < 0.2
+for wrong in (-1.0, float("nan")):
+    try:
+        EnvConfig(angle_offset=wrong)
+    except ValueError as error:
+        assert "angle_offset must be" in str(error)
+    else:
+        raise AssertionError
+
+# the key of the info
+env, (*_, info), many = both()
+expected = 0.5 * info["omega"] @ mass_matrix(env.config.chain, info["theta"]) @ info["omega"]
+assert abs(info["kinetic_energy"] - expected) < 1e-9 and expected > 1e-3
+assert many[4]["kinetic_energy"][0] == info["kinetic_energy"]
+assert many[4]["_kinetic_energy"].all()
+assert "Kinetic part of the energy [J]" in Info.__doc__
+
+# the task
+env, (_, reward, *_, info), many = both(mode="level")
+tip = info["tip_height"] / 2.0
+assert reward == 1.0 / (1.0 + 100.0 * tip * tip)
+assert env._episodes._judge > 0
+assert "Hold the tip level with the pivot." in NPendulumEnv.__doc__
+assert both(mode="level", reward_type="sparse")[1][1] == float(abs(tip) < 0.1)
+"""
+
+
+def applied(diff, package):
+    """Apply one block of CONTRIBUTING to a copy of the package."""
+    name, *lines = diff.strip("\n").split("\n")
+    old, new = ("\n".join(x[1:] for x in lines if x[0] in kinds) + "\n" for kinds in (" -", " +"))
+    text = (package / name).read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    (package / name).write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "compiled", [False, pytest.param(True, marks=pytest.mark.long)], ids=["Python", "compiled"]
+)
+def test_the_changes_that_contributing_describes_give_what_it_says(tmp_path, compiled):
+    shutil.copytree(
+        ROOT / "npend_gym", tmp_path / "npend_gym", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```diff\n(.*?)```", text, re.DOTALL)
+    assert len(blocks) == 6
+    for block in blocks:
+        applied(block, tmp_path)
+    environment = os.environ | {
+        "PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "0" if compiled else "1",
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+    }  # fmt: skip
+    script = WALKED.replace("LANES", "20" if compiled else "1")  # packs need a compiler
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, cwd=tmp_path, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

@@ -160,9 +160,9 @@ def differences(chain, size, substeps, names=()):
     put = theirs.cuda.to_device
     state = [put(array) for array in (theta, spin * omega, torque)]
     bars = [put(array) for array in (theta_bar, omega_bar, np.zeros((size, n)))]
-    by_parameters = put(np.zeros((size, 12, n))) if names else None
-    flags = put(np.zeros(size))
-    theirs.step_vjp(*state, *bars, flags, 0.07, substeps, parameters_bar=by_parameters)
+    by_parameters = put(np.zeros((size, 12, n)))
+    flags, more = put(np.zeros(size)), [by_parameters] if names else []
+    theirs.step_vjp(*state, [*bars, *more], flags, 0.07, substeps)
     assert not np.any(flags.copy_to_host()) and np.all(found.by_torque)
     pairs = list(zip(found[2:5], (bar.copy_to_host() for bar in bars)))
     if names:

@@ -23,12 +23,9 @@ from npend_gym.identification.parameters import (
     values_of,
 )
 from npend_gym.identification.regression import regress, smooth
-from npend_gym.identification.segments import side_by_side
 from npend_gym.identification.shooting import Shooting
 from npend_gym.identification.uncertainty import lasting
 from npend_gym.physics import accelerations
-from npend_gym.physics.derivatives import DifferentiableEnsemble
-from npend_gym.physics.motions import Motions
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
 
@@ -200,6 +197,15 @@ def test_the_armature_of_a_geared_motor_and_the_zero_of_encoders_are_found():
     assert result.offsets == pytest.approx([0.02, -0.01], abs=5e-4)
 
 
+def test_offsets_alone_are_found_where_everything_else_is_known():
+    times, theta, piece = recorded(TRUE, 2)
+    result = identify(
+        times, theta + np.array([0.02, -0.01]), piece=piece, chain=TRUE, fit=["offset"]
+    )
+    assert result.names == ("offset0", "offset1")
+    assert result.offsets == pytest.approx([0.02, -0.01], abs=5e-4)
+
+
 def test_the_measured_double_pendulum_is_predicted_better_than_with_its_published_parameters():
     motion = read_motion(DATA / "multiarm_double.csv")
     result = identify(motion.times, motion.theta, piece=motion.piece, chain="multiarm 2")
@@ -271,7 +277,7 @@ def test_simulated_segments_and_their_derivatives_are_those_of_an_adaptive_integ
     torque = np.array([0.02, -0.03])
     motion = check_motion(times, np.zeros((40, 2)), np.tile(torque, (40, 1)))
     model = new_model(TRUE, ["inertia", "lift", "damping", "quadratic_drag"], driven=True)
-    shooting = Shooting(model, side_by_side(motion, [slice(0, 40)], 0.0005), 0.0)
+    shooting = Shooting(model, motion, [slice(0, 40)], 0.0005, 0.0)
     fitted, states = model.pack(values_of(TRUE)), np.array([[0.8, -0.3, 1.0, 2.0]])
 
     def angles(fitted, state):
@@ -303,8 +309,7 @@ def test_the_derivatives_of_segments_are_those_of_the_steps_that_are_taken(n):
         times, np.cumsum(rng.normal(size=(60, n)), axis=0), np.full((60, n), 0.02)
     )
     model = new_model(chain, QUANTITIES, driven=True)
-    segments = side_by_side(motion, [slice(0, 25), slice(25, 60)], 0.01)
-    shooting = Shooting(model, segments, 300.0)
+    shooting = Shooting(model, motion, [slice(0, 25), slice(25, 60)], 0.01, 300.0)
     fitted, states = model.pack(values_of(chain)), rng.normal(size=(2, 2 * n))
     slopes = np.concatenate(shooting.simulate(fitted, states).linearise(), axis=-1)
     assert slopes.shape == (2, 35 * n, len(model.names) + 2 * n)
@@ -318,27 +323,6 @@ def test_the_derivatives_of_segments_are_those_of_the_steps_that_are_taken(n):
         change = 8.0 * (residuals(one) - residuals(-one)) - residuals(2 * one) + residuals(-2 * one)
         largest = np.abs(slopes[..., k]).max()
         assert np.abs(slopes[..., k] - change / (12.0 * step)).max() <= 1e-6 * largest, k
-
-
-def test_motions_have_the_bits_of_an_ensemble_and_the_derivatives_of_its_steps():
-    rng = np.random.default_rng(5)
-    torques, first = 0.01 * rng.normal(size=(7, 5, 2)), rng.normal(size=(5, 2, 2))
-    motions = Motions(TRUE.repeated(1), 0.01, 2)
-    states = motions.states(first, torques)
-    direction = {"centres": [[1.0, -0.5]], "quadratic_drag": [[0.1, 0.2]]}
-    found = motions.sensitivities(states, torques, direction)
-    ensemble = DifferentiableEnsemble(TRUE, 5, joints=range(2))
-    ensemble.set_state(slice(None), first[:, 0], first[:, 1])
-    expected = np.concatenate([np.tile(np.eye(4), (5, 1, 1)), np.zeros((5, 4, 1))], axis=2)
-    for k, torque in enumerate(torques):
-        step = ensemble.step_jacobian(torque, 0.01, 2, parameters=direction)
-        expected = step.A @ expected
-        expected[..., 4:] += step.C
-        ensemble.advance(torque, 0.01, 2)
-        np.testing.assert_array_equal(states[k + 1, :, 0], ensemble.theta)
-        np.testing.assert_array_equal(states[k + 1, :, 1], ensemble.omega)
-        own = found[k + 1].reshape(5, 5, 4).swapaxes(1, 2)
-        assert own == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
 
 
 def test_chains_of_equal_values_move_alike_whatever_their_masses():

@@ -10,9 +10,9 @@ import pytest
 from npend_gym import Chain, simulate
 from npend_gym.cli import main
 from npend_gym.identification import read_motion
+from npend_gym.identification.fit import Problem
 from npend_gym.identification.motion import check_motion
 from npend_gym.identification.parameters import new_model, values_of
-from npend_gym.identification.problem import Problem
 from npend_gym.identification.uncertainty import undetermined
 
 DATA = Path(__file__).parent.parent / "examples" / "data"

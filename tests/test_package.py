@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import inspect
 import json
 import os
 import re
@@ -22,7 +23,7 @@ from npend_gym.compiled.jit import PACKAGE, cache_folder
 
 FACES = (
     "npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl", "npend_gym.experiments",
-    "npend_gym.report", "npend_gym.paper",
+    "npend_gym.report",
 )  # fmt: skip
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
@@ -70,10 +71,8 @@ for command in sys.argv[1:]:
 NEEDED = {  # the extra that is named
     "release --n 1 --trials 1 --out results": "plot",
     "page --n 1 --trials 1 --out page.html": None,
-    "paper --only one-radian --out paper": "plot",
     "animate --n 1 --out film.gif": "plot,render",
     "play": "render",
-    "paper --only eom": "kane",
     "campaign --n 1 --out campaign": "campaign",
     "analyse campaign": "campaign",
 }
@@ -120,6 +119,18 @@ def test_every_public_name_of_a_face_is_there(face):
     assert set(dir(package)) == set(package.__all__)
     with pytest.raises(AttributeError, match=f"module '{face}' has no attribute 'simulat'"):
         package.simulat  # noqa: B018
+
+
+def test_what_the_physics_offers_takes_at_most_twelve_arguments_but_simulate():
+    physics = import_module("npend_gym.physics")
+    offered = {name: getattr(physics, name) for name in physics.__all__}
+    functions = {name: found for name, found in offered.items() if inspect.isfunction(found)}
+    for name, found in offered.items():
+        if inspect.isclass(found):
+            methods = inspect.getmembers(found, inspect.isfunction)
+            functions |= {f"{name}.{m}": method for m, method in methods if m[0] != "_"}
+    counts = {name: len(inspect.signature(f).parameters) for name, f in functions.items()}
+    assert {name for name, count in counts.items() if count > 12} == {"simulate"}
 
 
 def test_machine_code_is_kept_apart_for_every_state_of_the_sources(tmp_path):
@@ -271,6 +282,9 @@ def test_a_name_that_a_package_lacks_is_answered_with_where_it_stands():
         npend_gym.Policy  # noqa: B018
     with pytest.raises(AttributeError, match="did you mean 'simulate'"):
         npend_gym.simulat  # noqa: B018
+    for name, module in (("fit_law", r"paper\.law"), ("LawGrid", r"paper\.com_law")):
+        with pytest.raises(AttributeError, match=f"'{name}'; it is in {module}, in a clone"):
+            getattr(npend_gym.experiments, name)
 
 
 def test_the_versions_with_digests_are_those_of_the_constraints():

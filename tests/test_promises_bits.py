@@ -15,7 +15,7 @@ import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, digests, simulate
 from npend_gym.cli import main
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics import many, memory, motion
+from npend_gym.physics import memory, motion
 
 COUNTS = (1, 2, 5, 10, 50)
 
@@ -117,8 +117,7 @@ def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(
     times, theta = np.linspace(0.0, 2.0, 7), np.full(starts, 1.0)
     whole = simulate(uneven, theta, 0.5, times, **options)
     monkeypatch.setattr(motion, "RODS_PER_CALL", 20)  # five steps
-    monkeypatch.setattr(many, "RODS_PER_CALL", 5 * 4 * WIDTH)
-    monkeypatch.setattr(many, "RODS_PER_PACK_CALL", 5 * 4 * WIDTH)
+    monkeypatch.setattr(motion, "RODS_PER_PACK_CALL", 5 * 4 * WIDTH)
     pieced = simulate(uneven, theta, 0.5, times, **options)
     np.testing.assert_array_equal(whole.theta, pieced.theta)
     np.testing.assert_array_equal(whole.omega, pieced.omega)

@@ -59,7 +59,8 @@ def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_r
 
 
 def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
-    from npend_gym.rl.policies.policy import PRETRAINED, Policy, pretrained_names
+    from npend_gym.rl.policies.policy import Policy
+    from npend_gym.rl.policies.shipped import PRETRAINED, pretrained_names
 
     for suffix in (".npz", ".json"):
         shutil.copy(PRETRAINED / f"{pretrained_names()[0]}{suffix}", tmp_path / f"a{suffix}")
@@ -255,7 +256,7 @@ def test_a_failed_write_names_the_path_and_keeps_what_was_there(tmp_path):
 def test_nothing_is_lost_where_the_output_device_is_full():
     with open("/dev/full", "w") as full:  # noqa: PTH123
         done = subprocess.run(
-            [sys.executable, "-m", "npend_gym", "paper", "--list"],
+            [sys.executable, "-m", "npend_gym", "examples"],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,

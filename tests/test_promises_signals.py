@@ -58,9 +58,7 @@ def test_a_step_that_takes_for_ever_hears_ctrl_c_and_wants_a_reset(lanes, thread
     assert time.perf_counter() - began < PATIENCE
 
 
-@pytest.mark.parametrize(
-    "line", ["paper --only chaos", "release --n 3000", "bench --only dynamics"]
-)
+@pytest.mark.parametrize("line", ["release --n 3000", "bench --only dynamics"])
 def test_commands_hear_ctrl_c_and_leave_with_130(line, capsys):
     with Interrupt():
         assert main(line.split()) == 130
@@ -103,7 +101,7 @@ def test_a_killed_worker_of_a_vector_env_is_an_error_and_no_hang():
 
 def test_a_closed_pipe_is_a_failure_without_a_traceback():
     process = subprocess.Popen(
-        [sys.executable, "-m", "npend_gym", "paper", "--list"],
+        [sys.executable, "-m", "npend_gym", "examples"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -111,7 +109,7 @@ def test_a_closed_pipe_is_a_failure_without_a_traceback():
     process.stdout.close()
     _, error = process.communicate(timeout=120)
     assert process.returncode == 1
-    assert error == "npend paper: the output was closed before its end\n"
+    assert error == "npend examples: the output was closed before its end\n"
 
 
 def npend(line, *, closed="", **options):
@@ -124,8 +122,8 @@ def npend(line, *, closed="", **options):
 
 
 LINES = [
-    "--help", "--version", "paper --list", "examples", "release --n 1 --trials 1 --out results",
-    "law --n 1 --amplitudes 10deg --json", "page --n 1 --trials 1 --out a.html",
+    "--help", "--version", "examples", "release --n 1 --trials 1 --out results",
+    "release --n 1 --json", "page --n 1 --trials 1 --out a.html",
 ]  # fmt: skip
 
 
@@ -191,7 +189,7 @@ def test_ctrl_c_while_a_command_starts_is_one_line_and_exit_code_130(start, seco
         (tmp_path / "npend").write_text(code)
         program = [sys.executable, str(tmp_path / "npend")]
     process = subprocess.Popen(
-        [*program, "law", "--full"],
+        [*program, "release", "--n", "3000"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     process.stdout.readline()

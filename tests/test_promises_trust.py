@@ -16,7 +16,7 @@ from npend_gym.experiments import Campaign, CampaignPlan, analyse, draws
 from npend_gym.experiments.campaign.pages import unpacked_size
 from npend_gym.experiments.campaign.parts import RELEASES, read_releases, write_parts
 from npend_gym.rl import PlannedTransitions, Policy
-from npend_gym.rl.policies.policy import find_policy
+from npend_gym.rl.policies.shipped import find_policy
 
 PLAN = CampaignPlan(n=2, amplitude=[0.3, 0.7], trials=20, batch=20)
 HUGE = np.float32(3e38)

@@ -12,6 +12,7 @@ from scipy.stats import kstest
 
 from npend_gym import Chain, simulate
 from npend_gym.envs import EnvConfig, SwingUp
+from npend_gym.envs.starts import Draw
 from npend_gym.physics.substeps import default_substeps
 from npend_gym.rl import evaluate
 
@@ -83,7 +84,7 @@ def test_draws_are_uniform_and_independent_of_rod_lane_and_episode():
     count = 4096
     envs = make_vec(count, n=3, mode="calm", randomize=RANDOMIZE, max_episode_steps=1)
     first = envs.reset(seed=3)[1]["context"]
-    low, high = envs.unwrapped.config.randomization.draws[:, 2:].T
+    low, high = envs.unwrapped.config.randomization.draws[:, [Draw.LOW, Draw.HIGH]].T
     envs.step(np.zeros((count, 1)))
     second = envs.step(np.zeros((count, 1)))[-1]["context"]
     moving = high > low
@@ -342,7 +343,7 @@ WIDE = (0.2, 5.0)
 def test_substeps_resolve_every_chain_of_the_range(n, keywords, randomize):
     env = gym.make("NPendulum-v0", n=n, randomize=randomize, **keywords)
     config, rng = env.unwrapped.config, np.random.default_rng(n)
-    low, high = config.randomization.draws[:, 2:].T
+    low, high = config.randomization.draws[:, [Draw.LOW, Draw.HIGH]].T
     for _ in range(60):
         ends = np.where(rng.random(low.size) < 0.5, low, high)  # corners are the fastest
         assert default_substeps(chain_of(env, ends), config.dt) <= 1.05 * config.min_substeps

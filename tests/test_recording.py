@@ -104,7 +104,6 @@ def test_passive_episodes_measure_what_the_release_measures():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"reading": "listing"}, "reading must be one of bob, link, height"),
         ({"interval": 0.0}, "interval must be greater than zero"),
         ({"interval": 1e-9}, "a recording must hold at most"),
     ],

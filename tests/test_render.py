@@ -184,6 +184,31 @@ def test_small_pictures_have_no_text():
     np.testing.assert_array_equal(painter.paint(plain), painter.paint(written))
 
 
+@pytest.mark.parametrize("size", [84, 480])
+def test_a_plain_picture_shows_the_chain_and_nothing_of_what_is_said_about_it(size):
+    told = hanging_arc(
+        2, time=3.0, energy=2.0, caption="swingup, n = 2", torque=0.9, push=-1.0,
+        trace=[[0.1, -0.5], [0.9, -0.5]], marks=[[0.5, 0.5]],
+    )  # fmt: skip
+    painter = Painter(size, plain=True)
+    np.testing.assert_array_equal(painter.paint(told), painter.paint(hanging_arc(2)))
+    assert where(painter.paint(told), TIP) == pytest.approx(
+        where(Painter(size).paint(told), TIP), abs=1
+    )
+
+
+@pytest.mark.parametrize("size", [64, 480])
+def test_a_cart_is_seen_at_every_size(size):
+    scene = Scene([[0.3, 1.0]], 2.0, rail=2.0, cart=0.3)
+    painter = Painter(size, plain=True)
+    gray = (np.abs(painter.paint(scene).astype(int) - ROD) <= 2).all(axis=-1)
+    columns = np.nonzero(gray.any(axis=0))[0]
+    middle = size * (0.5 + 0.44 * 0.15)  # of the cart; the ends of the rail have its colour
+    near = columns[np.abs(columns + 0.5 - middle) < 0.1 * size]
+    assert near.mean() + 0.5 == pytest.approx(middle, abs=1.0)
+    assert len(near) > 0.05 * size
+
+
 def test_a_painter_copies_and_pickles_after_painting():
     painter, scene = Painter(200), hanging_arc(3)
     frame = painter.paint(scene)

@@ -142,37 +142,48 @@ SWING = {"n": 1, "mode": "swingup", "observation": "sincos", "max_episode_steps"
 ALGORITHMS = {
     "PPO": {"n_steps": 32, "batch_size": 48, "n_epochs": 1},
     "SAC": {"learning_starts": 20, "batch_size": 16},
+    "TQC": {"learning_starts": 20, "batch_size": 16},
     "RecurrentPPO": {"n_steps": 32, "batch_size": 48, "n_epochs": 1},
 }
+OFF_POLICY = ("SAC", "TQC")
 
 
-def trained(algorithm, *, normalize=False):
+def trained(algorithm, *, normalize=False, stack=1):
     """Return a model after some steps, which acts strongly, so that what it is shown matters."""
     torch = pytest.importorskip("torch")
-    from stable_baselines3.common.vec_env import VecNormalize
+    from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 
     torch.set_num_threads(1)
-    package = "sb3_contrib" if algorithm == "RecurrentPPO" else "stable_baselines3"
+    contributed = algorithm in ("RecurrentPPO", "TQC")
+    package = "sb3_contrib" if contributed else "stable_baselines3"
     env = rl.SB3VecEnv(native(**SWING))
+    env = VecFrameStack(env, stack) if stack > 1 else env
     env = VecNormalize(env, norm_reward=False) if normalize else env
     name = "MlpLstmPolicy" if algorithm == "RecurrentPPO" else "MlpPolicy"
     model = getattr(pytest.importorskip(package), algorithm)(
         name, env, seed=0, device="cpu", **ALGORITHMS[algorithm]
     )
     model.learn(120)
-    last = model.actor.mu if algorithm == "SAC" else model.policy.action_net
-    last.weight.data *= 1.0 if algorithm == "SAC" else 100.0
+    last = model.actor.mu if algorithm in OFF_POLICY else model.policy.action_net
+    last.weight.data *= 1.0 if algorithm in OFF_POLICY else 100.0
     return model
 
 
 def scored_by_stable_baselines3(model, episodes, seed):
     """Return the returns that evaluate_policy of Stable-Baselines3 finds."""
     from stable_baselines3.common.evaluation import evaluate_policy
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+    from stable_baselines3.common.vec_env import (
+        DummyVecEnv,
+        VecFrameStack,
+        VecMonitor,
+        VecNormalize,
+    )
 
     make = [lambda: gym.make("NPendulum-v0", **SWING)] * episodes
     env, known = VecMonitor(DummyVecEnv(make)), model.get_vec_normalize_env()
     env.seed(seed)
+    if model.observation_space.shape != env.observation_space.shape:
+        env = VecFrameStack(env, model.observation_space.shape[0] // env.observation_space.shape[0])
     if known is not None:
         env = VecNormalize(env, training=False, norm_reward=False)
         env.obs_rms = known.obs_rms
@@ -180,11 +191,11 @@ def scored_by_stable_baselines3(model, episodes, seed):
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-@pytest.mark.parametrize("normalize", [False, True])
+@pytest.mark.parametrize(("normalize", "stack"), [(False, 1), (True, 1), (True, 3)])
 def test_evaluate_finds_the_returns_that_evaluate_policy_of_stable_baselines3_finds(
-    algorithm, normalize
+    algorithm, normalize, stack
 ):
-    model = trained(algorithm, normalize=normalize)
+    model = trained(algorithm, normalize=normalize, stack=stack)
     ours = rl.evaluate(model, SWING, episodes=4, seed=7)
     theirs = scored_by_stable_baselines3(model, 4, 7)
     np.testing.assert_allclose(ours.returns, theirs, rtol=1e-4)
@@ -253,7 +264,205 @@ def test_every_judge_takes_a_model_as_it_takes_a_function():
         assert found.as_row() == expected.as_row()
 
 
+def wrapped_by_stable_baselines3():
+    """Return a function of observations that sees through wrappers, and the wrapped environment."""
+    from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
+
+    def act(shown, _):
+        return np.sin(4.0 * shown.sum(axis=-1, keepdims=True))
+
+    normalized = VecNormalize(rl.SB3VecEnv(native(**SWING)))
+    env = VecFrameStack(normalized, 2)
+    env.reset()
+    for _ in range(30):
+        env.step(np.ones((COUNT, 1)))
+    normalized.training = False
+    return act, env, normalized
+
+
+def test_a_wrapped_environment_of_stable_baselines3_is_judged_in_as_it_is_stepped():
+    act, env, normalized = wrapped_by_stable_baselines3()
+    before = normalized.obs_rms.mean.copy(), env.stacked_obs.stacked_obs.copy()
+    found = rl.evaluate(act, env, episodes=COUNT, seed=3)
+    normalized.training = True
+    np.testing.assert_array_equal(
+        rl.evaluate(act, env, episodes=COUNT, seed=3).returns, found.returns
+    )
+    for kept, was in zip(
+        (normalized.obs_rms.mean, env.stacked_obs.stacked_obs), before, strict=True
+    ):
+        np.testing.assert_array_equal(kept, was)
+    normalized.training = False
+    env.seed(3)
+    shown, returns = env.reset(), np.zeros(COUNT)
+    for _ in range(SWING["max_episode_steps"]):
+        shown, _, _, infos = env.step(act(shown, {}))
+    returns = [info["episode"]["r"] for info in infos]
+    np.testing.assert_allclose(found.returns, returns, rtol=1e-6)
+    assert (
+        rl.evaluate(act, SWING, episodes=COUNT, seed=3).returns.tolist() != found.returns.tolist()
+    )
+    row = rl.robustness(act, env, values=2, repetitions=1, seconds=0.3).as_row()
+    assert set(row) == {"score", *rl.CRITERIA}
+    for judge in (rl.performance, rl.recovery):
+        assert judge(act, env, episodes=2, seconds=0.5).as_row()["score"] <= 1.0
+
+
+@pytest.mark.parametrize("lanes", [2, 5])
+def test_a_wrapped_vector_environment_of_gymnasium_is_judged_in_as_it_is_stepped(lanes):
+    wrappers = gym.wrappers.vector
+    env = gym.make_vec("NPendulum-v0", num_envs=lanes, **SWING)
+    env = wrappers.NormalizeObservation(wrappers.RescaleAction(env, *np.float32([-2.0, 2.0])))
+    env = wrappers.FlattenObservation(wrappers.RecordEpisodeStatistics(env))
+    env = wrappers.TransformObservation(env, lambda shown: shown - 0.1)
+
+    def act(shown, _):
+        return 2.0 * np.sin(4.0 * shown.sum(axis=-1, keepdims=True))
+
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.ones((lanes, 1), np.float32))
+    statistics = env.env.env.env
+    mean = statistics.obs_rms.mean.copy()
+    found = rl.evaluate(act, env, episodes=4, seed=7)
+    np.testing.assert_array_equal(statistics.obs_rms.mean, mean)
+    statistics.update_running_mean = False
+    for k in range(0, 4, lanes):
+        shown, _ = env.reset(seed=7 + k)
+        returns = np.zeros(lanes)
+        for _ in range(SWING["max_episode_steps"]):
+            shown, reward, *_ = env.step(act(shown, {}).astype(np.float32))
+            returns += reward
+        own = found.returns[k : k + lanes]
+        np.testing.assert_allclose(own, returns[: own.size], rtol=1e-5)
+
+
+def test_every_name_of_an_environment_gives_the_same_episodes():
+    from stable_baselines3.common.env_util import make_vec_env
+
+    named = {"id": "npend/SwingUp-v1", "n": 1, "max_episode_steps": 30}
+    keywords = {key: value for key, value in named.items() if key != "id"}
+    gym.register(
+        "Short-v0",
+        "npend_gym:NPendulumEnv",
+        vector_entry_point="npend_gym:NPendulumVectorEnv",
+        max_episode_steps=30,
+        kwargs=gym.spec(named["id"]).kwargs | {"n": 1},
+    )
+    envs = [
+        "Short-v0",
+        gym.spec("Short-v0"),
+        gym.make_vec(named["id"], num_envs=2, **keywords),
+        gym.make_vec(named["id"], num_envs=2, **keywords).spec,
+        gym.make_vec("Short-v0", num_envs=2, vectorization_mode="sync"),
+        gym.make("Short-v0"),
+        make_vec_env("Short-v0", n_envs=2),
+        rl.SB3VecEnv(gym.make_vec(named["id"], 3, autoreset_mode="SAME_STEP", **keywords)),
+        type(gym.make_vec("Short-v0", num_envs=1).unwrapped)(
+            2, mode="swingup", n=1, observation="scaled", max_episode_steps=30
+        ),
+    ]
+
+    def act(shown, _):
+        return np.sin(4.0 * shown.sum(axis=-1, keepdims=True))
+
+    try:
+        expected = rl.evaluate(act, named, episodes=3).returns
+        for env in envs:
+            np.testing.assert_array_equal(rl.evaluate(act, env, episodes=3).returns, expected)
+    finally:
+        del gym.registry["Short-v0"]
+        for env in envs:
+            if hasattr(env, "close"):
+                env.close()
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_an_environment_with_a_wrapper_that_is_not_known_is_refused_by_its_name(inside):
+    class Doubled(gym.vector.VectorWrapper):
+        def __init__(self, env):
+            super().__init__(env)
+            self.observation_space = gym.spaces.Box(-9.0, 9.0, (COUNT, 6))
+
+    if inside:
+        wrappers = (gym.wrappers.TimeAwareObservation,)
+        env = gym.make_vec("NPendulum-v0", COUNT, vectorization_mode="sync", wrappers=wrappers)
+    else:
+        env = Doubled(gym.make_vec("NPendulum-v0", COUNT))
+    name = "TimeAwareObservation" if inside else "Doubled"
+    with pytest.raises(ValueError, match=f"wrapper {name} changes observations or actions"):
+        rl.evaluate(lambda shown, _: np.zeros((len(shown), 1)), env, episodes=2)
+
+
+def random_observations(model, count=200):
+    """Return observations, some of them far beyond what the model has seen."""
+    rng, size = np.random.default_rng(0), model.observation_space.shape
+    return (rng.normal(size=(count, *size)) * rng.choice([0.3, 1.0, 30.0], (count, 1))).astype("f4")
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+@pytest.mark.parametrize("algorithm", ["PPO", "SAC", "TQC"])
+def test_a_policy_made_of_a_model_acts_as_the_model_does(algorithm, normalize, tmp_path):
+    model = trained(algorithm, normalize=normalize)
+    seen = random_observations(model)
+    shown = model.get_vec_normalize_env().normalize_obs(seen) if normalize else seen
+    expected = model.predict(shown, deterministic=True)[0]
+    policy = rl.Policy.from_sb3(model)
+    np.testing.assert_allclose(policy(seen), expected, rtol=1e-5, atol=2e-6)
+    assert 0.01 < np.abs(expected).mean() < 0.999
+    assert policy.env == {"n": 1, "mode": "swingup", "observation": "sincos"}
+    assert policy.provenance["arguments"]["algorithm"] == algorithm
+    files = ["a.npz"] + ["a.safetensors"] * (find_spec("safetensors") is not None)
+    for name in files:
+        policy.save(tmp_path / name)
+        again = rl.Policy.load(tmp_path / name)
+        assert again == policy
+        np.testing.assert_array_equal(again(seen), policy(seen))
+    found, own = (rl.evaluate(each, SWING, episodes=3).returns for each in (policy, model))
+    np.testing.assert_allclose(found, own, rtol=1e-3)
+
+
+@pytest.mark.parametrize("algorithm", ["A2C", "TD3"])
+def test_other_networks_of_layers_become_policies_too(algorithm):
+    sb3 = pytest.importorskip("stable_baselines3")
+    env = gym.make("npend/Balance-v1", n=2, max_torque=7.0)
+    arguments = {"net_arch": [24, 16]}
+    model = getattr(sb3, algorithm)("MlpPolicy", env, policy_kwargs=arguments, device="cpu", seed=1)
+    policy, seen = rl.Policy.from_sb3(model), random_observations(model)
+    expected = model.predict(seen, deterministic=True)[0]
+    np.testing.assert_allclose(policy(seen), expected, rtol=1e-5, atol=2e-6)
+    assert policy.env == {"n": 2, "mode": "balance", "observation": "scaled", "max_torque": 7.0}
+
+
+def test_a_model_that_is_no_network_of_layers_is_refused_with_the_way_out():
+    from stable_baselines3 import DQN, PPO
+    from torch import nn
+
+    env = gym.make("npend/SwingUp-v1", n=1)
+    discrete = gym.make("npend/SwingUp-v1", n=1, torque_levels=3)
+    smooth = PPO("MlpPolicy", env, policy_kwargs={"activation_fn": nn.ELU}, device="cpu")
+    refused = {
+        "RecurrentPPO with an LSTM": trained("RecurrentPPO"),
+        "PPO with Linear, ELU": smooth,
+        "DQN with discrete actions": DQN("MlpPolicy", discrete, device="cpu"),
+        "VecNormalize alone, got VecFrameStack": trained("PPO", stack=2),
+    }
+    for text, model in refused.items():
+        with pytest.raises(ValueError, match=f"{text}.*evaluate and robustness take the model"):
+            rl.Policy.from_sb3(model)
+
+
+def test_a_loaded_model_needs_its_environment_and_its_statistics(tmp_path):
+    model = trained("PPO", normalize=True)
+    model.save(tmp_path / "model.zip")
+    loaded = type(model).load(tmp_path / "model.zip", device="cpu")
+    with pytest.raises(ValueError, match="env must be given"):
+        rl.Policy.from_sb3(loaded)
+    with pytest.raises(ValueError, match=r"VecNormalize\.load"):
+        rl.Policy.from_sb3(loaded, SWING)
+
+
 def test_what_can_neither_act_nor_predict_is_refused_by_every_judge():
     for judge in (rl.evaluate, rl.performance, rl.recovery, rl.robustness):
-        with pytest.raises(TypeError, match="controller must be callable as"):
+        with pytest.raises(TypeError, match="model must be callable as"):
             judge("swingup-2", SWING)

@@ -9,6 +9,7 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
 from npend_gym.rl import (
+    MPC,
     Evaluation,
     Outcome,
     Performance,
@@ -26,32 +27,55 @@ def config_of(**keywords):
 
 
 def idle(observation, info):
-    del info
-    return np.zeros((len(observation), 1))
+    return np.zeros((len(observation), info["torque"].shape[1]))
 
 
 @pytest.mark.parametrize("angle", [0.0, np.pi])
-def test_the_discretised_map_is_the_motion_of_the_chain_in_one_step(angle):
-    config = config_of(n=3, mode="balance", damping=0.3)
+@pytest.mark.parametrize("keywords", [{}, {"base": "cart", "actuated": (1,), "rail_damping": 0.2}])
+def test_the_discretised_map_is_the_motion_of_the_chain_in_one_step(angle, keywords):
+    config = config_of(n=3, mode="balance", damping=0.3, **keywords)
     a, b = regulators.discretise(config, angle)
     rng = np.random.default_rng(0)
-    small = 1e-5 * rng.normal(size=6)
-    push = 1e-6
-    motion = simulate(
-        config.chain, angle + small[:3], small[3:], [0.0, config.dt],
-        torque=push * config.max_torque,
-    )  # fmt: skip
-    after = np.concatenate([motion.theta[1] - angle, motion.omega[1]])
-    np.testing.assert_allclose(after, a @ small + b[:, 0] * push, atol=1e-9)
-    assert np.abs(b).max() * push > 1e-7
+    small = 1e-5 * rng.normal(size=config.state_size)
+    c = config.state_size // 2
+    cart = {"position": small[3], "velocity": small[c + 3]} if config.has_cart else {}
+    for action in np.eye(config.joints.size) * 1e-6:
+        loads = action * config.action_limits
+        torque, force = np.zeros(3), loads[config.joints == 3].sum()
+        torque[config.joints[config.joints < 3]] = loads[config.joints < 3]
+        motion = simulate(
+            config.chain, angle + small[:3], small[c : c + 3], [0.0, config.dt], torque=torque,
+            force=force, **cart,
+        )  # fmt: skip
+        parts = [motion.theta[1] - angle, motion.omega[1]]
+        if config.has_cart:
+            parts = [parts[0], motion.position[1:], parts[1], motion.velocity[1:]]
+        after = np.concatenate(parts)
+        np.testing.assert_allclose(after, a @ small + b @ action, atol=1e-9)
+        assert np.abs(b @ action).max() > 1e-7
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
-def test_lqr_balances_every_held_out_start(n):
-    keywords = {"n": n, "mode": "balance"}
-    regulator = regulators.lqr(config_of(**keywords))
-    assert evaluate(regulator, keywords, episodes=20).success_rate == 1.0
-    assert evaluate(idle, keywords, episodes=20).success_rate == 0.0
+@pytest.mark.parametrize(
+    ("n", "keywords"),
+    [
+        (1, {}),
+        (2, {}),
+        (3, {}),
+        (1, {"base": "cart"}),
+        (2, {"base": "cart"}),
+        (2, {"base": "cart", "actuated": (1,)}),
+        (2, {"actuated": (1,)}),
+        (2, {"chain": "realaigym C.1"}),
+        (3, {"base": "cart", "max_force": 300.0}),
+        (1, {"chain": "cartpole", "rail": 2.4, "max_force": 10.0}),
+        (2, {"chain": "dm_control cartpole 2", "rail": 1.8, "max_force": 10.0}),
+    ],
+)
+def test_lqr_balances_every_held_out_start(n, keywords):
+    task = keywords | {"mode": "balance"} | ({} if "chain" in keywords else {"n": n})
+    regulator = regulators.lqr(config_of(**task))
+    assert evaluate(regulator, task, episodes=20).success_rate == 1.0
+    assert evaluate(idle, task, episodes=20).success_rate == 0.0
 
 
 def test_the_regulators_cost_is_the_cost_of_the_linear_system():
@@ -67,26 +91,38 @@ def test_the_regulators_cost_is_the_cost_of_the_linear_system():
     assert total == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(("n", "least"), [(1, 1.0), (2, 0.5)])
-def test_energy_shaping_swings_up_one_rod_always_and_two_rods_mostly(n, least):
-    keywords = {"n": n, "mode": "swingup"}
+@pytest.mark.parametrize(
+    ("n", "least", "base"), [(1, 1.0, "pivot"), (2, 0.5, "pivot"), (1, 1.0, "cart")]
+)
+def test_energy_shaping_swings_up_one_rod_always_and_two_rods_mostly(n, least, base):
+    keywords = {"n": n, "mode": "swingup", "base": base}
     evaluation = evaluate(regulators.energy_swing_up(config_of(**keywords)), keywords, episodes=20)
     assert evaluation.success_rate >= least
     assert evaluation.settling_time[evaluation.success].max() <= 50.0
 
 
-@pytest.mark.parametrize("n", [1, 2, 5])
-def test_modal_damping_calms_the_chain_faster_than_brakes_of_other_strength(n):
-    keywords = {"n": n, "mode": "calm", "amplitude": 0.05, "spread": 0.0}  # nearly linear
+@pytest.mark.parametrize(
+    ("n", "keywords"), [(1, {}), (2, {}), (5, {}), (1, {"base": "cart"}), (3, {"base": "cart"})]
+)
+def test_modal_damping_calms_the_chain_faster_than_brakes_of_other_strength(n, keywords):
+    keywords = keywords | {
+        "n": n,
+        "mode": "calm",
+        "amplitude": 0.05,
+        "spread": 0.0,
+    }  # nearly linear
     config = config_of(**keywords)
     best = regulators.modal_damping(config)
     assert evaluate(best, keywords, episodes=1).success_rate == 1.0
     a, b = regulators.discretise(config, 0.0)
     radius = {
-        factor: np.abs(np.linalg.eigvals(a - factor * b @ best.gain)).max()
+        factor: np.sort(np.abs(np.linalg.eigvals(a - factor * b @ best.gain)))
         for factor in (0.5, 1.0, 2.0)
     }
-    assert radius[1.0] < min(radius[0.5], radius[2.0])
+    if config.has_cart:  # nothing but the brake acts on where the whole is: it stays there
+        assert all(each[-1] == pytest.approx(1.0, abs=1e-9) for each in radius.values())
+    slowest = {factor: each[-2 if config.has_cart else -1] for factor, each in radius.items()}
+    assert slowest[1.0] < min(slowest[0.5], slowest[2.0])
 
 
 def test_evaluation_measures_the_work_of_the_motor():
@@ -148,7 +184,7 @@ def test_results_and_controllers_can_be_compared_and_found_in_lists():
         lambda: Robustness({"model": Outcome(["a", "b", "c"], ones, ones > 0.0)}, {}),
         lambda: regulators.lqr(balance),
         lambda: regulators.energy_swing_up(balance),
-        lambda: PlannedTransition(None, ones, ones, ones, idle, idle, 0.05, 0.0),
+        lambda: PlannedTransition(None, ones, ones, ones, idle, idle, 0.0),
     )
     for make in makers:
         one, other = make(), make()
@@ -159,28 +195,36 @@ def test_results_and_controllers_can_be_compared_and_found_in_lists():
 
 def planned(config):
     """Return a controller that tracks a motion which is none, by gains and costs of all kinds."""
-    rng, size = np.random.default_rng(0), 2 * config.n
-    nominal = NominalTrajectory(rng.normal(size=(11, size)), rng.normal(size=(10, 1)))
-    gains, costs = rng.normal(size=(10, 1, size)), rng.normal(size=(11, size, size))
+    rng, size = np.random.default_rng(0), config.state_size
+    joints = config.joints.size
+    nominal = NominalTrajectory(rng.normal(size=(11, size)), rng.normal(size=(10, joints)))
+    gains, costs = rng.normal(size=(10, joints, size)), rng.normal(size=(11, size, size))
     hold = regulators.lqr(config, 0.0), regulators.lqr(config)
-    return PlannedTransition(nominal, gains, costs, gains[:, :, 0], *hold, config.dt, 0.1)
+    return PlannedTransition(nominal, gains, costs, gains[:, :, 0], *hold, 0.1)
 
 
+def predictive(config):
+    return MPC(config, horizon=0.25, first_iterations=2)
+
+
+@pytest.mark.parametrize("keywords", [{}, {"base": "cart", "actuated": (1,)}, {"actuated": (1,)}])
 @pytest.mark.parametrize(
-    "made", [regulators.lqr, regulators.modal_damping, regulators.energy_swing_up, planned]
+    "made",
+    [regulators.lqr, regulators.modal_damping, regulators.energy_swing_up, planned, predictive],
 )
-def test_controllers_take_the_info_of_a_single_environment(made):
-    keywords = {"n": 2, "mode": "calm"}
-    controller = made(config_of(**keywords))
+def test_controllers_take_the_info_of_a_single_environment(made, keywords):
+    keywords = keywords | {"n": 2, "mode": "calm"}
+    config, infos = config_of(**keywords), []
+    controller, beside = made(config), made(config)
     env, envs = gym.make("NPendulum-v0", **keywords), gym.make_vec("NPendulum-v0", 3, **keywords)
     info, infos = env.reset(seed=1)[1], envs.reset(seed=0)[1]
-    for _ in range(14):
-        action, actions = controller(None, info), controller(None, infos)
-        assert action.shape == (1,)
-        np.testing.assert_allclose(action, actions[1], rtol=1e-13)
+    for _ in range(3 if made is predictive else 14):
+        action, actions = controller(None, info), beside(None, infos)
+        assert action.shape == config.joints.shape
+        np.testing.assert_allclose(action, actions[1], rtol=1e-9, atol=1e-12)
         info, infos = env.step(action)[-1], envs.step(actions)[-1]
     if made is planned:
-        assert controller.tracking(info).deviation.shape == (4,)
+        assert controller.tracking(info).deviation.shape == (config.state_size,)
         assert controller.tracking(info).relative_cost.shape == ()
 
 
@@ -203,7 +247,8 @@ def test_evaluation_takes_models_with_predict_and_refuses_what_cannot_act():
     task = {"n": 1, "mode": "balance", "max_episode_steps": 20}
     still = evaluate(lambda observation, _: np.zeros((len(observation), 1)), task, episodes=3)
     assert np.array_equal(evaluate(Still(), task, episodes=3).returns, still.returns)
-    with pytest.raises(TypeError, match="controller must be callable as"):
+    with pytest.raises(TypeError, match="model must be callable as"):
         evaluate("swingup-2", task)
-    with pytest.raises(TypeError, match=r'keywords must be a dict .* env_id="npend/SwingUp-v1"'):
-        evaluate(Still(), "npend/SwingUp-v1")
+    for other in (None, 3, gym.make_vec("CartPole-v1", num_envs=2)):
+        with pytest.raises(TypeError, match=r'env must be an id such as "npend/SwingUp-v1"'):
+            evaluate(Still(), other)

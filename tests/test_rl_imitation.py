@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.controllers.planning import Tracking, planned_swing_up
-from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.evaluation.settings import setting_of
 
 pytestmark = pytest.mark.long  # plans take seconds
 
@@ -19,7 +18,7 @@ from npend_gym.rl.training.dataset import Dataset  # noqa: E402
 def dagger():
     settings = imitation.settings_of("swingup-1", seconds=3.0, num_envs=64, hidden=8)
     torch.manual_seed(0)
-    envs = make_envs(ENV_ID, 64, settings.env | {"max_episode_steps": None})
+    envs = setting_of(settings.env).make(64, max_episode_steps=None)
     expert = planned_swing_up(envs.unwrapped.config, 3.0, tries=2)
     return imitation.DAgger(settings, envs, expert)
 

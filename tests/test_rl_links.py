@@ -74,8 +74,9 @@ def test_lqr_leaves_weak_friction_of_a_passive_joint_out_where_a_damper_needs_la
     ]
     np.testing.assert_array_equal(*gains)
     assert np.abs(regulators.lqr(EnvConfig(**ELBOW)).gain).max() < 10.0  # strong friction holds
-    regulator = regulators.StateFeedback(np.pi, gains[0])
-    evaluation = evaluate(regulator, {"chain": WEAK, **keywords}, episodes=50)
+    weak = {"chain": WEAK, **keywords}
+    regulator = regulators.StateFeedback(EnvConfig(**weak), np.pi, gains[0])
+    evaluation = evaluate(regulator, weak, episodes=50)
     assert evaluation.success_rate >= (1.0 if joint == 0 else 0.8)
 
 

@@ -7,8 +7,10 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
 from npend_gym.rl import evaluate, planned_swing_up
-from npend_gym.rl.controllers.step_model import StepModel
-from npend_gym.rl.controllers.transcription import MAX_ACTION, Transcription
+from npend_gym.rl.controllers import transcription
+from npend_gym.rl.controllers.references import reference_controller
+from npend_gym.rl.controllers.step_model import StepModel, state_of
+from npend_gym.rl.controllers.transcription import MAX_ACTION, MAX_PLACE, Transcription
 
 
 def config_of(**keywords):
@@ -30,6 +32,38 @@ def check_motion(config, nominal):
         )  # fmt: skip
         reached = np.concatenate([motion.theta[1], motion.omega[1]])
         np.testing.assert_allclose(reached, states[k + 1], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "keywords"),
+    [
+        (4.0, {"n": 1, "base": "cart"}),
+        (6.0, {"n": 2, "base": "cart"}),
+        (4.0, {"chain": "cartpole", "rail": 2.4, "max_force": 10.0}),
+    ],
+)
+def test_a_plan_swings_up_on_a_cart_within_its_rail_in_held_out_episodes(seconds, keywords):
+    keywords = keywords | {"mode": "swingup"}
+    config = config_of(**keywords)
+    plan = planned_swing_up(config, seconds, tries=2)
+    states, actions = plan.nominal
+    assert np.abs(actions).max() <= MAX_ACTION
+    assert np.abs(states[:, config.n]).max() <= 1.001 * MAX_PLACE * config.rail
+    np.testing.assert_array_equal(states[[0, -1]][:, config.n :: config.n + 1], 0.0)
+    steps = round((seconds + 7.0) / config.dt)
+    evaluation = evaluate(plan, keywords | {"max_episode_steps": steps}, episodes=20)
+    assert evaluation.success_rate == 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_a_plan_swings_up_three_to_five_rods_on_a_cart_in_held_out_episodes(n):
+    keywords = {"n": n, "mode": "swingup", "base": "cart"}
+    plan = reference_controller("plan", keywords)
+    seconds = plan.settle + len(plan.gains) * 0.05
+    steps = round((seconds + 7.0) / 0.05)
+    evaluation = evaluate(plan, keywords | {"max_episode_steps": steps}, episodes=100)
+    assert evaluation.success_rate == 1.0
 
 
 def test_a_planned_trajectory_is_a_motion_of_the_chain_from_hanging_to_upright(triple):
@@ -77,29 +111,71 @@ def test_a_motor_at_the_base_alone_swings_up_three_rods_in_held_out_episodes(tri
     assert evaluate(triple, keywords, episodes=20).success_rate > 0.9
 
 
-@pytest.mark.parametrize("keywords", [{}, {"substeps": 3}, {"drag": 0.1, "max_torque": 7.0}])
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {},
+        {"substeps": 3},
+        {"drag": 0.1, "max_torque": 7.0},
+        {"base": "cart"},
+        {"base": "cart", "cart_mass": 0.05, "rail_damping": 0.3, "actuated": (2, 0)},
+        {"chain": "dm_control cartpole 3", "max_torque": 5.0},
+    ],
+)
 def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
-    keywords |= {"n": 3, "mode": "swingup"}
-    rng = np.random.default_rng(0)
-    states, actions = rng.normal(0.0, 3.0, (50, 6)), rng.uniform(-1.0, 1.0, (50, 1))
-    envs = gym.make_vec("NPendulum-v0", num_envs=50, **keywords)
-    envs.reset(seed=0, options={"theta": states[:, :3], "omega": states[:, 3:]})
+    keywords = keywords | {"mode": "swingup"} | ({} if "chain" in keywords else {"n": 3})
+    config, rng = config_of(**keywords), np.random.default_rng(0)
+    states = rng.normal(0.0, 3.0, (50, config.state_size))
+    actions = rng.uniform(-1.0, 1.0, (50, config.joints.size))
+    envs, (q, u) = gym.make_vec("NPendulum-v0", 50, **keywords), np.split(states, 2, axis=1)
+    start = {"theta": q[:, :3], "omega": u[:, :3]}
+    if config.has_cart:
+        q[:, 3] *= 0.1
+        start |= {"cart_position": q[:, 3], "cart_velocity": u[:, 3]}
+    envs.reset(seed=0, options=start)
     info = envs.step(actions)[4]
-    stepped = StepModel(config_of(**keywords))(states, actions)
-    np.testing.assert_array_equal(stepped, np.hstack([info["theta"], info["omega"]]))
+    stepped = StepModel(config)(states, actions)
+    np.testing.assert_array_equal(stepped, state_of(config, info))
 
 
-@pytest.mark.parametrize("actuated", [(0,), (0, 1)])
-def test_the_band_is_that_of_the_normal_equations_of_the_residuals(actuated):
-    config = config_of(n=2, mode="swingup", actuated=actuated)
+@pytest.mark.parametrize(
+    "keywords", [{}, {"base": "cart"}, {"base": "cart", "actuated": (1,)}, {"actuated": (1,)}]
+)
+def test_the_derivatives_of_a_step_are_its_differences(keywords):
+    config = config_of(n=2, mode="swingup", **keywords)
+    step, rng, h = StepModel(config), np.random.default_rng(1), 1e-5
+    size, joints = config.state_size, config.joints.size
+    at, action = rng.normal(size=size), rng.uniform(-0.5, 0.5, joints)
+    a, b = step.derivatives(at[None], action[None])
+    change = h * np.eye(size + joints)
+    ahead, back = (
+        step(at + sign * change[:, :size], action + sign * change[:, size:]) for sign in (1.0, -1.0)
+    )
+    whole = np.concatenate([a[0], b[0]], axis=1)
+    np.testing.assert_allclose(whole, (ahead - back).T / (2.0 * h), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "keywords", [{}, {"actuated": (0, 1)}, {"base": "cart"}, {"base": "cart", "actuated": (1,)}]
+)
+def test_the_band_is_that_of_the_normal_equations_of_the_residuals(keywords, monkeypatch):
+    monkeypatch.setattr(transcription, "MAX_PLACE", 0.0125)  # of 4 m
+    config = config_of(n=2, mode="swingup", **keywords)
     problem = Transcription(config, 7, np.array([np.pi, 0.0]), np.array([np.pi, np.pi]))
     problem.end, z = problem.wavy_guess(np.random.default_rng(3))
     problem.wanted = np.random.default_rng(4).normal(size=problem.wanted.shape)
     weight = 5.0
+    if config.has_cart:  # some places are beyond the part of the rail that a plan may use
+        z += np.random.default_rng(5).normal(0.0, 0.2, z.size)
 
     def residuals(z):
-        v = problem.rows(z)[1] - problem.wanted
-        return np.concatenate([weight * problem.defects(z).ravel(), 0.05 * v.ravel()])
+        states, v = problem.rows(z)
+        parts = [weight * problem.defects(z).ravel(), 0.05 * (v - problem.wanted).ravel()]
+        if config.has_cart:
+            away = np.abs(states[:, 2])
+            assert 1 < (away > 0.05).sum() < 7
+            parts.append(weight * np.maximum(away - 0.05, 0.0))
+        return np.concatenate(parts)
 
     steps = 1e-6 * np.eye(z.size)
     jacobian = np.column_stack([residuals(z + d) - residuals(z - d) for d in steps]) / 2e-6
@@ -131,7 +207,7 @@ def test_similar_chains_have_similar_plans_where_these_are_to_be_like_one_plan(t
 
 def test_without_feedback_the_planned_actions_fail(triple):
     def replay(observation, info):
-        k = np.rint(info["time"] / triple.dt).astype(int)
+        k = np.rint(info["time"] / 0.05).astype(int)
         inside = k < len(triple.nominal.actions)
         planned = triple.nominal.actions[np.minimum(k, len(triple.nominal.actions) - 1)]
         return np.where(inside[:, None], planned, triple.hold_goal(observation, info))

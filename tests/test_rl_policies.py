@@ -1,16 +1,18 @@
+import json
 import pathlib
 import pickle
 import zipfile
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
-from npend_gym.rl import Policy, evaluate, pretrained_names
+from npend_gym.rl import Policy, evaluate, observation_of, pretrained_names
 from npend_gym.rl.policies.files import MAX_BYTES
-from npend_gym.rl.policies.policy import PRETRAINED
+from npend_gym.rl.policies.shipped import PRETRAINED
 
 
 def small_policy():
@@ -216,6 +218,91 @@ def test_a_robust_policy_holds_over_the_whole_range_of_training(task):
         assert evaluate(policy, keywords, episodes=40).success_rate >= 0.95
     falls = evaluate(nominal, nominal.env | {"randomize": heavy}, episodes=40).success_rate
     assert falls == (0.0 if task == "swingup-1" else 1.0)  # calming forgives much
+
+
+TASKS = {
+    "angles": {"n": 3, "mode": "calm"},
+    "sincos": {"n": 2, "mode": "swingup", "observation": "sincos"},
+    "scaled": {"n": 2, "mode": "swingup", "observation": "scaled", "lengths": [1.0, 0.5]},
+    "cart": {"n": 1, "mode": "balance", "base": "cart", "rail": 2.4, "observation": "scaled"},
+    "goal": {"n": 2, "mode": "transition", "observation": "sincos"},
+}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_measured_angles_and_velocities_become_what_the_environment_observes(task):
+    envs = gym.make_vec("NPendulum-v0", num_envs=50, **TASKS[task])
+    config, rng = envs.unwrapped.config, np.random.default_rng(0)
+    theta = rng.uniform(-9.0, 9.0, (50, config.n))
+    omega = rng.uniform(-12.0, 12.0, (50, config.n))
+    options = {"theta": theta, "omega": omega}
+    if task == "cart":
+        options |= {
+            "cart_position": rng.uniform(-2.0, 2.0, 50),
+            "cart_velocity": rng.normal(size=50),
+        }
+    observed, info = envs.reset(seed=0, options=options)
+    others = {key: options[key] for key in options if key not in ("theta", "omega")}
+    others |= {"goal": info["goal"]} if task == "goal" else {}
+    found = observation_of(config, theta, omega, **others)
+    assert found.dtype == observed.dtype
+    np.testing.assert_allclose(found, observed, rtol=3e-7, atol=3e-7)
+    joints = (np.diff(each, prepend=0.0) for each in (theta, omega))
+    encoders = observation_of(config, *joints, relative=True, **others)
+    np.testing.assert_allclose(encoders, observed, rtol=1e-5, atol=1e-5)
+    one = observation_of(config, theta[3], omega[3], **{k: v[3] for k, v in others.items()})
+    np.testing.assert_array_equal(one, found[3])
+
+
+def test_a_policy_acts_on_measured_angles_as_on_what_its_environment_shows():
+    policy = Policy.pretrained("swingup-2")
+    envs = gym.make_vec("NPendulum-v0", num_envs=5, **policy.env)
+    observation, info = envs.reset(seed=1)
+    actions = policy.act(info["theta"], info["omega"])
+    np.testing.assert_allclose(actions, policy(observation), atol=1e-5)
+    one = policy.act(info["theta"][2].tolist(), info["omega"][2].tolist())
+    np.testing.assert_allclose(one, actions[2], atol=1e-6)
+
+
+def test_what_no_environment_can_observe_is_refused():
+    config = EnvConfig(n=2, mode="transition")
+    with pytest.raises(
+        ValueError, match=r"theta must have the shape \(2,\) or \(B, 2\), got \(3,\)"
+    ):
+        observation_of(config, [0.0] * 3, [0.0] * 3)
+    with pytest.raises(ValueError, match="omega must have the shape of theta"):
+        observation_of(config, [0.0] * 2, [[0.0] * 2])
+    with pytest.raises(ValueError, match="goal must be given in mode 'transition'"):
+        observation_of(config, [0.0] * 2, [0.0] * 2)
+    told = EnvConfig(n=2, randomize={"masses": (0.9, 1.1)}, observe_context=True)
+    with pytest.raises(ValueError, match="observe_context must be False"):
+        observation_of(told, [0.0] * 2, [0.0] * 2)
+
+
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        ({"network": {"activation": "exec"}}, "activation must be one of"),
+        ({"network": {"output": 3}}, "output must be"),
+        ({"network": {"limit": -1.0}}, "limit must be"),
+        ({"network": [1]}, "its network must have"),
+        ({"network": {"code": "x"}}, "its network must have"),
+        ({"network": {"activation": "relu"}}, "its numbers overflow"),
+        ({"offset": np.zeros(5, np.float32)}, "its offset has the shape"),
+    ],
+)
+def test_a_network_that_no_policy_has_is_refused(changed, text, tmp_path):
+    large = [weight * np.float32(1e12) for weight in small_policy().weights]
+    replace(small_policy(), weights=large).save(tmp_path / "a.npz")
+    Policy.load(tmp_path / "a.npz")  # tanh layers keep it from overflowing
+    with np.load(tmp_path / "a.npz") as file:
+        arrays = dict(file)
+    about = json.loads(str(arrays["about"])) | {k: changed[k] for k in changed if k == "network"}
+    arrays |= {"about": np.array(json.dumps(about))}
+    arrays |= {key: changed[key] for key in changed if key != "network"}
+    np.savez(tmp_path / "b.npz", **arrays)
+    with pytest.raises(ValueError, match=text):
+        Policy.load(tmp_path / "b.npz")
 
 
 def test_an_observation_of_another_environment_is_refused_with_the_way_out():

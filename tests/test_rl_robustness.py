@@ -8,8 +8,8 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, simulate
-from npend_gym.rl import HELD_OUT, lqr, robustness
-from npend_gym.rl.evaluation.criteria import Group, pushed_joints
+from npend_gym.rl import CRITERIA, HELD_OUT, Criterion, Pushes, lqr, robustness
+from npend_gym.rl.evaluation.criteria import Group
 from npend_gym.rl.evaluation.disturbances import Pulses
 
 pytestmark = pytest.mark.long  # the kernels of motors and sensors take long to compile
@@ -64,7 +64,7 @@ def test_a_strong_motor_at_every_joint_survives_everything_and_none_nothing():
 def test_without_noise_lag_and_delay_all_is_as_in_the_nominal_environment():
     shown, _, _ = recorded(TWO, values=3)
     nominal = alone(TWO, HELD_OUT, 10)
-    for criterion in ("velocity_noise", "torque_noise", "motor_lag", "delay"):
+    for criterion in set(CRITERIA) - {"model", "pushes"}:
         np.testing.assert_array_equal([each[0] for each in shown[criterion]], nominal)
 
 
@@ -75,6 +75,8 @@ def test_without_noise_lag_and_delay_all_is_as_in_the_nominal_environment():
         ("torque_noise", {"torque_noise": 1.1 / 6.0 * 3.0}),
         ("motor_lag", {"motor_lag": 0.02}),
         ("delay", {"observation_delay": 0.04 / 0.05}),
+        ("angle_noise", {"angle_noise": 0.02}),
+        ("angle_resolution", {"angle_resolution": 0.01}),
     ],
 )
 def test_the_largest_error_is_that_of_an_environment_made_with_it(criterion, changed):
@@ -110,7 +112,8 @@ def test_wrong_models_are_chains_made_with_that_parameter(chain):
 
 def test_pushes_are_torques_at_the_joints_beside_those_of_the_controller():
     keywords = TWO | {"actuated": (1,)}
-    shown, _, _ = recorded(keywords, seconds=3.0, pushed=(0, 1))
+    criteria = {"pushes": Pushes(joints=(0, 1))}
+    shown, _, _ = recorded(keywords, seconds=3.0, criteria=criteria)
     config = gym.make("NPendulum-v0", **keywords).unwrapped.config
     torques = Pulses(config, (0, 1), 60, 50, HELD_OUT).torques
     lane = int(np.abs(torques[:, :, 0]).sum(axis=0).argmax())
@@ -147,15 +150,16 @@ def test_pulses_of_bounded_strength_push_every_lane_six_times_at_most(n, count):
 
 def test_joints_with_a_motor_are_pushed_unless_others_are_named():
     config = gym.make("NPendulum-v0", n=3, actuated=(1,)).unwrapped.config
-    assert pushed_joints(config, None).tolist() == [1]
-    assert pushed_joints(config, (2, 0)).tolist() == [2, 0]
-    torques = Pulses(config, pushed_joints(config, None), 200, 50, seed=0).torques
+    assert Pushes().pushed(config).tolist() == [1]
+    assert Pushes((2, 0)).pushed(config).tolist() == [2, 0]
+    torques = Pulses(config, Pushes().pushed(config), 200, 50, seed=0).torques
     assert torques[:, :, 1].any()
     assert not torques[:, :, [0, 2]].any()
-    with pytest.raises(ValueError, match="pushed must be between 0 and 2, got 3"):
-        robustness(Recorder(), {"n": 3, "mode": "swingup"}, pushed=(3,))
-    with pytest.raises(ValueError, match="pushed must name at least one joint"):
-        robustness(Recorder(), {"n": 3, "mode": "swingup"}, pushed=())
+    three = {"n": 3, "mode": "swingup"}
+    with pytest.raises(ValueError, match="joints must be between 0 and 2, got 3"):
+        robustness(Recorder(), three, criteria={"pushes": Pushes((3,))})
+    with pytest.raises(ValueError, match="joints must name at least one joint"):
+        robustness(Recorder(), three, criteria={"pushes": Pushes(())})
 
 
 def test_the_controller_is_told_the_state_as_observed():
@@ -174,7 +178,7 @@ def test_the_controller_is_told_the_state_as_observed():
 def test_a_memory_is_reset_before_every_criterion_with_the_number_of_its_lanes():
     _, _, recorder = recorded(TWO, values=3)
     assert recorder.resets == [len(each[0]) for each in recorder.observations]
-    assert recorder.resets == [2 * 4 * 3, 3, 3, 3, 3, 50]
+    assert recorder.resets == [2 * 4 * 3, 3, 3, 3, 3, 50, 3, 3]
 
 
 def test_a_value_is_survived_by_more_than_half_of_its_repetitions():
@@ -188,7 +192,9 @@ def test_the_result_can_be_written_as_json_and_adds_up():
     whole = json.loads(json.dumps(result.as_dict(), allow_nan=False))
     assert whole["provenance"]["seed"] == HELD_OUT
     assert whole["provenance"]["arguments"]["env"]["n"] == 2
-    shares = [np.mean(each["survived"]) for each in whole["outcomes"].values()]
+    scored = [each for each in whole["outcomes"].values() if each["scored"]]
+    assert len(scored) == 6  # of eight: the others are not published
+    shares = [np.mean(each["survived"]) for each in scored]
     assert whole["score"] == pytest.approx(np.mean(shares), abs=1e-4)
     assert set(result.as_row()) == {"score", *whole["outcomes"]}
 
@@ -211,6 +217,7 @@ def test_the_figure_shows_every_share_and_every_value():
     labels = [label.get_text() for label in strips.get_yticklabels()]
     assert "masses[1], 0.75 to 1.25 kg" in labels
     assert "velocity noise, 0 to 0.5 rad/s" in labels
+    assert "angle noise, 0 to 0.02 rad" in labels
 
 
 def test_progress_may_be_shown():
@@ -219,13 +226,13 @@ def test_progress_may_be_shown():
         Recorder(), TWO, values=2, seconds=0.1,
         progress=lambda items: [shown.append(item) or item for item in items],
     )  # fmt: skip
-    assert len(shown) == 6
+    assert shown == list(CRITERIA)
 
 
 def test_a_cart_has_no_noise_of_torques_and_is_pushed_like_all():
     keywords = {"n": 1, "mode": "balance", "base": "cart", "cart_mass": 1.0, "rail": 2.4}
     _, result, _ = recorded(keywords | {"observation": "sincos"}, values=2)
-    assert list(result.outcomes) == ["model", "velocity_noise", "motor_lag", "delay", "pushes"]
+    assert set(CRITERIA) - set(result.outcomes) == {"torque_noise"}
 
 
 @pytest.mark.parametrize(
@@ -244,3 +251,39 @@ def test_environments_that_the_protocol_does_not_fit_are_refused(changed, text):
 def test_arguments_are_checked():
     with pytest.raises(ValueError, match="values must be at least 2"):
         robustness(Recorder(), TWO, values=1)
+
+
+RIPPLE = Criterion(0.8, lambda _, value: {"torque_ripple": value}, unit="N m")
+
+
+def test_a_criterion_of_ones_own_is_tried_beside_the_others_or_alone():
+    shown, alone_, _ = recorded(TWO, values=3, criteria={"ripple": RIPPLE})
+    assert (list(alone_.outcomes), alone_.outcomes["ripple"].unit) == (["ripple"], "N m")
+    assert alone_.outcomes["ripple"].values.tolist() == [0.0, 0.4, 0.8]
+    assert alone_.score == alone_.outcomes["ripple"].share
+    own = np.array([each[2] for each in shown["ripple"]])
+    expected = alone(TWO | {"torque_ripple": 0.8}, HELD_OUT + 2, 10)
+    np.testing.assert_allclose(own, expected, rtol=1e-5, atol=1e-6)
+    _, beside, _ = recorded(TWO, values=3, criteria=CRITERIA | {"ripple": RIPPLE})
+    assert list(beside.outcomes) == [*CRITERIA, "ripple"]
+    _, without, _ = recorded(TWO, values=3)
+    assert beside.score == without.score
+
+
+def test_randomized_chains_can_be_a_criterion_and_one_may_depend_on_the_environment():
+    masses = Criterion(0.5, lambda _, x: {"randomize": {"masses": (1.0 - x, 1.0 + x)}}, noise=True)
+    held = Criterion(lambda config: config.max_torque, lambda _, x: {"torque_noise": x}, "N m")
+    keywords = TWO | {"max_torque": 3.0}
+    shown, result, _ = recorded(keywords, values=3, criteria={"masses": masses, "held": held})
+    assert result.outcomes["held"].values.tolist() == [0.0, 1.5, 3.0]
+    drawn = keywords | {"randomize": {"masses": (0.5, 1.5)}}
+    for criterion, changed in (("masses", drawn), ("held", keywords | {"torque_noise": 3.0})):
+        own = np.array([each[2] for each in shown[criterion]])
+        expected = alone(changed, HELD_OUT + 2, 10)
+        np.testing.assert_allclose(own, expected, rtol=1e-5, atol=1e-6)
+
+
+def test_criteria_that_do_not_apply_are_refused():
+    never = Criterion(0.0, lambda _, value: {"torque_noise": value})
+    with pytest.raises(ValueError, match=r"criteria must have one for this environment, got \['x'"):
+        robustness(Recorder(), TWO, criteria={"x": never})

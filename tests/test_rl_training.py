@@ -11,7 +11,7 @@ from scripts import run_python
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl import HELD_OUT
 from npend_gym.rl.controllers.planning import Tracking
-from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.evaluation.settings import setting_of
 
 torch = pytest.importorskip("torch")
 
@@ -40,7 +40,7 @@ class Idle:
 
 def play_with_imitation(seed):
     settings = imitation.settings_of("swingup-3", seed=seed, seconds=0.05, standing=0, hidden=4)
-    envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"max_episode_steps": None})
+    envs = setting_of(settings.env).make(settings.num_envs, max_episode_steps=None)
     dagger = imitation.DAgger(settings, envs, Idle())
     for round_ in (0, 1, settings.rounds):
         dagger.play(round_)
@@ -246,7 +246,7 @@ def test_a_cart_can_be_trained_too(trainer):
     name = trainer.__name__.rpartition(".")[2]
     env = {"n": 1, "mode": "swingup", "base": "cart", "observation": "sincos"}
     policy, _ = trainer.train(trainer.Settings(env=env, **small[name]))
-    envs = make_envs(ENV_ID, 2, policy.env)
+    envs = setting_of(policy.env).make(2)
     observation, info = envs.reset(seed=0)
     assert observation.shape == (2, 5)
     assert np.isfinite(envs.step(policy(observation, info))[1]).all()

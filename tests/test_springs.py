@@ -436,7 +436,6 @@ def test_bad_starts_of_springs_are_refused_by_name(change, error, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"reading": "listing"}, 'reading "listing" is defined for rigid rods on a pivot at rest'),
         (
             {"chain": Chain.uniform(3, stiffness=1e22)},
             "rigid rods are the limit of stiff springs",

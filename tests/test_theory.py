@@ -182,7 +182,7 @@ def test_the_papers_period_does_not_apply_to_links():
     [
         theory.normal_modes, theory.fundamental_period, theory.fastest_frequency,
         theory.ideal_period, theory.small_angle_periods, theory.com_period,
-        theory.amplitude_growth, lambda chain: theory.models(chain, 0.1),
+        lambda chain: theory.models(chain, 0.1),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, {"stiffness": 1e3}])

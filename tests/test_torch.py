@@ -105,12 +105,13 @@ TASKS = [
     {"mode": "swingup", "observation": "sincos"},
     {"mode": "balance", "n": 3, "observation": "scaled", "actuated": (0, 2)},
     {"mode": "calm", "randomize": {"masses": (0.8, 1.2), "gravity": (0.9, 1.1)}},
+    {"mode": "balance", "observation": "scaled", "observe_velocities": False},
     {"mode": "transition", "torque_levels": 3},
 ]
 
 
 @pytest.mark.parametrize("autoreset", ["NEXT_STEP", "SAME_STEP"])
-@pytest.mark.parametrize("task", TASKS, ids=lambda task: task["mode"])
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: f"{task['mode']}-{len(task)}")
 def test_episodes_are_those_of_the_native_environment(task, autoreset):
     """States to the last bit, observations in float32 too, rewards to rounding, over resets."""
     keywords = {"num_envs": 9, "max_episode_steps": 70, "autoreset_mode": autoreset} | task

@@ -224,7 +224,7 @@ def test_a_state_has_the_goal_and_an_episode_continues_from_it():
     for action in actions[:5]:
         shown = envs.step(action)
     state = envs.get_state()
-    np.testing.assert_array_equal(state["members"]["goal"], shown[0][:, 9:])
+    np.testing.assert_array_equal(state["rods"]["goal"][:, :3], shown[0][:, 9:])
     env.reset(seed=0)
     observation, info = env.set_state(state[1])
     np.testing.assert_array_equal(observation, shown[0][1])

@@ -34,6 +34,7 @@ def rows(peers: Peers) -> Iterator[Row]:
             yield from vector_beside_peers(lanes, peers)
         yield from two_threads()
         yield from along_n()
+        yield from pictures()
 
 
 def single(name: str, **options: Any) -> Job:
@@ -182,3 +183,22 @@ def along_n() -> Iterator[Row]:
         best = rates({"": ours(lanes, max_episode_steps=None, **options)})[""]
         note = f"{1e9 / (best * n):.1f} ns per rod"
         yield Row(f"gym.make_vec, {lanes} lanes, N = {n}, 1 substep", "", best, math.nan, note)
+
+
+def pictures() -> Iterator[Row]:
+    """Yield the row of pictures for learning beside those of Gymnasium's cart-pole."""
+    ours = gym.make(OURS, render_mode="rgb_array", render_size=84, render_plain=True)
+    jobs = {"gym.make, N = 2, 84 x 84, plain, pictures a second": rendering(ours)}
+    peer = gym.make("CartPole-v1", render_mode="rgb_array")
+    yield from compared(jobs, {"Gymnasium CartPole-v1, 600 x 400": rendering(peer)})
+
+
+def rendering(env: Any) -> Job:
+    """Return the job of painting an environment."""
+    env.reset(seed=0)
+
+    def run(calls: int) -> None:
+        for _ in range(calls):
+            env.render()
+
+    return Job(run)

@@ -13,9 +13,8 @@ from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import energy
 from npend_gym.physics.equations import states_of
-from npend_gym.physics.integration import RODS_PER_PACK_CALL
-from npend_gym.physics.kernels.dop853_packs import RUNNING, many_flips
-from npend_gym.physics.many import Packs, check_going, new_group, packs_of
+from npend_gym.physics.kernels.drive import Flips
+from npend_gym.physics.many import Packs, packs_of
 
 
 def flip_times(
@@ -93,15 +92,9 @@ def flip_times(
     packs = Packs(states.mechanism, np.hstack([q, u])[followed], loads, settings)
 
     def follow(members: slice, call: Call) -> None:
-        group = new_group(packs, 0.0, members)
-        status, flips = np.full(2 * WIDTH, RUNNING), np.full(WIDTH, np.nan)
-        attempts, starting = max(1, RODS_PER_PACK_CALL // (n * WIDTH)), True
-        while np.any(status[:WIDTH] == RUNNING) and not call.stopped:
-            lanes = group.solver, group.problem
-            many_flips(lanes, n, starting, duration, attempts, status, flips)
-            starting = False
-            check_going(group, status, n)
-        times[followed[members]] = flips[: members.stop - members.start]
+        flips = Flips(n, np.full(WIDTH, np.nan))
+        packs.motion(members).follow(0.0, duration, flips, call)
+        times[followed[members]] = flips.instants[: members.stop - members.start]
 
     if followed.size:
         share_out(packs_of(followed.size), threads, follow)

@@ -13,14 +13,12 @@ from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
-from npend_gym.physics.drives import varies
-from npend_gym.physics.equations import states_of
 from npend_gym.physics.integration import check_times
 from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.motion import Motion
-from npend_gym.physics.recipe import AT_REST, Recipe
 from npend_gym.physics.recipe import motion_of as motion_from
 from npend_gym.physics.sensitivities import carry, changes_of
+from npend_gym.physics.start import Start
 from npend_gym.theory.modes import decay_rate
 
 # Longest step times the fastest mode's frequency, or the rate of the fastest decay: vectors follow
@@ -107,15 +105,15 @@ def motion_of(
 
     A cart starts at rest, and springs with the tensions of rigid rods.
     """
-    n = check_chain(chain).n
-    start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
-    shaken = varies(pivot_acceleration)
-    states = states_of(chain, *start, pivot_acceleration=AT_REST if shaken else pivot_acceleration)
-    rate = max(fastest_rate(chain), fastest_decay(chain))
+    n, rate = check_chain(chain).n, max(fastest_rate(chain), fastest_decay(chain))
     settings = check_settings("dop853", rtol, 0.01 * rtol, _LONGEST / rate)
-    recipe = Recipe("dop853", settings, np.zeros(n), 0.0, pivot_acceleration)
-    motion = motion_from(states.mechanism, np.concatenate([states.q, states.u]), begin, recipe)
-    motion.drives.check_time_alone(begin, states.q, states.u)
+    start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
+    drives = {"torque": None, "force": 0.0, "pivot_acceleration": pivot_acceleration}
+    started = Start((chain,), *start, drives, {"stretch": None}, begin, one=True)
+    q, u = started.q[0], started.u[0]
+    recipe = started.recipe(settings, 0)
+    motion = motion_from(started.mechanism, np.concatenate([q, u]), begin, recipe)
+    motion.drives.check_time_alone(begin, q, u)
     return motion
 
 

@@ -10,7 +10,6 @@ Exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted (what wa
 from __future__ import annotations
 
 import argparse
-import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ from typing import Any
 
 from npend_gym import _interrupts
 from npend_gym._version import __version__
-from npend_gym.cli.common import FAILED, INTERRUPTED, Parser, warn
+from npend_gym.cli.common import INTERRUPTED, Parser, dispatch, warn
 from npend_gym.cli.streams import open_closed_streams
 
 COMMANDS = {
@@ -27,8 +26,6 @@ COMMANDS = {
     "animate": "film a release, or an episode that a policy controls",
     "page": "show a release in the browser: one HTML file that needs no network",
     "play": "push a chain about in a window, and see its pseudo-periods",
-    "law": "measure how far the law of the centre of mass holds, at every N and angle",
-    "paper": "reproduce the source paper and judge every equation, number and claim",
     "campaign": "sweep the release experiment over anything, on one machine or many",
     "analyse": "fit the law of the pseudo-period to a campaign, list outliers, write a report",
     "chaos": "draw when a double pendulum first turns over, for a million starts",
@@ -39,6 +36,8 @@ COMMANDS = {
     "bench": "measure speed and accuracy beside the peers that are installed",
     "verify": "check that this machine computes the very same bits",
 }
+# Commands that left the package for the study of the paper, which a clone has beside it
+_IN_THE_STUDY = {"law": "python -m paper --only com-law", "paper": "python -m paper"}
 _EXAMPLES = """\
 examples:
   npend release                        the paper's experiment as a table
@@ -93,6 +92,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     """Parse the arguments, and run the command that they name."""
     parser, commands = parsers()
+    first = next(iter(sys.argv[1:] if argv is None else argv), "")
+    if first in _IN_THE_STUDY:
+        parser.error(f"{first} is not in the package: run `{_IN_THE_STUDY[first]}` in a clone")
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how the line may go on
         from argcomplete import autocomplete
 
@@ -102,9 +104,9 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         options = vars(parser.parse_args(argv))
     except SystemExit as left:  # of argparse, which ignores that its output cannot be printed
-        raise SystemExit(left.code or _dispatch(parser, lambda _: 0, {})) from None
+        raise SystemExit(left.code or dispatch(parser, lambda _: 0, {})) from None
     command = commands[options.pop("command")]
-    return _dispatch(command, command.run, options)
+    return dispatch(command, command.run, options)
 
 
 def parsers() -> tuple[Parser, dict[str, _Command]]:
@@ -121,32 +123,3 @@ def parsers() -> tuple[Parser, dict[str, _Command]]:
     for name, summary in COMMANDS.items():
         commands.add_parser(name, help=summary)
     return parser, commands.choices
-
-
-def _dispatch(
-    command: Parser, run: Callable[[dict[str, Any]], int], options: dict[str, Any]
-) -> int:
-    """Run a command and return its exit code; an expected failure is reported in one line."""
-    try:
-        code = run(options)
-        sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
-    except (ValueError, TypeError) as error:
-        command.error(str(error))
-    except (ImportError, OSError, RuntimeError) as error:
-        is_closed = isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.EBADF)
-        is_closed |= isinstance(error, BrokenPipeError)
-        reason = "the output was closed before its end" if is_closed else error
-        return _failed(f"{command.prog}: {reason}")
-    except KeyboardInterrupt:
-        warn(f"{command.prog}: interrupted")
-        return INTERRUPTED
-    return code
-
-
-def _failed(message: str) -> int:
-    warn(message)
-    try:
-        sys.stdout.flush()
-    except OSError:  # nothing more can be printed: the interpreter must not try at its exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return FAILED

@@ -107,7 +107,7 @@ def _episode(
     from npend_gym import _checks
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
     from npend_gym.report.animation import SUFFIXES
-    from npend_gym.rl.policies.policy import find_policy
+    from npend_gym.rl.policies.shipped import find_policy
 
     if inapplicable:
         raise ValueError(

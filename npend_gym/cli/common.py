@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import json
 import math
+import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -52,6 +54,33 @@ def printable(text: str) -> str:
 def warn(text: str) -> None:
     """Print a line to the error stream."""
     print(printable(text), file=sys.stderr)
+
+
+def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dict[str, Any]) -> int:
+    """Run a command and return its exit code; an expected failure is reported in one line."""
+    try:
+        code = run(options)
+        sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
+    except (ValueError, TypeError) as error:
+        command.error(str(error))
+    except (ImportError, OSError, RuntimeError) as error:
+        is_closed = isinstance(error, OSError) and error.errno in (errno.EPIPE, errno.EBADF)
+        is_closed |= isinstance(error, BrokenPipeError)
+        reason = "the output was closed before its end" if is_closed else error
+        return _failed(f"{command.prog}: {reason}")
+    except KeyboardInterrupt:
+        warn(f"{command.prog}: interrupted")
+        return INTERRUPTED
+    return code
+
+
+def _failed(message: str) -> int:
+    warn(message)
+    try:
+        sys.stdout.flush()
+    except OSError:  # nothing more can be printed: the interpreter must not try at its exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return FAILED
 
 
 def numbers(text: str) -> float | list[float]:
@@ -168,7 +197,7 @@ _RELEASE_OPTIONS = (
     ("--gravity", "gravity", float, "M/S2", "acceleration of gravity (default 9.81)"),
     ("--damping", "damping", float, "NMS", "viscous damping of every joint (default 0)"),
     ("--reading", "reading", str, "NAME",
-     "what completes a pseudo-period: bob, link, height, com or listing (default bob)"),
+     "what completes a pseudo-period: bob, link, height or com (default bob)"),
     CHAIN_OPTION,
 )  # fmt: skip
 

@@ -74,27 +74,28 @@ def run(options: dict[str, Any]) -> int:
     out: Path | None = options.pop("out", None)
     as_json, episodes = options.pop("json", False), options.pop("episodes", 100)
     robust, scores = options.pop("robust", False), options.pop("scores", False)
-    place = {"seed": options.pop("seed", rl.HELD_OUT), "env_id": options.pop("env_id", ENV_ID)}
+    seed, env_id = options.pop("seed", rl.HELD_OUT), options.pop("env_id", ENV_ID)
     if out is not None:
         outputs.prepare_folder(out)
     changed = [key for key, _ in options.get("settings") or () if options.get("policy")]
     name, controller, keywords = _chosen(**options)
-    row = rl.evaluate(controller, keywords, episodes=episodes, **place).as_row()
-    made = {"env": plain_keywords(keywords), "env_id": place["env_id"], "episodes": episodes}
-    about = {"name": name, "provenance": provenance(made, place["seed"])}
+    env = keywords | {"id": env_id}
+    row = rl.evaluate(controller, env, episodes=episodes, seed=seed).as_row()
+    made = {"env": plain_keywords(keywords), "env_id": env_id, "episodes": episodes}
+    about = {"name": name, "provenance": provenance(made, seed)}
     result: dict[str, Any] = about | {"evaluation": row}
     if row["success"] == 0.0:
         warn(_failure(name, changed, robust))
     register_envs()
-    text = [report.evaluation_text(row, gym.spec(place["env_id"]).reward_threshold)]
+    text = [report.evaluation_text(row, gym.spec(env_id).reward_threshold)]
     if scores:
         for score in (rl.performance, rl.recovery):
-            result[score.__name__] = score(controller, keywords, **place).as_row()
+            result[score.__name__] = score(controller, env, seed=seed).as_row()
             text.append(_line(score.__name__, result[score.__name__]))
     written: list[Path] = []
     if robust:
         show = progress("criterion")
-        tried = rl.robustness(controller, keywords, **place, progress=show).as_dict()
+        tried = rl.robustness(controller, env, seed=seed, progress=show).as_dict()
         result["robustness"] = tried
         text.append(report.robustness_text(tried))
         if out is not None:
@@ -131,7 +132,7 @@ def _chosen(
 ) -> tuple[str, Controller, dict[str, Any]]:
     """Return name, controller and keywords of the environment."""
     from npend_gym.rl.controllers.references import reference_controller
-    from npend_gym.rl.policies.policy import find_policy
+    from npend_gym.rl.policies.shipped import find_policy
     from npend_gym.rl.training.tasks import env_of_task
 
     if (policy is None) == (controller is None):

@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: dict[str, Any]) -> int:
     """Read, fit and report; return the exit code."""
-    from npend_gym.identification.problem import Problem
+    from npend_gym.identification.fit import Problem
     from npend_gym.report import identification_report as report
     from npend_gym.report import outputs
 

@@ -51,8 +51,14 @@ if TYPE_CHECKING:
     def packs(array: _T) -> _T:
         """Return a bare view of `array` (..., m WIDTH), contiguous, as packs (..., m).
 
-        Of floats or bools. Of a tuple of arrays: a view of each; `bare` does the same.
+        Of floats or bools. Of a tuple, also of tuples: a view of each array; `bare` and `lane` do
+        the same.
         """
+        return array
+
+    def lane(array: _T, k: int) -> _T:
+        """Return what lane `k` of an array of packs holds, a bare view; floats are one lane."""
+        del k
         return array
 
 else:
@@ -65,19 +71,24 @@ else:
 
     from npend_gym.compiled.packs import FLOATS, TRUTHS
 
-    def _view(context, builder, array_type, array, view_type, lanes):
+    def _in_memory(context, builder, array_type, array, view_type, lanes):
         """Return a bare view of an array, `lanes` of its innermost entries as one."""
         old = context.make_array(array_type)(context, builder, array)
-        view = context.make_array(view_type)(context, builder)
         width = ir.Constant(old.itemsize.type, lanes)
         size = builder.mul(old.itemsize, width)
         shape = cgutils.unpack_tuple(builder, old.shape)
         strides = cgutils.unpack_tuple(builder, old.strides)
         if lanes > 1:
             shape[-1], strides[-1] = builder.udiv(shape[-1], width), size
+        return _populated(context, builder, view_type, old.data, (shape, strides, size))
+
+    def _populated(context, builder, view_type, data, layout):
+        """Return a bare view of memory with a layout of (shape, strides, size of an entry)."""
+        view = context.make_array(view_type)(context, builder)
+        shape, strides, size = layout
         populate_array(
             view,
-            data=builder.bitcast(old.data, view.data.type),
+            data=builder.bitcast(data, view.data.type),
             shape=cgutils.pack_array(builder, shape),
             strides=cgutils.pack_array(builder, strides),
             itemsize=size,
@@ -85,30 +96,42 @@ else:
         )
         return view._getvalue()  # noqa: SLF001  as all of Numba's extensions do
 
-    def _viewed(given, type_of, lanes):
-        """Return signature and code of a view; of each array where `given` is a tuple or None."""
-        if given == types.none:
-            return signature(given, given), lambda context, builder, sig, args: args[0]
+    def _each(given, of_array):
+        """Return the type of a view, and what makes it: of each array in nested tuples.
+
+        `of_array` returns both for an array. All else stays as it is.
+        """
         if isinstance(given, types.Array):
-            view = type_of(given)
-
-            def one(context, builder, sig, args):
-                return _view(context, builder, given, args[0], view, lanes)
-
-            return signature(view, given), one
-        views = [type_of(array) for array in given]
+            return of_array(given)
+        if not isinstance(given, types.BaseTuple):
+            return given, lambda context, builder, value, *more: value
+        parts = [_each(one, of_array) for one in given]
         named = getattr(given, "instance_class", None)
-        result = types.NamedTuple(views, named) if named else types.Tuple(views)
+        result = types.BaseTuple.from_types([kind for kind, _ in parts], named)
 
-        def each(context, builder, sig, args):
-            arrays = cgutils.unpack_tuple(builder, args[0], len(views))
+        def make(context, builder, value, *more):
+            values = cgutils.unpack_tuple(builder, value, len(parts))
             made = [
-                _view(context, builder, old, array, view, lanes)
-                for old, array, view in zip(given, arrays, views, strict=True)
+                part(context, builder, one, *more)
+                for (_, part), one in zip(parts, values, strict=True)
             ]
             return context.make_tuple(builder, result, made)
 
-        return signature(result, given), each
+        return result, make
+
+    def _viewed(given, type_of, lanes):
+        """Return signature and code of views with so many lanes in an entry."""
+
+        def of_array(one):
+            kind = type_of(one)
+            return kind, lambda context, builder, value: _in_memory(
+                context, builder, one, value, kind, lanes
+            )
+
+        result, make = _each(given, of_array)
+        return signature(result, given), lambda context, builder, sig, args: make(
+            context, builder, args[0]
+        )
 
     @intrinsic
     def _bare_view(typingctx, array):
@@ -130,3 +153,36 @@ else:
             return types.Array(kind, one.ndim, "C", aligned=False)
 
         return _viewed(array, in_packs, WIDTH)
+
+    def _of_lane(one):
+        """Return the type of one lane of an array, and what makes the view of it."""
+        if one.dtype != FLOATS:
+            return one, lambda context, builder, value, k: _in_memory(
+                context, builder, one, value, one, 1
+            )
+        kind = types.Array(types.float64, one.ndim, "A")
+
+        def make(context, builder, value, k):
+            old = context.make_array(one)(context, builder, value)
+            first = builder.bitcast(old.data, ir.PointerType(ir.DoubleType()))
+            size = ir.Constant(old.itemsize.type, 8)
+            shape, strides = (cgutils.unpack_tuple(builder, x) for x in (old.shape, old.strides))
+            layout = shape, strides, size
+            return _populated(context, builder, kind, builder.gep(first, [k]), layout)
+
+        return kind, make
+
+    @intrinsic
+    def _lane_view(typingctx, array, k):
+        """Return what lane `k` of an array of packs holds, a bare view; floats are one lane."""
+        result, make = _each(array, _of_lane)
+
+        def code(context, builder, sig, args):
+            return make(context, builder, *args)
+
+        return signature(result, array, types.intp), code
+
+    def _only_lane(array, k):
+        return array
+
+    lane = _only_lane if config.DISABLE_JIT else _lane_view

@@ -74,6 +74,7 @@ else:
     from numba import config, njit
     from numba.extending import overload
 
+    from npend_gym.compiled.inner import InnerCompiler
     from npend_gym.compiled.machine_code import CheckedCache
     from npend_gym.compiled.notice import announce_first_compilation
 
@@ -96,7 +97,8 @@ else:
 
     # for Python would cost more to compile than the function itself
     _INNER = {
-        "nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True
+        "pipeline_class": InnerCompiler, "nogil": True, "error_model": "numpy",
+        "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
     }  # fmt: skip
 
     def inner_kernel(function):
@@ -135,8 +137,7 @@ else:
                 return kernels[kind].py_func
 
             choose.__signature__ = signature
-            options = {"forceinline": True, "nogil": True, "error_model": "numpy"}
-            overload(function, jit_options=options)(choose)
+            overload(function, jit_options={"forceinline": True, **_INNER})(choose)
             return function
 
         return decorate

@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain
 from npend_gym.envs.keywords import DEFAULTS, motor_limit
 from npend_gym.envs.modes import Mode
-from npend_gym.envs.rows import Episode
+from npend_gym.envs.settings import CartSettings
 from npend_gym.physics.mechanism import mechanism_of
-from npend_gym.physics.substeps import MAX_SUBSTEPS
 
 if TYPE_CHECKING:
     from npend_gym.envs.config import EnvConfig  # which imports this module
 
-BASES = ("pivot", "cart")
-# What belongs to a lane: its row in `members`
-OF_CART = {
-    "max_force": Episode.MAX_FORCE, "cart_mass": Episode.CART_MASS,
-    "rail_damping": Episode.RAIL_DAMPING,
-}  # fmt: skip
-KEYWORDS = ("cart_mass", "rail", "rail_damping", "max_force")
-_PER_SUBSTEP = 16.0  # substeps in the time in which the rail's damping brakes to 1/e
+KEYWORDS = [each.name for each in fields(CartSettings) if each.name != "base"]
 
 
 def given_cart(
@@ -68,7 +59,7 @@ def checked_cart(given: Mapping[str, Any], mode: Mode, chain: Chain) -> dict[str
     TypeError, ValueError
         If one breaks its rule, or is given without a cart.
     """
-    base = _checks.choice("base", given["base"], BASES)
+    base = given["base"]
     if base == "pivot":
         for name in KEYWORDS:
             if given[name] is not None and given[name] != DEFAULTS[name]:
@@ -107,18 +98,3 @@ def cart_speed_factor(config: EnvConfig) -> float:
         if config.rail is None
         else 1.0 / math.sqrt((config.chain.gravity or STANDARD_GRAVITY) * config.rail)
     )
-
-
-def substeps_on_cart(
-    substeps: int, chain: Chain, dt: float, cart_mass: float, rail_damping: float
-) -> int:
-    """Return how many substeps resolve `dt` on a cart, where a pivot at rest needs `substeps`.
-
-    A chain of mass m on a cart of mass M has at least M / (M + m) of the inertia that it has at a
-    pivot, so that it swings and brakes faster by no more than the root of the inverse, or by it.
-    """
-    lighter = 1.0 + float(chain.masses.sum()) / cart_mass
-    brakes = np.any(chain.damping) or np.any(chain.friction) or chain.has_drag
-    of_chain = substeps * (lighter if brakes else math.sqrt(lighter))
-    of_rail = _PER_SUBSTEP * dt * lighter * rail_damping / cart_mass
-    return min(MAX_SUBSTEPS, math.ceil(max(of_chain, of_rail)))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,9 @@ from typing_extensions import Unpack
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Cart, Chain
-from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.cart import OF_CART, checked_cart, given_cart, substeps_on_cart
+from npend_gym.envs.cart import cart_speed_factor, checked_cart, given_cart
 from npend_gym.envs.goals import check_goal_env, goal_space
-from npend_gym.envs.hardware import check_limits, checked_hardware
+from npend_gym.envs.hardware import check_limits
 from npend_gym.envs.keywords import (
     DEFAULTS,
     EnvKeywords,
@@ -30,21 +29,24 @@ from npend_gym.envs.keywords import (
     motor_limit,
     with_config_keywords,
 )
-from npend_gym.envs.modes import Mode, find_mode
+from npend_gym.envs.modes import find_mode
 from npend_gym.envs.randomization import Randomization, check_randomize
-from npend_gym.envs.rows import MAX_CART_ENTRY
-from npend_gym.physics.arguments import warn_of_degrees
+from npend_gym.envs.rows import ANGLES, MAX_CART_ENTRY, SINCOS, Task
+from npend_gym.envs.settings import HARDWARE, OF_CART, OF_LANES, RULES, Settings
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS, default_substeps
+from npend_gym.physics.substeps import (
+    MAX_ROTATION,
+    MAX_SUBSTEPS,
+    default_substeps,
+    substeps_on_cart,
+)
 
-OBSERVATIONS = ("angles", "sincos", "scaled")
-REWARD_TYPES = ("dense", "sparse")
 MAX_SCALED_SPEED = 2.0  # of the observation "scaled", whose faster rods are clipped
 
 
 @with_config_keywords
 @dataclass(frozen=True, eq=False, init=False)
-class EnvConfig:
+class EnvConfig(Settings):
     """The settings of an environment: its keywords, checked, and what follows from them.
 
     Parameters
@@ -85,38 +87,6 @@ class EnvConfig:
     (3, 0.02)
     """
 
-    mode: Mode
-    chain: Chain
-    actuated: Sequence[int]
-    max_torque: float
-    dt: float
-    substeps: int | None
-    observation: str
-    reward_type: str
-    goal_env: bool
-    torque_levels: int | None
-    base: str
-    cart_mass: float | None
-    rail: float | None
-    rail_damping: float
-    max_force: float | None
-    amplitude: float
-    spread: float
-    randomize: Mapping[str, Any] | None
-    observe_context: bool
-    angle_noise: float
-    velocity_noise: float
-    angle_resolution: float
-    velocity_resolution: float
-    observation_delay: float
-    action_delay: float
-    motor_lag: float
-    torque_noise: float
-    torque_ripple: float
-    ripple_cycles: int
-    push_rate: float
-    push_force: float
-
     randomization: Randomization = field(init=False, repr=False)
     joints: NDArray[np.int64] = field(init=False, repr=False)
     min_substeps: int = field(init=False, repr=False)
@@ -128,58 +98,37 @@ class EnvConfig:
     def __init__(self, **keywords: Unpack[EnvKeywords]) -> None:
         check_names(EnvConfig, keywords)
         given: dict[str, Any] = DEFAULTS | keywords
+        given |= {name: rule(name, given[name]) for name, rule in RULES.items()}
         chain = check_weight(chain_of(keywords))
         mode = find_mode(given["mode"])
-        cart = checked_cart(given_cart(chain, given, keywords), mode, chain)
-        if cart["base"] == "cart":
-            own = Cart(cart["cart_mass"], cart["rail_damping"])
+        given |= checked_cart(given_cart(chain, given, keywords), mode, chain)
+        on_cart = given["base"] == "cart"
+        if on_cart:
+            own = Cart(given["cart_mass"], given["rail_damping"])
             chain = Chain.from_dict(chain.as_dict() | {"base": own})
-        on_cart = cart["base"] == "cart"
-        actuated = () if on_cart and "actuated" not in keywords else given["actuated"]
-        joints = joints_of(actuated, chain.n, least=0 if on_cart else 1)
+            given["actuated"] = keywords.get("actuated", ())
+        joints = joints_of(given["actuated"], chain.n, least=0 if on_cart else 1)
         joints = () if mode.torque_share == 0.0 else (chain.n, *joints) if on_cart else joints
-        dt = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
-        max_torque = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
-        hardware = checked_hardware(given)
-        of_cart = {name: cart[name] for name in OF_CART} if on_cart else {}
-        settings = {"max_torque": max_torque} | of_cart | hardware
+        given["dt"] = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
+        given["max_torque"] = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
+        settings = {name: given[name] for name in OF_LANES if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
-        largest = {name: random.ends(name, value)[1] for name, value in hardware.items()}
-        check_limits(largest, mode, dt, sum(joint < chain.n for joint in joints))
-        substeps, max_rotation = _substeps(given["substeps"], dt, random, cart)
-        amplitude = _checks.number("amplitude", given["amplitude"])
-        spread = _checks.nonnegative_number("spread", given["spread"])
-        observation = _checks.choice("observation", given["observation"], OBSERVATIONS)
-        reward_type = _checks.choice("reward_type", given["reward_type"], REWARD_TYPES)
-        goal_env = _checks.truth("goal_env", given["goal_env"])
-        check_goal_env(mode, reward_type, goal_env=goal_env)
-        checked = {
+        largest = {name: random.ends(name, given[name])[1] for name in HARDWARE}
+        check_limits(largest, mode, given["dt"], sum(joint < chain.n for joint in joints))
+        substeps, max_rotation = _substeps(given["substeps"], given["dt"], random, given)
+        check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
+        used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
+        vars(self).update(used | {
             "mode": mode,
             "chain": chain,
-            "actuated": actuated,
-            "max_torque": max_torque,
-            "dt": dt,
-            "substeps": given["substeps"],
-            "observation": observation,
-            "reward_type": reward_type,
-            "goal_env": goal_env,
-            "torque_levels": given["torque_levels"],
-            "amplitude": _angle("amplitude", amplitude),
-            "spread": _angle("spread", spread),
-            "randomize": given["randomize"],
-            "observe_context": _checks.truth("observe_context", given["observe_context"]),
             "randomization": random,
             "joints": np.array(joints, np.int64),
             "min_substeps": substeps,
             "max_rotation": max_rotation,
-            "speed_scale": _speed_scale(observation, chain),
+            "speed_scale": _speed_scale(given["observation"], chain),
             "action_table": action_table(given["torque_levels"], mode, len(joints)),
             "largest": largest,
-            **hardware,
-            **cart,
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        })  # fmt: skip
 
     @property
     def n(self) -> int:
@@ -220,10 +169,21 @@ class EnvConfig:
 
     @property
     def observed(self) -> int:
-        """Number of entries of an observation."""
-        angles = 2 * self.n if self.with_sines else self.n
-        rest = (2 if self.has_cart else 0) + (self.n if self.observes_goals else 0)
-        return angles + self.n + rest + (len(self.context_names) if self.observe_context else 0)
+        """Number of entries of an observation, without those of goals in a Dict."""
+        return self._bounds.size
+
+    @property
+    def _bounds(self) -> FloatArray:
+        """The largest size of each entry of an observation, (numbers,)."""
+        parts = [(2 * self.n, 1.0) if self.with_sines else (self.n, np.pi)]
+        if self.observe_velocities:
+            parts.append((self.n, self.speed_limit))
+        if self.has_cart:
+            parts.append((2 if self.observe_velocities else 1, MAX_CART_ENTRY))
+        parts.append((self.n if self.observes_goals else 0, 1.0))
+        parts.append((len(self.context_names) if self.observe_context else 0, 1.0))
+        sizes, bounds = zip(*parts, strict=True)
+        return np.repeat(bounds, sizes)
 
     @property
     def has_cart(self) -> bool:
@@ -253,12 +213,7 @@ class EnvConfig:
 
         With `goal_env` it is a Dict: see `NPendulumEnv`.
         """
-        bound = np.ones(self.observed, np.float32)
-        angles = 2 * self.n if self.with_sines else self.n
-        bound[:angles] = 1.0 if self.with_sines else np.pi
-        bound[angles : angles + self.n] = self.speed_limit
-        if self.has_cart:
-            bound[angles + self.n : angles + self.n + 2] = MAX_CART_ENTRY
+        bound = self._bounds.astype(np.float32)
         box = spaces.Box(-bound, bound, dtype=np.float32)
         return goal_space(box, self.n) if self.goal_env else box
 
@@ -267,6 +222,24 @@ def make_config(env: type, keywords: EnvKeywords) -> EnvConfig:
     """Return the settings of an environment, or name the keyword that the environment lacks."""
     check_names(env, keywords)
     return EnvConfig(**keywords)
+
+
+def task_numbers(config: EnvConfig, judge: int, max_steps: int | None) -> FloatArray:
+    """Return the entries of `rows.Task`; `judge` is the number of a built-in mode, 0 of others."""
+    task = {
+        "MODE": judge,
+        "MAX_STEPS": math.inf if max_steps is None else max_steps,
+        "HOLD_STEPS": config.hold_steps,
+        "FORM": SINCOS if config.with_sines else ANGLES,
+        "SPEED_LIMIT": config.speed_limit,
+        "SPARSE": config.reward_type == "sparse",
+        "GOALS": config.mode.has_goals,
+        "OBSERVED_GOALS": config.observes_goals,
+        "RAIL": config.rail or 0.0,
+        "PER_CART_SPEED": cart_speed_factor(config),
+        "VELOCITIES": config.observe_velocities,
+    }
+    return np.array([task[name] for name in Task._fields], np.float64)
 
 
 def _substeps(
@@ -282,7 +255,7 @@ def _substeps(
         if cart["base"] == "cart":
             mass = random.ends("cart_mass", cart["cart_mass"])[0]
             damping = random.ends("rail_damping", cart["rail_damping"])[1]
-            substeps = substeps_on_cart(substeps, chain, dt, mass, damping)
+            substeps = substeps_on_cart(substeps, chain, dt, 1.0 / mass, damping)
         most = max(most, substeps)
     return most, MAX_ROTATION
 
@@ -293,9 +266,3 @@ def _speed_scale(observation: str, chain: Chain) -> FloatArray:
     if observation == "scaled":
         scale = np.sqrt(2.0 * chain.lifting_energy / chain.repeated(1).joint_inertia[0])
     return scale
-
-
-def _angle(name: str, value: float) -> float:
-    angle = _checks.within(name, np.array(value), 0.5 * MAX_ANGLE)
-    warn_of_degrees(name, angle)
-    return float(angle)

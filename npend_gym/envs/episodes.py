@@ -14,14 +14,15 @@ from npend_gym._streams import Purpose
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys, generator
-from npend_gym.envs.cart import OF_CART, base_of, cart_speed_factor
-from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.hardware import ROWS, fit_hardware
+from npend_gym.envs.cart import base_of
+from npend_gym.envs.config import EnvConfig, task_numbers
+from npend_gym.envs.hardware import fit_hardware
 from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.options import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.outputs import Outputs
-from npend_gym.envs.rows import ANGLES, NUMBER_OF, SINCOS, Episode, Flag, Output, Task
+from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
+from npend_gym.envs.settings import OF_CART
 from npend_gym.envs.snapshots import Snapshots, States, seeds_of
 from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
@@ -69,29 +70,29 @@ class Episodes:
     ) -> None:
         self.config, self.count, self._max_steps = config, count, max_steps
         n, joints, random = config.chain.n, config.joints, config.randomization
-        of_goals = 2 * n if config.mode.has_goals else 0  # the last rows of `members`
-        self._memory = Memory(random.richest, count, threads, ROWS + of_goals, base_of(config))
+        poses = len(Pose) if config.mode.has_goals else 0
+        self._memory = Memory(random.richest, count, threads, ROWS, base_of(config), poses)
+        for pose in Pose[:poses]:
+            self._memory.arrays[1][:, pose] = 1.0  # of a base too, which stands nowhere
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
-        members[Episode.MAX_TORQUE] = config.max_torque
+        members[Setting.max_torque] = config.max_torque
         members[Episode.HAS_BOBS] = random.has_bobs
         members[Episode.AMPLITUDE] = config.amplitude
         members[Member.WITH_COM] = config.mode.measures_com
         if config.has_cart:
-            for name, row in OF_CART.items():
-                members[row] = getattr(config, name)
+            for name in OF_CART:
+                members[getattr(Setting, name)] = getattr(config, name)
         self.seeds: Sequence[int] = [0] * count
         self._keys: Keys = np.zeros((2, lanes), np.uint64)
         nominal = config.chain.repeated(1).stacked()[0]
         self._context = np.zeros((lanes, len(random.names)))
         self._start = start_plan(config.mode, config.spread)
         self._judge = NUMBER_OF.get(type(config.mode), 0)
-        self._task = np.array([
-            self._judge, math.inf if max_steps is None else max_steps, config.hold_steps,
-            SINCOS if config.with_sines else ANGLES, config.speed_limit,
-            config.reward_type == "sparse", config.mode.has_goals, config.observes_goals,
-            config.rail or 0.0, cart_speed_factor(config), *joints, *(1.0 / config.speed_scale),
-        ])  # fmt: skip
+        self._task = task_numbers(config, self._judge, max_steps)
+        self._wiring = np.zeros((len(Wiring), n + 1))
+        self._wiring[Wiring.JOINT, : joints.size] = joints
+        self._wiring[Wiring.PER_SPEED, :n] = 1.0 / config.speed_scale
         self._actions = aligned_zeros(joints.size, lanes)  # of the next step
         self._beginning = (
             self._keys, nominal, random.draws, self._start, self._context, self._actions
@@ -170,10 +171,10 @@ class Episodes:
         for lanes, values in given:
             if "amplitude" in values:
                 members[Episode.AMPLITUDE, lanes] = values["amplitude"][lanes]
-            for name, end in zip(EQUILIBRIA, (-2, -1), strict=True):
+            for name, pose in zip(EQUILIBRIA, Pose, strict=True):
                 if name in values:
-                    rows = len(members) + end * self.config.n + np.arange(self.config.n)
-                    members[rows[:, None], lanes] = CHOSEN * values[name][lanes].T
+                    own = self._memory.per_rod(pose)
+                    own[self._memory.place(lanes)] = CHOSEN * values[name][lanes]
         self._altered[chosen] = False
         for lanes, _ in given:
             self._altered[lanes] = True
@@ -191,9 +192,9 @@ class Episodes:
             memory.arrays[0][Episode.HAS_BOBS, lanes] = chains.has_bobs
             scale_all(*memory.arrays[:2], self.config.n, lanes)
             stacked = chains.stacked()
-            for j, (field, rod) in enumerate(draws[:, : Draw.LOW].astype(np.int64)):
-                if field < stacked.shape[1]:
-                    self._context[lanes, j] = stacked[:, field, rod]
+            for j, draw in enumerate(draws):
+                if draw[Draw.OF_CHAIN]:
+                    self._context[lanes, j] = stacked[:, int(draw[Draw.FIELD]), int(draw[Draw.ROD])]
         theta = options.get("theta", memory.read(Rod.THETA))[lanes]
         omega = options.get("omega", memory.read(Rod.OMEGA))[lanes]
         for name, field in zip(CART_STATE, STATE, strict=True):
@@ -211,10 +212,6 @@ class Episodes:
             theta[row], omega[row] = config.mode.start(rng, config.n, amplitude, config.spread)
         return theta, omega
 
-    def get_states(self, lanes: NDArray[np.int64], done: BoolArray) -> States:
-        """Return the records of some lanes, of which some are `done`."""
-        return self.snapshots.take(lanes, done)
-
     def set_states(self, lanes: NDArray[np.int64], states: States) -> None:
         """Put lanes into the states of records that `snapshots.check` returned, and show them."""
         self.snapshots.put(lanes, states)
@@ -228,11 +225,12 @@ class Episodes:
     def beginnings(self) -> Beginnings:
         """Return how the episodes began, after `start` and before a step."""
         members, config = self._memory.members, self.config
-        limits = np.tile(members[Episode.MAX_TORQUE], (config.joints.size, 1)).T
-        limits[:, config.joints == config.n] = members[Episode.MAX_FORCE][:, None]
-        goals = members[len(members) - config.n :] if config.mode.has_goals else members[:0]
+        limits = np.tile(members[Setting.max_torque], (config.joints.size, 1)).T
+        limits[:, config.joints == config.n] = members[Setting.max_force][:, None]
+        none = np.zeros((self.count, 0))
+        goals = self._memory.read(Pose.GOAL) if config.mode.has_goals else none
         context = self._context[: self.count].copy()
-        return Beginnings(self.angles, self._memory.parameters, limits, goals.T.copy(), context)
+        return Beginnings(self.angles, self._memory.parameters, limits, goals, context)
 
     @property
     def angles(self) -> FloatArray:
@@ -288,10 +286,10 @@ class Episodes:
         """Call the step kernel, and then the sensors."""
         outputs, sensors = self.outputs, self._sensors
         shown = outputs.observations if sensors is None else sensors.no_observation
-        arrays = self._commands, shown, outputs.rows, outputs.flags, self._task
+        arrays = self._commands, shown, outputs.rows, outputs.flags, self._task, self._wiring
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
-            sensors.observe(self._keys, outputs.observations, self._task, plan)
+            sensors.observe(self._keys, outputs.observations, self._task, self._wiring, plan)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""

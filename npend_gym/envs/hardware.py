@@ -6,52 +6,30 @@ neither object.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys
 from npend_gym.envs.modes import Mode
-from npend_gym.envs.motors import Command, Motor, apply_many, apply_one
-from npend_gym.envs.rows import Episode
-from npend_gym.envs.sensors import Sensor, sense_many, sense_one
+from npend_gym.envs.motors import Command, apply_many, apply_one
+from npend_gym.envs.rows import Setting
+from npend_gym.envs.sensors import sense_many, sense_one
+from npend_gym.envs.settings import FIELDS, HARDWARE, Limit, SensorSettings
 from npend_gym.physics.kernels.advance import advance_many, advance_one
-from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.memory import Memory, Plan
 
 if TYPE_CHECKING:
     from npend_gym.envs.config import EnvConfig  # which imports this module
 
-MAX_DELAY = 100.0  # steps; the states and actions of this many are kept
-MAX_RIPPLE_CYCLES = 1000
-
-HARDWARE = Motor._asdict() | Sensor._asdict()  # names, and their rows of `members`
-ROWS = len(Episode) + len(HARDWARE)  # of an environment, after those of `Member`
-
+_OF_SENSORS = [each.name for each in fields(SensorSettings) if each.name in HARDWARE]
 _OF_MOTORS = ("action_delay", "motor_lag", "torque_noise", "torque_ripple")
 _OF_TORQUES = ("torque_noise", "torque_ripple")  # which the force on a cart has not
-_LATER = "steps; make dt larger for a longer delay"
-_LIMITS = {
-    "angle_noise": (2.0 * math.pi, "rad, beyond which all angles are equally likely"),
-    "angle_resolution": (math.pi, "rad, two steps a turn"),
-    "velocity_noise": (MAX_SPEED, "rad/s"),
-    "velocity_resolution": (MAX_SPEED, "rad/s"),
-    "observation_delay": (MAX_DELAY, _LATER),
-    "action_delay": (MAX_DELAY, _LATER),
-}
-
-
-def checked_hardware(given: Mapping[str, Any]) -> dict[str, float]:
-    """Return the keywords of motors and sensors, or say which is no number that it may be."""
-    checked = {name: _checks.nonnegative_number(name, given[name]) for name in HARDWARE}
-    cycles = _checks.count("ripple_cycles", given["ripple_cycles"], high=MAX_RIPPLE_CYCLES)
-    return checked | {"ripple_cycles": cycles}
 
 
 def check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: int) -> None:
@@ -59,10 +37,13 @@ def check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: in
 
     `largest` has the settings, or the upper ends of their ranges where they are random.
     """
-    limits = _LIMITS | {"push_rate": (1.0 / dt, "1/s, one a step; make dt smaller for more")}
-    for name, (limit, why) in limits.items():
-        if largest[name] > limit:
-            raise ValueError(f"{name} must be at most {limit:g} {why}; got {largest[name]:g}")
+    often = Limit(1.0 / dt, "1/s, one a step; make dt smaller for more")
+    for name in HARDWARE:
+        limit = often if name == "push_rate" else FIELDS[name].metadata["limit"]
+        if limit is not None and largest[name] > limit.value:
+            raise ValueError(
+                f"{name} must be at most {limit.value:g} {limit.why}; got {largest[name]:g}"
+            )
     if (largest["push_rate"] > 0.0) != (largest["push_force"] > 0.0):
         raise ValueError(
             "push_rate and push_force must be given together, because a push needs both; got "
@@ -84,10 +65,10 @@ def check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: in
 
 def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
     """Write the settings of motors and sensors to `members`; return what is not ideal."""
-    for name, row in HARDWARE.items():
-        memory.members[row] = getattr(config, name)
+    for name in HARDWARE:
+        memory.members[getattr(Setting, name)] = getattr(config, name)
     driven = any(config.largest[name] > 0.0 for name in (*_OF_MOTORS, "push_rate"))
-    sensed = any(config.largest[name] > 0.0 for name in Sensor._fields)
+    sensed = any(config.largest[name] > 0.0 for name in _OF_SENSORS)
     return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
 
 
@@ -170,8 +151,9 @@ class Sensors:
         return {"past_states": self._history} if self._history.shape[1] > 0 else {}
 
     def observe(
-        self, keys: Keys, observation: NDArray[np.float32], task: FloatArray, plan: Plan
-    ) -> None:
+        self, keys: Keys, observation: NDArray[np.float32], task: FloatArray,
+        wiring: FloatArray, plan: Plan,
+    ) -> None:  # fmt: skip
         """Write the observations, after a call of the step kernel with the same `plan`."""
-        arrays = keys, self._history, observation, task, self._dt
+        arrays = keys, self._history, observation, task, wiring, self._dt
         self._memory.run(self._sense, arrays, plan)

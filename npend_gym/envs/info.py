@@ -1,98 +1,133 @@
-"""The keys of the environments' info, once for the single and the vector environment."""
+"""The table of the environments' info: each key with its type, unit, meaning, and when it is there.
+
+From a row of this table follow the row that kernels write (`rows.Output`, `rows.Flag` and
+`rows.Block`), the info of both environments, its masks and its documentation.
+"""
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import NotRequired, TypedDict  # that of Python 3.10 cannot be generic
+from typing_extensions import (  # a TypedDict of Python 3.10 cannot be generic
+    NotRequired,
+    TypedDict,
+    get_type_hints,
+)
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.envs.goals import of_lane
 
 _Real = TypeVar("_Real")
 _Count = TypeVar("_Count")
 _Truth = TypeVar("_Truth")
 
 
+class Key(NamedTuple):
+    """What the table says of a key beside its type."""
+
+    unit: str
+    text: str
+    when: str = ""  # an attribute of `EnvConfig` that is true where the key is there; "": always
+    masked_by: str = ""  # a key that is positive where this one is known; "": it always is
+    read: str = ""  # the method of `Outputs` that reads an array (B, k), which no kernel writes
+
+
 class Info(TypedDict, Generic[_Real, _Count, _Truth]):
-    """What `reset` and `step` tell beside the observation; the same keys from the reset on.
+    """What `reset` and `step` return beside the observation; the same keys from the reset on.
 
     ``Info[float, int, bool]`` is that of the single environment. In the vector environment each
     value is an array with a leading axis of B, and each key has a bool mask (B,) named ``_key``.
     There is no NaN in it, and every array is new: no later step writes to it.
     """
 
-    time: _Real
-    """Time since the start of the episode [s]."""
-    energy: _Real
-    """Energy above hanging at rest [J]."""
-    energy_error: _Real
-    """Relative error of the energy: the energy minus that at the start minus the work of torques,
-    damping and drag, over the larger of the two energies."""
-    bobs_completed: _Count
-    """Number of bobs whose pseudo-period is complete."""
-    pseudo_period: _Real
-    """Mean pseudo-period of the completed bobs [s]; 0.0 before the first."""
-    pseudo_periods: FloatArray
-    """Pseudo-period of each bob [s], shape (n,), in the reading "bob" of
-    `npend_gym.pseudo_periods`; 0.0 where not complete."""
-    pseudo_period_com: NotRequired[_Real]
-    """In mode "passive": the pseudo-period of the chain's centre of mass [s], the reading "com" of
-    `npend_gym.pseudo_periods`; 0.0 where not complete. On a cart: relative to it."""
-    ideal_period: _Real
-    """The paper's T0 of the chain [s]; 0.0 without gravity, and for links, to which T0 does not
-    apply."""
-    tip_height: _Real
-    """Height of the tip above the pivot [m]."""
-    theta: FloatArray
-    """Angles from the downward vertical, not wrapped [rad], shape (n,)."""
-    omega: FloatArray
-    """Angular velocities [rad/s], shape (n,)."""
-    diverged: _Truth
-    """Whether the state has left all bounds; the last finite state is kept then."""
-    success: _Truth
-    """Whether the goal of the mode has held without interruption for the mode's `hold` seconds."""
+    time: Annotated[_Real, Key("s", "time since the start of the episode")]
+    energy: Annotated[_Real, Key("J", "energy above hanging at rest")]
+    energy_error: Annotated[_Real, Key(
+        "1", "relative error of the energy: the energy minus that at the start minus the work of "
+        "torques, damping and drag, over the larger of the two energies",
+    )]  # fmt: skip
+    bobs_completed: Annotated[_Count, Key("1", "number of bobs whose pseudo-period is complete")]
+    pseudo_period: Annotated[_Real, Key(
+        "s", "mean pseudo-period of the completed bobs; 0.0 before the first",
+        masked_by="pseudo_period",
+    )]  # fmt: skip
+    pseudo_periods: Annotated[FloatArray, Key(
+        "s", 'pseudo-period of each bob, shape (n,), in the reading "bob" of '
+        "`npend_gym.pseudo_periods`; 0.0 where not complete", masked_by="pseudo_period",
+    )]  # fmt: skip
+    ideal_period: Annotated[_Real, Key(
+        "s", "the paper's T0 of the chain; 0.0 without gravity, and for links, to which T0 does "
+        "not apply",
+    )]  # fmt: skip
+    tip_height: Annotated[_Real, Key("m", "height of the tip above the pivot")]
+    theta: Annotated[FloatArray, Key(
+        "rad", "angles from the downward vertical, not wrapped, shape (n,)"
+    )]  # fmt: skip
+    omega: Annotated[FloatArray, Key("rad/s", "angular velocities, shape (n,)")]
+    diverged: Annotated[_Truth, Key(
+        "", "whether the state has left all bounds; the last finite state is kept then"
+    )]  # fmt: skip
+    success: Annotated[_Truth, Key(
+        "", "whether the goal of the mode has held without interruption for the mode's `hold` "
+        "seconds",
+    )]  # fmt: skip
+    pseudo_period_com: NotRequired[Annotated[_Real, Key(
+        "s", 'in mode "passive": the pseudo-period of the chain\'s centre of mass, the reading '
+        '"com" of `npend_gym.pseudo_periods`; 0.0 where not complete. On a cart: relative to it',
+        when="mode.measures_com", masked_by="pseudo_period_com",
+    )]]  # fmt: skip
+    torque: NotRequired[Annotated[FloatArray, Key(
+        "N m", "with motors: the torque of each in the last step, shape (joints,), in the order of "
+        "the action; of the motor of a cart its force [N]. It is the mean over the step of what "
+        "the motor exerted, with its limit, delay, lag, noise and ripple, and without pushes. 0.0 "
+        "at the start",
+        when="joints.size", read="torques",
+    )]]  # fmt: skip
+    context: NotRequired[Annotated[FloatArray, Key(
+        "", "with `randomize`: the numbers drawn for this episode, (k,), by "
+        "`EnvConfig.context_names`",
+        when="context_names", read="context",
+    )]]  # fmt: skip
+    goal: NotRequired[Annotated[FloatArray, Key(
+        "rad", "in a mode with goals: the angles, 0 or pi, that the rods are to reach, shape (n,)",
+        when="mode.has_goals", read="goals",
+    )]]  # fmt: skip
+    cart_position: NotRequired[Annotated[_Real, Key(
+        "m", "with a cart: its place, from the middle of the rail",
+        when="has_cart",
+    )]]  # fmt: skip
+    cart_velocity: NotRequired[Annotated[_Real, Key(
+        "m/s", "with a cart", when="has_cart"
+    )]]  # fmt: skip
 
-    torque: NotRequired[FloatArray]
-    """With motors: the torque of each in the last step [N m], shape (joints,), in the order of the
-    action; of the motor of a cart its force [N]. It is the mean over the step of what the motor
-    exerted, with its limit, delay, lag, noise and ripple, and without pushes. 0.0 at the start."""
-    context: NotRequired[FloatArray]
-    """With `randomize`: the numbers drawn for this episode, (k,), by `EnvConfig.context_names`."""
-    goal: NotRequired[FloatArray]
-    """In a mode with goals: the angles, 0 or pi, that the rods are to reach [rad], shape (n,)."""
-    cart_position: NotRequired[_Real]
-    """With a cart: its place, from the middle of the rail [m]."""
-    cart_velocity: NotRequired[_Real]
-    """With a cart: [m/s]."""
+
+def _table() -> Mapping[str, tuple[Any, Key]]:
+    """Return type and row of each key, as `Info` has them."""
+    table: dict[str, tuple[Any, Key]] = {}
+    for name, hint in get_type_hints(Info, include_extras=True).items():
+        kind, key = get_args(get_args(hint)[0] if get_origin(hint) is NotRequired else hint)
+        table[name] = kind, key
+    return table
 
 
 BatchInfo = Info[FloatArray, NDArray[np.int64], BoolArray]
+TABLE = _table()
+# The keys by what kernels write for them: a number, or a truth, of each lane, or a number of a rod
+NUMBERS = [name for name, (kind, _) in TABLE.items() if kind in (_Real, _Count)]
+COUNTS = [name for name, (kind, _) in TABLE.items() if kind is _Count]
+TRUTHS = [name for name, (kind, _) in TABLE.items() if kind is _Truth]
+OF_RODS = [
+    name for name, (_, key) in TABLE.items() if name not in NUMBERS + TRUTHS and not key.read
+]
 
 
-def mask_names(optional: Mapping[str, bool]) -> list[str]:
-    """Return the names of the masks of a vector environment: ``_key`` for every key of its info.
-
-    `optional` says of some keys whether they are in the info; the others are.
-    """
-    return [f"_{key}" for key in Info.__annotations__ if optional.get(key, True)]
+def _described(name: str, key: Key) -> str:
+    unit = f" [{key.unit}]" if key.unit not in ("", "1") else ""
+    return f"    {name}\n        {key.text[0].upper()}{key.text[1:]}{unit}."
 
 
-def final_info(observation: Any, info: dict[str, Any], done: BoolArray) -> dict[str, Any]:
-    """Return the keys that tell the last observation of episodes that are over, and their info."""
-    last = np.full(done.size, None, dtype=object)
-    for lane in np.flatnonzero(done).tolist():
-        last[lane] = copy.deepcopy(of_lane(observation, lane))
-    return {
-        "final_obs": last,
-        "_final_obs": done.copy(),
-        "final_info": {
-            key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
-            for key, value in info.items()
-        },
-        "_final_info": done.copy(),
-    }
+if Info.__doc__:  # python -OO has none
+    _rows = [_described(name, key) for name, (_, key) in TABLE.items()]
+    Info.__doc__ += "\n".join(["\n    Attributes\n    ----------", *_rows, "    "])

@@ -6,35 +6,26 @@ observations, the quantities that modes judge by, and the numbers of the info.
 
 from __future__ import annotations
 
-import math
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
-from npend_gym.compiled.sincos import ROUND
-from npend_gym.envs.modes import (
-    Balance,
-    Calm,
-    Passive,
-    Quantities,
-    SwingUp,
-    Transition,
-    left_rail,
-    rail_factor,
-)
+from npend_gym.envs.mode_kernels import judged, left_rail_kernel, rail_factor_kernel
+from npend_gym.envs.modes import Quantities
+from npend_gym.envs.observing import ObsArray, observe, within
 from npend_gym.envs.rows import (
-    MAX_CART_ENTRY,
-    MODE_NUMBERS,
-    SINCOS,
+    Block,
     Episode,
     Flag,
     Output,
+    Pose,
+    Quantity,
+    Setting,
     Task,
+    Wiring,
+    first_row,
 )
 from npend_gym.physics.kernels.advance import advance_group, bob_velocities
 from npend_gym.physics.kernels.dynamics import energies
@@ -48,39 +39,19 @@ from npend_gym.physics.kernels.layout import (
     group_of,
 )
 
-ObsArray = NDArray[np.float32]
-
-_PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
-_PI_32 = float(np.float32(np.pi))
-# angles above it would become _PI_32 as float32, which is more than pi
-_BELOW_PI_32 = 0.5 * (_PI_32 + float(np.nextafter(np.float32(np.pi), np.float32(0.0))))
-
-
-def _compiled(formula: Any) -> Any:
-    """Return a formula of a mode, compiled: its `self` is None."""
-    return inlined_kernel(formula)
-
-
-_passive_reward = _compiled(Passive.reward)
-_swing_up_reward, _swing_up_achieved = _compiled(SwingUp.reward), _compiled(SwingUp.achieved)
-_balance_reward, _balance_failed = _compiled(Balance.reward), _compiled(Balance.failed)
-_balance_achieved = _compiled(Balance.achieved)
-_calm_reward, _calm_achieved = _compiled(Calm.reward), _compiled(Calm.achieved)
-_transition_reward = _compiled(Transition.reward)
-_transition_achieved = _compiled(Transition.achieved)
-_left_rail, _rail_factor = _compiled(left_rail), _compiled(rail_factor)
+_first_row = inlined_kernel(first_row)
 
 
 @inlined_kernel
 def _apply_actions(
-    numbers: FloatArray, g: int, group: Group, actions: FloatArray, task: FloatArray
+    numbers: FloatArray, g: int, group: Group, actions: FloatArray, wiring: FloatArray
 ) -> None:
     """Turn the actions (joints, lanes) of a group into torques; beyond +-1 they are clipped."""
     squares = 0.0
     for row in range(actions.shape[0]):
-        action, joint = _within(actions[row, g], 1.0), int(task[len(Task) + row])
+        action, joint = within(actions[row, g], 1.0), int(wiring[Wiring.JOINT, row])
         of_cart = joint == group.velocity.size
-        limit = numbers[Episode.MAX_FORCE if of_cart else Episode.MAX_TORQUE, g]
+        limit = numbers[Setting.max_force if of_cart else Setting.max_torque, g]
         group.torque[joint] = limit * action
         squares = squares + action * action
     if actions.shape[0] > 1:
@@ -90,24 +61,24 @@ def _apply_actions(
 
 @inlined_kernel
 def _approach(
-    numbers: FloatArray, g: int, group: Group, c: FloatArray, outputs: FloatArray
+    goal: FloatArray, g: int, group: Group, c: FloatArray, outputs: FloatArray
 ) -> tuple[Any, Any]:
     """Return closeness to the goal and distance from it; write the cosines of the angles."""
     n = group.velocity.size
-    goals, cosines = numbers.shape[0] - n, outputs.shape[0] - n
+    cosines = _first_row(Block.COSINES, n)
     distance = missed = size = 0.0 * c[0]
     for i in range(n):
-        away, weight = abs(c[i] - numbers[goals + i, g]), abs(group.carried[i])
-        distance = where(away > distance, away, distance)
-        missed, size = missed + weight * away, size + weight
+        deviation, weight = abs(c[i] - goal[i]), abs(group.carried[i])
+        distance = where(deviation > distance, deviation, distance)
+        missed, size = missed + weight * deviation, size + weight
         outputs[cosines + i, g] = c[i]
     return 1.0 - 0.5 * (missed / size), distance
 
 
 @inlined_kernel
 def _measure(
-    numbers: FloatArray, g: int, group: Group, scratch: FloatArray, outputs: FloatArray,
-    flags: BoolArray, task: FloatArray,
+    numbers: FloatArray, rows: FloatArray, g: int, group: Group, scratch: FloatArray,
+    outputs: FloatArray, flags: BoolArray, task: FloatArray,
 ) -> Quantities[Any]:  # fmt: skip
     """Write and return the quantities of a group whose sines, cosines and velocities are known.
 
@@ -117,15 +88,16 @@ def _measure(
     kinetic, lift, tip = energies(
         group.omega, group.carried, group.mass, group.velocity, group.chain, s, c
     )
-    total, first = 0.0, len(Output)
-    n = group.velocity.size
+    total, n = 0.0, group.velocity.size
+    periods, theta = _first_row(Block.PSEUDO_PERIODS, n), _first_row(Block.THETA, n)
+    omega = _first_row(Block.OMEGA, n)
     for i in range(n):
         period = group.record.period[i]
         known = where(period > 0.0, period, 0.0)
         total = total + known
-        outputs[first + i, g] = known
-        outputs[first + n + i, g] = group.theta[i]
-        outputs[first + 2 * n + i, g] = group.omega[i]
+        outputs[periods + i, g] = known
+        outputs[theta + i, g] = group.theta[i]
+        outputs[omega + i, g] = group.omega[i]
     energy = kinetic + group.chain.gravity[0] * lift
     starts = numbers[Episode.STARTING, g] > 0.0
     start = where(starts, energy, numbers[Episode.START_ENERGY, g])
@@ -142,7 +114,7 @@ def _measure(
         outputs[Output.CART_VELOCITY, g] = group.omega[n]
         place = group.theta[n] / task[Task.RAIL]
     if task[Task.GOALS] > 0.0:
-        closeness, distance = _approach(numbers, g, group, c, outputs)
+        closeness, distance = _approach(rows[Pose.GOAL], g, group, c, outputs)
     quantities = Quantities(
         lift * numbers[Episode.PER_LIFT, g], tip * numbers[Episode.PER_LENGTH, g],
         energy * per_energy, kinetic * per_energy,
@@ -150,10 +122,16 @@ def _measure(
         place, group.theta, group.omega,
     )  # fmt: skip
     if task[Task.MODE] == 0.0 or task[Task.GOALS] > 0.0:
-        rows = outputs[first + 3 * n :]
-        rows[0, g], rows[1, g], rows[2, g] = quantities[0], quantities[1], quantities[2]
-        rows[3, g], rows[4, g], rows[5, g] = quantities[3], quantities[4], quantities[5]
-        rows[6, g], rows[7, g], rows[8, g] = quantities[6], quantities[7], quantities[8]
+        judging = outputs[_first_row(Block.QUANTITIES, n) :]
+        judging[Quantity.height, g] = quantities.height
+        judging[Quantity.tip, g] = quantities.tip
+        judging[Quantity.energy, g] = quantities.energy
+        judging[Quantity.kinetic_energy, g] = quantities.kinetic_energy
+        judging[Quantity.energy_fraction, g] = quantities.energy_fraction
+        judging[Quantity.mean_squared_action, g] = quantities.mean_squared_action
+        judging[Quantity.closeness, g] = quantities.closeness
+        judging[Quantity.goal_distance, g] = quantities.goal_distance
+        judging[Quantity.rail_position, g] = quantities.rail_position
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
     outputs[Output.ENERGY, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
@@ -162,8 +140,7 @@ def _measure(
     outputs[Output.PSEUDO_PERIOD_COM, g] = where(of_com > 0.0, of_com, 0.0)
     outputs[Output.IDEAL_PERIOD, g] = numbers[Episode.IDEAL_PERIOD, g]
     outputs[Output.TIP_HEIGHT, g] = tip
-    outputs[Output.COMPLETED, g] = completed
-    flags[Flag.MEASURED, g] = completed > 0.0
+    outputs[Output.BOBS_COMPLETED, g] = completed
     flags[Flag.DIVERGED, g] = numbers[Member.DIVERGED, g] > 0.0
     return quantities
 
@@ -178,25 +155,11 @@ def _judge(
     Where Python judges, it does so afterwards. A lane that starts has no reward and no end.
     """
     mode = int(task[Task.MODE])
-    failed = quantities.height != quantities.height
-    reward, achieved = 0.0 * quantities.height, failed
-    if mode == MODE_NUMBERS.PASSIVE:
-        reward = _passive_reward(None, quantities)
-    elif mode == MODE_NUMBERS.SWING_UP:
-        reward = _swing_up_reward(None, quantities)
-        achieved = _swing_up_achieved(None, quantities)
-    elif mode == MODE_NUMBERS.BALANCE:
-        reward, failed = _balance_reward(None, quantities), _balance_failed(None, quantities)
-        achieved = _balance_achieved(None, quantities)
-    elif mode == MODE_NUMBERS.CALM:
-        reward, achieved = _calm_reward(None, quantities), _calm_achieved(None, quantities)
-    elif mode == MODE_NUMBERS.TRANSITION:
-        reward = _transition_reward(None, quantities)
-        achieved = _transition_achieved(None, quantities)
+    reward, failed, achieved = judged(mode, quantities)
     if task[Task.RAIL] > 0.0:
         place = quantities.rail_position
-        left = _left_rail(place)
-        reward = where(left, 0.0, reward * _rail_factor(place))
+        left = left_rail_kernel(place)
+        reward = where(left, 0.0, reward * rail_factor_kernel(place))
         achieved, failed = achieved & (abs(place) <= 1.0), failed | left
     if task[Task.SPARSE] > 0.0:
         reward = where(achieved, 1.0, 0.0)
@@ -220,96 +183,17 @@ def _judge(
 
 
 @inlined_kernel
-def _welcome(numbers: FloatArray, g: int) -> None:
+def _begin_to_move(numbers: FloatArray, g: int) -> None:
     """Let the lanes that start take part from the next step on."""
     numbers[Episode.STARTING, g] = 0.0 * numbers[Episode.STARTING, g]
     numbers[Member.ACTIVE, g] = 1.0 + numbers[Episode.STARTING, g]
-
-
-@inlined_kernel
-def wrapped(theta: Any) -> Any:
-    """Return an angle without whole turns, in [-pi, pi)."""
-    turns = (theta + _PI) * _INVERSE_TWO_PI
-    whole = (turns + ROUND) - ROUND
-    whole = where(whole > turns, whole - 1.0, whole)
-    return theta - _TWO_PI * whole
-
-
-@inlined_kernel
-def _within(x: Any, limit: float) -> Any:
-    """Return a number clipped to +-limit."""
-    return where(x > limit, limit, where(x < -limit, -limit, x))
-
-
-@inlined_kernel
-def _write_columns(numbers: FloatArray, width: int, columns: ObsArray) -> None:
-    """Write numbers, the lane innermost, into some columns of the observations of a group."""
-    for i in range(columns.shape[1]):
-        for k in range(width):
-            columns[k, i] = numbers[i * width + k]
-
-
-@inlined_kernel
-def _observe_angles(theta: FloatArray, angles: FloatArray, n: int) -> None:
-    """Write the wrapped angles of a group."""
-    for i in range(n):
-        angle = wrapped(theta[i])
-        angles[i] = where(angle > _BELOW_PI_32, -_PI_32, angle)
-
-
-@inlined_kernel
-def _observe_speeds(omega: FloatArray, speeds: FloatArray, n: int, task: FloatArray) -> None:
-    """Write the scaled angular velocities of a group."""
-    for i in range(n):
-        speeds[i] = _within(omega[i] * task[task.size - n + i], task[Task.SPEED_LIMIT])
-
-
-@inlined_kernel
-def _observe_cart(
-    theta: FloatArray, omega: FloatArray, cart: FloatArray, n: int, task: FloatArray
-) -> None:
-    """Write place and velocity of the carts of a group."""
-    cart[0] = _within(theta[n] / task[Task.RAIL], MAX_CART_ENTRY)
-    cart[1] = _within(omega[n] * task[Task.PER_CART_SPEED], MAX_CART_ENTRY)
-
-
-@spliced_kernel
-def observe(
-    view: NumbersOf, width: int, members: FloatArray, g: int, theta: FloatArray,
-    omega: FloatArray, scratch: FloatArray, observation: ObsArray, task: FloatArray,
-) -> None:  # fmt: skip
-    """Write the observations of group `g`.
-
-    Where sines are observed, they and the cosines are in the work space. `theta` and `omega` have
-    n + 1 numbers for each lane: that of a cart is the last.
-    """
-    n, shown = omega.size // width - 1, scratch[Scratch.OBSERVED]
-    rows, column = observation[g * width : (g + 1) * width], 2 * n
-    if task[Task.FORM] == SINCOS:
-        column = 3 * n
-        _observe_speeds(view(omega), view(shown), n, task)
-        _write_columns(scratch[Scratch.SIN], width, rows[:, :n])
-        _write_columns(scratch[Scratch.COS], width, rows[:, n : 2 * n])
-        _write_columns(shown, width, rows[:, 2 * n : column])
-    else:
-        _observe_angles(view(theta), view(shown), n)
-        _write_columns(shown, width, rows[:, :n])
-        _write_columns(omega, width, rows[:, n:column])
-    if task[Task.RAIL] > 0.0:
-        _observe_cart(view(theta), view(omega), view(shown), n, task)
-        _write_columns(shown, width, rows[:, column : column + 2])
-        column += 2
-    if task[Task.OBSERVED_GOALS] > 0.0:
-        for i in range(n):
-            goal = members[members.shape[0] - n + i, g * width : (g + 1) * width]
-            _write_columns(goal, width, rows[:, column + i : column + i + 1])
 
 
 @spliced_kernel
 def _step(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
     actions: FloatArray, written: tuple[ObsArray, FloatArray, BoolArray], task: FloatArray,
-    timing: FloatArray, scratch: FloatArray,
+    wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     observation, outputs, flags = written[0], view(written[1]), view(written[2])
     numbers, work = view(members), view(scratch)
@@ -322,29 +206,33 @@ def _step(
             bob_velocities(group, work[Scratch.SIN], work[Scratch.COS])
         else:
             if timing[Timing.FIRST_SUBSTEP] == 0.0 and actions.shape[0] > 0:
-                _apply_actions(numbers, g, group, view(actions), task)
-            advance_group(view, width, members, rods, model, timing, scratch, g, group)
+                _apply_actions(numbers, g, group, view(actions), wiring)
+            advance_group(view, width, members, timing, scratch, g, group)
         if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
-            quantities = _measure(numbers, g, group, work, outputs, flags, task)
+            rows = view(rods)[g]
+            quantities = _measure(numbers, rows, g, group, work, outputs, flags, task)
             _judge(numbers, g, quantities, outputs, flags, task, observes)
             if observation.shape[1] > 0:
                 theta, omega = rods[g, Rod.THETA], rods[g, Rod.OMEGA]
-                observe(view, width, members, g, theta, omega, scratch, observation, task)
+                observe(
+                    view, width, rods, g, theta, omega, scratch, observation, task,
+                    wiring[Wiring.PER_SPEED],
+                )  # fmt: skip
             if any_of(numbers[Episode.STARTING, g] > 0.0) and task[Task.MODE] > 0.0:
-                _welcome(numbers, g)
+                _begin_to_move(numbers, g)
 
 
 @kernel
 def step_one(
     members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
-    timing: FloatArray, scratch: FloatArray,
+    wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of one environment; see `step_many`."""
     written = bare(observation), bare(outputs), bare(flags)
     _step(
         bare, 1, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
-        bare(timing), bare(scratch),
+        bare(wiring), bare(timing), bare(scratch),
     )  # fmt: skip
 
 
@@ -352,7 +240,7 @@ def step_one(
 def step_many(
     members: FloatArray, rods: FloatArray, model: Model, actions: FloatArray,
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
-    timing: FloatArray, scratch: FloatArray,
+    wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take a step of the active lanes, and write what is told of every lane.
 
@@ -365,16 +253,17 @@ def step_many(
     actions : ndarray, shape (joints, lanes)
         Torque over its limit at each actuated joint; beyond +-1 it is clipped. Without rows the
         torques stay as they are: `npend_gym.envs.motors` has set them.
-    observation : ndarray, float32, shape (lanes, 2n) or (lanes, 3n)
+    observation : ndarray, float32, shape (lanes, numbers)
         Written. Without columns `npend_gym.envs.sensors` writes it afterwards.
     outputs : ndarray, shape (rows, columns of `members`)
-        Written; the rows are those of `Output` and what follows them.
+        Written; the rows are those of `Output`, then the blocks of `Block`.
     flags : ndarray, bool, shape (len(Flag), lanes)
         Written.
-    task : ndarray, shape (len(Task) + joints + n,)
+    task : ndarray, shape (len(Task),)
+    wiring : ndarray, shape (len(Wiring), n + 1)
     """
     written = bare(observation), bare(outputs), bare(flags)
     _step(
         packs, WIDTH, bare(members), bare(rods), bare(model), bare(actions), written, bare(task),
-        bare(timing), bare(scratch),
+        bare(wiring), bare(timing), bare(scratch),
     )  # fmt: skip

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import difflib
 import inspect
-import math
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -18,7 +18,8 @@ from typing_extensions import TypedDict
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain, plain_keywords
-from npend_gym.envs.modes import Mode
+from npend_gym.envs.modes import Mode, described_modes
+from npend_gym.envs.settings import FIELDS
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
 DIFFICULTIES = {"easy": 0.5, "medium": 0.2, "hard": 0.1}  # torque limit over the static torque
@@ -58,6 +59,7 @@ class EnvKeywords(TypedDict, total=False):
     dt: float | None
     substeps: int | None
     observation: str
+    observe_velocities: bool
     reward_type: str
     goal_env: bool
     amplitude: float
@@ -76,53 +78,19 @@ class EnvKeywords(TypedDict, total=False):
     ripple_cycles: int
     push_rate: float
     push_force: float
+    render_size: int
+    render_plain: bool
 
 
-DEFAULTS: dict[str, Any] = {
-    "n": 2,
-    "mode": "swingup",
-    "chain": None,
-    "masses": 1.0,
-    "lengths": 1.0,
-    "max_torque": None,
-    "difficulty": None,
-    "torque_levels": None,
-    "actuated": (0,),
-    "base": "pivot",
-    "cart_mass": None,
-    "rail": None,
-    "rail_damping": 0.0,
-    "max_force": None,
-    "dt": None,
-    "substeps": None,
-    "observation": "angles",
-    "reward_type": "dense",
-    "goal_env": False,
-    "amplitude": math.pi / 4,
-    "spread": 0.017,
-    "randomize": None,
-    "observe_context": False,
-    "angle_noise": 0.0,
-    "velocity_noise": 0.0,
-    "angle_resolution": 0.0,
-    "velocity_resolution": 0.0,
-    "observation_delay": 0.0,
-    "action_delay": 0.0,
-    "motor_lag": 0.0,
-    "torque_noise": 0.0,
-    "torque_ripple": 0.0,
-    "ripple_cycles": 6,
-    "push_rate": 0.0,
-    "push_force": 0.0,
-} | {
+DEFAULTS: dict[str, Any] = {"n": 2, "masses": 1.0, "lengths": 1.0} | {
     name: parameter.default
     for name, parameter in inspect.signature(Chain).parameters.items()
     if parameter.default is not parameter.empty and name in CHAIN_KEYWORDS
-}
+} | {name: each.default for name, each in FIELDS.items()}  # fmt: skip
 
 
 def with_config_keywords(owner: _Class) -> _Class:
-    """Give a class, for `help` and `inspect`, the signature that it really has."""
+    """Give a class, for `help` and `inspect`, the signature and the parameters it really has."""
     own = inspect.signature(owner).parameters.values()
     given = [
         inspect.Parameter(
@@ -137,7 +105,28 @@ def with_config_keywords(owner: _Class) -> _Class:
     keyword_only = [p for p in own if p.kind is p.KEYWORD_ONLY]
     signature = inspect.Signature([*positional, *given, *keyword_only])
     owner.__signature__ = signature  # type: ignore[attr-defined]
+    if owner.__doc__:  # python -OO has none
+        owner.__doc__ = owner.__doc__.replace(_KEYWORDS, "\n".join(_described(given)))
+        owner.__doc__ = owner.__doc__.replace(_MODES, "\n".join(described_modes()))
     return owner
+
+
+# What stands in docstrings where these lists are to be, which help() and the pages then have
+_KEYWORDS = "    **keywords\n        Listed by `help`."
+_MODES = "    The list is that of `help`."
+
+
+def _described(parameters: Sequence[inspect.Parameter]) -> Iterator[str]:
+    """Yield the lines that describe keywords, in numpydoc's form."""
+    yield "    n : int\n        Number of rods, or of the links of `chain`."
+    yield f"    {', '.join(CHAIN_KEYWORDS)}\n        As in `npend_gym.Chain`."
+    for each in parameters:
+        if each.name in FIELDS:
+            about = FIELDS[each.name].metadata
+            choices = getattr(about["rule"], "choices", None)
+            kind = "{" + ", ".join(map(repr, choices)) + "}" if choices else each.annotation
+            text = textwrap.fill(about["text"], 88, break_on_hyphens=False)
+            yield f"    {each.name} : {kind}\n{textwrap.indent(text, 8 * ' ')}"
 
 
 class PlainSpec:

@@ -6,7 +6,9 @@ use only operations that give the same bits on every machine.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
+from inspect import cleandoc
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -165,8 +167,7 @@ class Passive(Release):
 
     def achieved(self, quantities: Quantities[Any]) -> Any:
         """Return False: there is nothing to achieve."""
-        del quantities
-        return False
+        return quantities.height != quantities.height
 
 
 class SwingUp(NearPose):
@@ -269,6 +270,17 @@ class Transition(NearPose):
 
 _BUILT_IN = (Passive, SwingUp, Balance, Calm, Transition)
 MODES: dict[str, type[Mode]] = {mode.name: mode for mode in _BUILT_IN}
+
+
+def described_modes() -> Iterator[str]:
+    """Yield the built-in modes as the lines of a list, for a docstring."""
+    for name, mode in MODES.items():
+        limit = f"max_torque {mode.torque_share:g} of the static torque by default"
+        limit = limit if mode.torque_share > 0.0 else "no motor"
+        text = cleandoc(mode.__doc__ or "")
+        lines = f'"{name}", dt {mode.dt:g} s, {limit}: {text}'.splitlines()
+        yield f"    - {lines[0]}"
+        yield from (f"      {line}" if line else "" for line in lines[1:])
 
 
 def find_mode(mode: object) -> Mode:

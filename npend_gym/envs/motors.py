@@ -22,28 +22,11 @@ from npend_gym.compiled.normal import normal_pair
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
-from npend_gym.envs.kernels import wrapped
-from npend_gym.envs.rows import EPISODE_ROWS, Episode
-from npend_gym.physics.kernels.layout import Group, Member, Model, Timing, group_of
-
-_FIRST = len(Member) + EPISODE_ROWS
+from npend_gym.envs.observing import wrapped
+from npend_gym.envs.rows import Episode, Setting
+from npend_gym.physics.kernels.layout import Group, Model, Timing, group_of
 
 Joints = NDArray[np.int64]
-
-
-class MotorFields(NamedTuple):
-    """Rows of the ensemble's `members`, named as the keywords that set them."""
-
-    action_delay: int = _FIRST  # steps
-    motor_lag: int = _FIRST + 1  # s
-    torque_noise: int = _FIRST + 2  # N m
-    torque_ripple: int = _FIRST + 3  # N m
-    ripple_cycles: int = _FIRST + 4  # a turn
-    push_rate: int = _FIRST + 5  # 1/s
-    push_force: int = _FIRST + 6  # N
-
-
-Motor = MotorFields()
 
 
 class CommandFields(NamedTuple):
@@ -62,7 +45,7 @@ Command = CommandFields()
 
 
 @inlined_kernel
-def _decide(
+def _choose_actions(
     members: FloatArray, g: int, width: int, actions: FloatArray, past: FloatArray,
     commands: FloatArray,
 ) -> None:  # fmt: skip
@@ -72,7 +55,7 @@ def _decide(
     motors, mask = past.shape[2], past.shape[1] - 1
     for k in range(width):
         lane = g * width + k
-        step, whole = int(members[Episode.STEPS, lane]), int(members[Motor.action_delay, lane])
+        step, whole = int(members[Episode.STEPS, lane]), int(members[Setting.action_delay, lane])
         squares = 0.0
         for j in range(motors):
             action = min(max(actions[j, lane], -1.0), 1.0)
@@ -95,7 +78,7 @@ def _disturb(
         lane = g * width + k
         low, high = keys[0, lane], keys[1, lane]
         step, episode = members[Episode.STEPS, lane], members[Episode.EPISODE, lane]
-        scale, rate = members[Motor.torque_noise, lane], members[Motor.push_rate, lane]
+        scale, rate = members[Setting.torque_noise, lane], members[Setting.push_rate, lane]
         for j in range(motors if scale > 0.0 else 0):
             words = philox(low, high, j, step, Purpose.MOTOR, episode)
             noise[j, lane] = scale * normal_pair(unit(words[0]), unit(words[1]))[0]
@@ -103,7 +86,7 @@ def _disturb(
         if rate > 0.0:
             words = philox(low, high, 0, step, Purpose.PUSH, episode)
             if unit(words[0]) < rate * dt:
-                push[lane] = members[Motor.push_force, lane] * (2.0 * unit(words[1]) - 1.0)
+                push[lane] = members[Setting.push_force, lane] * (2.0 * unit(words[1]) - 1.0)
 
 
 # These three are no part of their caller, where the compiler would compute most of them in advance,
@@ -120,7 +103,7 @@ def _follow(
     Exact for lag y' = u - y with the command u older at first, then newer.
     """
     lag, older, newer = (
-        numbers[Motor.motor_lag, g],
+        numbers[Setting.motor_lag, g],
         commands[Command.OLDER],
         commands[Command.NEWER],
     )
@@ -146,8 +129,8 @@ def _add_ripple(numbers: FloatArray, g: int, group: Group, joints: Joints, half:
         phi = group.theta[joint] + half * group.omega[joint]
         if joint > 0:
             phi = phi - (group.theta[joint - 1] + half * group.omega[joint - 1])
-        sine = sincos(numbers[Motor.ripple_cycles, g] * wrapped(phi))[0]
-        group.torque[joint] = group.torque[joint] + numbers[Motor.torque_ripple, g] * sine
+        sine = sincos(numbers[Setting.ripple_cycles, g] * wrapped(phi))[0]
+        group.torque[joint] = group.torque[joint] + numbers[Setting.torque_ripple, g] * sine
 
 
 @inner_kernel
@@ -165,7 +148,7 @@ def _push_tip(force: Any, group: Group, half: float) -> None:
 @inlined_kernel
 def _older_share(numbers: FloatArray, g: int, piece: int, pieces: int) -> Any:
     """Return for which part of a piece the older action acts, from its beginning."""
-    delay = numbers[Motor.action_delay, g]
+    delay = numbers[Setting.action_delay, g]
     whole = (delay + ROUND) - ROUND
     share = (delay - where(whole > delay, whole - 1.0, whole)) * pieces - piece
     return where(share > 1.0, 1.0, where(share > 0.0, share, 0.0))
@@ -181,17 +164,17 @@ def _drive(
     older, newer = commands[Command.OLDER], commands[Command.NEWER]
     for j in range(joints.size):
         action[j, g] = share * older[j, g] + (1.0 - share) * newer[j, g]
-    if any_of(numbers[Motor.motor_lag, g] > 0.0):
+    if any_of(numbers[Setting.motor_lag, g] > 0.0):
         _follow(numbers, g, commands, joints.size, piece, pieces, h)
     for i in range(group.torque.size):
         group.torque[i] = 0.0
     for j in range(joints.size):
         if joints[j] == group.velocity.size:  # the force on a cart
-            group.torque[joints[j]] = numbers[Episode.MAX_FORCE, g] * action[j, g]
+            group.torque[joints[j]] = numbers[Setting.max_force, g] * action[j, g]
         else:
-            torque = numbers[Episode.MAX_TORQUE, g] * action[j, g] + commands[Command.NOISE, j, g]
+            torque = numbers[Setting.max_torque, g] * action[j, g] + commands[Command.NOISE, j, g]
             group.torque[joints[j]] = torque
-    if any_of(numbers[Motor.torque_ripple, g] > 0.0):
+    if any_of(numbers[Setting.torque_ripple, g] > 0.0):
         _add_ripple(numbers, g, group, joints, 0.5 * h)
     for j in range(joints.size):
         mean = group.torque[joints[j]] * (1.0 / pieces)
@@ -213,7 +196,7 @@ def _apply(
         return
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         if piece == 0:
-            _decide(members, g, width, actions, past, commands)
+            _choose_actions(members, g, width, actions, past, commands)
             _disturb(members, g, width, h * pieces, keys, joints.size, commands)
         group = group_of(view(members), view(rods), view(model), g)
         _drive(view(members), g, group, joints, view(commands), piece, pieces, h)
@@ -243,8 +226,7 @@ def apply_many(
     Parameters
     ----------
     members, rods, model, timing, scratch
-        As for `npend_gym.envs.kernels.step_many`, `members` also with the rows of `Motor`; DT is
-        the time of the piece.
+        As for `npend_gym.envs.kernels.step_many`; DT is the time of the piece.
     keys : ndarray, uint64, shape (2, lanes)
     actions : ndarray, shape (m, lanes)
         Raw actions of the m motors.

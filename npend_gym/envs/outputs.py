@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Callable
+from operator import attrgetter
 from typing import Any, cast
 
 import numpy as np
@@ -11,14 +14,41 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane, with_goals
 from npend_gym.envs.hardware import Motors
-from npend_gym.envs.info import BatchInfo, Info, mask_names
+from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, TRUTHS, BatchInfo, Info
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.rows import QUANTITIES, Flag, Output
+from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, first_row
 from npend_gym.physics.kernels.layout import Rod
 from npend_gym.physics.memory import Memory
 
-_ROWS = len(Output)
-_REWARD = Output.REWARD
+_ROWS, _REWARD = len(Output), Output.REWARD  # the reward is the last of these rows
+_TERMINATED, _TRUNCATED = int(Flag.TERMINATED), int(Flag.TRUNCATED)
+_KERNEL_KEYS = [*NUMBERS, *TRUTHS]
+
+
+def _rows_of(block: int, n: int) -> slice:
+    """Return the rows of a block with one for each rod."""
+    return slice(first_row(block, n), first_row(block + 1, n))
+
+
+def _info_maker(keys: tuple[str, ...], n: int) -> Callable[..., Info[float, int, bool]]:
+    """Return a function that makes the info of one lane: from `Outputs`, rows, numbers, flags.
+
+    It is written as text, as namedtuples are, because a loop over the keys takes twice as long.
+    """
+    entries: list[str] = []
+    for name in keys:
+        if name in TRUTHS:
+            value = f"flags[{getattr(Flag, name.upper())}]"
+        elif name in OF_RODS:
+            rods = _rows_of(getattr(Block, name.upper()), n)
+            value = f"lane[{rods.start}:{rods.stop}]"
+        elif name in NUMBERS:
+            value = f"numbers[{getattr(Output, name.upper())}]"
+            value = f"int({value})" if name in COUNTS else value
+        else:
+            value = f"outputs.{TABLE[name][1].read}(0)"
+        entries.append(f"{name!r}: {value}")
+    return eval(f"lambda outputs, lane, numbers, flags: {{{', '.join(entries)}}}")  # noqa: S307
 
 
 class Outputs:
@@ -39,7 +69,7 @@ class Outputs:
     ----------
     observations : ndarray, float32, shape (lanes, numbers)
     rows : ndarray, shape (rows, columns)
-        Those of `Output` and what follows them.
+        Those of `Output`, then the blocks of `Block`.
     flags : ndarray, bool, shape (len(Flag), lanes)
     """
 
@@ -50,29 +80,47 @@ class Outputs:
         self.config, self.count, n = config, memory.size, config.n
         self._memory, self._motors, self._context = memory, motors, context
         joints = config.joints
-        self._joints, self._has_motors = joints, joints.size > 0
         first = np.array_equal(np.arange(joints.size), joints)
         # where the only lane has its torques: of the first joints in a slice, which is quicker
         self._acted = 0, int(Rod.TORQUE), slice(joints.size) if first else joints
-        self._measures_com = config.mode.measures_com
-        self._is_random, self._has_cart = context.shape[1] > 0, config.has_cart
-        self._has_goals, self._goal_env = config.mode.has_goals, config.goal_env
-        self._shows_context = config.observe_context and self._is_random
+        self._goal_env = config.goal_env
+        self._shows_context = config.observe_context and context.shape[1] > 0
         self._is_plain = not (self._shows_context or self._goal_env)
-        with_quantities |= self._has_goals
-        rows = _ROWS + (4 if self._has_goals else 3) * n + (QUANTITIES if with_quantities else 0)
+        self._judged_by = slice(
+            first_row(Block.QUANTITIES, n), first_row(Block.QUANTITIES, n) + OF_LANE
+        )
+        rows = (
+            self._judged_by.stop
+            if with_quantities or config.mode.has_goals
+            else first_row(Block.COSINES, n)
+        )
         self._shapes = (
             (memory.lanes, config.observed), (rows, memory.columns), (len(Flag), memory.lanes)
         )  # fmt: skip
-        self._judged_by = slice(_ROWS + 3 * n, _ROWS + 3 * n + QUANTITIES)
-        self._per_rod = [slice(_ROWS + k * n, _ROWS + (k + 1) * n) for k in range(3)]
+        self._per_rod = {key: _rows_of(getattr(Block, key.upper()), n) for key in OF_RODS}
+        shown = {
+            name: key
+            for name, (_, key) in TABLE.items()
+            if not key.when or attrgetter(key.when)(config)
+        }
+        self._shown = tuple(shown)
+        self._absent = [name for name in _KERNEL_KEYS if name not in shown]
+        self._read = {name: getattr(self, key.read) for name, key in shown.items() if key.read}
         self._everywhere = np.ones(self.count, np.bool_)
-        self._masks = mask_names({
-            "torque": self._has_motors, "context": self._is_random, "goal": self._has_goals,
-            "pseudo_period_com": self._measures_com,
-            "cart_position": self._has_cart, "cart_velocity": self._has_cart,
-        })  # fmt: skip
+        self._masks = [f"_{name}" for name, key in shown.items() if not key.masked_by]
+        self._partial_masks = {
+            by: [f"_{name}" for name, key in shown.items() if key.masked_by == by]
+            for by in {key.masked_by: None for key in shown.values() if key.masked_by}
+        }
+        self._make_info = _info_maker(self._shown, n)
         self.renew()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_make_info": None}  # a function cannot be pickled
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._make_info = _info_maker(self._shown, self.config.n)
 
     def renew(self) -> None:
         """Make new arrays: those handed out before are not written again."""
@@ -91,9 +139,9 @@ class Outputs:
             observation[:, observation.shape[1] - shown.shape[1] :] = shown
         if not self._goal_env:
             return observation
-        outputs, n = self.rows[:, : self.count], self.config.n
-        kinetic_energy, goals = self.quantities().kinetic_energy, self._memory.members[-n:]
-        return with_goals(observation, outputs[-n:].T, kinetic_energy, goals.T)
+        cosines = self.rows[_rows_of(Block.COSINES, self.config.n), : self.count].T
+        goals = self._memory.read(Pose.GOAL)
+        return with_goals(observation, cosines, self.quantities().kinetic_energy, goals)
 
     @property
     def outcome(self) -> tuple[FloatArray, BoolArray, BoolArray]:
@@ -105,13 +153,13 @@ class Outputs:
         """Return what a mode judges by, arrays (B, ...)."""
         outputs = self.rows[:, : self.count]
         rows: list[FloatArray] = list(outputs[self._judged_by])
-        _, theta, omega = (outputs[rods].T for rods in self._per_rod)
+        theta, omega = (outputs[self._per_rod[key]].T for key in ("theta", "omega"))
         return Quantities(*rows, theta, omega)  # pyright: ignore[reportCallIssue]
 
     def quantities_of_only_lane(self) -> Quantities[float]:
         """Return what `quantities` does, of one lane alone, as plain numbers."""
         outputs = self.rows[:, 0]
-        _, theta, omega = (outputs[rods] for rods in self._per_rod)
+        theta, omega = (outputs[self._per_rod[key]] for key in ("theta", "omega"))
         plain: list[float] = outputs[self._judged_by].tolist()
         return Quantities(*plain, theta, omega)  # pyright: ignore[reportCallIssue]
 
@@ -122,15 +170,11 @@ class Outputs:
         pseudo-periods where a bob, or the centre of mass, has completed besides.
         """
         info = cast("dict[str, Any]", self.info())
-        measured = self.flags[Flag.MEASURED, : self.count]
         if present is None:
             present = self._everywhere.copy()
-        else:
-            measured = measured & present
         info.update(dict.fromkeys(self._masks, present))
-        info["_pseudo_period"] = info["_pseudo_periods"] = measured
-        if self._measures_com:
-            info["_pseudo_period_com"] = (info["pseudo_period_com"] > 0.0) & present
+        for key, masks in self._partial_masks.items():
+            info.update(dict.fromkeys(masks, (info[key] > 0.0) & present))
         return info
 
     def info(self) -> BatchInfo:
@@ -138,85 +182,59 @@ class Outputs:
 
         They are handed out: the next step does not write to them.
         """
-        outputs = self.rows[:, : self.count]
-        periods, theta, omega = (outputs[rods].T for rods in self._per_rod)
-        (
-            time, energy, error, period, ideal, tip, completed, place, velocity, of_com
-        ) = outputs[:_REWARD]  # fmt: skip
-        flags = self.flags[:, : self.count]
-        info: BatchInfo = {
-            "time": time,
-            "energy": energy,
-            "energy_error": error,
-            "bobs_completed": completed.astype(np.int64),
-            "pseudo_period": period,
-            "pseudo_periods": periods,
-            "ideal_period": ideal,
-            "tip_height": tip,
-            "theta": theta,
-            "omega": omega,
-            "diverged": flags[Flag.DIVERGED],
-            "success": flags[Flag.SUCCESS],
-        }
-        if self._measures_com:
-            info["pseudo_period_com"] = of_com
-        if self._has_motors:
-            info["torque"] = self._torques()
-        if self._is_random:
-            info["context"] = self._context[: self.count].copy()
-        if self._has_goals:
-            info["goal"] = self._goals()
-        if self._has_cart:
-            info["cart_position"], info["cart_velocity"] = place, velocity
-        return info
+        outputs, flags = self.rows[:, : self.count], self.flags[:, : self.count]
+        info: dict[str, Any] = dict(zip(_KERNEL_KEYS, (*outputs[:_REWARD], *flags), strict=False))
+        for key in COUNTS:
+            info[key] = info[key].astype(np.int64)
+        for key, rods in self._per_rod.items():
+            info[key] = outputs[rods].T
+        for key, read in self._read.items():
+            info[key] = read()
+        for key in self._absent:
+            del info[key]
+        return cast("BatchInfo", info)
 
     def only_lane(self) -> tuple[Any, float, bool, bool, Info[float, int, bool]]:
-        """Return what `step` tells of the only lane, as plain numbers: the quick way."""
-        outputs = self.rows[:, 0]
-        periods, theta, omega = self._per_rod
-        (
-            time, energy, error, period, ideal, tip, completed, place, velocity, of_com, reward
-        ) = outputs[:_ROWS].tolist()  # fmt: skip
-        _, diverged, success, terminated, truncated = self.flags[:, 0].tolist()
-        info: Info[float, int, bool] = {
-            "time": time,
-            "energy": energy,
-            "energy_error": error,
-            "bobs_completed": int(completed),
-            "pseudo_period": period,
-            "pseudo_periods": outputs[periods],
-            "ideal_period": ideal,
-            "tip_height": tip,
-            "theta": outputs[theta],
-            "omega": outputs[omega],
-            "diverged": diverged,
-            "success": success,
-        }
-        if self._measures_com:
-            info["pseudo_period_com"] = of_com
-        if self._has_motors and self._motors is None:  # as `_torques`, in less time
-            info["torque"] = self._memory.arrays[1][self._acted].astype(np.float64)
-        elif self._has_motors:
-            info["torque"] = self._torques()[0]
-        if self._is_random:
-            info["context"] = self._context[0].copy()
-        if self._has_goals:
-            info["goal"] = self._goals()[0]
-        if self._has_cart:
-            info["cart_position"], info["cart_velocity"] = place, velocity
+        """Return what `step` does of the only lane, as plain numbers: the quick way."""
+        lane, flags = self.rows[:, 0], self.flags[:, 0].tolist()
+        numbers = lane[:_ROWS].tolist()
+        info = self._make_info(self, lane, numbers, flags)
         observation = self.observations[0] if self._is_plain else of_lane(self.observation, 0)
-        return observation, reward, terminated, truncated, info
+        return observation, numbers[_REWARD], flags[_TERMINATED], flags[_TRUNCATED], info
 
-    def _torques(self) -> FloatArray:
+    # -- what the table of the info names ---------------------------------------------------
+
+    def torques(self, lanes: Any = ...) -> FloatArray:
         """Return the mean torque of each motor in the last step [N m], or force [N], (B, m)."""
-        if self._motors is None:
-            acted = self._memory.read_at(Rod.TORQUE, self._joints)
+        if self._motors is None and lanes == 0:  # as below, in less time
+            return self._memory.arrays[1][self._acted].astype(np.float64)
+        if self._motors is not None:
+            acted = self._motors.torques[:, : self.count].T[lanes]
         else:
-            acted = self._motors.torques[:, : self.count].T
+            acted = self._memory.read_at(Rod.TORQUE, self.config.joints)[lanes]
         # in a copied environment too of NumPy's own float64, so that pickles are the same bytes
         return acted.astype(np.float64, order="C")
 
-    def _goals(self) -> FloatArray:
+    def context(self, lanes: Any = ...) -> FloatArray:
+        """Return the numbers drawn for the episodes, (B, k)."""
+        return self._context[: self.count][lanes].copy()
+
+    def goals(self, lanes: Any = ...) -> FloatArray:
         """Return the angles, 0 or pi, that the rods are to reach [rad], (B, n)."""
-        cosines = self._memory.members[-self.config.n :].T
-        return np.array([0.0, math.pi])[(cosines < 0.0).astype(np.int64)]
+        return np.where(self._memory.read(Pose.GOAL) < 0.0, math.pi, 0.0)[lanes]
+
+
+def final_info(observation: Any, info: dict[str, Any], done: BoolArray) -> dict[str, Any]:
+    """Return the keys that tell the last observation of episodes that are over, and their info."""
+    last = np.full(done.size, None, dtype=object)
+    for lane in np.flatnonzero(done).tolist():
+        last[lane] = copy.deepcopy(of_lane(observation, lane))
+    return {
+        "final_obs": last,
+        "_final_obs": done.copy(),
+        "final_info": {
+            key: np.where(done.reshape(-1, *[1] * (value.ndim - 1)), value, np.zeros_like(value))
+            for key, value in info.items()
+        },
+        "_final_info": done.copy(),
+    }

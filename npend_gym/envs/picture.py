@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks, render
 from npend_gym._checks import FloatArray
+from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.episodes import BoolArray, Episodes
 from npend_gym.envs.info import Info
 from npend_gym.envs.progress import CallGuard
@@ -31,14 +32,15 @@ class DependencyNotInstalled(  # noqa: N818 - a name of Gymnasium
 class Camera:
     """Paints the lanes as `render_mode` asks: None, "human" or "rgb_array"."""
 
-    def __init__(self, render_mode: str | None, fps: float) -> None:
+    def __init__(self, render_mode: str | None, config: EnvConfig) -> None:
         if render_mode is not None:
             _checks.choice("render_mode", render_mode, RENDER_MODES)
-        self.mode, self.fps = render_mode, fps
+        self.mode, self.fps = render_mode, config.render_fps
         self._traces: dict[int, deque[FloatArray]] = {}
         self._pushes: dict[int, tuple[float, int]] = {}  # with the number of pictures to come
         try:
-            self._painter = None if render_mode is None else render.Painter()
+            painter = render_mode and render.Painter(config.render_size, config.render_plain)
+            self._painter = painter or None
             self._window = Window() if render_mode == "human" else None
         except ImportError as error:
             raise DependencyNotInstalled(str(error)) from error

@@ -88,6 +88,11 @@ class CallGuard:
                 raise self.refuse(env, call) from None
         self._is_new = False
 
+    def check(self, env: Any, call: str) -> None:
+        """Raise the error of a call that needs an environment which is ready, where it is not."""
+        if not self.ready:
+            raise self.refuse(env, call)
+
     def finish(self) -> None:
         """Note that the call has done everything."""
         self.ready[:] = [True]

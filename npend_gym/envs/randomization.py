@@ -11,19 +11,14 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain, ChainParameters, check_parameter
-from npend_gym.envs.cart import OF_CART
-from npend_gym.envs.hardware import HARDWARE
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, check_weight
-from npend_gym.envs.rows import Episode
-from npend_gym.envs.starts import Draw
+from npend_gym.envs.rows import Setting
+from npend_gym.envs.settings import COUNTED, OF_LANES
+from npend_gym.envs.starts import Draw, DrawFields
 from npend_gym.physics.kernels.link_terms import Parameter, count_terms
 
-# Numbers that belong to a lane, beside those of its chain: their rows in `members`
-SETTINGS = (
-    {"max_torque": Episode.MAX_TORQUE}
-    | OF_CART
-    | {name: row for name, row in HARDWARE.items() if name != "ripple_cycles"}
-)
+# Numbers that belong to a lane, beside those of its chain
+SETTINGS = [name for name in OF_LANES if name not in COUNTED]
 _ONE_NUMBER = ("gravity", *SETTINGS)
 # Of which less lets a chain turn or brake faster
 _LIVELY_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
@@ -97,7 +92,7 @@ def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> 
             f'randomize must be a dict such as {{"masses": (0.9, 1.1)}}, got {_checks.show(given)}'
         )
     names: list[str] = []
-    rows: list[tuple[float, ...]] = []
+    rows: list[DrawFields] = []
     lows: dict[str, FloatArray] = {}
     highs: dict[str, FloatArray] = {}
     for name, ends in cast("Mapping[str, Any]", given).items():
@@ -109,10 +104,11 @@ def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> 
         of_chain = name in CHAIN_KEYWORDS
         value = np.atleast_1d(getattr(chain, name) if of_chain else settings[name])
         low, high = _range(f"randomize[{name!r}]", name, ends, value)
-        field = CHAIN_KEYWORDS.index(name) if of_chain else len(Parameter) + SETTINGS[name]
+        field = getattr(Parameter if of_chain else Setting, name)
         for rod in range(low.size):
             names.append(name if name in _ONE_NUMBER else f"{name}[{rod}]")
-            rows.append((field, rod, low[rod], high[rod]))
+            row = DrawFields(of_chain, field, rod, low[rod], high[rod])
+            rows.append(row)
         if of_chain:
             shape = (1,) if name == "gravity" else (1, chain.n)
             lows[name], highs[name] = low.reshape(shape), high.reshape(shape)

@@ -15,7 +15,11 @@ class Task(NamedTuple):
 
     keywords: dict[str, Any]
     reward_threshold: float | None = None
-    """Mean return of an episode for which the task counts as solved, with the default keywords."""
+    """Mean return of an episode for which the task counts as solved, with the default keywords.
+
+    The best policy or controller of the package lies above it, by less than a tenth, and the mean
+    return of random actions lies below a quarter of it, over 100 episodes each.
+    """
 
 
 # On the cart of the chain, or on one of the mass of a chain that has none
@@ -28,10 +32,10 @@ TASKS = {
     "npend/Balance-v1": Task({"mode": "balance", "observation": "scaled"}, 990.0),
     "npend/Calm-v1": Task({"mode": "calm", "observation": "scaled"}, 900.0),
     "npend/Release-v1": Task({"mode": "passive", "observation": "scaled"}),  # has no reward
-    "npend/Transition-v1": Task({"mode": "transition", "observation": "scaled"}),
-    "npend/CartPole-v1": Task(_ON_CART | {"chain": "cartpole", "rail": 2.4}),
-    "npend/CartDoublePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 2"}),
-    "npend/CartTriplePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 3"}),
+    "npend/Transition-v1": Task({"mode": "transition", "observation": "scaled"}, 900.0),
+    "npend/CartPole-v1": Task(_ON_CART | {"chain": "cartpole", "rail": 2.4}, 990.0),
+    "npend/CartDoublePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 2"}, 990.0),
+    "npend/CartTriplePole-v1": Task(_OF_DM_CONTROL | {"chain": "dm_control cartpole 3"}, 950.0),
 }
 
 

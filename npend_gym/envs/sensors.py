@@ -8,7 +8,7 @@ multiples of their resolution. The true state, the info and the reward know noth
 # ruff: noqa: ARG001  all kernels have the parameters that `Memory.run` hands them
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym._streams import Purpose
@@ -18,27 +18,12 @@ from npend_gym.compiled.normal import make_normal
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.compiled.sincos import ROUND, sincos
-from npend_gym.envs.kernels import ObsArray, observe, wrapped
-from npend_gym.envs.motors import Motor
-from npend_gym.envs.rows import SINCOS, Episode, Task
+from npend_gym.envs.observing import ObsArray, observe, wrapped
+from npend_gym.envs.rows import SINCOS, Episode, Setting, Task, Wiring
 from npend_gym.physics.kernels.dynamics import copy
 from npend_gym.physics.kernels.layout import MAX_SPEED, Model, Rod, Scratch, Timing
 
-_FIRST = max(Motor) + 1
 _MOST = 2.0**51  # multiples: up to here adding ROUND rounds
-
-
-class SensorFields(NamedTuple):
-    """Rows of the ensemble's `members`, named as the keywords that set them."""
-
-    angle_noise: int = _FIRST  # rad
-    velocity_noise: int = _FIRST + 1  # rad/s
-    angle_resolution: int = _FIRST + 2  # rad
-    velocity_resolution: int = _FIRST + 3  # rad/s
-    observation_delay: int = _FIRST + 4  # steps
-
-
-Sensor = SensorFields()
 
 # Rows of the scratch space: what is measured, and the noise before it is scaled
 _THETA, _OMEGA = Scratch.THETA, Scratch.OMEGA
@@ -78,7 +63,7 @@ def _look_back(
         for i in range(size):
             past[step & mask, i] = rows[Rod.THETA, i * width + k]
             past[step & mask, size + i] = rows[Rod.OMEGA, i * width + k]
-        delay = min(members[Sensor.observation_delay, g * width + k], step)
+        delay = min(members[Setting.observation_delay, g * width + k], step)
         whole = int(delay)
         newer, older = past[(step - whole) & mask], past[(step - whole - 1) & mask]
         for i in range(size):
@@ -116,8 +101,8 @@ def _rounded(x: Any, resolution: Any) -> Any:
 @inlined_kernel
 def _measure(numbers: FloatArray, g: int, n: int, scratch: FloatArray) -> None:
     """Add the noise to the angles and angular velocities of a group, and round them."""
-    noise, step = numbers[Sensor.angle_noise, g], numbers[Sensor.angle_resolution, g]
-    spread, speed_step = numbers[Sensor.velocity_noise, g], numbers[Sensor.velocity_resolution, g]
+    noise, step = numbers[Setting.angle_noise, g], numbers[Setting.angle_resolution, g]
+    spread, speed_step = numbers[Setting.velocity_noise, g], numbers[Setting.velocity_resolution, g]
     ideal, rounds = (noise == 0.0) & (step == 0.0), any_of((step > 0.0) | (speed_step > 0.0))
     for i in range(n):
         theta = scratch[_THETA, i]
@@ -134,7 +119,7 @@ def _measure(numbers: FloatArray, g: int, n: int, scratch: FloatArray) -> None:
 @spliced_kernel
 def _sense(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, keys: Keys,
-    history: FloatArray, observation: ObsArray, task: FloatArray, dt: float,
+    history: FloatArray, observation: ObsArray, task: FloatArray, wiring: FloatArray, dt: float,
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     numbers, work = view(members), view(scratch)
@@ -150,7 +135,7 @@ def _sense(
         else:
             copy(rods[g, Rod.THETA], scratch[_THETA])
             copy(rods[g, Rod.OMEGA], scratch[_OMEGA])
-        noisy = (numbers[Sensor.angle_noise, g] > 0.0) | (numbers[Sensor.velocity_noise, g] > 0.0)
+        noisy = (numbers[Setting.angle_noise, g] > 0.0) | (numbers[Setting.velocity_noise, g] > 0.0)
         if any_of(noisy):
             _draw_noise(members, g, width, n, keys, first, second)
             make_normal(first, second)
@@ -160,25 +145,30 @@ def _sense(
             for i in range(n):
                 s[i], c[i] = sincos(work[_THETA, i])
         theta, omega = scratch[_THETA, : (n + 1) * width], scratch[_OMEGA, : (n + 1) * width]
-        observe(view, width, members, g, theta, omega, scratch, observation, task)
+        observe(
+            view, width, rods, g, theta, omega, scratch, observation, task,
+            wiring[Wiring.PER_SPEED],
+        )  # fmt: skip
 
 
 @kernel
 def sense_one(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, history: FloatArray,
-    observation: ObsArray, task: FloatArray, dt: float, timing: FloatArray, scratch: FloatArray,
+    observation: ObsArray, task: FloatArray, wiring: FloatArray, dt: float, timing: FloatArray,
+    scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Observe one environment through its sensors; see `sense_many`."""
     _sense(
         bare, 1, bare(members), bare(rods), bare(keys), bare(history), bare(observation),
-        bare(task), dt, bare(timing), bare(scratch),
+        bare(task), bare(wiring), dt, bare(timing), bare(scratch),
     )  # fmt: skip
 
 
 @kernel
 def sense_many(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, history: FloatArray,
-    observation: ObsArray, task: FloatArray, dt: float, timing: FloatArray, scratch: FloatArray,
+    observation: ObsArray, task: FloatArray, wiring: FloatArray, dt: float, timing: FloatArray,
+    scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Write the observations of every lane as its sensors show it.
 
@@ -186,8 +176,8 @@ def sense_many(
 
     Parameters
     ----------
-    members, rods, model, observation, task, timing, scratch
-        As for `npend_gym.envs.kernels.step_many`, `members` also with the rows of `Sensor`.
+    members, rods, model, observation, task, wiring, timing, scratch
+        As for `npend_gym.envs.kernels.step_many`.
     keys : ndarray, uint64, shape (2, lanes)
     history : ndarray, shape (lanes, slots, 2 size)
         The states of the last steps, kept here, of `size` coordinates: those of carts too. slots
@@ -197,5 +187,5 @@ def sense_many(
     """
     _sense(
         packs, WIDTH, bare(members), bare(rods), bare(keys), bare(history), bare(observation),
-        bare(task), dt, bare(timing), bare(scratch),
+        bare(task), bare(wiring), dt, bare(timing), bare(scratch),
     )  # fmt: skip

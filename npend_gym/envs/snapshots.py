@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,15 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.envs.cart import OF_CART
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.hardware import HARDWARE
-from npend_gym.envs.record_rules import RecordRules
-from npend_gym.envs.rows import Episode
+from npend_gym.envs.rows import Episode, Pose, Setting
+from npend_gym.envs.settings import OF_LANES
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
 
-VERSION = 1  # of the record; another version of the package may have another
+VERSION = 2  # of the record; another version of the package may have another
+_SUMMED = 3  # words of a record from here on are in its checksum
+_ODD = np.uint64(0x9E3779B97F4A7C15)
 States = NDArray[np.void]
 Lanes = NDArray[np.int64]
 
@@ -43,20 +42,20 @@ class Snapshots:
         self, config: EnvConfig, memory: Memory, keys: NDArray[np.uint64],
         more: Callable[[], Mapping[str, FloatArray]],
     ) -> None:  # fmt: skip
-        self._config, self._memory, self._keys, self._more = config, memory, keys, more
+        self._memory, self._keys, self._more = memory, keys, more
         self._environment = _fingerprint(config)
-        rods = [(name.lower(), "<f8", (config.n + 1,)) for name in Rod._fields]
-        rows = [*Member._fields, *Episode._fields, *HARDWARE]
+        per_rod = [*Rod._fields, *(Pose._fields if config.mode.has_goals else ())]
+        rods = [(name.lower(), "<f8", (config.n + 1,)) for name in per_rod]
+        rows = [*Member._fields, *Episode._fields, *Setting._fields]
         members: list[Any] = [(name.lower(), "<f8") for name in rows]
-        if config.mode.has_goals:
-            members += [("start", "<f8", (config.n,)), ("goal", "<f8", (config.n,))]
         parts: list[Any] = [("members", members), ("rods", rods)]
         for name, terms in zip(("links", "joints", "base"), memory.arrays[2] or (), strict=False):
             parts.append((name, "<f8", (terms.shape[1], terms.shape[2] // memory.width)))
         parts += [(name, "<f8", values.shape[1:]) for name, values in more().items()]
-        head = [("version", "<u8"), ("environment", "<u8"), ("key", "<u8", (2,)), ("done", "<u8")]
+        head: list[Any] = [("version", "<u8"), ("environment", "<u8"), ("sum", "<u8")]
+        head += [("done", "<u8"), ("key", "<u8", (2,))]
         self.dtype = np.dtype([*head, *parts])
-        self._head, self._first = len(head), len(head) + 1  # fields, and columns, before `parts`
+        self._first = len(head) + 1  # columns before `parts`
         one = memory.read_lanes(np.zeros(1, np.int64))
         self._shapes = [part.shape[1:] for part in (*one, *more().values())]
 
@@ -69,7 +68,19 @@ class Snapshots:
         states: Any = numbers.view(self.dtype)[:, 0]
         states["version"], states["environment"] = VERSION, self._environment
         states["key"], states["done"] = self._keys[:, lanes].T, done
+        states["sum"] = self._sums(states)
         return states
+
+    def _sums(self, states: States) -> NDArray[np.uint64]:
+        """Return the checksums of records: each number is in them, times an odd number."""
+        words = self._columns(states, "<u8")[:, _SUMMED:]
+        factors = np.arange(1, 2 * words.shape[1], 2, dtype=np.uint64) * _ODD
+        return (words * factors).sum(axis=1, dtype=np.uint64)
+
+    def _columns(self, states: States, kind: str) -> NDArray[Any]:
+        """Return records as numbers of 8 bytes, (k, all)."""
+        numbers = np.ascontiguousarray(states).view(kind)
+        return numbers.reshape(states.size, self.dtype.itemsize // 8)
 
     def check(self, given: Any, count: int) -> States:
         """Return records for `count` lanes, or say what is wrong with them.
@@ -77,8 +88,7 @@ class Snapshots:
         Raises
         ------
         TypeError, ValueError
-            If they are no records, not `count`, of another version or environment, or have
-            numbers that no state has.
+            If they are no records, not `count`, of another version or environment, or changed.
         """
         names = getattr(getattr(given, "dtype", None), "names", None)
         if names is None:
@@ -102,28 +112,19 @@ class Snapshots:
                 "max_torque and randomize: make this one with the keywords of that one"
             )
         checked = states.reshape(-1)
-        if np.any(checked["done"] > 1):
+        changed = np.flatnonzero(checked["sum"] != self._sums(checked))
+        if changed.size > 0:
             raise ValueError(
-                f"state must have 0 or 1 as done, got {_checks.show(checked['done'].tolist())}"
+                "state must be as get_state() returned it, because a changed number may fit no "
+                f"other; got changed records {_checks.show(changed.tolist())}: set env.state, or "
+                "reset with options, to start elsewhere"
             )
-        self._rules.check(self._numbers(checked))
         return checked
-
-    @cached_property
-    def _rules(self) -> RecordRules:
-        names = self.dtype.names or ()
-        return RecordRules(self._config, {name: self.dtype[name] for name in names[self._head :]})
-
-    def _numbers(self, states: States) -> FloatArray:
-        """Return the parts of records, without their heads, as numbers (k, all)."""
-        numbers = np.ascontiguousarray(states).view("<f8")
-        numbers = numbers.reshape(states.size, self.dtype.itemsize // 8)
-        return numbers[:, self._first :]
 
     def put(self, lanes: Lanes, states: States) -> None:
         """Put lanes into the states of checked records."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])
-        columns = np.split(self._numbers(states), ends[:-1], axis=1)
+        columns = np.split(self._columns(states, "<f8")[:, self._first :], ends[:-1], axis=1)
         parts = [
             part.reshape(lanes.size, *shape)
             for part, shape in zip(columns, self._shapes, strict=True)
@@ -146,9 +147,8 @@ def _fingerprint(config: EnvConfig) -> int:
     mode, random = type(config.mode), config.randomization
     told = (
         *config.chain.repeated(1), random.draws, config.joints,
-        np.array([config.dt, config.min_substeps, config.max_rotation, config.max_torque]),
-        np.array([getattr(config, name) for name in HARDWARE]),
-        np.array([getattr(config, name) or 0.0 for name in ("rail", *OF_CART)]),
+        np.array([config.dt, config.min_substeps, config.max_rotation]),
+        np.array([getattr(config, name) or 0.0 for name in ("rail", *OF_LANES)]),
         np.frombuffer(f"{mode.__module__}:{mode.__qualname__}".encode(), np.uint8),
     )  # fmt: skip
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in told))

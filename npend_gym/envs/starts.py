@@ -18,7 +18,7 @@ from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
 from npend_gym.compiled.philox import Keys, philox, unit
 from npend_gym.envs.modes import Mode, NearPose, Release
-from npend_gym.envs.rows import Episode
+from npend_gym.envs.rows import Episode, Pose, Setting
 from npend_gym.physics.kernels.layout import Member, Model, Rod
 from npend_gym.physics.kernels.link_terms import Base, Parameter
 from npend_gym.physics.kernels.member_rows import Indices, begin_to_measure, write_chain
@@ -45,10 +45,11 @@ CHOSEN = 2.0  # times the cosines of an equilibrium that reset options choose
 class DrawFields(NamedTuple):
     """Columns of `draws`, which has a row for each number that is drawn at a start."""
 
-    FIELD: int = 0  # of `Parameter`, or, from len(Parameter) on, a row of `members`
-    ROD: int = 1
-    LOW: int = 2
-    HIGH: int = 3
+    OF_CHAIN: int = 0  # 1: a parameter of the chain; 0: a setting of the lane
+    FIELD: int = 1  # of `Parameter`, or of `Setting`
+    ROD: int = 2
+    LOW: int = 3
+    HIGH: int = 4
 
 
 Draw = DrawFields()
@@ -73,8 +74,8 @@ def _draw_chain(
         value = low + (high - low) * u
         context[k, j] = value
         field, rod = int(draws[j, Draw.FIELD]), int(draws[j, Draw.ROD])
-        if field >= len(Parameter):
-            members[field - len(Parameter), k] = value
+        if draws[j, Draw.OF_CHAIN] == 0.0:
+            members[field, k] = value
             continue
         if field == Parameter.lengths and chain[Parameter.centres, rod] == chain[field, rod]:
             chain[Parameter.centres, rod] = value  # a bob stays at the end of its rod
@@ -82,27 +83,32 @@ def _draw_chain(
 
 
 @inlined_kernel
-def _draw_equilibria(members: FloatArray, keys: Keys, k: int, n: int) -> None:
+def _draw_equilibria(
+    members: FloatArray, rods: FloatArray, keys: Keys, k: int, width: int, n: int
+) -> None:
     """Draw start and goal of lane `k`: two different equilibria.
 
     Those that `CHOSEN` marks are kept. Each n numbers of the stream are an equilibrium, in which
     rod i hangs where its number is below 1/2; one that is the other one is passed over.
     """
-    first, episode, drawn = members.shape[0] - 2 * n, members[Episode.EPISODE, k], 0
-    for which in range(2):
-        own, other = first + which * n, first + (1 - which) * n
-        free = which == 0 and abs(members[other, k]) < CHOSEN  # the goal is drawn after it
-        if abs(members[own, k]) == CHOSEN:
+    rows, lane, episode, drawn = rods[k // width], k % width, members[Episode.EPISODE, k], 0
+    for own, other in ((Pose.START, Pose.GOAL), (Pose.GOAL, Pose.START)):
+        # the goal is drawn after the start
+        free = own == Pose.START and abs(rows[other, lane]) < CHOSEN
+        if abs(rows[own, lane]) == CHOSEN:
             for i in range(n):
-                members[own + i, k] /= CHOSEN
+                rows[own, i * width + lane] /= CHOSEN
             continue
         differs = False
         while not differs:
             differs = free
             for i in range(n):
-                hangs = _stream(keys, k, Purpose.GOAL, episode, drawn + i) < 0.5
-                members[own + i, k] = 1.0 if hangs else -1.0
-                differs = differs or members[own + i, k] * members[other + i, k] < 0.0
+                r, hangs = (
+                    i * width + lane,
+                    _stream(keys, k, Purpose.GOAL, episode, drawn + i) < 0.5,
+                )
+                rows[own, r] = 1.0 if hangs else -1.0
+                differs = differs or rows[own, r] * rows[other, r] < 0.0
             drawn += n
 
 
@@ -120,7 +126,6 @@ def _draw_state(
             rows[Rod.THETA, i * width + lane] = angle
             rows[Rod.OMEGA, i * width + lane] = 0.0
         return
-    stands = members.shape[0] - 2 * n if start[Start.GOALS] > 0.0 else 0
     near = start[Start.NEARNESS]
     for j in range(2 * n):  # the angles, then the angular velocities: four numbers a block
         if j > 0 and j % 4 == 0:
@@ -130,7 +135,7 @@ def _draw_state(
             rows[Rod.OMEGA, (j - n) * width + lane] = drawn
             continue
         pose = start[Start.POSE]
-        if stands > 0 and members[stands + j, k] < 0.0:
+        if start[Start.GOALS] > 0.0 and rows[Pose.START, j * width + lane] < 0.0:
             pose += math.pi
         rows[Rod.THETA, j * width + lane] = pose + drawn
 
@@ -151,8 +156,8 @@ def _cart(
     g, lane, last = k // width, k % width, rods.shape[2] - width
     if model[2].shape[1] == 0:
         return
-    model[2][g, Base.INVERSE_MASS, lane] = 1.0 / members[Episode.CART_MASS, k]
-    model[2][g, Base.DAMPING, lane] = members[Episode.RAIL_DAMPING, k]
+    model[2][g, Base.INVERSE_MASS, lane] = 1.0 / members[Setting.cart_mass, k]
+    model[2][g, Base.DAMPING, lane] = members[Setting.rail_damping, k]
     near = start[Start.NEARNESS]  # 0 where Python draws the state
     for row, field in enumerate((Rod.THETA, Rod.OMEGA)):
         u = _stream(keys, k, Purpose.START, members[Episode.EPISODE, k], 2 * (last // width) + row)
@@ -225,12 +230,14 @@ def begin_episodes(
         for i in range(n + 1):
             rods[k // width, Rod.TORQUE, i * width + k % width] = 0.0
         if draws.shape[0] > 0:
-            chain[:] = nominal
+            for field in range(nominal.shape[0]):  # `chain[:] =` takes 2 s to compile
+                for rod in range(n):
+                    chain[field, rod] = nominal[field, rod]
             _draw_chain(members, keys, k, draws, chain, context)
             write_chain(members, rods, model, k, width, bare(chain))
             _scale(members, rods, k, width, n)
         if start[Start.GOALS] > 0.0:
-            _draw_equilibria(members, keys, k, n)
+            _draw_equilibria(members, rods, keys, k, width, n)
         _begin_cart(members, rods, model, keys, k, start)
         if start[Start.KIND] != BY_PYTHON:
             _draw_state(members, rods, keys, k, width, n, start)

@@ -13,30 +13,27 @@ from typing_extensions import Unpack
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import make_config
-from npend_gym.envs.episodes import Episodes
-from npend_gym.envs.goals import GoalReward
-from npend_gym.envs.info import final_info
 from npend_gym.envs.inputs import (
     checked_action,
     checked_autoreset_mode,
     checked_episode_steps,
     checked_lanes,
     checked_num_envs,
-    checked_state,
     reset_mask,
 )
-from npend_gym.envs.keywords import EnvKeywords, PlainSpec, with_config_keywords
+from npend_gym.envs.keywords import EnvKeywords, with_config_keywords
 from npend_gym.envs.options import checked_options, given_options
-from npend_gym.envs.picture import Camera
-from npend_gym.envs.progress import CallGuard, Progress, lanes_are_done
+from npend_gym.envs.outputs import final_info
+from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
+from npend_gym.envs.session import Session
 from npend_gym.envs.snapshots import States
 
 ObsArray = NDArray[np.float32]
 
 
 @with_config_keywords
-class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
+class NPendulumVectorEnv(Session, VectorEnv[ObsArray, Any, Any]):
     """Many N-pendulums in one object, stepped together by compiled code.
 
     This is what `gym.make_vec("NPendulum-v0", num_envs=B)` returns. Every lane is an
@@ -77,9 +74,6 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
     (64,)
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
-    spec: Any = PlainSpec()
-
     def __init__(
         self,
         num_envs: int = 1,
@@ -95,23 +89,14 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         self.num_envs = checked_num_envs(num_envs, config.chain.n)
         self.max_episode_steps = checked_episode_steps(max_episode_steps)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
-        self.config = config
+        self._open(config, render_mode, self.num_envs, threads, self.max_episode_steps)
+        self.metadata |= {"autoreset_mode": self.autoreset_mode}
         self.single_action_space = config.action_space
         self.single_observation_space = config.observation_space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.metadata = NPendulumVectorEnv.metadata | {
-            "render_fps": config.render_fps,
-            "autoreset_mode": self.autoreset_mode,
-        }
-        self.camera = Camera(render_mode, config.render_fps)
-        self.render_mode = render_mode
-        self._episodes: Episodes = Episodes(config, self.num_envs, threads, self.max_episode_steps)
         self._seeds = Seeds(self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over
-        self._calls = CallGuard()
-        if config.goal_env:
-            self.compute_reward = GoalReward(config.mode)
         self.closed = False
 
     def reset(
@@ -159,13 +144,6 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         result = episodes.outputs.observation, episodes.outputs.masked_info(mask.copy())
         self._calls.finish()
         return result
-
-    def _begin(self, call: str, before: Progress) -> Episodes:
-        """Begin a call that replaces everything; return the episodes for it."""
-        self._calls.begin(self, call, before)
-        if before is Progress.UNFINISHED:
-            self._episodes = self._episodes.renewed()
-        return self._episodes
 
     def step(
         self, actions: Any
@@ -228,10 +206,9 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
 
         See `NPendulumEnv.get_state`. A record fits any lane, and the single environment.
         """
-        if not self._calls.ready:
-            raise self._calls.refuse(self, "get_state")
+        self._calls.check(self, "get_state")
         chosen = checked_lanes(lanes, self.num_envs)
-        return self._episodes.get_states(chosen, self._done[chosen])
+        return self._episodes.snapshots.take(chosen, self._done[chosen])
 
     def set_state(
         self, state: States, lanes: ArrayLike | None = None
@@ -262,34 +239,13 @@ class NPendulumVectorEnv(VectorEnv[ObsArray, Any, Any]):
         if before is not Progress.READY and np.unique(chosen).size < self.num_envs:
             raise self._calls.refuse(self, "set_state of some lanes")
         checked = self._episodes.snapshots.check(state, chosen.size)
-        episodes = self._begin("set_state", before)
-        episodes.set_states(chosen, checked)
+        episodes = self._continue(checked, chosen, before)
         self._seeds.replace(episodes.seeds)
         self._done = self._done.copy()
         self._done[chosen] = checked["done"] > 0
+        self._calls.finish()
         moved = np.isin(np.arange(self.num_envs), chosen)
-        self.camera.forget(moved)
-        self._calls.finish()
         return episodes.outputs.observation, episodes.outputs.masked_info(moved)
-
-    @property
-    def state(self) -> FloatArray:
-        """Angles [rad], then angular velocities [rad/s], as in `NPendulumEnv`, shape (B, 2n).
-
-        Setting it is as in `NPendulumEnv`.
-        """
-        if not self._calls.ready:
-            raise self._calls.refuse(self, "state")
-        return self._episodes.angles
-
-    @state.setter
-    def state(self, value: ArrayLike) -> None:
-        if not self._calls.ready:
-            raise self._calls.refuse(self, "state")
-        checked = checked_state(value, (self.num_envs, self.config.state_size), self.config.n)
-        self._calls.begin(self, "state")
-        self._episodes.angles = checked
-        self._calls.finish()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # type: ignore[override]
         """Return a picture (H, W, 3) of every lane; in "human" mode show them in one window.

@@ -8,7 +8,7 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.wasm import wasm_module
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.kernels import step_one
-from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Task
+from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Setting, Task, Wiring
 from npend_gym.envs.starts import begin_one
 from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
@@ -18,7 +18,7 @@ _MEMORY = "float64[:, ::1], float64[:, :, ::1]"  # `members` and `rods` of one c
 _KERNELS = {
     begin_one: f"void({_MEMORY}, float64[:, ::1])",
     step_one: f"void({_MEMORY}, none, float64[:, ::1], float32[:, ::1], float64[:, ::1], "
-    "boolean[:, ::1], float64[::1], float64[::1], float64[:, ::1])",
+    "boolean[:, ::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1])",
 }
 
 
@@ -37,14 +37,14 @@ def step_layout() -> dict[str, Any]:
     Returns
     -------
     dict
-        A dict of rows, or entries, for each of Member (with those of Episode), Rod, Timing, Output,
-        Flag, Task and Parameter, and the number of rows of the scratch.
+        A dict of rows, or entries, for each of Member (with those of Episode and Setting), Rod,
+        Timing, Output, Flag, Task, Wiring and Parameter, and the number of rows of the scratch.
     """
-    fields = Rod, Timing, Output, Flag, Task
+    fields = Rod, Timing, Output, Flag, Task, Wiring
     layout: dict[str, Any] = {
         type(each).__name__.removesuffix("Fields"): each._asdict() for each in fields
     }
-    layout["Member"] = Member._asdict() | Episode._asdict()
+    layout["Member"] = Member._asdict() | Episode._asdict() | Setting._asdict()
     layout["Parameter"] = {name: row for row, name in enumerate(ChainParameters._fields)}
     return layout | {"scratchRows": RK4 + RK4_ROWS}
 

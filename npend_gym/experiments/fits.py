@@ -1,4 +1,4 @@
-"""Fitted numbers with their confidence intervals."""
+"""Fitted numbers with their confidence intervals, and the law that is fitted to the amplitude."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
+
+LAW_FROM, LAW_UP_TO = 10, 1.2  # bobs, rad: where the law of the amplitude is fitted and holds
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,11 @@ def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[E
     """
     widths = _student(points - len(values)) * np.sqrt(np.diag(covariance))
     return [Estimate(float(v), float(w)) for v, w in zip(values, widths, strict=True)]
+
+
+def amplitude_factor(amplitude: FloatArray, b: float, d: float) -> FloatArray:
+    """Return 1 + b a^2 / (1 + d a^2): the law over its limit of small angles, for angles [rad]."""
+    return 1.0 + b * amplitude**2 / (1.0 + d * amplitude**2)
 
 
 def _student(freedom: int) -> float:

@@ -20,7 +20,7 @@ from npend_gym.experiments.chains import (
     take_chain,
 )
 from npend_gym.experiments.draws import starts
-from npend_gym.period import READINGS, pseudo_periods
+from npend_gym.period import check_reading, pseudo_periods
 
 PAPER_N = (5, 10, 20, 100)
 PAPER_AMPLITUDE = math.pi / 4  # rad
@@ -84,7 +84,7 @@ class ReleaseExperiment:
         take_chain(self, "n_values")
         _checks.count("trials", self.trials, high=MAX_TRIALS_PER_N)
         _checks.count("seed", self.seed, low=0, high=2**63 - 1)
-        _checks.choice("reading", self.reading, READINGS)
+        check_reading(self.reading)
         amplitude = abs(_checks.number("amplitude", self.amplitude))
         spread = _checks.nonnegative_number("spread", self.spread)
         if amplitude == 0.0 or amplitude + spread >= math.pi:

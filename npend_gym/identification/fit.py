@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym.chain import Chain
-from npend_gym.identification.motion import check_motion
-from npend_gym.identification.problem import Problem
+from npend_gym import _checks
+from npend_gym._checks import BoolArray
+from npend_gym._provenance import provenance
+from npend_gym.chain import Chain, as_chain, check_hung
+from npend_gym.identification.motion import Motion, check_motion
+from npend_gym.identification.parameters import OFFSET, new_model
+from npend_gym.identification.plausibility import check_units, warn_of_other_angles, warn_of_values
 from npend_gym.identification.result import Identification
+from npend_gym.identification.stages import Fit, Stages
+from npend_gym.identification.uncertainty import uncertainty, undetermined
+
+_PERIODS = 4.0  # typical periods of the motion in the longest segments, by default
+_MANY = 12  # iterations: more are needed only where the given chain is hopeless
+_POOR = 0.05  # scatter of the errors, of that of the angles, from which on there is a warning
+_SHORT = 0.6  # of the segments' longest duration: where fewer could be followed, angles are doubted
+_OUTLIER = 6.0  # times the scatter
 
 
 def identify(
@@ -135,3 +149,149 @@ def prediction_rmse(
     problem = Problem(check_motion(times, theta, torque, piece), chain, segment=segment)
     fit = problem.stages.judge(problem.stages.model.known, problem.blocks())
     return math.inf if fit is None else fit.rmse
+
+
+class Problem:
+    """What `identify` solves, checked; arguments as there.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule.
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        chain: Chain | Mapping[str, Any] | str,
+        fit: Sequence[str] | None = None,
+        segment: float | None = None,
+        held_out: float = 0.25,
+    ) -> None:
+        known = check_hung(as_chain(chain), "identify")
+        if known.n != motion.links:
+            raise ValueError(
+                f"chain must have a link for each of {motion.links} angles, got {known.n}"
+            )
+        self.held_out = _checks.nonnegative_number("held_out", held_out)
+        if self.held_out > 0.5:
+            raise ValueError(f"held_out must be a share between 0 and 0.5, got {held_out}")
+        self.driven = motion.torque is not None and bool(np.any(motion.torque))
+        check_units(known, motion, driven=self.driven)
+        self.stages = Stages(motion, new_model(known, fit, driven=self.driven))
+        self.longest = self.stages.period * _PERIODS
+        if segment is not None:
+            self.longest = _checks.positive_number("segment", segment)
+        self.provenance = provenance(
+            {
+                "chain": known.as_dict(),
+                "fit": None if fit is None else list(fit),
+                "segment": segment,
+                "held_out": self.held_out,
+                "rows": motion.times.size,
+            }
+        )
+
+    def blocks(self) -> list[slice]:
+        """Return the rows of the segments, of the longest duration."""
+        motion = self.stages.motion
+        return motion.cut(motion.stretches(), self.longest)
+
+    def solve(self) -> Identification:
+        """Fit, and judge the fit by the segments that were held out."""
+        stages, motion, model = self.stages, self.stages.motion, self.stages.model
+        blocks = self.blocks()
+        held = _hold_out(len(blocks), self.held_out)
+        training = [rows for k, rows in enumerate(blocks) if k not in held]
+        fitted, duration = self._fit(training)
+        self._warn(fitted, duration, training)
+        values = model.unpack(fitted.solution.fitted)
+        errors, chain = uncertainty(fitted.solution, model), model.chain_of(values)
+        warn_of_values(chain, len(fitted.rows), len(model.names), rough=errors.rough)
+        judged = motion.cut([blocks[k] for k in held], duration)
+        own = stages.judge(values, judged) if judged else None
+        given = stages.judge(model.known, judged, _MANY) if judged else None
+        held_out = np.zeros(motion.times.size, np.bool_)
+        for rows in judged:
+            held_out[rows] = True
+        residuals, segments = np.full_like(motion.theta, np.nan), list[dict[str, Any]]()
+        for fit, other in ((fitted, None), (own, given)):
+            if fit is not None:
+                segments += _describe(motion, fit, other, held_out)
+                residuals[np.r_[tuple(fit.rows)]] = fit.residuals
+        scatter = max(fitted.scatter, own.scatter if own else 0.0)
+        found = fitted.solution.fitted, errors.errors
+        return Identification(
+            chain=chain,
+            names=tuple(model.names),
+            units=tuple(model.units),
+            values=found[0],
+            standard_errors=errors.errors,
+            correlation=errors.correlation,
+            chain_errors=model.chain_errors(chain, errors.covariance),
+            offsets=values[OFFSET],
+            given_rmse=np.nan if given is None else given.rmse,
+            segments=tuple(segments),
+            outliers=np.abs(residuals) > _OUTLIER * scatter,
+            residuals=residuals,
+            held_out=held_out,
+            undetermined=tuple(undetermined(model, chain, *found, driven=self.driven)),
+            provenance=self.provenance,
+        )
+
+    def _fit(self, training: Sequence[slice]) -> tuple[Fit, float]:
+        """Return the fit over the longest segments that are possible, and their duration [s]."""
+        try:
+            fitted, duration = self.stages.lengthen(training, self.stages.start(training))
+        except np.linalg.LinAlgError as error:
+            raise RuntimeError(
+                "no chain near the given one moves like the data: check lengths, centres and "
+                "times, which must be in metres and seconds, the signs of angles and torques, and "
+                "whether angles are absolute"
+            ) from error
+        if fitted is None:
+            raise RuntimeError("the fit left all chains that can move: fit fewer quantities")
+        return fitted, duration
+
+    def _warn(self, fitted: Fit, duration: float, training: Sequence[slice]) -> None:
+        """Warn if the fitted chain moves otherwise than the data; see `warn_of_other_angles`."""
+        motion = self.stages.motion
+        moved = float(np.std(motion.theta[np.r_[tuple(training)]]))
+        possible = max(float(np.ptp(motion.times[rows])) for rows in training)
+        poor = fitted.scatter > _POOR * moved
+        if motion.links > 1 and (poor or duration < _SHORT * possible):
+            warn_of_other_angles(motion, self.stages.model, fitted)
+        if poor:
+            warnings.warn(
+                f"the fitted chain moves otherwise than the data, by {fitted.scatter:.2g} rad "
+                f"where angles vary by {moved:.2g} rad: check lengths, units, signs, and whether "
+                "angles are absolute",
+                stacklevel=4,
+            )
+
+
+def _hold_out(count: int, share: float) -> list[int]:
+    """Return which of `count` blocks are held out: every so many, at least one of two."""
+    if share == 0.0 or count < 2:
+        return []
+    every = round(1.0 / share)
+    return list(range((every - 1) // 2, count, every)) or [count - 1]
+
+
+def _describe(
+    motion: Motion, fit: Fit, given: Fit | None, held_out: BoolArray
+) -> list[dict[str, Any]]:
+    """Return what `Identification.segments` says of the segments of a fit."""
+    errors = fit.errors.tolist()
+    others = [math.nan] * len(errors) if given is None else given.errors.tolist()
+    return [
+        {
+            "piece": int(motion.piece[rows.start]),
+            "start": float(motion.times[rows.start]),
+            "end": float(motion.times[rows.stop - 1]),
+            "held_out": bool(held_out[rows.start]),
+            "rmse": error,
+            "given_rmse": other,
+        }
+        for rows, error, other in zip(fit.rows, errors, others, strict=True)
+    ]

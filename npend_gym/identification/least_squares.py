@@ -2,36 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
 
 from npend_gym._checks import FloatArray
 
-
-class Point(Protocol):
-    """Residuals (S, M), for some values of the unknowns, and their derivatives."""
-
-    @property
-    def residuals(self) -> FloatArray:
-        """The residuals, shape (S, M)."""
-        ...
-
-    def linearise(self) -> tuple[FloatArray, FloatArray]:
-        """Return their derivatives by the unknowns, (S, M, k) and (S, M, r)."""
-        ...
-
-
 _OUTLYING = 3.0  # times the scatter of the residuals: from there on they count less
-CONVERGED = 1e-6  # relative decrease of the cost, in two steps
+CONVERGED = 1e-6  # relative decrease of the cost in the last step
 _MAX_DAMPING = 1e10
+
+
+class Point(NamedTuple):
+    """The residuals for some values of the unknowns, and what returns their derivatives."""
+
+    residuals: FloatArray  # (S, M)
+    linearise: Callable[[], tuple[FloatArray, FloatArray]]  # by the unknowns: (S, M, k), (S, M, r)
+
+
+class _Normal(NamedTuple):
+    """The normal equations: common unknowns p, those of each segment s."""
+
+    pp: FloatArray  # (k, k)
+    sp: FloatArray  # (S, r, k)
+    ss: FloatArray  # (S, r, r)
+    p: FloatArray  # (k,): half the gradient of the squares, as below
+    s: FloatArray  # (S, r)
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What `solve` found.
+    """Values of the unknowns, best ones where `solve` returns it.
 
     Attributes
     ----------
@@ -39,36 +46,74 @@ class Solution:
         The common unknowns.
     states : ndarray, shape (S, r)
         The unknowns of each segment.
-    residuals : ndarray, shape (S, M)
-    weights : ndarray, shape (S, M)
-        How much each residual counts, 1 for a small one, and 0 where there is none.
-    by_state : ndarray, shape (S, M, r)
-        Derivatives of the residuals by the unknowns of each segment.
-    projected : ndarray, shape (S, M, k)
-        Derivatives of the residuals by the common unknowns, the others following at their best.
+    point : Point
+        The residuals there.
+    counted : ndarray, shape (S, M)
+        1 where there is a residual, 0 where not.
     """
 
     fitted: FloatArray
     states: FloatArray
-    residuals: FloatArray
-    weights: FloatArray
-    by_state: FloatArray
-    projected: FloatArray
+    point: Point
+    counted: FloatArray
+
+    @property
+    def residuals(self) -> FloatArray:
+        """The residuals, shape (S, M)."""
+        return self.point.residuals
+
+    @cached_property
+    def scatter(self) -> float:
+        """The `deviation` of the residuals, never quite zero."""
+        return max(float(deviation(self.residuals[self.counted > 0.0])), 1e-12)
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """How much each residual counts, 1 for a small one, and 0 where there is none, (S, M)."""
+        return self.counted / np.sqrt(1.0 + (self.residuals / (_OUTLYING * self.scatter)) ** 2)
 
     @property
     def rms(self) -> float:
         """Root mean square of the residuals, each as much as it counts."""
         return float(np.sqrt(np.sum(self.weights * self.residuals**2) / np.sum(self.weights)))
 
+    @cached_property
+    def slopes(self) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the residuals by both kinds of unknowns, (S, M, k) and (S, M, r)."""
+        return self.point.linearise()
 
-def scatter(residuals: FloatArray, counted: FloatArray) -> float:
-    """Return the `deviation` of the residuals that count, never quite zero."""
-    return max(float(deviation(residuals[counted > 0.0])), 1e-12)
+    @property
+    def projected(self) -> FloatArray:
+        """Derivatives by the common unknowns, the others following at their best, (S, M, k)."""
+        by_fitted, by_state = self.slopes
+        return by_fitted - by_state @ np.linalg.solve(self._normal.ss, self._normal.sp)
 
+    @cached_property
+    def _normal(self) -> _Normal:
+        by_fitted, by_state = self.slopes
+        p, s = (slopes * self.weights[..., None] for slopes in (by_fitted, by_state))
+        f, rows = self.residuals[..., None], (self.weights.size, p.shape[2])
+        p_rows, s_columns = p.reshape(rows), s.swapaxes(1, 2)
+        return _Normal(
+            p_rows.T @ by_fitted.reshape(rows), s_columns @ by_fitted, s_columns @ by_state,
+            p_rows.T @ f.ravel(), (s_columns @ f)[..., 0],
+        )  # fmt: skip
 
-def deviation(errors: FloatArray) -> FloatArray:
-    """Return the standard deviation along axis 0 by the median: outliers do not matter to it."""
-    return 1.4826 * np.median(np.abs(errors), axis=0)
+    def step(self, damping: float, least: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return changes of the unknowns that lead down, of the common ones not below `least`."""
+        pp, sp, ss, p, s = self._normal
+        both = np.linalg.solve(_damped(ss, damping), np.concatenate([sp, s[..., None]], axis=-1))
+        inner: FloatArray = _damped(pp, damping) - np.einsum("sij,sik->jk", sp, both[..., :-1])
+        right: FloatArray = np.einsum("sij,si->j", sp, both[..., -1]) - p
+        factor: FloatArray = np.asarray(np.linalg.cholesky(inner), np.float64)
+        change = bounded(factor.T, solve_triangular(factor, right, lower=True), least)
+        return change, -both[..., -1] - both[..., :-1] @ change
+
+    def cost(self, limit: float) -> float:
+        """Return half the sum of rho(residual^2), of `solve`, in units of `limit`."""
+        if not np.all(np.isfinite(self.residuals)):
+            return np.inf
+        return float(np.sum(np.sqrt(1.0 + (self.residuals / limit) ** 2) - 1.0))
 
 
 def solve(
@@ -106,85 +151,44 @@ def solve(
     Solution or None
         None if there is no motion at the start.
     """
-    fitted, states = start
-    point = evaluate(fitted, states)
-    damping, small = 1e-3, 0
+    point, damping = evaluate(*start), 1e-3
+    if point is None:
+        return None
+    best = Solution(*start, point, counted)
     for _ in range(iterations):
-        if point is None:
-            return None
-        f = point.residuals
-        c = _OUTLYING * scatter(f, counted)
-        cost = _cost(f, c)
-        system = _Normal(f, *point.linearise(), counted * _weights(f, c))
+        limit, before = _OUTLYING * best.scatter, damping
+        cost = best.cost(limit)
         while damping < _MAX_DAMPING:
-            change, changes = system.step(damping, lower - fitted)
-            new = np.maximum(fitted + change, lower), states + changes
-            there = evaluate(*new)
-            if there is not None and _cost(there.residuals, c) < cost:
+            change, changes = best.step(damping, lower - best.fitted)
+            there = np.maximum(best.fitted + change, lower), best.states + changes
+            point = evaluate(*there)
+            new = None if point is None else Solution(*there, point, counted)
+            gain = -math.inf if new is None else cost - new.cost(limit)
+            if new is not None and gain > 0.0:
                 break
             damping *= 8.0
         else:
             break
-        gain = 1.0 - _cost(there.residuals, c) / cost
-        (fitted, states), point = new, there
-        damping = max(damping / 8.0, 1e-9)
-        small = small + 1 if gain < converged else 0
-        if small == (2 if converged <= CONVERGED else 1):
+        best = new
+        if gain < converged * cost:
             break
-    if point is None:
-        return None
-    f, (by_fitted, by_state) = point.residuals, point.linearise()
-    weights = counted * _weights(f, _OUTLYING * scatter(f, counted))
-    projected = _Normal(f, by_fitted, by_state, weights).project()
-    return Solution(fitted, states, f, weights, by_state, projected)
+        if damping == before:  # the first try was good
+            damping = max(damping / 8.0, 1e-9)
+    return best
 
 
-def _weights(f: FloatArray, c: float) -> FloatArray:
-    return 1.0 / np.sqrt(1.0 + (f / c) ** 2)
+def deviation(errors: FloatArray) -> FloatArray:
+    """Return the standard deviation along axis 0 by the median: outliers do not matter to it."""
+    return 1.4826 * np.median(np.abs(errors), axis=0)
 
 
-def _cost(f: FloatArray, c: float) -> float:
-    if not np.all(np.isfinite(f)):
-        return np.inf
-    return float(np.sum(np.sqrt(1.0 + (f / c) ** 2) - 1.0))
-
-
-class _Normal:
-    """The normal equations: common unknowns p, those of each segment s."""
-
-    def __init__(
-        self, f: FloatArray, by_fitted: FloatArray, by_state: FloatArray, weights: FloatArray
-    ) -> None:
-        self._by_fitted, self._by_state = by_fitted, by_state
-        self._weighted = by_state * weights[..., None]
-        weighted = by_fitted * weights[..., None]
-        rows = weights.size, by_fitted.shape[2]
-        self.pp = weighted.reshape(rows).T @ by_fitted.reshape(rows)
-        self.ss = self._weighted.swapaxes(1, 2) @ by_state
-        self.sp = self._weighted.swapaxes(1, 2) @ by_fitted
-        self.gradient = np.einsum("smi,sm->i", weighted, f)
-        self.gradients = np.einsum("smi,sm->si", self._weighted, f)
-
-    def step(self, damping: float, least: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the changes of the unknowns, those of the common ones not below `least`."""
-        ss = _damped(self.ss, damping)
-        both = np.linalg.solve(ss, np.concatenate([self.sp, self.gradients[..., None]], axis=-1))
-        pp = _damped(self.pp, damping) - np.einsum("sij,sik->jk", self.sp, both[..., :-1])
-        right = -self.gradient + np.einsum("sij,si->j", self.sp, both[..., -1])
-        change = np.zeros_like(right)
-        bound = (least >= 0.0) & (right < 0.0)
-        for _ in range(right.size + 1):  # once more for each that comes to its bound
-            change[bound], free = least[bound], ~bound
-            rest = right[free] - pp[np.ix_(free, bound)] @ change[bound]
-            change[free] = np.linalg.solve(pp[np.ix_(free, free)], rest)
-            if np.all(change >= least):
-                break
-            bound |= change < least
-        return change, -both[..., -1] - both[..., :-1] @ change
-
-    def project(self) -> FloatArray:
-        """Return the derivatives by the common unknowns, the others following at their best."""
-        return self._by_fitted - self._by_state @ np.linalg.solve(self.ss, self.sp)
+def bounded(matrix: FloatArray, right: FloatArray, lower: FloatArray) -> FloatArray:
+    """Return the x not below `lower` for which `matrix` x is closest to `right`."""
+    if not lower.size:
+        return lower
+    size = np.linalg.norm(matrix, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    return lsq_linear(matrix / size, right, (lower * size, np.inf), method="bvls").x / size
 
 
 def _damped(matrix: FloatArray, damping: float) -> FloatArray:

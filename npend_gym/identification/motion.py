@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -55,8 +56,40 @@ class Motion:
         same = np.diff(self.piece) == 0
         typical = float(np.median(intervals[same])) if same.any() else 0.0
         breaks = np.flatnonzero(~same | (intervals > _GAP * typical)) + 1
-        edges = [0, *breaks.tolist(), self.times.size]
-        return [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_ROWS]
+        return _between([0, *breaks.tolist(), self.times.size])
+
+    def cut(self, stretches: Sequence[slice], duration: float) -> list[slice]:
+        """Return the rows of stretches, each cut into equal parts of at most `duration` [s]."""
+        out: list[slice] = []
+        for rows in stretches:
+            times = self.times[rows] - self.times[rows.start]
+            parts = max(1, math.ceil(times[-1] / duration - 0.05))  # rather one that is 5 % longer
+            shares = [float(times[-1]) * k / parts for k in range(1, parts)]
+            inner = [rows.start + int(row) for row in np.searchsorted(times, shares)]
+            out += _between([rows.start, *inner, rows.stop])
+        return out
+
+    def period(self, most: float = math.inf) -> float:
+        """Return 2 pi times the median deviation of the angles over the median speed [s].
+
+        It is the period of a swing that is a sine. Deviations above `most` [rad] count as that.
+        """
+        periods: list[float] = []
+        for rows in self.stretches():
+            theta = self.theta[rows]
+            rates = np.diff(theta, axis=0) / np.diff(self.times[rows])[:, None]
+            speed = np.median(np.abs(rates), axis=0)
+            away = np.median(np.abs(theta - np.median(theta, axis=0)), axis=0)
+            moving = (speed > 0.0) & (away > 0.0)
+            periods += (2.0 * np.pi * np.minimum(away, most)[moving] / speed[moving]).tolist()
+        if not periods:
+            raise ValueError("theta must move, but each measured angle is at rest most of the time")
+        return float(np.median(periods))
+
+
+def _between(edges: Sequence[int]) -> list[slice]:
+    """Return the rows between these edges, where there are enough."""
+    return [slice(a, b) for a, b in pairwise(edges) if b - a >= MIN_ROWS]
 
 
 def check_motion(

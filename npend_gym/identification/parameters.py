@@ -160,6 +160,15 @@ class Model:
                 out[name][k, link] = 1.0
         return out
 
+    def chain_errors(self, chain: Chain, covariance: FloatArray) -> dict[str, FloatArray]:
+        """Return standard errors of parameters of `chain`, by the covariance of what is fitted."""
+        return {
+            name: np.sqrt(
+                np.einsum("ki,kl,li->i", slope, covariance[: len(slope), : len(slope)], slope)
+            )
+            for name, slope in self.directions(chain).items()
+        }
+
     def chain_of(self, values: FloatArray) -> Chain:
         """Return the `possible_chain`; ValueError if there is none."""
         chain = self.possible_chain(values)

@@ -11,7 +11,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import INERTIA, LIFT, Model, values_of
-from npend_gym.identification.stages import Fit, Stages, typical_period
+from npend_gym.identification.stages import Fit, Stages
 
 _UNLIKELY, _IMPOSSIBLE = 10.0, 100.0  # times the expected period: milliseconds give 1000
 _AIR = 1.2  # kg/m^3, its density
@@ -47,7 +47,7 @@ def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
     UserWarning
         If it differs by a factor above 10.
     """
-    values, measured = values_of(chain), typical_period(motion, most=np.pi)
+    values, measured = values_of(chain), motion.period(most=np.pi)
     lift = chain.gravity * np.abs(values[LIFT])
     if not np.all(lift > 0.0):  # nothing makes such a link swing
         return
@@ -78,7 +78,7 @@ def warn_of_other_angles(motion: Motion, model: Model, fitted: Fit) -> None:
     for convert, meaning in _READINGS:
         stages = Stages(replace(motion, theta=convert(motion.theta)), model)
         try:
-            other = stages.fit_once(fitted.segments.rows)
+            other = stages.fit_once(fitted.rows)
         except (RuntimeError, np.linalg.LinAlgError):
             continue
         if other is not None and other.rmse * _BETTER < fitted.rmse:

@@ -19,7 +19,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.identification.motion import Motion, check_motion
 
 _MAX_CELLS = 50_000_000
-_ANGLE, _TORQUE = re.compile(r"theta(\d{1,9})", re.ASCII), re.compile(r"tau(\d{1,9})", re.ASCII)
+_NUMBERED = re.compile(r"(theta|tau)\d{1,9}", re.ASCII)
 
 
 def read_motion(
@@ -109,95 +109,86 @@ def _check_columns(columns: object) -> dict[str, str]:
 
 
 def _is_read(name: str) -> bool:
-    return name in ("time", "piece") or bool(_ANGLE.fullmatch(name) or _TORQUE.fullmatch(name))
+    return name in ("time", "piece") or bool(_NUMBERED.fullmatch(name))
 
 
 def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
-    names, cells = _read_cells(path, columns)
+    table = _read_table(path, columns)
     for name in ("time", "theta0"):
-        if name not in names:
+        if name not in table:
             raise ValueError(
-                f"{path} must have the column {name}, got {_checks.show(', '.join(names))}: the "
+                f"{path} must have the column {name}, got {_checks.show(', '.join(table))}: the "
                 "columns are time, theta0, theta1, ..., and may be tau0, ... and piece; other "
                 "names are given by columns"
             )
-    theta = cells[:, _numbered(_ANGLE, names, path)]
-    torques = _numbered(_TORQUE, names, path)
-    if len(torques) > theta.shape[1]:
-        raise ValueError(f"{path} must have an angle for each torque, got {', '.join(names)}")
-    torque = None
-    if torques:
-        torque = np.zeros_like(theta)
-        torque[:, : len(torques)] = cells[:, torques]
-    theta = np.radians(theta) if degrees else theta
-    theta = np.cumsum(theta, axis=1) if relative else theta
-    piece = cells[:, names.index("piece")] if "piece" in names else None
+    theta, torques = (_numbered(kind, table, path) for kind in ("theta", "tau"))
+    if len(torques) > len(theta):
+        raise ValueError(f"{path} must have an angle for each torque, got {', '.join(table)}")
+    at_rest = [np.zeros_like(table["time"])] * (len(theta) - len(torques))
+    torque = np.column_stack([*torques, *at_rest]) if torques else None
+    angles = np.column_stack(theta)
+    angles = np.radians(angles) if degrees else angles
+    angles = np.cumsum(angles, axis=1) if relative else angles
     try:
-        return check_motion(cells[:, names.index("time")], theta, torque, piece)
+        return check_motion(table["time"], angles, torque, table.get("piece"))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _numbered(pattern: re.Pattern[str], names: list[str], path: object) -> list[int]:
-    """Return the places of the columns that are numbered from 0 on, in their order."""
-    found = {int(m[1]): k for k, name in enumerate(names) if (m := pattern.fullmatch(name))}
-    if sorted(found) != list(range(len(found))):
+def _numbered(kind: str, table: dict[str, FloatArray], path: Path) -> list[FloatArray]:
+    """Return the columns of a kind, which are numbered from 0 on, in their order."""
+    names = {name for name in table if (m := _NUMBERED.fullmatch(name)) and m[1] == kind}
+    expected = [f"{kind}{k}" for k in range(len(names))]
+    if names != set(expected):
         raise ValueError(
-            f"{path} must number columns from 0 on without a gap, got {', '.join(names)}"
+            f"{path} must number columns from 0 on without a gap, got {', '.join(table)}"
         )
-    return [found[k] for k in range(len(found))]
+    return [table[name] for name in expected]
 
 
-def _renamed(names: list[str], columns: dict[str, str], path: Path) -> list[str]:
-    """Return names as ours; a column whose name is taken by another is not read."""
-    missing = columns.keys() - set(names)
-    if missing:
-        raise ValueError(
-            f"{path} has no column {_checks.show(min(missing))}: it has "
-            f"{_checks.show(', '.join(names))}"
-        )
-    taken = set(columns.values())
-    return [columns.get(name, "" if name in taken else name) for name in names]
-
-
-def _read_cells(path: Path, columns: dict[str, str]) -> tuple[list[str], FloatArray]:
-    """Return the names of the columns and the numbers below them, those that are read."""
+def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
+    """Return the columns by our names; those that are not read are empty."""
     if path.exists() and not path.is_file():  # a FIFO would wait for ever
         raise ValueError(f"{path} is no file")
     with path.open(encoding="utf-8-sig", newline="") as file:
         lines = csv.reader(file)
         try:
-            names = [name.strip() for name in next(lines, list[str]())]
-            if len(set(names)) < len(names):
-                raise ValueError(f"{path} must name each column once, got {', '.join(names)}")
-            names = _renamed(names, columns, path)
-            wanted = [_is_read(name) for name in names]
-            cells = array("d")  # eight bytes each, where a list takes forty
-            for line in lines:
-                if any(line):
-                    cells.extend(_numbers(path, lines.line_num, names, wanted, line))
-                    if len(cells) > _MAX_CELLS:
-                        raise ValueError(f"{path} must have at most {_MAX_CELLS} cells")
+            names = _names([name.strip() for name in next(lines, list[str]())], columns, path)
+            cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
+            for line in filter(any, lines):
+                where = f"{path}, line {lines.line_num}"
+                if len(line) != len(names):
+                    raise ValueError(f"{where}: {len(names)} cells are needed, got {len(line)}")
+                for k, column in cells.items():  # eight bytes each, where a list takes forty
+                    column.append(_number(line[k], names[k], where))
+                if lines.line_num * len(names) > _MAX_CELLS:
+                    raise ValueError(f"{path} must have at most {_MAX_CELLS} cells")
         except (UnicodeDecodeError, csv.Error) as error:
             raise ValueError(f"{path} must be a CSV file in UTF-8: {error}") from error
-    return names, np.array(cells).reshape(-1, max(1, len(names)))
+    return {name: np.array(cells.get(k, ())) for k, name in enumerate(names)}
 
 
-def _numbers(
-    path: Path, number: int, names: list[str], wanted: list[bool], line: list[str]
-) -> list[float]:
-    if len(line) != len(names):
-        raise ValueError(f"{path}, line {number}: {len(names)} cells are needed, got {len(line)}")
-    out = [0.0] * len(line)
-    for k, (cell, name) in enumerate(zip(line, names, strict=True)):
-        if wanted[k]:
-            try:
-                out[k] = float(cell)
-            except ValueError:
-                out[k] = math.nan
-            if not math.isfinite(out[k]):
-                raise ValueError(
-                    f"{path}, line {number}: {name} must be a number, got {_checks.show(cell)}; "
-                    "leave out rows without a value, gaps are allowed"
-                )
-    return out
+def _names(given: list[str], columns: dict[str, str], path: Path) -> list[str]:
+    """Return names of columns as ours; a column whose name is taken by another is not read."""
+    if len(set(given)) < len(given):
+        raise ValueError(f"{path} must name each column once, got {', '.join(given)}")
+    missing, taken = columns.keys() - set(given), set(columns.values())
+    if missing:
+        raise ValueError(
+            f"{path} has no column {_checks.show(min(missing))}: it has "
+            f"{_checks.show(', '.join(given))}"
+        )
+    return [columns.get(name, f"({name})" if name in taken else name) for name in given]
+
+
+def _number(cell: str, name: str, where: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(
+            f"{where}: {name} must be a number, got {_checks.show(cell)}; "
+            "leave out rows without a value, gaps are allowed"
+        )
+    return value

@@ -16,13 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
-from scipy.optimize import lsq_linear
+from scipy.interpolate import LSQUnivariateSpline
 
 from npend_gym._checks import FloatArray
-from npend_gym.identification.least_squares import deviation
+from npend_gym.identification.least_squares import bounded, deviation
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import (
     ARMATURE,
@@ -55,11 +52,6 @@ class Smooth:
     theta: FloatArray
     omega: FloatArray
 
-    def states(self, parts: Sequence[slice]) -> FloatArray:
-        """Return the first state of each part, shape (S, 2n)."""
-        rows = [part.start for part in parts]
-        return np.hstack([self.theta[rows], self.omega[rows]])
-
 
 def smooth(motion: Motion, width: float) -> Smooth:
     """Return splines of a motion for bumps of `width` [s]."""
@@ -68,35 +60,16 @@ def smooth(motion: Motion, width: float) -> Smooth:
         times = motion.times[rows]
         most = max(1, (times.size - 2 * _DEGREE) // 2)
         parts = max(1, min(most, round(_KNOTS * (times[-1] - times[0]) / width)))
-        inner = np.quantile(times, np.arange(1, parts) / parts)  # rows on both sides of every knot
-        ends = [times[0]] * (_DEGREE + 1), [times[-1]] * (_DEGREE + 1)
-        knots = np.concatenate([ends[0], inner, ends[1]])
+        knots = np.quantile(times, np.arange(1, parts) / parts)  # with rows on both sides of each
         for link in range(motion.links):
-            spline = _robust_spline(times, motion.theta[rows, link], knots)
-            theta[rows, link], omega[rows, link] = spline(times), spline.derivative()(times)
+            measured, weights = motion.theta[rows, link], np.ones(times.size)
+            for _ in range(_REWEIGHTED):  # outliers lose their weight
+                spline = LSQUnivariateSpline(times, measured, knots, weights, k=_DEGREE)
+                theta[rows, link], omega[rows, link] = spline(times), spline(times, 1)
+                away = theta[rows, link] - measured
+                usual = max(3.0 * float(deviation(away)), 1e-12)
+                weights = 1.0 / (1.0 + (away / usual) ** 2)
     return Smooth(width, theta, omega)
-
-
-def _robust_spline(times: FloatArray, measured: FloatArray, knots: FloatArray) -> BSpline:
-    """Return the spline with these knots that fits best, where outliers lose their weight."""
-    matrix = BSpline.design_matrix(times, knots, _DEGREE)
-    size, order = matrix.shape[1], _DEGREE + 1
-    values: FloatArray = np.asarray(matrix.data, np.float64).reshape(-1, order)
-    columns: NDArray[np.int64] = np.asarray(matrix.indices, np.int64).reshape(-1, order)
-    # products of two splines, and where they are added up in the band of the normal equations
-    a, b = np.triu_indices(order)
-    products, places = values[:, a] * values[:, b], (_DEGREE - (b - a)) * size + columns[:, b]
-    weights, coefficients = np.ones_like(measured), np.zeros(size)
-    for _ in range(_REWEIGHTED):
-        squares = weights[:, None] ** 2
-        band = np.bincount(places.ravel(), (squares * products).ravel(), order * size)
-        right = values * (squares * measured[:, None])
-        right = np.bincount(columns.ravel(), right.ravel(), size)
-        coefficients = solveh_banded(band.reshape(order, size), right)
-        away = (values * coefficients[columns]).sum(axis=1) - measured
-        usual = max(3.0 * float(deviation(away)), 1e-12)
-        weights = 1.0 / (1.0 + (away / usual) ** 2)
-    return BSpline(knots, coefficients, _DEGREE)
 
 
 def regress(
@@ -119,6 +92,8 @@ def regress(
     known = model.known.copy()
     wanted = model.free.copy()
     wanted[[LENGTH, OFFSET]] = False
+    if not wanted.any():  # the equations are linear in nothing that is fitted
+        return known
     unknown = matrix[..., wanted]
     vector = vector - np.einsum("bijk,jk->bi", matrix, np.where(wanted, 0.0, known))
     if not vector.any() or vector.size < unknown.shape[-1]:
@@ -128,22 +103,12 @@ def regress(
     lower = Model(model.chain, known, wanted).lower
     for _ in range(10):  # each link's equations by their own scatter, outliers counted less
         rows = (unknown * weights[..., None]).reshape(-1, fitted.size)
-        size = np.linalg.norm(rows, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
-        fitted = _bounded(rows / size, (vector * weights).ravel(), lower * size) / size
+        fitted = bounded(rows, (vector * weights).ravel(), lower)
         away = unknown @ fitted - vector
         spread = np.maximum(deviation(away), least)
         weights = (1.0 + (away / (3.0 * spread)) ** 2) ** -0.25 / spread
     known[wanted] = fitted
     return known
-
-
-def _bounded(matrix: FloatArray, right: FloatArray, lower: FloatArray) -> FloatArray:
-    """Return the solution of least squares that is not below its bounds."""
-    _, factor = np.linalg.qr(np.column_stack([matrix, right]))
-    reduced = matrix.shape[1]
-    least = factor[:reduced, :reduced], factor[:reduced, reduced]
-    return lsq_linear(*least, (lower, np.inf), method="bvls").x
 
 
 def _equations(

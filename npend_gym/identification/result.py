@@ -31,10 +31,9 @@ class Identification:
         Standard errors of parameters of `chain` by name, the masses taken as exact.
     offsets : ndarray, shape (n,)
         Measured less true angles [rad]; zero where they were not fitted.
-    held_out_rmse, given_rmse, fitted_rmse : float
-        Root mean square error of all angles [rad]: of the fitted chain and of the given one over
-        the segments that were held out, and of the fitted one over those that were fitted. NaN
-        where there are none. Each segment's first state is fitted.
+    given_rmse : float
+        Root mean square error of all angles [rad] of the given chain over the segments that were
+        held out, each segment's first state being fitted. NaN where there are none.
     segments : tuple of dict
         For each segment: "piece", "start" and "end" [s], "held_out", "rmse" and "given_rmse".
     outliers : ndarray, bool, shape (T, n)
@@ -64,9 +63,7 @@ class Identification:
     correlation: FloatArray
     chain_errors: dict[str, FloatArray]
     offsets: FloatArray
-    held_out_rmse: float
     given_rmse: float
-    fitted_rmse: float
     segments: tuple[dict[str, Any], ...]
     outliers: BoolArray
     residuals: FloatArray
@@ -75,11 +72,19 @@ class Identification:
     provenance: dict[str, Any]
 
     @property
+    def held_out_rmse(self) -> float:
+        """Root mean square error of the angles of the held-out segments [rad]; NaN without them."""
+        return _rms(self.residuals[self.held_out])
+
+    @property
+    def fitted_rmse(self) -> float:
+        """The same of the segments that were fitted [rad]."""
+        return _rms(self.residuals[~self.held_out])
+
+    @property
     def clean_rmse(self) -> float:
         """The error `held_out_rmse` without outliers [rad]."""
-        errors = self.residuals[self.held_out[:, None] & ~self.outliers]
-        errors = errors[np.isfinite(errors)]
-        return float(np.sqrt(np.mean(errors**2))) if errors.size else math.nan
+        return _rms(self.residuals[self.held_out[:, None] & ~self.outliers])
 
     def rows(self) -> list[tuple[str, str, float, float]]:
         """Return name, unit, value and standard error of each fitted value."""
@@ -114,6 +119,11 @@ class Identification:
             "undetermined": list(self.undetermined),
             "provenance": self.provenance,
         }
+
+
+def _rms(errors: FloatArray) -> float:
+    errors = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else math.nan
 
 
 def _plain(value: Any) -> Any:

@@ -3,49 +3,89 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicHermiteSpline
 
-from npend_gym import _checks
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.identification.least_squares import Point
+from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import OFFSET, Model
-from npend_gym.identification.segments import Segments
+from npend_gym.physics.derivatives import DifferentiableEnsemble
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.multiple_steps import angles_between
-from npend_gym.physics.motions import Motions
 from npend_gym.physics.substeps import default_substeps
 
 _NUMBERS = 4_000_000  # of the derivatives at all nodes, that are kept at a time
 
 
 class Shooting:
-    """Simulated motions of segments, as functions of what is fitted.
+    """Segments of a measured motion side by side, and their simulation.
 
-    Between the nodes of the grid angles are those of the cubic that has the angles and angular
-    velocities of both.
+    Each segment is simulated in equal steps from its first row on, under the mean torque in each
+    step. Between two nodes of this grid angles are those of the cubic that has the angles and
+    angular velocities of both.
 
     Parameters
     ----------
     model : Model
-    segments : Segments
+    motion : Motion
+    rows : sequence of slice
+        The rows of the S segments in the motion.
+    longest : float
+        Longest step of the grid [s]: the step is a multiple of the median interval of the rows, or
+        an equal part of it.
     rate : float
         Substeps in a second, at least.
+
+    Attributes
+    ----------
+    measured : ndarray, bool, shape (S, M)
+        Whether there is such a row: segments are filled up to M rows.
     """
 
-    def __init__(self, model: Model, segments: Segments, rate: float) -> None:
-        self.model, self.segments, self._least = model, segments, segments.step * rate
-        self._values, self._chain, self._motions = np.empty(0), None, None  # of the last motions
-        at = segments.times / segments.step
-        self._node = np.minimum(at.astype(np.int64), len(segments.torque) - 1)
-        x = at - self._node
-        fallen, h = x * x * (3.0 - 2.0 * x), segments.step
-        slopes = h * x * (1.0 - x) ** 2, h * x * x * (x - 1.0)
-        self._weights = np.stack([1.0 - fallen, slopes[0], fallen, slopes[1]], axis=-1)
+    def __init__(
+        self, model: Model, motion: Motion, rows: Sequence[slice], longest: float, rate: float
+    ) -> None:
+        self.model, self.rows = model, list(rows)
+        counts = np.array([each.stop - each.start for each in rows])
+        self.measured: BoolArray = np.arange(int(counts.max())) < counts[:, None]
+        times = self._side_by_side(motion.times)
+        self._times: FloatArray = np.where(self.measured, times - times[:, :1], 0.0)
+        self._theta = self._side_by_side(motion.theta)
+        interval = float(np.median(np.diff(self._times, axis=1)[self.measured[:, 1:]]))
+        several = math.floor(longest / interval + 1e-9)
+        parts = 1 if several else math.ceil(interval / longest - 1e-9)
+        self._step = max(1, several) * interval / parts
+        self._least = self._step * rate
+        self._ensembles = dict[int, DifferentiableEnsemble]()  # by their size
+        steps = math.ceil(float(self._times.max()) / self._step - 1e-6)
+        self._joints = range(1 if motion.torque is None else motion.links)
+        self._torque = np.zeros((steps, len(self.rows), len(self._joints)))
+        if motion.torque is not None:
+            edges = np.arange(steps + 1) * self._step
+            for k, each in enumerate(self.rows):
+                at = self._times[k, : counts[k]]
+                impulse = cumulative_trapezoid(motion.torque[each], at, axis=0, initial=0)
+                for joint in self._joints:
+                    reached = np.interp(edges, at, impulse[:, joint])
+                    self._torque[:, k, joint] = np.diff(reached) / self._step
 
-    def simulate(self, fitted: FloatArray, states: FloatArray) -> Simulated | None:
-        """Return the motions of all segments.
+    def _side_by_side(self, values: FloatArray) -> FloatArray:
+        """Return the rows of the segments, (S, M, ...), of values of the whole motion."""
+        out = np.zeros((*self.measured.shape, *values.shape[1:]))
+        out[self.measured] = values[np.r_[tuple(self.rows)]]
+        return out
+
+    def simulate(self, fitted: FloatArray, states: FloatArray) -> Point | None:
+        """Return simulated less measured angles [rad], (S, M n), zero where none is measured.
+
+        Their derivatives are the exact ones of the Runge-Kutta steps that were taken. None where no
+        chain has these values, or one leaves all bounds.
 
         Parameters
         ----------
@@ -53,86 +93,76 @@ class Shooting:
             As `Model.pack` returns them.
         states : ndarray, shape (S, 2n)
             First angles and angular velocities of each segment.
-
-        Returns
-        -------
-        Simulated or None
-            None where no chain has these values, or one leaves all bounds.
         """
         values = self.model.unpack(fitted)
-        if not np.array_equal(values, self._values):
-            self._values, self._chain = values, self.model.possible_chain(values)
-            self._motions = None if self._chain is None else self._motions_of(self._chain)
-        chain, motions = self._chain, self._motions
-        if chain is None or motions is None:
+        chain, (theta, omega) = self.model.possible_chain(values), np.split(states, 2, axis=1)
+        bounded = np.abs(theta).max() <= MAX_ANGLE and np.abs(omega).max() <= MAX_SPEED
+        if chain is None or not bounded:
             return None
-        nodes = motions.states(states.reshape(len(states), 2, -1), self.segments.torque)
-        largest = np.abs(nodes).max(axis=(0, 1, 3))
-        if not (largest[0] <= MAX_ANGLE and largest[1] <= MAX_SPEED):  # or NaN
+        ensemble = self._ensemble(chain, theta, omega)
+        substeps = max(math.ceil(self._least), default_substeps(chain, self._step))
+        nodes = ensemble.rollout(self._torque, self._step, substeps)
+        if ensemble.diverged.any():
             return None
-        return Simulated(self, chain, motions, nodes, values[OFFSET])
+        away = self._at_rows(*nodes) + values[OFFSET] - self._theta
+        residuals = np.where(self.measured[..., None], away, 0.0).reshape(len(away), -1)
+        return Point(residuals, partial(self._linearise, chain, substeps, *nodes))
 
-    def _motions_of(self, chain: Chain) -> Motions:
-        substeps = max(math.ceil(self._least), default_substeps(chain, self.segments.step))
-        # with some friction, however small, one kind of kernel is compiled for all models
-        some = chain.friction + _checks.SMALLEST
-        return Motions(chain.repeated(1, friction=some[None]), self.segments.step, substeps)
+    def _ensemble(
+        self, chain: Chain, theta: FloatArray, omega: FloatArray
+    ) -> DifferentiableEnsemble:
+        """Return copies of a chain in these states, (B, n), ready to be advanced."""
+        size = len(theta)
+        if size not in self._ensembles:
+            rubbing = Chain.from_dict(chain.as_dict() | {"friction": 1.0})  # the most general kind
+            self._ensembles[size] = DifferentiableEnsemble(rubbing, size, joints=self._joints)
+        ensemble = self._ensembles[size]
+        ensemble.set_chain(slice(None), chain.repeated(size))
+        ensemble.set_state(slice(None), theta, omega)
+        return ensemble
 
-    def angles(self, nodes: FloatArray, span: slice = slice(None)) -> FloatArray:
-        """Return angles at the measured times, or D changes of them, (S, M, n, D).
+    def _at_rows(self, theta: FloatArray, omega: FloatArray, first: int = 0) -> FloatArray:
+        """Return angles, or changes of them, at the rows of s segments from the `first` on.
 
-        `nodes` (T + 1, S, D, 2, n) are states at the nodes of the grid, of some segments.
+        `theta` and `omega`, (nodes, s, ...), are those at the nodes; the result is (s, M, ...).
         """
-        node, weights = self._node[span], self._weights[span]
-        out = np.empty((*node.shape, nodes.shape[4], nodes.shape[2]))
-        angles_between(nodes, node, weights, out)
-        return out
+        nodes, count = len(theta), int(theta.shape[1])
+        angles, rates = (m.swapaxes(0, 1).reshape(nodes * count, -1) for m in (theta, omega))
+        instants = np.arange(float(nodes * count)) * self._step  # one segment after the other
+        curve = CubicHermiteSpline(instants, angles, rates)
+        at = self._times[first : first + count] + instants[::nodes, None]
+        return curve(at).reshape(*at.shape, *theta.shape[2:])
 
+    def _linearise(
+        self, chain: Chain, substeps: int, theta: FloatArray, omega: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives by what is fitted, and by the first states.
 
-class Simulated:
-    """Simulated motions of the segments of a `Shooting`.
-
-    Attributes
-    ----------
-    residuals : ndarray, shape (S, M n)
-        Simulated less measured angles [rad]; zero where none is measured.
-    """
-
-    def __init__(
-        self,
-        shooting: Shooting,
-        chain: Chain,
-        motions: Motions,
-        nodes: FloatArray,
-        offsets: FloatArray,
-    ) -> None:
-        self._shooting, self._chain, self._motions, self._nodes = shooting, chain, motions, nodes
-        segments = shooting.segments
-        away = shooting.angles(nodes[:, :, None])[..., 0] + offsets - segments.theta
-        self.residuals = np.where(segments.measured[..., None], away, 0.0).reshape(len(away), -1)
-
-    def linearise(self) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the residuals by what is fitted and by the first states.
-
-        Returns
-        -------
-        tuple of ndarray, shapes (S, M n, k) and (S, M n, 2n)
-            Exact ones of the Runge-Kutta steps that were taken.
+        The derivatives of a step by its own beginning do not wait for those of others. So all steps
+        of all segments are differentiated side by side, and the chain rule carries them on.
         """
-        shooting, segments, model = self._shooting, self._shooting.segments, self._shooting.model
-        directions = model.directions(self._chain)
-        (steps, size, n), rows = segments.torque.shape, segments.times.shape[1]
-        count = len(model.names) + 2 * n
-        out = np.empty((size, rows, n, count))
-        moving = 2 * n + len(directions["inertias"])  # what follows are offsets
-        out[..., moving:] = np.eye(n)[:, model.free[OFFSET]]
+        (steps, size, joints), (_, rows, n) = self._torque.shape, self._theta.shape
+        fitted, directions = len(self.model.names), self.model.directions(chain)
+        given = len(directions["inertias"])  # what follows are offsets
+        count = 2 * n + given
+        by_fitted, by_state = np.zeros((size, rows, n, fitted)), np.zeros((size, rows, n, 2 * n))
+        by_fitted[..., given:] = np.eye(n)[:, self.model.free[OFFSET]]
         chunk = max(1, _NUMBERS // ((steps + 1) * count * 2 * n))
-        for begin in range(0, size, chunk):
-            span = slice(begin, begin + chunk)
-            nodes = np.ascontiguousarray(self._nodes[:, span])
-            torque = np.ascontiguousarray(segments.torque[:, span])
-            changes = self._motions.sensitivities(nodes, torque, directions)
-            out[span, :, :, :moving] = shooting.angles(changes, span)
-        out[~segments.measured] = 0.0
-        flat = out.reshape(size, rows * n, count)
-        return flat[..., 2 * n :].copy(), flat[..., : 2 * n].copy()
+        for first in range(0, size, chunk):
+            span = slice(first, min(first + chunk, size))
+            before = theta[:-1, span].reshape(-1, n), omega[:-1, span].reshape(-1, n)
+            torque = self._torque[:, span].reshape(-1, joints)
+            step = self._ensemble(chain, *before).step_jacobian(
+                torque, self._step, substeps, parameters=directions if given else None
+            )
+            changes = np.empty((steps + 1, span.stop - first, 2 * n, count))
+            changes[0] = np.eye(2 * n, count)
+            by_start = step.A.reshape(*changes[1:].shape[:3], 2 * n)
+            own = step.C.reshape(*changes[1:].shape[:3], given)
+            for k in range(steps):
+                np.matmul(by_start[k], changes[k], out=changes[k + 1])
+                changes[k + 1, ..., 2 * n :] += own[k]
+            angles = self._at_rows(changes[:, :, :n], changes[:, :, n:], first)
+            by_state[span], by_fitted[span, ..., :given] = np.split(angles, [2 * n], axis=-1)
+        by_fitted[~self.measured] = by_state[~self.measured] = 0.0
+        return by_fitted.reshape(size, rows * n, fitted), by_state.reshape(size, rows * n, 2 * n)

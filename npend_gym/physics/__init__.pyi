@@ -1,7 +1,6 @@
 from npend_gym.physics.derivatives import DifferentiableEnsemble as DifferentiableEnsemble
 from npend_gym.physics.derivatives import StepGradient as StepGradient
 from npend_gym.physics.derivatives import StepJacobian as StepJacobian
-from npend_gym.physics.drives import Signal as Signal
 from npend_gym.physics.ensemble import Ensemble as Ensemble
 from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import tensions as tensions
@@ -21,5 +20,6 @@ from npend_gym.physics.mass import momentum_jacobian as momentum_jacobian
 from npend_gym.physics.recipe import Recipe as Recipe
 from npend_gym.physics.sensitivities import MotionGradient as MotionGradient
 from npend_gym.physics.sensitivities import Sensitivities as Sensitivities
+from npend_gym.physics.signals import Signal as Signal
 from npend_gym.physics.simulation import simulate as simulate
 from npend_gym.physics.trajectory import Trajectory as Trajectory

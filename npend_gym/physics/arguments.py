@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,13 @@ def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:
     if given.ndim == 0:
         return np.concatenate([[float(given)], np.zeros(n - 1)])
     return check_states(n, torque=given)[0]
+
+
+def check_inputs(chain: Chain, joints: Iterable[int]) -> list[int]:
+    """Return where the torques on `joints` stand among the loads, then the force on a cart."""
+    n = chain.n
+    wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
+    return wanted if chain.base is None else [*wanted, n]
 
 
 def check_limits(theta: FloatArray, omega: FloatArray) -> None:

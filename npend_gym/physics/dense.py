@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.physics.drives import varies
 from npend_gym.physics.functions import NAMES
 from npend_gym.physics.mechanism import AXIAL, PIVOT, mechanism_of
 from npend_gym.physics.motion import Motion
 from npend_gym.physics.recipe import AT_REST, Function, motion_of
+from npend_gym.physics.signals import varies
 from npend_gym.physics.trajectory import Trajectory
 
 

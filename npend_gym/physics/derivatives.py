@@ -22,11 +22,10 @@ from npend_gym.physics.directions import (
 )
 from npend_gym.physics.ensemble import Ensemble
 from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
+from npend_gym.physics.kernels.rk4 import TAPE_ROWS
 from npend_gym.physics.kernels.rk4_derivatives import (
-    STEP_ROWS,
     adjoint_many,
     adjoint_rows,
-    rates_many,
     tangent_rows,
     tangents_many,
 )
@@ -132,36 +131,6 @@ class DifferentiableEnsemble(Ensemble):
         parts = columns[..., :states], columns[..., states:last], columns[..., last:]
         return StepJacobian(theta, omega, *parts)
 
-    def acceleration_jacobian(
-        self,
-        torque: ArrayLike,
-        *,
-        force: ArrayLike = 0.0,
-        parameters: Mapping[str, ArrayLike] | None = None,
-    ) -> FloatArray:
-        """Return the derivatives of the accelerations in the present states.
-
-        Parameters
-        ----------
-        torque, force, parameters
-            As for `step_jacobian`.
-
-        Returns
-        -------
-        ndarray, shape (B, c, 2c + number of joints + K)
-            By theta, omega, the torques (and the force on a cart), and the parameters.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If an argument breaks its rule.
-        """
-        loads, plan = self._check_loads(torque, force), self._check_step(1.0, 1)
-        inputs = self._inputs(parameters)
-        self._write_loads(*loads)
-        self._differentiate(rates_many, inputs, plan, tangent_rows(), parameters or ())
-        return self._columns(inputs[0])[:, self._coordinates :]
-
     def step_vjp(
         self,
         torque: ArrayLike,
@@ -205,7 +174,7 @@ class DifferentiableEnsemble(Ensemble):
         for row, (name, bar) in enumerate((("theta_bar", theta_bar), ("omega_bar", omega_bar))):
             memory.fill(view[:, :, row, :c], _checks.broadcast(name, bar, (self.size, c)))
         self._write_loads(*loads)
-        slots = max(1, min(plan.substeps, _TAPE // (8 * STEP_ROWS * (self.n + 2) * memory.width)))
+        slots = max(1, min(plan.substeps, _TAPE // (8 * TAPE_ROWS * (self.n + 2) * memory.width)))
         rows = adjoint_rows(plan.substeps, slots)
         self._differentiate(adjoint_many, (bars, chain_bars, reached, slots), plan, rows, names)
         by_theta, by_omega, by_torque = (memory.gather(view[:, :, row]) for row in range(3))

@@ -35,7 +35,9 @@ def bodies(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
 
 def velocities(chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray) -> FloatArray:
     """Return the velocities of the bobs, or of the links' far ends [m/s], shape (..., n, 2)."""
-    return _tip_velocities(chain.lengths, *sincos(theta), omega)
+    s, c = sincos(theta)
+    l = chain.lengths
+    return np.cumsum(np.stack([l * c * omega, l * s * omega], axis=-1), axis=-2)
 
 
 def centres(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
@@ -120,12 +122,6 @@ def energy_of_links(
     height = np.cumsum(risen, axis=-1) + back / chain.lengths * risen
     weight = chain.masses * chain.gravity
     return 0.5 * (chain.masses * (vx**2 + vy**2) + turning) + weight * height
-
-
-def _tip_velocities(l: FloatArray, s: FloatArray, c: FloatArray, omega: FloatArray) -> FloatArray:
-    vx = np.cumsum(l * c * omega, axis=-1)
-    vy = np.cumsum(l * s * omega, axis=-1)
-    return np.stack([vx, vy], axis=-1)
 
 
 def sincos(theta: FloatArray) -> tuple[FloatArray, FloatArray]:

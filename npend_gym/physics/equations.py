@@ -41,6 +41,12 @@ class States(NamedTuple):
     u: FloatArray  # (..., m)
     loads: FloatArray  # (..., n), with a cart or a moving pivot (..., n + 1): its force [N]
 
+    @property
+    def rows(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """All without leading axes, a row for each state."""
+        q, u, loads = (each.reshape(-1, each.shape[-1]) for each in (self.q, self.u, self.loads))
+        return q, u, loads
+
 
 class StateKeywords(TypedDict, total=False):
     """What belongs to a state beside angles, velocities and torques: see `accelerations`."""
@@ -103,25 +109,25 @@ def assembled(
     given = {"position": position, "velocity": velocity, "force": force}
     if places != 1:
         for name, value in given.items():
-            if np.any(_checks.array(name, value)) and (places == 0 or name == "force"):
+            none = type(value) is float and value == 0.0  # as nearly all are
+            if not none and np.any(_checks.array(name, value)) and (places == 0 or name == "force"):
                 raise ValueError(
                     f"{name} is that of a cart: the chain must have base=Cart(mass), got "
                     f"{_checks.show(value)}"
                 )
-    place, speed = (
-        _of_base(name, given[name], (*leading, places)) for name in ("position", "velocity")
-    )
-    loads = torques
+    q, u, loads, speed = [angles], [speeds], torques, np.zeros((*leading, 0))
     if places:
+        shape = (*leading, places)
+        place, speed = (_of_base(name, given[name], shape) for name in ("position", "velocity"))
         pushed = _checks.broadcast("force", force, leading) if places == 1 else np.zeros(leading)
+        q, u = [*q, place], [*u, speed]
         loads = np.concatenate([torques, pushed[..., None]], axis=-1)
     own = check_axial_start(chain, stretch, stretch_rate, angles.shape)
     if own is None and chain.stiffness is not None:
         own = slow_start(chain, angles, speeds, torques, force, speed, accelerated)
-    axial = ((), ()) if own is None else ((own[0],), (own[1],))
-    q = np.concatenate([angles, place, *axial[0]], axis=-1)
-    u = np.concatenate([speeds, speed, *axial[1]], axis=-1)
-    return States(mechanism, q, u, loads)
+    if own is not None:
+        q, u = [*q, own[0]], [*u, own[1]]
+    return States(mechanism, np.concatenate(q, axis=-1), np.concatenate(u, axis=-1), loads)
 
 
 def _pair(name: str, value: ArrayLike) -> FloatArray:
@@ -133,8 +139,6 @@ def _pair(name: str, value: ArrayLike) -> FloatArray:
 
 def _of_base(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return position or velocity of the base, (..., places): one number is sideways."""
-    if shape[-1] == 0:
-        return np.zeros(shape)
     given = _checks.array(name, value)
     if shape[-1] == 2 and given.ndim == 0:
         given = np.array([float(given), 0.0])
@@ -298,10 +302,8 @@ def _solve(states: States) -> tuple[FloatArray, FloatArray]:
     mechanism, shape = states.mechanism, states.q.shape
     n, size = mechanism.n, mechanism.size
     alpha, tension = np.empty(shape), np.empty((*shape[:-1], n))
-    q, u = states.q.reshape(-1, size), states.u.reshape(-1, size)
-    loads = states.loads.reshape(-1, states.loads.shape[-1])
     solve_states(
-        q, u, loads, mechanism.arrays(), new_work(size), alpha.reshape(-1, size),
+        *states.rows, mechanism.arrays(), new_work(size), alpha.reshape(-1, size),
         tension.reshape(-1, n),
     )  # fmt: skip
     return alpha, tension

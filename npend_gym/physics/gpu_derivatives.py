@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -10,6 +11,7 @@ from npend_gym.compiled.gpu import DeviceKernel
 from npend_gym.physics.directions import KINDS
 from npend_gym.physics.gpu import DeviceChains
 from npend_gym.physics.kernels import layout, threads
+from npend_gym.physics.kernels.driven import Kept
 from npend_gym.physics.kernels.link_terms import count_terms
 
 
@@ -27,14 +29,11 @@ class DifferentiableDeviceChains(DeviceChains):
         theta: Any,
         omega: Any,
         torque: Any,
-        theta_bar: Any,
-        omega_bar: Any,
-        torque_bar: Any,
+        bars: Sequence[Any],
         diverged: Any,
         dt: float,
         substeps: int | None = None,
         *,
-        parameters_bar: Any = None,
         max_rotation: float | None = None,
         parameters: Any = None,
         stream: int = 0,
@@ -47,36 +46,38 @@ class DifferentiableDeviceChains(DeviceChains):
         ----------
         theta, omega, torque : array on the GPU, shape (B, n)
             The states before the step, which stay as they are, and the torques.
-        theta_bar, omega_bar : array on the GPU, shape (B, n)
-            Derivatives of the function by the states after the step, which are overwritten by those
-            by the states before.
-        torque_bar : array on the GPU, shape (B, n)
-            The derivatives by the torques are added to it.
+        bars : sequence of 3 or 4 arrays on the GPU
+            Derivatives of the function by theta and omega after the step, (B, n) each, which are
+            overwritten by those by theta and omega before; an array (B, n) to which those by the
+            torques are added; and perhaps one, (B, 12, n), to which those by the parameters are
+            added, in the order of `ChainParameters`. Those by gravity are in the first entry of its
+            row. Where the centre of mass is to stay at the end of a rod, the derivative by the
+            length is the sum of the two.
         diverged : array on the GPU, shape (B,)
             As for `advance`: nothing is done where it is not zero. Where the state leaves all
             bounds in the step, it becomes one, and the derivatives mean nothing.
         dt, substeps, max_rotation, parameters, stream
             As for `advance`.
-        parameters_bar : array on the GPU, shape (B, 12, n), optional
-            The derivatives by the parameters are added to it, in the order of `ChainParameters`;
-            those by gravity are in the first entry of its row. Where the centre of mass is to stay
-            at the end of a rod, the derivative by the length is the sum of the two.
 
         Raises
         ------
         TypeError, ValueError
             If an array is not on the GPU, or has not the shape and type that it must have.
         """
-        state = self._states(
-            theta=theta, omega=omega, torque=torque, theta_bar=theta_bar, omega_bar=omega_bar,
-            torque_bar=torque_bar,
-        )  # fmt: skip
+        if len(bars) not in (3, 4):
+            raise ValueError(
+                "bars must be 3 arrays, of theta, omega and torque, or 4 with that of the "
+                f"parameters, got {len(bars)}"
+            )
+        names = ("theta_bar", "omega_bar", "torque_bar")
+        by_state = dict(zip(names, bars[:3], strict=True))
+        state = self._states(theta=theta, omega=omega, torque=torque, **by_state)
         flags = self._array("diverged", diverged, (self.size,))
-        wanted = 0 if parameters_bar is None else len(ChainParameters._fields)
+        wanted = len(ChainParameters._fields) if len(bars) == 4 else 0
         of_parameters = self.cuda.device_array((self.size, 0, self.n), self.dtype)
         if wanted:
             shape = (self.size, wanted, self.n)
-            of_parameters = self._array("parameters_bar", parameters_bar, shape)
+            of_parameters = self._array("parameters_bar", bars[3], shape)
         rows = self._parameters(parameters)
         steps = self._steps(dt, substeps, max_rotation, rows, stream)
         terms, work = count_terms(self.parameters), self._workspace(int(steps[1]))
@@ -100,4 +101,6 @@ class DifferentiableDeviceChains(DeviceChains):
 def adjoint_kernel(terms: int, resisted: bool, dtype: str) -> DeviceKernel:
     """Return the kernel for chains with so many arrays of terms, of any number of rods."""
     replaced = {layout.resists: threads.always if resisted else threads.never}
-    return DeviceKernel(threads.adjoints(), (terms, KINDS[terms]), dtype, replaced)
+    # point masses are what stands where no number of terms is named
+    kinds = {KINDS[terms], Kept, *([terms] if terms else [])}
+    return DeviceKernel(threads.adjoints(), kinds, dtype, replaced)

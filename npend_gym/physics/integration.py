@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.physics.kernels.dop853 import Problem, Solver
+from npend_gym.physics.kernels.dop853 import STUCK, Problem, Solver
 from npend_gym.physics.kernels.springs import SpringArrays
 
 MAX_BYTES = 2**33  # of the angles and velocities of a trajectory
@@ -70,14 +70,22 @@ def diverged_text(interval: FloatArray, dt: float) -> str:
     )
 
 
-def check_adaptive_steps(done: int, solver: Solver, problem: Problem, n: int) -> None:
-    """Raise an error where `dop853_frames`, which returned `done`, cannot go on."""
-    check_angles(solver.y[:n], float(solver.clock[1]))
-    if done < 0:
+def check_going(
+    lanes: tuple[Solver, Problem], status: FloatArray, n: int, members: slice | None = None
+) -> None:
+    """Raise an error where a motion of `n` rods that `drive_one` or `drive_many` takes is stuck."""
+    solver, problem = lanes
+    width = status.size // 2
+    instants, which = solver.clock[width : 2 * width], ""
+    check_angles(solver.y[: n * width], float(instants.max()))
+    if np.any(status[:width] == STUCK):
+        k = int(np.argmin(status[:width]))
+        if members is not None:
+            which = f" for motion {min(members.start + k, members.stop - 1)}"
         raise IntegrationError(
-            f"no step is small enough at t = {solver.clock[1]:g} s for "
-            f"rtol = {problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the "
-            "state and parameters" + _NO_LENGTH * isinstance(problem.chain, SpringArrays)
+            f"no step is small enough at t = {instants[k]:g} s{which} with rtol = "
+            f"{problem.rtol:g} and atol = {problem.atol:g}: loosen them, or check the state and "
+            "parameters" + _NO_LENGTH * isinstance(problem.chain, SpringArrays)
         )
 
 

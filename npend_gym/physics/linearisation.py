@@ -12,8 +12,9 @@ from typing_extensions import Unpack
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, check_chain
+from npend_gym.physics.arguments import check_inputs
 from npend_gym.physics.derivatives import DifferentiableEnsemble
-from npend_gym.physics.equations import StateKeywords, states_of
+from npend_gym.physics.equations import StateKeywords, States, states_of
 from npend_gym.physics.kernels.states import new_rates_scratch, rates_of_states
 
 _ENTRIES = 2**21  # of the Jacobians that are made at once: 16 MB
@@ -171,16 +172,14 @@ def step_jacobian(
     >>> A.shape, B.shape
     ((4, 4), (4, 1))
     """
-    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
+    n, m = _checks.count("n", check_chain(chain).n, high=MAX_DENSE), chain.coordinates
+    wanted = check_inputs(chain, joints)
     states = states_of(chain, theta, omega, torque, **more)
-    m = chain.coordinates
-    q, u, loads = (each.reshape(-1, each.shape[-1]) for each in (states.q, states.u, states.loads))
+    q, u, loads = states.rows
     # joints whose torques are not asked for, but act
     others = [int(j) for j in np.flatnonzero(np.any(loads[:, :n], axis=0)) if j not in wanted]
-    at, inputs = [*wanted, *others], [*range(len(wanted))]
-    if chain.base is not None:
-        inputs.append(len(at))
+    at = [j for j in [*wanted, *others] if j < n]
+    inputs = [at.index(j) if j < n else len(at) for j in wanted]
     if chain.stiffness is not None:
         raise ValueError(
             "chain must have rigid rods, because the steps of an ensemble do not resolve the "
@@ -196,8 +195,7 @@ def step_jacobian(
         force = loads[span, n] if chain.base is not None else 0.0
         found = ensemble.step_jacobian(loads[span][:, at], dt, substeps, force=force)
         whole[span] = np.concatenate([found.A, found.B[..., inputs]], axis=-1)
-    whole = whole.reshape(*states.q.shape[:-1], 2 * m, -1)
-    return Linearisation(whole[..., : 2 * m], whole[..., 2 * m :])
+    return _parted(whole, states)
 
 
 def _linearised(
@@ -209,14 +207,11 @@ def _linearised(
     more: StateKeywords,
 ) -> Linearisation:
     """Return the derivatives of the rates in all states: one compiled call."""
-    n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
-    if chain.base is not None:
-        wanted.append(n)
+    _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
+    wanted = check_inputs(chain, joints)
     states = states_of(chain, theta, omega, torque, **more)
     m, mechanism = states.mechanism.size, states.mechanism
-    q, u = states.q.reshape(-1, m), states.u.reshape(-1, m)
-    loads = states.loads.reshape(-1, states.loads.shape[-1])
+    q, u, loads = states.rows
     below = np.empty((len(q), m, 2 * m + len(wanted)))
     mass = mechanism.parameters.masses[0].copy()
     rates_of_states(
@@ -224,6 +219,11 @@ def _linearised(
         below,
     )  # fmt: skip
     above = np.broadcast_to(np.eye(m, below.shape[-1], k=m), below.shape)  # q' = u
-    whole = np.concatenate([above, below], axis=-2)
-    whole = whole.reshape(*states.q.shape[:-1], 2 * m, -1)
-    return Linearisation(whole[..., : 2 * m], whole[..., 2 * m :])
+    return _parted(np.concatenate([above, below], axis=-2), states)
+
+
+def _parted(whole: FloatArray, states: States) -> Linearisation:
+    """Return the columns by the state and by the inputs, with the leading axes of the states."""
+    size = 2 * states.q.shape[-1]
+    whole = whole.reshape(*states.q.shape[:-1], *whole.shape[1:])
+    return Linearisation(whole[..., :size], whole[..., size:])

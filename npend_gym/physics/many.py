@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -12,19 +11,10 @@ from npend_gym._checks import FloatArray
 from npend_gym._threads import Call, share_out
 from npend_gym.compiled.arrays import innermost
 from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.integration import (
-    MAX_BYTES,
-    RODS_PER_CALL,
-    RODS_PER_PACK_CALL,
-    IntegrationError,
-    check_angles,
-    count_steps,
-    diverged_text,
-)
-from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
-from npend_gym.physics.kernels.dop853_packs import RUNNING, STUCK, many_frames
-from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames_of_packs
+from npend_gym.physics.drives import Drives
+from npend_gym.physics.integration import MAX_BYTES
 from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism
+from npend_gym.physics.motion import Motion
 from npend_gym.physics.start import Start
 from npend_gym.physics.trajectory import EVENTS, Trajectory
 
@@ -37,41 +27,18 @@ class Packs(NamedTuple):
     loads: FloatArray  # constant torques, and forces on carts, (B, n) or (B, n + 1)
     settings: dict[str, float]
 
-
-class Group(NamedTuple):
-    """Up to WIDTH motions, not yet begun, as the kernels take them; spare lanes repeat the last."""
-
-    solver: Solver
-    problem: Problem
-    members: slice
-
-
-def new_group(packs: Packs, begin: float, members: slice) -> Group:
-    """Return the motions of `members`, to be integrated by DOP853."""
-    lanes = np.minimum(np.arange(WIDTH) + members.start, members.stop - 1)
-    solver = new_solver(begin, innermost(packs.states[lanes]), WIDTH)
-    arrays, loads = packs.mechanism.of(lanes).arrays(), innermost(packs.loads[lanes])
-    tolerances = packs.settings["rtol"], packs.settings["atol"]
-    return Group(solver, Problem(arrays, loads, *tolerances), members)
+    def motion(self, members: slice, width: int = WIDTH) -> Motion:
+        """Return the motions of a pack; lanes to spare repeat the last of its members."""
+        lanes = np.minimum(np.arange(width) + members.start, members.stop - 1)
+        loads = innermost(self.loads[lanes])
+        drives = Drives(self.mechanism.n, loads, {}, loads.size)
+        state = innermost(self.states[lanes])
+        return Motion(self.mechanism.of(lanes), state, drives, self.settings, members)
 
 
 def packs_of(count: int) -> list[slice]:
     """Return which of `count` motions stand in a pack together."""
     return [slice(k, min(k + WIDTH, count)) for k in range(0, count, WIDTH)]
-
-
-def check_going(group: Group, status: FloatArray, n: int) -> None:
-    """Raise an error where a motion of the group cannot go on."""
-    solver, members = group.solver, group.members
-    clock = solver.clock.reshape(-1, WIDTH)[1]
-    check_angles(solver.y[: n * WIDTH], float(clock.max()))
-    if np.any(status[:WIDTH] == STUCK):
-        lane = int(np.argmin(status[:WIDTH]))
-        raise IntegrationError(
-            f"no step is small enough at t = {clock[lane]:g} s for motion "
-            f"{min(members.start + lane, members.stop - 1)} with rtol = {group.problem.rtol:g} and "
-            f"atol = {group.problem.atol:g}: loosen them, or check its state and parameters"
-        )
 
 
 def frames_of_packs(
@@ -87,57 +54,17 @@ def frames_of_packs(
         )
     frames, counts = np.empty((count, times.size, size)), np.zeros((3, count))
     frames[:, 0] = packs.states
-    adaptive = "rtol" in packs.settings
 
     def follow(members: slice, call: Call) -> None:
-        width = members.stop - members.start
-        if adaptive:
-            group = new_group(packs, float(times[0]), members)
-            own = _adaptive_frames(group, times, packs.settings.get("dt", math.inf), n, call)
-            counts[:, members] = group.solver.counts.reshape(3, WIDTH)[:, :width]
-        else:
-            own = _fixed_frames(packs, times, members, call)
-        frames[members, 1:] = own[:width, 1:]
+        motion, most = packs.motion(members), members.stop - members.start
+        for segment in motion.segments(times):
+            frames[members, segment.frames] = segment.states[:most]
+            counts[:, members] += segment.counts.reshape(3, WIDTH)[:, :most]
+            if call.stopped:
+                return
 
-    if times.size > 1:
-        share_out(packs_of(count), threads, follow)
-    return frames, counts if adaptive else None
-
-
-def _adaptive_frames(
-    group: Group, times: FloatArray, longest: float, n: int, call: Call
-) -> FloatArray:
-    """Return the states of the lanes of a group at all times, (WIDTH, T, 2m)."""
-    frames = np.empty((WIDTH, times.size, group.solver.y.size // WIDTH))
-    status, done = np.full(WIDTH, RUNNING), np.ones(WIDTH, np.int64)
-    attempts, starting = max(1, RODS_PER_PACK_CALL // (n * WIDTH)), True
-    while np.any(status == RUNNING) and not call.stopped:
-        lanes = group.solver, group.problem
-        many_frames(lanes, starting, times, longest, attempts, status, done, frames)
-        starting = False
-        check_going(group, status, n)
-    return frames
-
-
-def _fixed_frames(packs: Packs, times: FloatArray, members: slice, call: Call) -> FloatArray:
-    """Return the same by Runge-Kutta 4."""
-    lanes = np.minimum(np.arange(WIDTH) + members.start, members.stop - 1)
-    n, dt, y = packs.mechanism.n, packs.settings["dt"], innermost(packs.states[lanes])
-    arrays, loads = packs.mechanism.of(lanes).arrays(), innermost(packs.loads[lanes])
-    steps, progress = count_steps(times, dt), np.array([1, 0, 0])
-    scratch = new_rk4_scratch(packs.mechanism.size, WIDTH)
-    frames = np.empty((times.size, y.size))
-    while progress[0] < times.size and not call.stopped:
-        before = int(progress[0])
-        progress[2] = max(1, RODS_PER_CALL // (n * WIDTH))
-        rk4_frames_of_packs(y, times, steps, progress, loads, arrays, scratch, frames)
-        written = frames[before : int(progress[0])]
-        lost = ~np.isfinite(written).all(axis=1)
-        if lost.any():
-            at = before + int(np.argmax(lost))
-            raise IntegrationError(diverged_text(times[at - 1 : at + 1], dt))
-        check_angles(y[: n * WIDTH], float(times[progress[0] - 1]))
-    return frames.reshape(times.size, -1, WIDTH).transpose(2, 0, 1)
+    share_out(packs_of(count), threads, follow)
+    return frames, counts if "rtol" in packs.settings else None
 
 
 def stacked(each: Sequence[Trajectory], started: Start) -> Trajectory:

@@ -14,24 +14,16 @@ from npend_gym.compiled.arrays import aligned_zeros, innermost
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.energy import centre_of_mass, positions, stretched
 from npend_gym.physics.equations import assembled
-from npend_gym.physics.integration import RODS_PER_PACK_CALL, IntegrationError, check_angles
-from npend_gym.physics.kernels.dop853 import Problem, Solver, new_solver
-from npend_gym.physics.kernels.releases import (
-    RELEASE_ROWS,
-    RUNNING,
-    STATUS,
-    STUCK,
-    measure_many,
-    measure_one,
-)
+from npend_gym.physics.kernels.releases import RELEASE_ROWS, Release
 from npend_gym.physics.kernels.turning_points import (
     COM,
     HEIGHT,
     LINK,
-    Record,
     new_record,
     speed_threshold,
 )
+from npend_gym.physics.many import Packs
+from npend_gym.physics.motion import Motion
 
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
@@ -72,27 +64,12 @@ def measure(
         If the integration cannot go on.
     """
     count, n = len(theta), chain.n
-    reading, duration, rtol, _ = measurement
     lanes = 1 if count == 1 else WIDTH
     # lanes to spare repeat the last release
     theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
-    solver, problem, record = _release(chain, theta, omega, measurement)
-    threshold = _threshold(chain, omega, reading, rtol)
-    release = np.concatenate([np.full(lanes, duration), threshold, np.full(lanes, RUNNING)])
-    status, scratch = release[STATUS * lanes :], aligned_zeros(RELEASE_ROWS, n * lanes)
-    follow = measure_one if lanes == 1 else measure_many
-    attempts, starting = max(1, RODS_PER_PACK_CALL // (n * lanes)), True
-    while np.any(status == RUNNING) and not call.stopped:
-        follow(reading, starting, attempts, (solver, problem, record), release, scratch)
-        starting = False
-        check_angles(solver.y[: n * lanes], float(solver.clock[lanes]))
-    if np.any(status == STUCK):
-        time = solver.clock.reshape(-1, lanes)[1, np.argmin(status)]
-        raise IntegrationError(
-            f"no step is small enough at t = {time:g} s for rtol = {rtol:g}: "
-            f"loosen it, or check the state and parameters"
-        )
-    return np.broadcast_to(record.period.reshape(-1, lanes).T, (lanes, n))[:count]
+    motion, release = _release(chain, theta, omega, measurement)
+    motion.follow(0.0, measurement.duration, release, call)
+    return np.broadcast_to(release.record.period.reshape(-1, lanes).T, (lanes, n))[:count]
 
 
 def _release(
@@ -100,12 +77,12 @@ def _release(
     theta: FloatArray,
     omega: FloatArray,
     measurement: Measurement,
-) -> tuple[Solver, Problem, Record]:
-    """Return releases from these states (lanes, n), not yet begun, as the kernels take them."""
+) -> tuple[Motion, Release]:
+    """Return the motion from these states (lanes, n), and what is to be measured of it."""
     reading, _, rtol, accelerated = measurement
     lanes, n = len(theta), chain.n
     states = assembled(chain, theta, omega, np.zeros_like(theta), pivot_acceleration=accelerated)
-    mechanism, per_rod = states.mechanism.of(np.zeros(lanes, np.int64)), theta
+    per_rod = theta
     rods: ChainParameters = chain.repeated(lanes)
     if chain.stiffness is not None:
         rods = stretched(chain, states.q[:, -n:])
@@ -113,11 +90,12 @@ def _release(
     if reading == COM:
         whole = chain.lengths * float(chain.masses.sum())
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
-    return (
-        new_solver(0.0, innermost(np.hstack([states.q, states.u])), lanes),
-        Problem(mechanism.arrays(), np.zeros(states.loads.size), rtol, 1e-2 * rtol),
-        new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading))),
-    )
+    settings = {"rtol": rtol, "atol": 1e-2 * rtol}
+    packs = Packs(states.mechanism, np.hstack([states.q, states.u]), states.loads, settings)
+    record = new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading)))
+    threshold = _threshold(chain, omega, reading, rtol)
+    scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
+    return packs.motion(slice(0, lanes), lanes), Release(reading, threshold, record, scratch)
 
 
 def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> FloatArray:

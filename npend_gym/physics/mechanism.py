@@ -44,9 +44,11 @@ class Mechanism(NamedTuple):
 
     def of(self, lanes: NDArray[np.int64]) -> Mechanism:
         """Return the chains of these motions."""
-        if len(self.parameters.gravity) == 1:
-            lanes = np.zeros_like(lanes)
         springs, base = self.springs, self.base
+        if len(self.parameters.gravity) == 1:
+            if lanes.size == 1 and (base is None or base.shape[1] == 1):
+                return self
+            lanes = np.zeros_like(lanes)
         return Mechanism(
             ChainParameters(*(np.asarray(each[lanes]) for each in self.parameters)),
             None if springs is None else (springs[0][lanes], springs[1][lanes]),
@@ -115,8 +117,10 @@ def mechanism_of(chains: Sequence[Chain], accelerated: FloatArray | None = None)
                 raise ValueError(
                     f"chains must all have {what} or none, got {first!r} and {chain!r}"
                 )
-    fields = zip(*(chain.repeated(1) for chain in chains), strict=True)
-    parameters = ChainParameters(*(np.concatenate(field) for field in fields))
+    parameters = first.repeated(1)
+    if len(chains) > 1:
+        fields = zip(*(chain.repeated(1) for chain in chains), strict=True)
+        parameters = ChainParameters(*(np.concatenate(field) for field in fields))
     springs = base = None
     if first.stiffness is not None:
         stiffness = np.array([chain.stiffness for chain in chains])

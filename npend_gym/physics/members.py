@@ -10,7 +10,7 @@ from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.memory import Memory
-from npend_gym.physics.substeps import chain_of, substeps_of
+from npend_gym.physics.substeps import chain_of, substeps_of, substeps_on_cart
 
 
 class Members:
@@ -100,14 +100,20 @@ class Members:
 
     def chain(self, member: int) -> Chain:
         """Return the chain of a member, with its cart."""
-        chain, rows = chain_of(self.parameters, member), self._intact.base_of(member)
-        if rows is None:
+        chain, bases = chain_of(self.parameters, member), self._intact.bases
+        if bases is None:
             return chain
-        cart = Cart(float(1.0 / rows[Base.INVERSE_MASS]), float(rows[Base.DAMPING]))
+        inverse_mass, damping = bases[[Base.INVERSE_MASS, Base.DAMPING], member]
+        cart = Cart(float(1.0 / inverse_mass), float(damping))
         return Chain.from_dict(chain.as_dict() | {"base": cart})
 
     def _default_substeps(self, dt: float) -> int:
         """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""
         if dt not in self._substeps:
-            self._substeps = {dt: substeps_of(self.parameters, dt)}
+            chains, base = self.parameters, self._intact.bases
+            needed = substeps_of(chains, dt)
+            if base is not None:
+                mass, damping = base[Base.INVERSE_MASS], base[Base.DAMPING]
+                needed = substeps_on_cart(needed, chains, dt, mass, damping)
+            self._substeps = {dt: needed}
         return self._substeps[dt]

@@ -22,6 +22,7 @@ from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure,
 
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _ALIASED = 256  # numbers, of 2 kB
+_SPAN = [Timing.FIRST_GROUP, Timing.LAST_GROUP, Timing.FIRST_SUBSTEP, Timing.LAST_SUBSTEP]
 _CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one
 
 
@@ -50,6 +51,8 @@ class Memory:
         Rows after those of `Member` in `members`, for the use of the caller.
     base : ndarray, shape (len(Base), B or 1), optional
         The rows of `link_terms.Base` where the pivots are carts.
+    spare_rod_rows : int
+        Rows after those of `Rod` in `rods`, for the use of the caller.
     packed : bool
         Whether even one member is kept in a pack, for kernels that know nothing else.
 
@@ -73,6 +76,7 @@ class Memory:
         threads: int = 1,
         spare_rows: int = 0,
         base: FloatArray | None = None,
+        spare_rod_rows: int = 0,
         packed: bool = False,
     ) -> None:
         self.n, self.size = chains.masses.shape[1], size
@@ -85,7 +89,7 @@ class Memory:
         terms = model_terms(chains, base)
         self.arrays: tuple[FloatArray, FloatArray, Model] = (
             aligned_zeros(len(Member) + spare_rows, self.columns),
-            aligned_zeros(self.groups, len(Rod), (self.n + 1) * self.width),
+            aligned_zeros(self.groups, len(Rod) + spare_rod_rows, (self.n + 1) * self.width),
             tuple(aligned_zeros(self.groups, len(t), t.shape[2] * self.width) for t in terms)
             or None,
         )
@@ -116,8 +120,13 @@ class Memory:
 
     @property
     def _rods(self) -> FloatArray:
-        """A view of the rods, shape (groups, len(Rod), n + 1, width)."""
-        return self.arrays[1].reshape(self.groups, len(Rod), self.n + 1, self.width)
+        """A view of the rods, shape (groups, rows, n + 1, width)."""
+        return self.arrays[1].reshape(self.groups, -1, self.n + 1, self.width)
+
+    def lanes_of(self, rows: FloatArray) -> FloatArray:
+        """Return a view of rows (groups, ..., k width) as (groups, width, ..., k)."""
+        view = rows.reshape(*rows.shape[:-1], rows.shape[-1] // self.width, self.width)
+        return np.moveaxis(view, -1, 1)
 
     def fill(self, view: FloatArray, values: FloatArray) -> None:
         """Write `values` (B, ...) into a view (groups, width, ...), faster than by `place`."""
@@ -133,12 +142,11 @@ class Memory:
 
     def read_base(self, field: int) -> FloatArray:
         """Return THETA, OMEGA or TORQUE of bases that move, a new array of shape (B,)."""
-        return self.of_base(field).ravel()[: self.size].copy()
+        return self.gather(self.of_base(field))
 
     def read_at(self, field: int, places: Indices) -> FloatArray:
         """Return a field at `places` along all chains, n being the base: a new array (B, k)."""
-        found = self._rods[:, field, places].swapaxes(1, 2)
-        return found.reshape(self.lanes, len(places))[: self.size]
+        return self.gather(self._rods[:, field, places].swapaxes(1, 2))
 
     def place(self, members: Indices) -> tuple[Indices, Indices]:
         """Return the groups of members and their lanes there: the indices of `per_rod`."""
@@ -146,7 +154,7 @@ class Memory:
 
     def read(self, field: int) -> FloatArray:
         """Return a field of the rods of all members, a new array of shape (B, n)."""
-        return self.per_rod(field).reshape(-1, self.n)[: self.size].copy()
+        return self.gather(self.per_rod(field))
 
     @property
     def parameters(self) -> ChainParameters:
@@ -162,29 +170,19 @@ class Memory:
         model = self.arrays[2]
         if model is None:
             return ChainParameters.ideal(*common)
-        links = self._by_lane(model[0])
+        links = self.gather(self.lanes_of(model[0]))
         if len(model) == 1:
             plain = ChainParameters.ideal(*common)
-            return plain._replace(centres=links[Link.CENTRE], inertias=links[Link.INERTIA])
-        joints = self._by_lane(model[1])
+            return plain._replace(centres=links[:, Link.CENTRE], inertias=links[:, Link.INERTIA])
+        joints = self.gather(self.lanes_of(model[1]))
+        rows = Joint.FRICTION, Joint.FRICTION_SPEED, Joint.ARMATURE, Joint.GEAR
         return ChainParameters(
-            *common, links[Link.CENTRE], links[Link.INERTIA], joints[Joint.FRICTION],
-            joints[Joint.FRICTION_SPEED], joints[Joint.ARMATURE], joints[Joint.GEAR],
-        )  # fmt: skip
+            *common, links[:, Link.CENTRE], links[:, Link.INERTIA], *(joints[:, k] for k in rows)
+        )
 
     def new_rows(self, *count: int) -> FloatArray:
         """Return zeros (groups, *count, (n + 1) width): rows as those of `rods`."""
         return aligned_zeros(self.groups, *count, (self.n + 1) * self.width)
-
-    def lanes_of(self, rows: FloatArray) -> FloatArray:
-        """Return a view of `new_rows` as (groups, width, *count, n + 1)."""
-        view = rows.reshape(*rows.shape[:-1], self.n + 1, self.width)
-        return np.moveaxis(view, -1, 1)
-
-    def _by_lane(self, rows: FloatArray) -> FloatArray:
-        """Return rows (groups, rows, n width) as (rows, B, n), new."""
-        by_lane = rows.reshape(*rows.shape[:2], self.n, self.width).transpose(1, 0, 3, 2)
-        return by_lane.reshape(rows.shape[1], -1, self.n)[:, : self.size]
 
     def write_state(self, members: Indices, theta: FloatArray, omega: FloatArray) -> None:
         """Put some members into states, and begin to measure from there."""
@@ -202,12 +200,13 @@ class Memory:
         if base is not None and self.arrays[2] is not None:
             self.arrays[2][-1][members // self.width, :, members % self.width] = base.T
 
-    def base_of(self, member: int) -> FloatArray | None:
-        """Return the rows of `link_terms.Base` of a member whose base moves."""
+    @property
+    def bases(self) -> FloatArray | None:
+        """The rows of `link_terms.Base` of the members, (len(Base), B), where bases move."""
         model = self.arrays[2]
         if model is None or len(model) < 3 or model[-1].shape[1] == 0:
             return None
-        return model[-1][member // self.width, :, member % self.width]
+        return model[-1].swapaxes(0, 1).reshape(model[-1].shape[1], -1)[:, : self.size]
 
     def write_chain(self, members: Indices, chains: ChainParameters) -> None:
         """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""
@@ -227,9 +226,7 @@ class Memory:
 
     def _lane_views(self) -> list[FloatArray]:
         """Return views of rods and model, (groups, width, rows, columns)."""
-        rows, width = (self.arrays[1], *(self.arrays[2] or ())), self.width
-        shaped = (part.reshape(*part.shape[:2], part.shape[2] // width, width) for part in rows)
-        return [part.transpose(0, 3, 1, 2) for part in shaped]
+        return [self.lanes_of(part) for part in (self.arrays[1], *(self.arrays[2] or ()))]
 
     def restart(self, members: Indices) -> None:
         """Begin to measure from the present state of some members."""
@@ -245,7 +242,9 @@ class Memory:
         groups = max(1, min(piece // max(1, substeps), share))
         piece = max(1, min(piece, substeps))
         timing = np.zeros((self.threads, len(Timing)))
-        timing[:] = dt, substeps, 1.0 / max_rotation, 0, self.groups, 0, substeps
+        timing[:, Timing.DT], timing[:, Timing.SUBSTEPS] = dt, substeps
+        timing[:, Timing.PER_ROTATION] = 1.0 / max_rotation
+        timing[:, Timing.LAST_GROUP], timing[:, Timing.LAST_SUBSTEP] = self.groups, substeps
         whole = groups >= self.groups and piece >= substeps
         return Plan(substeps, groups, piece, whole, list(timing))
 
@@ -271,7 +270,7 @@ class Memory:
         def share(thread: int, call: Call | None) -> None:
             timing, scratch = plan.timing[thread], (work or self._scratch)[thread]
             for span in self._spans(chunks, plan):
-                timing[3:] = span
+                timing[_SPAN] = span
                 kernel(*self.arrays, *arrays, timing, scratch)
                 if call is not None and call.stopped:
                     return

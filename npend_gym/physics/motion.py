@@ -10,21 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
+from npend_gym._threads import Call
 from npend_gym.physics.drives import Drives
 from npend_gym.physics.integration import (
     RODS_PER_CALL,
-    check_adaptive_steps,
+    RODS_PER_PACK_CALL,
     check_fixed_steps,
+    check_going,
     count_steps,
 )
-from npend_gym.physics.kernels.dop853 import Problem, dop853_frames, new_solver
+from npend_gym.physics.kernels.dop853 import (
+    RUNNING,
+    STATUS,
+    STUCK,
+    Problem,
+    Solver,
+    new_solver,
+)
+from npend_gym.physics.kernels.drive import Frames, Observer, drive_many, drive_one
 from npend_gym.physics.kernels.driven import Torque
-from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames
+from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames, rk4_frames_of_packs
 from npend_gym.physics.mechanism import Mechanism
 
 _STEPS_KEPT = 4096  # in one compiled call that keeps them
 MAX_BYTES = 2**33  # of the steps of a motion that are kept
-_NOWHERE = np.zeros((0, 0))  # steps are not recorded
 _POWERS = {"dop853": 7, "rk4": 3}  # rows of the polynomial of a step
 
 
@@ -57,6 +66,13 @@ class Steps(NamedTuple):
         return self.states_at(step, fraction)
 
 
+class _Run(NamedTuple):
+    """An integration by DOP853 in progress."""
+
+    lanes: tuple[Solver, Problem]
+    status: FloatArray  # see `drive_many`
+
+
 Advance = Callable[[int, FloatArray], tuple[int, FloatArray, FloatArray]]
 
 
@@ -64,35 +80,44 @@ class Segment(NamedTuple):
     """What comes from one compiled call."""
 
     frames: slice  # which of the instants have been passed
-    states: FloatArray  # there, (F, 2m)
+    states: FloatArray  # there, (F, 2m), of a pack (WIDTH, F, 2m)
     steps: Steps | None  # if they are kept
-    counts: FloatArray  # steps taken, refused, and with dense output; zeros for "rk4"
-    after: FloatArray  # the state at the end of the last step, (2m,)
+    counts: FloatArray  # steps taken, refused, and with dense output, (3 lanes,); zeros for "rk4"
+    after: FloatArray  # the state at the end of the last step, as that of `Motion`
     torque: Torque  # what acted
 
 
 class Motion:
-    """A motion from a state, to be integrated by one of the methods of `simulate`.
+    """A motion from a state, or a pack of them, to be integrated by a method of `simulate`.
 
     Parameters
     ----------
     mechanism : Mechanism
-        Of one chain.
-    state : ndarray, shape (2m,)
-        Of all coordinates, then their rates.
+        Of one chain, or of each in a pack.
+    state : ndarray, shape (2m,) or (2m WIDTH,)
+        Of all coordinates, then their rates; the lane innermost.
     drives : Drives
-        What acts on it in the course of time; they have begun.
+        What acts on it in the course of time; they have begun. On a pack constants alone act.
     settings : mapping
         "rtol", "atol" and perhaps "dt", or "dt" alone, as `simulate` takes them.
+    members : slice, optional
+        Which motions stand in the pack, for errors.
     """
 
     def __init__(
-        self, mechanism: Mechanism, state: FloatArray, drives: Drives, settings: Mapping[str, float]
+        self,
+        mechanism: Mechanism,
+        state: FloatArray,
+        drives: Drives,
+        settings: Mapping[str, float],
+        members: slice | None = None,
     ) -> None:
         self.mechanism, self.state = mechanism, state
-        self.drives, self.settings = drives, settings
-        self.arrays = mechanism.arrays()
+        self.drives, self.settings, self.members = drives, settings, members
+        self.arrays, self.width = mechanism.arrays(), state.size // (2 * mechanism.size)
         self.method = "dop853" if "rtol" in settings else "rk4"
+        most = RODS_PER_CALL if self.width == 1 else RODS_PER_PACK_CALL
+        self.steps_of_call = max(1, most // (mechanism.n * self.width))
 
     def segments(
         self, times: FloatArray, *, kept: bool = False, dense: bool = True, most: int = 0
@@ -104,14 +129,14 @@ class Motion:
         times : ndarray, shape (T,)
             Instants at which the state is wanted [s].
         kept, dense : bool
-            Whether the steps are kept, and their polynomials with them.
+            Whether the steps are kept, and their polynomials with them; not of a pack.
         most : int
             Steps in one compiled call; by default as many as take a sixth of a second.
         """
-        state, size, n = self.state, self.state.size, self.mechanism.n
-        count = max(1, RODS_PER_CALL // n)
+        state, width, size = self.state, self.width, 2 * self.mechanism.size
+        count = self.steps_of_call
         count = min(count, most or (_STEPS_KEPT if kept else count))
-        width = 2 + (1 + (_POWERS[self.method] if dense else 0)) * size
+        columns = 2 + (1 + (_POWERS[self.method] if dense else 0)) * size
         begin = self._adaptive if self.method == "dop853" else self._fixed
         for piece, torque in self.drives.pieces(float(times[0]), float(times[-1])):
             first, last = np.searchsorted(times, piece, side="right")
@@ -119,16 +144,17 @@ class Motion:
             # the last instant of a piece need not be one that is asked for
             extra = inner.size == 0 or inner[-1] != piece[1]
             ends = np.concatenate([piece[:1], inner, piece[1:] if extra else inner[:0]])
-            frames, done = np.empty((ends.size, size)), 1
+            frames, done = np.empty((width, ends.size, size)), 1
             advance = begin(state, ends, frames, torque)
             while done < ends.size:
-                visited = np.zeros((count, width)) if kept else _NOWHERE
-                before, (done, counts, after) = done, advance(count, visited)
+                visited = np.zeros((width, count if kept else 0, columns if kept else 0))
+                before, (done, counts, state) = done, advance(count, visited)
                 span = slice(int(first) + before - 1, int(first) + min(done, last - first + 1) - 1)
-                states = frames[before : before + span.stop - span.start]
-                steps = _steps_of(visited, size) if kept else None
-                yield Segment(span, states, steps, counts, after, torque)
-            state = frames[-1]
+                states = frames[:, before : before + span.stop - span.start]
+                steps = _steps_of(visited[0], size) if kept else None
+                yield Segment(
+                    span, states if width > 1 else states[0], steps, counts, state, torque
+                )
 
     def _adaptive(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
@@ -137,44 +163,59 @@ class Motion:
 
         It returns how many of the frames are written, what was counted, and the state reached.
         """
-        solver = new_solver(float(ends[0]), state)
-        problem = Problem(self.arrays, torque, self.settings["rtol"], self.settings["atol"])
-        longest, n, done = self.settings.get("dt", math.inf), self.mechanism.n, 1
-        starting = True
+        run = self._begin(float(ends[0]), state, torque)
+        solver, progress = run.lanes[0], np.array([[1], [0]]).repeat(self.width, axis=1)
 
         def advance(count: int, visited: FloatArray) -> tuple[int, FloatArray, FloatArray]:
-            nonlocal done, starting
             counted = solver.counts.copy()
-            with self.drives.interruptible():
-                done = dop853_frames(
-                    solver, problem, starting, ends, done, count, longest, frames, visited
-                )
-            starting = False
-            q, u = np.split(solver.y, 2)
-            self.drives.check(q, u, float(solver.clock[1]), stuck=done < 0)
-            check_adaptive_steps(done, solver, problem, n)
-            return done, solver.counts - counted, solver.y.copy()
+            progress[1] = 0
+            self._take(run, Frames(ends, progress, frames, visited), float(ends[-1]), count)
+            return int(progress[0].min()), solver.counts - counted, solver.y.copy()
 
         return advance
+
+    def follow(self, begin: float, end: float, observer: Observer, call: Call) -> None:
+        """Integrate by DOP853 from `begin` to `end` [s], or as far as is observed."""
+        for _, torque in self.drives.pieces(begin, end):
+            run = self._begin(begin, self.state, torque)
+            while np.any(run.status[: self.width] == RUNNING) and not call.stopped:
+                self._take(run, observer, end, self.steps_of_call)
+
+    def _begin(self, t: float, state: FloatArray, torque: Torque) -> _Run:
+        problem = Problem(self.arrays, torque, self.settings["rtol"], self.settings["atol"])
+        status = np.full(2 * self.width, RUNNING)
+        return _Run((new_solver(t, state, self.width), problem), status)
+
+    def _take(self, run: _Run, observer: Observer, end: float, count: int) -> None:
+        """Take at most so many steps of DOP853."""
+        (solver, _), status, n = run.lanes, run.status, self.mechanism.n
+        longest, half = self.settings.get("dt", math.inf), solver.y.size // 2
+        starting = bool(solver.clock[2 * self.width] == 0.0)
+        with self.drives.interruptible():
+            kernel = drive_one if self.width == 1 else drive_many
+            kernel(run.lanes, observer, starting, end, longest, count, status)
+        q, u, t = solver.y[:half], solver.y[half:], float(solver.clock[self.width])
+        self.drives.check(q, u, t, stuck=status[STATUS] == STUCK)
+        check_going(run.lanes, status, n, self.members)
 
     def _fixed(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
     ) -> Advance:
         """Return what takes steps of Runge-Kutta 4; see `_adaptive`."""
-        y, m, dt, n = state.copy(), state.size // 2, self.settings["dt"], self.mechanism.n
-        steps, progress, scratch = count_steps(ends, dt), np.array([1, 0, 0]), new_rk4_scratch(m)
+        y, dt, n, width = state.copy(), self.settings["dt"], self.mechanism.n, self.width
+        steps, progress = count_steps(ends, dt), np.array([1, 0, 0])
+        rods = torque, self.arrays, new_rk4_scratch(self.mechanism.size, width)
+        kernel = rk4_frames if width == 1 else rk4_frames_of_packs
 
         def advance(count: int, visited: FloatArray) -> tuple[int, FloatArray, FloatArray]:
             progress[2] = count
             with self.drives.interruptible():
-                sound = rk4_frames(
-                    y, ends, steps, progress, torque, self.arrays, scratch, frames, visited
-                )
-            done = int(progress[0])
-            self.drives.check(y[:m], y[m:], float(ends[done - 1]), stuck=not sound)
+                sound = kernel(y, ends, steps, progress, rods, frames, visited)
+            done, half = int(progress[0]), y.size // 2
+            self.drives.check(y[:half], y[half:], float(ends[done - 1]), stuck=not sound)
             springs = self.mechanism.springs is not None
-            check_fixed_steps(sound, y[:n], ends, done, dt, springs=springs)
-            return done, np.zeros(3), y.copy()
+            check_fixed_steps(sound, y[: n * width], ends, done, dt, springs=springs)
+            return done, np.zeros(3 * width), y.copy()
 
         return advance
 

@@ -58,6 +58,17 @@ class Recipe(NamedTuple):
     force: Any = 0.0  # on a cart [N], () or (B,); or a Signal or Function
     pivot_acceleration: Any = None  # [m/s^2], (2,); or a Signal or Function
 
+    def of_motion(self, k: int) -> Recipe:
+        """Return the recipe of motion `k` of many, with the drives that it has of its own."""
+        axes = {"torque": 2, "force": 1, "pivot_acceleration": 2}  # of arrays with a row for each
+        drives = {name: getattr(self, name) for name in axes}
+        own = {
+            name: drive[k]
+            for name, drive in drives.items()
+            if isinstance(drive, np.ndarray) and drive.ndim == axes[name]
+        }
+        return self._replace(**own)
+
 
 def motion_of(
     mechanism: Mechanism,

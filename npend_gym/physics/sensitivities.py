@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.physics.arguments import check_inputs
 from npend_gym.physics.dense import retaken
 from npend_gym.physics.directions import by_names, check_directions, check_names, row_count
 from npend_gym.physics.kernels import dop853, rk4
@@ -214,8 +215,7 @@ def sensitivities(
     same bits. The time grows as the number of derivatives, the memory is that of the result.
     """
     motion, state, n = *_retaken(trajectory), trajectory.chain.n
-    wanted = [_checks.count("joint", joint, low=0, high=n - 1) for joint in joints]
-    wanted += [n] * (motion.mechanism.places == 1)
+    wanted = check_inputs(trajectory.chain, joints)
     directions = check_directions(parameters, n, type(motion.arrays), _ends(motion))
     last = state.size + len(wanted)
     total = last + len(directions)
@@ -284,8 +284,7 @@ def gradient(
         bars[:, first : first + width] = _checks.broadcast(name, given, shape)
     scratch = new_scratch(len(_METHODS[motion.method].tableau), m)
     chain, mass = arrays_for(motion, names), motion.mechanism.parameters.masses[0].copy()
-    bar, loads = np.zeros(2 * m), n + (motion.mechanism.places == 1)
-    load_bar = np.zeros((1, 1, n + 3))
+    bar, load_bar = np.zeros(2 * m), np.zeros((1, 1, n + 3))
     chain_bar = np.zeros((row_count(type(motion.arrays)) if names else 0, n))
     kept, held = list[Tape](), 0
     for tape in tapes(motion, trajectory.times):
@@ -305,7 +304,8 @@ def gradient(
     bar += bars[0]
     by_parameters = by_names(chain_bar[None], names, _ends(motion))
     rows = {name: value[0] for name, value in by_parameters.items()}
-    return MotionGradient(bar[:m].copy(), bar[m:].copy(), load_bar[0, 0, :loads].copy(), rows)
+    loads = load_bar[0, 0, check_inputs(trajectory.chain, range(n))]
+    return MotionGradient(bar[:m].copy(), bar[m:].copy(), loads, rows)
 
 
 def _ends(motion: Motion) -> NDArray[np.bool_]:

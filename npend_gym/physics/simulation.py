@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -14,15 +14,13 @@ from npend_gym._provenance import provenance
 from npend_gym._threads import MAX_THREADS, Call, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
-from npend_gym.physics.drives import Signal
 from npend_gym.physics.events import Event, EventFunction, Watch, watched
 from npend_gym.physics.integration import check_times
 from npend_gym.physics.many import Packs, frames_of_packs, stacked
 from npend_gym.physics.recipe import motion_of
+from npend_gym.physics.signals import TimeVarying
 from npend_gym.physics.start import Start
 from npend_gym.physics.trajectory import Trajectory, columns_of
-
-TimeVarying = Signal | Callable[..., Any]
 
 
 @_checks.keywords_moved(
@@ -145,7 +143,7 @@ def simulate(
     places = {"position": position, "velocity": velocity}
     axial = {"stretch": stretch, "stretch_rate": stretch_rate}
     begin = float(instants[0])
-    started = Start(chains, theta, omega, drives, places | axial, begin, one=one)
+    started = Start(chains, own[0], own[1], drives, places | axial, begin, one=one)
     looked_for = watched(events, chains[0])
     if one:
         return _simulate_one(started, 0, instants, settings, events)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.compiled.callbacks import Callback
-from npend_gym.physics.arguments import check_states, check_torque
-from npend_gym.physics.drives import Signal, drives_of, varies
-from npend_gym.physics.equations import slow_start, states_of
+from npend_gym.physics.arguments import check_limits, check_states, check_torque
+from npend_gym.physics.drives import drives_of
+from npend_gym.physics.equations import assembled, slow_start
 from npend_gym.physics.functions import NAMES
 from npend_gym.physics.mechanism import Mechanism, mechanism_of
 from npend_gym.physics.recipe import AT_REST, Function, Recipe
+from npend_gym.physics.signals import Signal, varies
 
 
 class Start:
@@ -25,8 +25,8 @@ class Start:
     def __init__(
         self,
         chains: tuple[Chain, ...],
-        theta: ArrayLike,
-        omega: ArrayLike,
+        theta: FloatArray,
+        omega: FloatArray,
         drives: dict[str, Any],
         state: dict[str, Any],
         begin: float,
@@ -45,8 +45,9 @@ class Start:
         constant["force"] = 0.0 if "force" in self.varying else drives["force"]
         torque = check_torque(constant["torque"], first.n)
         theta, omega, torque = self._rows(theta, omega, torque, one=one)
+        check_limits(theta, omega)
         given: dict[str, Any] = {"force": constant["force"], "pivot_acceleration": accelerated}
-        states = states_of(first, theta, omega, torque, **given, **state)
+        states = assembled(first, theta, omega, torque, **given, **state)
         self.mechanism = states.mechanism
         pair = None if accelerated is None else np.asarray(accelerated, float)
         if len(chains) > 1:
@@ -77,13 +78,16 @@ class Start:
         )  # fmt: skip
 
     def _rows(
-        self, theta: ArrayLike, omega: ArrayLike, torque: ArrayLike, *, one: bool
+        self, theta: FloatArray, omega: FloatArray, torque: FloatArray, *, one: bool
     ) -> tuple[FloatArray, ...]:
         """Return theta, omega and torque, (n,) each for one motion, or (B, n)."""
         n, members = self.chains[0].n, len(self.chains)
         if one:
-            rows = [_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)]
-            rows += [_checks.vector("torque", torque, n)]
+            named = {"theta": theta, "omega": omega, "torque": torque}
+            rows = [
+                each if each.shape == (n,) else _checks.vector(name, each.tolist(), n)
+                for name, each in named.items()
+            ]
         else:
             rows = [*check_states(n, theta=theta, omega=omega, torque=torque)]
             if rows[0].ndim == 1:

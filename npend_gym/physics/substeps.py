@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain, ChainParameters
@@ -36,6 +36,22 @@ def default_substeps(chain: Chain, dt: float) -> int:
     decays by at most that much; dry friction, at its steepest, by at most 1.
     """
     return max(1, min(MAX_SUBSTEPS, math.ceil(dt * _fastest_rate(chain) / MAX_PHASE)))
+
+
+def substeps_on_cart(
+    substeps: int, chains: Chain | ChainParameters, dt: float, inverse_mass: ArrayLike,
+    damping: ArrayLike,
+) -> int:  # fmt: skip
+    """Return how many substeps resolve `dt` on carts, where a pivot at rest needs `substeps`.
+
+    A chain of mass m on a cart of mass M has at least M / (M + m) of the inertia that it has at a
+    pivot, so that it swings and brakes faster by no more than the root of the inverse, or by it.
+    """
+    lighter = 1.0 + chains.masses.sum(axis=-1) * np.asarray(inverse_mass)
+    brakes = np.any(chains.damping) or np.any(chains.friction) or chains.has_drag
+    of_chain = substeps * (lighter if brakes else np.sqrt(lighter))
+    of_rail = dt / MAX_PHASE * lighter * np.asarray(inverse_mass) * damping
+    return min(MAX_SUBSTEPS, math.ceil(np.maximum(of_chain, of_rail).max()))
 
 
 def substeps_of(chains: ChainParameters, dt: float) -> int:

@@ -186,21 +186,11 @@ class Trajectory:
         }
         for name in EVENTS:
             own[name] = [each[k] for each in getattr(self, name)]
-        made = self.recipe
-        if made is not None:
-            drives = {"torque": 2, "force": 1, "pivot_acceleration": 2}
-            made = made._replace(
-                **{
-                    name: getattr(made, name)[k]
-                    for name, many in drives.items()
-                    if isinstance(getattr(made, name), np.ndarray)
-                    and getattr(made, name).ndim == many
-                }
-            )
         return Trajectory(
             self.chains[k] if self.chains else self.chain,
             self.times[:last], self.theta[k][:last], self.omega[k][:last],
-            provenance=self.provenance, recipe=made, status=status,
+            provenance=self.provenance, status=status,
+            recipe=self.recipe and self.recipe.of_motion(k),
             counts=None if self.counts is None else self.counts[:, k], **own,
         )  # fmt: skip
 

@@ -13,11 +13,11 @@ from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics.arguments import check_settings, check_states
-from npend_gym.physics.drives import Signal
 from npend_gym.physics.functions import NAMES
 from npend_gym.physics.integration import MAX_BYTES
 from npend_gym.physics.mechanism import AXIAL, PIVOT
 from npend_gym.physics.recipe import Function, Recipe
+from npend_gym.physics.signals import Signal
 from npend_gym.physics.trajectory import EVENTS, Trajectory
 
 

@@ -23,7 +23,7 @@ def pygame_module() -> Any:
 
 
 class Painter:
-    """Paints scenes as square RGB arrays; holds nothing but the size, so it copies and pickles.
+    """Paints scenes as square RGB arrays; it keeps no picture, so it copies and pickles.
 
     The pivot is in the middle, and the reach has a radius of 0.44 times the width.
 
@@ -31,10 +31,13 @@ class Painter:
     ----------
     size : int
         Width and height in pixels, 32 to 2160; below 200 the text is left out.
+    plain : bool
+        Whether to draw only the chain and its cart, without text, trace, marks and arrows.
     """
 
-    def __init__(self, size: int = 480) -> None:
+    def __init__(self, size: int = 480, plain: bool = False) -> None:
         self.size = _checks.count("size", size, low=32, high=2160)
+        self.plain = _checks.truth("plain", plain)
         pygame_module()
 
     def place(self, pixel: Sequence[float]) -> FloatArray:
@@ -46,9 +49,9 @@ class Painter:
         """Return the picture of `scene`, a new array of shape (size, size, 3)."""
         pg = pygame_module()
         canvas = pg.Surface((self.size * SAMPLES, self.size * SAMPLES), 0, 32)
-        draw_scene(pg.draw, canvas, scene)
+        draw_scene(pg.draw, canvas, scene, self.plain)
         picture = pg.transform.smoothscale(canvas, (self.size, self.size))
-        if self.size >= 200:
+        if self.size >= 200 and not self.plain:
             _write(pg.font, picture, scene)
         return np.ascontiguousarray(pg.surfarray.array3d(picture).transpose(1, 0, 2))
 

@@ -18,11 +18,12 @@ LABELS = {
     "motor_lag": "motor lag",
     "delay": "delay",
     "pushes": "pushes",
+    "angle_noise": "angle noise",
+    "angle_resolution": "angle resolution",
 }
 UNITS = {
     "masses": "kg", "lengths": "m", "centres": "m", "inertias": "kg m²", "damping": "N m s",
     "friction": "N m", "armature": "kg m²", "drag": "N s/m", "quadratic_drag": "N s²/m²",
-    "velocity_noise": "rad/s", "torque_noise": "N m", "motor_lag": "s", "delay": "s",
 }  # fmt: skip
 
 
@@ -69,7 +70,8 @@ def _rows(outcomes: Mapping[str, Any]) -> list[tuple[str, list[bool]]]:
             values = [outcome["values"][k] for k in own]
             kind, bracket, rod = name.partition("[")
             what = f"{LABELS.get(kind, kind)}{bracket}{rod}"
-            ends = f"{min(values):.3g} to {max(values):.3g} {UNITS.get(kind, '')}".strip()
+            unit = UNITS.get(kind, outcome["unit"])
+            ends = f"{min(values):.3g} to {max(values):.3g} {unit}".strip()
             label = f"{len(own)} pushed rollouts" if name == "pushes" else f"{what}, {ends}"
             rows.append((label, [outcome["survived"][k] for k in own]))
     return rows

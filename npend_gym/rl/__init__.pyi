@@ -8,6 +8,9 @@ from npend_gym.rl.controllers.regulators import lqr as lqr
 from npend_gym.rl.controllers.regulators import modal_damping as modal_damping
 from npend_gym.rl.controllers.transitions import PlannedTransitions as PlannedTransitions
 from npend_gym.rl.controllers.transitions import planned_transitions as planned_transitions
+from npend_gym.rl.evaluation.criteria import CRITERIA as CRITERIA
+from npend_gym.rl.evaluation.criteria import Criterion as Criterion
+from npend_gym.rl.evaluation.criteria import Pushes as Pushes
 from npend_gym.rl.evaluation.episodes import Evaluation as Evaluation
 from npend_gym.rl.evaluation.episodes import evaluate as evaluate
 from npend_gym.rl.evaluation.performance import Performance as Performance
@@ -25,6 +28,7 @@ from npend_gym.rl.evaluation.statistics import bootstrap_interval as bootstrap_i
 from npend_gym.rl.evaluation.statistics import interquartile_mean as interquartile_mean
 from npend_gym.rl.evaluation.statistics import performance_profile as performance_profile
 from npend_gym.rl.policies.model_card import write_repository as write_repository
-from npend_gym.rl.policies.policy import PRETRAINED as PRETRAINED
+from npend_gym.rl.policies.observations import observation_of as observation_of
 from npend_gym.rl.policies.policy import Policy as Policy
-from npend_gym.rl.policies.policy import pretrained_names as pretrained_names
+from npend_gym.rl.policies.shipped import PRETRAINED as PRETRAINED
+from npend_gym.rl.policies.shipped import pretrained_names as pretrained_names

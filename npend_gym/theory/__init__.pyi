@@ -15,6 +15,3 @@ from npend_gym.theory.rope import com_ratio as com_ratio
 from npend_gym.theory.rope import release_profile as release_profile
 from npend_gym.theory.small_releases import com_period as com_period
 from npend_gym.theory.small_releases import small_angle_periods as small_angle_periods
-from npend_gym.theory.third_order import MAX_THIRD_ORDER as MAX_THIRD_ORDER
-from npend_gym.theory.third_order import AmplitudeGrowth as AmplitudeGrowth
-from npend_gym.theory.third_order import amplitude_growth as amplitude_growth

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.hardware import HARDWARE
+from npend_gym.envs.settings import COUNTED, HARDWARE
 from npend_gym.torch.steps import check_tensor
 
 
@@ -29,7 +29,7 @@ def check_config(config: EnvConfig) -> EnvConfig:
     if config.goal_env:
         raise ValueError("goal_env must be False in an environment of tensors, got True")
     for name in HARDWARE:
-        if name != "ripple_cycles" and config.largest.get(name, 0.0) > 0.0:
+        if name not in COUNTED and config.largest[name] > 0.0:
             raise ValueError(
                 f"{name} must be left out in an environment of tensors, whose motors and sensors "
                 f"are ideal; got {config.largest[name]:g}"

@@ -75,12 +75,10 @@ class DeviceSteps:
             of_chains = torch.zeros(shape, dtype=theta.dtype, device=theta.device)
         with _current(theta):
             q, u, tau, lost = (_shared(x) for x in (theta, omega, torque, flags))
-            by_q, by_u, by_tau = (_shared(x) for x in back)
+            bars = [_shared(x) for x in back]
+            bars += [] if of_chains is None else [_shared(of_chains)]
             chains, options = self._chains(rows, theta), self._options(rows, theta, dt, substeps)
-            wanted = None if of_chains is None else _shared(of_chains)
-            chains.step_vjp(
-                q, u, tau, by_q, by_u, by_tau, lost, dt, parameters_bar=wanted, **options
-            )
+            chains.step_vjp(q, u, tau, bars, lost, dt, **options)
         _check_lost(flags)
         by_name = (
             {name: of_chains[:, _row(name)] for name in names} if of_chains is not None else {}

@@ -133,6 +133,8 @@ def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
     else:
         turns = torch.floor((state.theta.detach() + math.pi) / (2.0 * math.pi))
         parts = [state.theta - 2.0 * math.pi * turns, state.omega]
+    if not config.observe_velocities:
+        parts.pop()
     if config.observes_goals:
         parts.append(lanes.goals)
     if config.observe_context:

@@ -28,11 +28,13 @@ from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments.campaign.folder import FolderStatus, check_folder, read_plan, resolved
 from npend_gym.experiments.campaign.plan import CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
-from npend_gym.experiments.fits import Estimate, estimates, power_law
-from npend_gym.experiments.law import (
+from npend_gym.experiments.fits import (
     LAW_FROM,
     LAW_UP_TO,
+    Estimate,
     amplitude_factor,
+    estimates,
+    power_law,
 )
 
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted

@@ -1,7 +1,7 @@
 """Compiled physics. Arrays in, arrays out: no checks, no exceptions, no allocation in loops.
 
 dynamics has the equations, states evaluates them for many states; rk4 and dop853 take steps;
-turning_points says when a bob turns, releases and listing measure a release; layout names the
+turning_points says when a bob turns, releases measures a release; layout names the
 fields of many chains, advance takes their steps, tape differentiates those of a motion. Equations
 and steps are written for numbers that are floats, one chain, or packs (see
 `npend_gym.compiled.packs`), many chains side by side.

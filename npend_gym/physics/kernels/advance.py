@@ -23,10 +23,8 @@ from npend_gym.physics.kernels.layout import (
 from npend_gym.physics.kernels.reversals import (
     bobs_wait,
     com_waits,
-    follow_com,
     follow_marked,
     mark,
-    mark_com,
 )
 from npend_gym.physics.kernels.rk4 import OMEGA_2, rk4_step
 
@@ -134,8 +132,8 @@ def _commit_step(numbers: FloatArray, g: int, group: Group, dt: float, scratch: 
 
 @spliced_kernel
 def advance_group(
-    view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
-    timing: FloatArray, scratch: FloatArray, g: int, group: Group,
+    view: NumbersOf, width: int, members: FloatArray, timing: FloatArray, scratch: FloatArray,
+    g: int, group: Group,
 ) -> None:  # fmt: skip
     """Advance one group under its torques, by the substeps that `timing` names.
 
@@ -147,9 +145,9 @@ def advance_group(
     theta, omega, torque, chain = group.theta, group.omega, group.torque, group.chain
     if timing[Timing.FIRST_SUBSTEP] == 0.0:
         _begin_step(group, rest)
-    waiting = bobs_wait(numbers, g, n)
-    com_waiting = com_waits(numbers, g, group)
-    bobs_tracked, com_tracked, damped = any_of(waiting), any_of(com_waiting), any_power(chain)
+    active, damped = numbers[Member.ACTIVE, g] > 0.0, any_power(chain)
+    with_com = com_waits(numbers, g, group)
+    tracked = with_com or bobs_wait(numbers, g, n)
     dissipated = rest[Scratch.DISSIPATED, 0]
     whole = timing[Timing.DT] / timing[Timing.SUBSTEPS]
     for substep in range(int(timing[Timing.FIRST_SUBSTEP]), int(timing[Timing.LAST_SUBSTEP])):
@@ -161,7 +159,6 @@ def advance_group(
             rest[Scratch.SINCE, 0] = substep * whole + part * h
             part += 1
             more = any_of(parts > part)
-            tracked = bobs_tracked or com_tracked
             if tracked or some_wait:  # to pass the group costs some ns, for its many views
                 _begin_substep(group, rest)
             if damped:
@@ -174,13 +171,10 @@ def advance_group(
             if tracked or (substep + 1 == timing[Timing.SUBSTEPS] and not more):
                 bob_velocities(group, rest[Scratch.SIN], rest[Scratch.COS])
             threshold = numbers[Member.THRESHOLD, g]
-            if bobs_tracked and mark(group, threshold, h, waiting, rest):
-                follow_marked(members, rods, model, g, width, scratch)
-                bobs_tracked = any_of(bobs_wait(numbers, g, n))
-            if com_tracked and mark_com(group, threshold, h, com_waiting, rest):
-                follow_com(members, rods, model, g, width, scratch)
-                com_waiting = com_waits(numbers, g, group)
-                com_tracked = any_of(com_waiting)
+            if tracked and mark(group, with_com, threshold, h, active, rest):
+                follow_marked(numbers, g, group, width, rest)
+                with_com = com_waits(numbers, g, group)
+                tracked = with_com or bobs_wait(numbers, g, n)
     rest[Scratch.DISSIPATED, 0] = dissipated
     if timing[Timing.LAST_SUBSTEP] == timing[Timing.SUBSTEPS]:
         _commit_step(numbers, g, group, timing[Timing.DT], rest)
@@ -194,7 +188,7 @@ def advance_one(
     members, rods, model = bare(members), bare(rods), bare(model)
     timing, scratch = bare(timing), bare(scratch)
     group = group_of(members, rods, model, 0)
-    advance_group(bare, 1, members, rods, model, timing, scratch, 0, group)
+    advance_group(bare, 1, members, timing, scratch, 0, group)
 
 
 @kernel
@@ -211,4 +205,4 @@ def advance_many(
     timing, scratch = bare(timing), bare(scratch)
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         group = group_of(packs(members), packs(rods), packs(model), g)
-        advance_group(packs, WIDTH, members, rods, model, timing, scratch, g, group)
+        advance_group(packs, WIDTH, members, timing, scratch, g, group)

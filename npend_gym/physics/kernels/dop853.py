@@ -13,8 +13,8 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.arrays import NumbersOf, aligned_zeros
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
+from npend_gym.compiled.arrays import aligned_zeros
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.physics.kernels.driven import Torque, slope
 from npend_gym.physics.kernels.dynamics import AnyArrays, copy, new_work
@@ -28,7 +28,10 @@ _A[STAGES + 1 :] = DOP853.A_EXTRA
 INSTANTS = _C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])  # of the stages, in steps
 _E5, _E3, _D = np.array(DOP853.E5), np.array(DOP853.E3), np.array(DOP853.D)
 _SAFETY, _MIN_FACTOR, _MAX_FACTOR = 0.9, 0.2, 10.0
-_POWERS = 7  # rows of the interpolation polynomial
+POWERS = 7  # rows of the interpolation polynomial
+# Of lanes: whether they go on (`STUCK`: no step is small enough), and whether a step was taken
+STATUS, TAKEN = range(2)
+RUNNING, DONE, STUCK = 0.0, 1.0, -1.0
 _RESOLUTION = 10.0 * math.ulp(1.0)  # a step below this fraction of t is treated as zero
 
 
@@ -55,31 +58,12 @@ class Problem(NamedTuple):
 
 def new_solver(t: float, y: FloatArray, width: int = 1) -> Solver:
     """Return a solver that stands at time `t` in state `y` = (theta, omega), lanes innermost."""
-    rows = aligned_zeros(2 + _ROWS + _POWERS, y.size)
+    rows = aligned_zeros(2 + _ROWS + POWERS, y.size)
     rows[:2] = y
     clock = np.repeat([t, t, 0.0, _MAX_FACTOR], width)
     work = new_work(y.size // width // 2, width)
     count = np.zeros(3 * width)
     return Solver(clock, rows[0], rows[1], rows[2 : 2 + _ROWS], rows[2 + _ROWS :], work, count)
-
-
-@inlined_kernel
-def lane_of_solver(solver: Solver, lane: int, width: int) -> Solver:
-    """Return the solver of one lane of a pack."""
-    return Solver(
-        solver.clock[lane::width], solver.y_old[lane::width], solver.y[lane::width],
-        solver.k[:, lane::width], solver.poly[:, lane::width], solver.work[:, lane::width],
-        solver.counts[lane::width],
-    )  # fmt: skip
-
-
-@inlined_kernel
-def solver_as(view: NumbersOf, solver: Solver) -> Solver:
-    """Return views of the arrays as packs, or as bare floats."""
-    return Solver(
-        view(solver.clock), view(solver.y_old), view(solver.y), view(solver.k), view(solver.poly),
-        view(solver.work), view(solver.counts),
-    )  # fmt: skip
 
 
 @inlined_kernel
@@ -197,15 +181,6 @@ def attempt(solver: Solver, t_end: float, problem: Problem) -> float:
 
 
 @inner_kernel
-def step(solver: Solver, t_end: float, problem: Problem) -> bool:
-    """Take one step of one chain; return False where no step is small enough."""
-    outcome = 0.0
-    while outcome == 0.0:
-        outcome = attempt(solver, t_end, problem)
-    return outcome > 0.0
-
-
-@inner_kernel
 def prepare_dense(solver: Solver, problem: Problem) -> None:
     """Fit the interpolation polynomial to the last step: three more stages."""
     y_old, y, k, poly, work = solver.y_old, solver.y, solver.k, solver.poly, solver.work
@@ -214,7 +189,7 @@ def prepare_dense(solver: Solver, problem: Problem) -> None:
     for s in range(STAGES + 1, _ROWS):
         _stage(s, h, k, y_old, poly[0])
         slope(t + _C[s] * h, poly[0], torque, chain, work, k[s])
-    for p in range(3, _POWERS):
+    for p in range(3, POWERS):
         for i in range(y.size):
             poly[p, i] = (h * _D[p - 3, 0]) * k[0, i]
         for s in range(1, _ROWS):
@@ -241,60 +216,24 @@ def dense_weights(x: FloatArray) -> FloatArray:
     return np.asarray(powers.T @ np.array(rows), np.float64)
 
 
+@inlined_kernel
+def state_at(solver: Solver, x: float, j: int) -> tuple[float, float]:
+    """Return component `j` of the state at the fraction `x` of the last step, and its slope."""
+    poly, u = solver.poly, 1.0 - x
+    p = poly[6, j]
+    d = 0.0 * p
+    for row in range(5, -1, -1):  # multiplied by x and by 1 - x in turn
+        if row % 2 == 1:
+            d = d * x + p
+            p = p * x + poly[row, j]
+        else:
+            d = d * u - p
+            p = p * u + poly[row, j]
+    return solver.y_old[j] + p * x, d * x + p
+
+
 @inner_kernel
 def interpolate(solver: Solver, x: float, out: FloatArray) -> None:
     """Write the state at the fraction `x` of the last step into `out` (2n,)."""
-    y_old, poly = solver.y_old, solver.poly
-    u = 1.0 - x
     for i in range(out.size):
-        p = poly[6, i] * x
-        p = (p + poly[5, i]) * u
-        p = (p + poly[4, i]) * x
-        p = (p + poly[3, i]) * u
-        p = (p + poly[2, i]) * x
-        p = (p + poly[1, i]) * u
-        out[i] = y_old[i] + (p + poly[0, i]) * x
-
-
-@kernel
-def dop853_frames(
-    solver: Solver, problem: Problem, starting: bool, times: FloatArray, done: int, max_steps: int,
-    longest: float, frames: FloatArray, visited: FloatArray,
-) -> int:  # fmt: skip
-    """Write the state at each time from index `done` on into `frames` (T, 2n).
-
-    No step is longer than `longest`. Begin and end of each, and the state at its beginning, are
-    written into a row of `visited` (max_steps, 2 + 2n), unless that is empty; in a longer row,
-    (max_steps, 2 + 16n), the polynomial of the step follows. Return the number of frames written
-    after at most `max_steps` steps, or minus that number where the integration cannot continue.
-    """
-    clock = solver.clock
-    if starting:
-        start(solver, problem)
-    for count in range(max_steps):
-        if done == times.size:
-            break
-        if clock[2] > longest:
-            clock[2] = longest
-        if not step(solver, times[-1], problem):
-            return -done
-        if visited.size > 0:
-            visited[count, 0], visited[count, 1] = clock[0], clock[1]
-            copy(solver.y_old, visited[count, 2:])
-        dense = visited.shape[1] > 2 + solver.y.size
-        if dense:
-            prepare_dense(solver, problem)
-            solver.counts[2] += 1.0
-            for p in range(_POWERS):
-                copy(solver.poly[p], visited[count, 2 + (p + 1) * solver.y.size :])
-        while done < times.size and times[done] <= clock[1]:
-            if times[done] == clock[1]:
-                copy(solver.y, frames[done])
-            else:
-                if not dense:
-                    prepare_dense(solver, problem)
-                    solver.counts[2] += 1.0
-                    dense = True
-                interpolate(solver, (times[done] - clock[0]) / (clock[1] - clock[0]), frames[done])
-            done += 1
-    return done
+        out[i], _ = state_at(solver, x, i)

@@ -9,7 +9,12 @@ from typing import Any, NamedTuple
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import call_function
 from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
-from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, derivative
+from npend_gym.physics.kernels.dynamics import (
+    AnyArrays,
+    accelerations,
+    accelerations_kept,
+    derivative,
+)
 from npend_gym.physics.kernels.link_terms import Base, LinkArrays, MachineArrays
 from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.kernels.tensions import ChainArrays
@@ -35,7 +40,13 @@ class Sampled(NamedTuple):
     loads: FloatArray
 
 
-Torque = FloatArray | Driven | Sampled
+class Kept(NamedTuple):
+    """Constant torques under which the stages of a step are kept, see `rk4.rk4_step`."""
+
+    loads: FloatArray
+
+
+Torque = FloatArray | Driven | Sampled | Kept
 
 
 @inlined_kernel
@@ -104,7 +115,15 @@ def _along_line(
     return accelerations(q, u, loads, chain, work, alpha)
 
 
-@chosen_by_type("torque", {0: _steady, Driven: _by_function, Sampled: _along_line})
+@inlined_kernel
+def _kept(
+    t: float, q: FloatArray, u: FloatArray, torque: Kept, chain: AnyArrays, work: FloatArray,
+    alpha: FloatArray,
+) -> Any:  # fmt: skip
+    return accelerations_kept(q, u, torque.loads, chain, work, alpha)
+
+
+@chosen_by_type("torque", {0: _steady, Driven: _by_function, Sampled: _along_line, Kept: _kept})
 def driven_accelerations(
     t: float, q: FloatArray, u: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray,
     alpha: FloatArray,

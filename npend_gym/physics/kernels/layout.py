@@ -212,27 +212,6 @@ def _coordinates(rods: FloatArray, model: Model) -> int:
 
 
 @inlined_kernel
-def _of_lane_0(model: Model, k: int, width: int) -> Model:
-    return None
-
-
-@inlined_kernel
-def _of_lane_1(model: tuple[FloatArray], k: int, width: int) -> Model:
-    return (model[0][:, :, k::width],)
-
-
-@inlined_kernel
-def _of_lane_3(model: tuple[FloatArray, ...], k: int, width: int) -> Model:
-    return model[0][:, :, k::width], model[1][:, :, k::width], model[2][:, :, k::width]
-
-
-@chosen_by_type("model", {0: _of_lane_0, 1: _of_lane_1, 3: _of_lane_3})
-def model_of_lane(model: Model, k: int, width: int) -> Model:
-    """Return the model of the members in lane `k` of the groups."""
-    raise NotImplementedError
-
-
-@inlined_kernel
 def group_of(members: FloatArray, rods: FloatArray, model: Model, g: int) -> Group:
     """Return the named views of group `g`."""
     n, rows, size = rods.shape[2] - 1, rods[g], _coordinates(rods, model)
@@ -244,18 +223,12 @@ def group_of(members: FloatArray, rods: FloatArray, model: Model, g: int) -> Gro
         rows[Rod.MASS],
         rows[Rod.CARRIED],
         _chain_of(members, rods, model, g),
-        record_of(rows),
-    )
-
-
-@inlined_kernel
-def record_of(rows: FloatArray) -> Record:
-    """Return the turning points of a group, `rows` being its rows of `rods`."""
-    return Record(
-        rows[Rod.PERIOD],
-        rows[Rod.ORIENTATION],
-        rows[Rod.SIGN],
-        rows[Rod.RISEN],
-        rows[Rod.ZERO],
-        rows[Rod.ZERO][:0],
+        Record(
+            rows[Rod.PERIOD],
+            rows[Rod.ORIENTATION],
+            rows[Rod.SIGN],
+            rows[Rod.RISEN],
+            rows[Rod.ZERO],
+            rows[Rod.ZERO][:0],
+        ),
     )

@@ -94,13 +94,11 @@ def _friction_torque(joints: FloatArray, i: int, relative: Any) -> Any:
     return (joints[Joint.FRICTION, i] * u) / math.sqrt(1.0 + u * u)
 
 
-def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
-    """Return the solver for MachineArrays, or for LinkArrays: one text, compiled for each.
+def _torques_of(machine: bool) -> Callable[..., None]:
+    """Return `torques` for MachineArrays, or for LinkArrays: one text, compiled for each.
 
-    `kept` leaves in the row PIVOTS of the work space what another right side needs.
-
-    Numba drops what stands under `if machine` where that is False. Views of what is bare cost
-    nothing; of other arrays it would count references, some tens of ns.
+    Numba drops what stands under `if machine` where that is False, here and below. Views of what is
+    bare cost nothing; of other arrays it would count references, some tens of ns.
     """
 
     @inlined_kernel
@@ -115,6 +113,12 @@ def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
             net[i] = tau
             if i > 0:
                 net[i - 1] = net[i - 1] - tau
+
+    return torques
+
+
+def _ascent_of(machine: bool, kept: bool) -> Callable[..., Any]:
+    """Return `ascend`; `kept` leaves in the row PIVOTS what another right side needs."""
 
     @inlined_kernel
     def ascend(u: FloatArray, chain: Any, work: FloatArray) -> Any:
@@ -166,9 +170,18 @@ def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
             nn = ss * carried + ((cc * across - ss * taken) + cross) * inverse
         return en, nn, b_n
 
+    return ascend
+
+
+def _descent_of(machine: bool, moving: bool) -> Callable[..., None]:
+    """Return `descend` for links in motion, or at rest."""
+
     @inlined_kernel
     def descend(u: FloatArray, chain: Any, work: FloatArray, x: Any, y: Any, out: Any) -> None:
-        """Write the accelerations of the links, Eq. (2), the base accelerating by (x, y)."""
+        """Write the accelerations of the links, Eq. (2), the base accelerating by (x, y).
+
+        Links at rest answer moments alone.
+        """
         length, s, c = bare(chain.length), work[_SIN], work[_COS]
         g_e, g_n, g_k, free, rest = work[_G_E], work[_G_N], work[_G_K], work[_FREE], work[_REST]
         above = 0.0 * x
@@ -180,7 +193,18 @@ def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
             above = start - g_n[i] * y
             out[i] = above
             # y + l alpha, where 1 - l g_n is K / D: the next link need not wait for alpha
-            x, y = x - length[i] * (u[i] * u[i]), length[i] * start + rest[i] * y
+            y = length[i] * start + rest[i] * y
+            if moving:
+                x = x - length[i] * (u[i] * u[i])
+
+    return descend
+
+
+def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
+    """Return the solver for MachineArrays, or for LinkArrays."""
+    torques, ascend, descend = (
+        _torques_of(machine), _ascent_of(machine, kept), _descent_of(machine, moving=True)
+    )  # fmt: skip
 
     @inlined_kernel
     def solve(
@@ -219,6 +243,7 @@ solve_machine_kept = _articulated(machine=True, kept=True)
 
 def _response(machine: bool) -> Callable[..., None]:
     """Return what `links_respond` and `machine_respond` are: one text, two compiled versions."""
+    descend = _descent_of(machine, moving=False)
 
     @inlined_kernel
     def respond(
@@ -234,7 +259,7 @@ def _response(machine: bool) -> Callable[..., None]:
             work[PIVOTS],
         )  # fmt: skip
         b_e: Any = 0.0 * force[0]
-        b_n = beta = x = y = above = b_e
+        b_n = beta = x = y = b_e
         for i in range(n - 1, -1, -1):
             t = force[i] - beta
             free = t - length[i] * b_n
@@ -248,14 +273,7 @@ def _response(machine: bool) -> Callable[..., None]:
             alpha[n] = y
         if machine and force.size > n + 1:
             alpha[n + 1] = 0.0 * y  # a prescribed motion answers nothing
-        for i in range(n):
-            x, y = c[i] * x + s[i] * y, c[i] * y - s[i] * x
-            moved = start[i] - g_e[i] * x
-            if machine:
-                moved = moved - g_k[i] * above
-            above = moved - g_n[i] * y
-            alpha[i] = above
-            y = length[i] * moved + rest[i] * y
+        descend(force, chain, work, x, y, alpha)
 
     return respond
 

@@ -6,27 +6,21 @@ from the dense output; those that may hold a turning point are followed, rod by 
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.arrays import NumbersOf, bare, packs
-from npend_gym.compiled.jit import (
-    chosen_by_type,
-    inlined_kernel,
-    inner_kernel,
-    kernel,
-    spliced_kernel,
-)
-from npend_gym.compiled.packs import WIDTH, any_of, where
+from npend_gym.compiled.arrays import NumbersOf, lane
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
+from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dop853 import (
+    DONE,
+    STATUS,
     Problem,
     Solver,
-    attempt,
-    lane_of_solver,
     prepare_dense,
-    solver_as,
-    start,
+    state_at,
 )
 from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays
@@ -43,14 +37,21 @@ from npend_gym.physics.kernels.turning_points import (
     may_turn,
 )
 
-T_END, THRESHOLD, STATUS = range(3)  # rows of `release`
-RUNNING, DONE, STUCK = 0.0, 1.0, -1.0  # stuck: no step is small enough
 # Rows of the work space: signals and slopes, those at the left and the right end of the
 # subinterval, and 1 for rods that may turn in it
 _SIGNAL, _SLOPE, _LEFT, _SLOPE_LEFT, _RIGHT, _SLOPE_RIGHT, _MARKED = range(7)
 RELEASE_ROWS = 7
 _SUBINTERVALS = 4  # of a step; at these tolerances a step is about a radian of the fastest mode
 _ROOT_TOLERANCE = 1e-11  # s
+
+
+class Release(NamedTuple):
+    """Releases, each of which ends when all its rods have completed their pseudo-period."""
+
+    reading: int
+    threshold: FloatArray  # above which the sign of a signal counts, (lanes,)
+    record: Record
+    scratch: FloatArray  # RELEASE_ROWS for the rods, zeros at first
 
 
 class Stretching(NamedTuple):
@@ -63,13 +64,13 @@ Rods = FloatArray | Stretching  # the lengths of rigid rods, or those
 
 
 @inlined_kernel
-def _rigid_rods(chain: Any, lane: int, width: int) -> FloatArray:
-    return chain.length[lane::width]
+def _rigid_rods(chain: Any) -> FloatArray:
+    return chain.length
 
 
 @inlined_kernel
-def _springs(chain: SpringArrays, lane: int, width: int) -> Stretching:
-    return Stretching(chain.length[lane::width])
+def _springs(chain: SpringArrays) -> Stretching:
+    return Stretching(chain.length)
 
 
 @chosen_by_type(
@@ -81,38 +82,25 @@ def _springs(chain: SpringArrays, lane: int, width: int) -> Stretching:
         SpringArrays: _springs,
     },
 )
-def _rods_of(chain: AnyArrays, lane: int, width: int) -> Rods:
-    """Return what readings need to know of the rods of one lane."""
+def _rods_of(chain: AnyArrays) -> Rods:
+    """Return what readings need to know of the rods."""
     raise NotImplementedError
 
 
 class _Dense(NamedTuple):
     """The signal of rod `i` during the last step of a solver."""
 
-    reading: int
     i: int
     solver: Solver
-    record: Record
+    release: Release
     rods: Rods
-    scratch: FloatArray
 
 
 @inlined_kernel
-def _state_at(solver: Solver, x: float, j: int) -> tuple[float, float]:
+def _moving(solver: Solver, x: float, j: int) -> tuple[float, float]:
     """Return component `j` of the state at fraction `x` of the step, and its time derivative."""
-    poly = solver.poly
-    u = 1.0 - x
-    p = poly[6, j]
-    d = 0.0 * p
-    for row in range(5, -1, -1):
-        # multiplied by x and by 1 - x in turn, as in `interpolate`
-        if row % 2 == 1:
-            d = d * x + p
-            p = p * x + poly[row, j]
-        else:
-            d = d * u - p
-            p = p * u + poly[row, j]
-    return solver.y_old[j] + p * x, (d * x + p) / (solver.clock[1] - solver.clock[0])
+    value, slope = state_at(solver, x, j)
+    return value, slope / (solver.clock[1] - solver.clock[0])
 
 
 @inlined_kernel
@@ -120,7 +108,7 @@ def _along_rigid_rod(
     reading: int, solver: Solver, x: float, i: int, omega: float, alpha: float, record: Record,
     rods: FloatArray,
 ) -> tuple[float, float]:  # fmt: skip
-    theta, _ = _state_at(solver, x, i)
+    theta, _ = _moving(solver, x, i)
     s, c = sincos(theta)
     l = rods[i]
     if reading != HEIGHT:
@@ -136,9 +124,9 @@ def _along_spring(
 ) -> tuple[float, float]:  # fmt: skip
     size = solver.y.size // 2
     first = size - rods.length.size  # of the stretches, behind a base that moves
-    theta, _ = _state_at(solver, x, i)
-    stretch, _ = _state_at(solver, x, first + i)
-    growth, change = _state_at(solver, x, size + first + i)
+    theta, _ = _moving(solver, x, i)
+    stretch, _ = _moving(solver, x, first + i)
+    growth, change = _moving(solver, x, size + first + i)
     s, c = sincos(theta)
     r = rods.length[i] + stretch
     if reading != HEIGHT:
@@ -156,18 +144,16 @@ def _along_rod(
     raise NotImplementedError
 
 
-@inner_kernel
-def _signal_of_com(
-    solver: Solver, x: float, record: Record, rods: Rods, scratch: FloatArray
-) -> None:  # fmt: skip
+@inlined_kernel
+def _signal_of_com(solver: Solver, x: float, release: Release, rods: Rods) -> None:
     """Write signal and slope of the centre of mass at fraction `x` of the step.
 
     Each rod moves what its end carries, and its own mass as far as its centre is out.
     """
-    n = record.per_rod.size
+    record, scratch = release.record, release.scratch
     velocities, value, rate = solver.y.size // 2, 0.0, 0.0
-    for i in range(n):
-        omega, alpha = _state_at(solver, x, velocities + i)
+    for i in range(record.per_rod.size):
+        omega, alpha = _moving(solver, x, velocities + i)
         f, slope = _along_rod(COM, solver, x, i, omega, alpha, record, rods)
         value, rate = value + record.per_rod[i] * f, rate + record.per_rod[i] * slope
     scratch[_SIGNAL][0] = record.orientation[0] * value
@@ -175,21 +161,20 @@ def _signal_of_com(
 
 
 @inner_kernel
-def _signals(
-    reading: int, solver: Solver, x: float, first: int, last: int, record: Record,
-    rods: Rods, scratch: FloatArray,
-) -> None:  # fmt: skip
+def _signals(solver: Solver, x: float, first: int, last: int, release: Release, rods: Rods) -> None:
     """Write signal and slope of rods `first` to `last` at fraction `x` of the step.
 
     A bob's motion is the sum over the rods above it: except for LINK, `first` must be 0.
     """
+    reading, record = release.reading, release.record
     if reading == COM:
-        _signal_of_com(solver, x, record, rods, scratch)
+        _signal_of_com(solver, x, release, rods)
         return
-    velocities, signal, slope = solver.y.size // 2, scratch[_SIGNAL], scratch[_SLOPE]
+    velocities = solver.y.size // 2
+    signal, slope = release.scratch[_SIGNAL], release.scratch[_SLOPE]
     value = rate = 0.0
     for i in range(first, last + 1):
-        omega, alpha = _state_at(solver, x, velocities + i)
+        omega, alpha = _moving(solver, x, velocities + i)
         if reading == LINK:
             value, rate = omega, alpha
         else:
@@ -202,45 +187,39 @@ def _signals(
 @inner_kernel
 def _dense_at(motion: _Dense, x: float) -> tuple[float, float]:
     """Return the signal of one rod at fraction `x` of the step, and its slope."""
-    first = motion.i if motion.reading == LINK else 0
-    _signals(
-        motion.reading, motion.solver, x, first, motion.i, motion.record, motion.rods,
-        motion.scratch,
-    )  # fmt: skip
-    return motion.scratch[_SIGNAL, motion.i], motion.scratch[_SLOPE, motion.i]
+    release, i = motion.release, motion.i
+    first = i if release.reading == LINK else 0
+    _signals(motion.solver, x, first, i, release, motion.rods)
+    return release.scratch[_SIGNAL, i], release.scratch[_SLOPE, i]
 
 
 @inner_kernel
-def _follow_marked(
-    reading: int, solver: Solver, left: float, right: float, threshold: float, record: Record,
-    rods: Rods, scratch: FloatArray,
-) -> None:  # fmt: skip
+def _follow_marked(solver: Solver, left: float, right: float, release: Release, rods: Rods) -> None:
     """Follow the marked rods of one chain from fraction `left` of the step to `right`."""
     t, h = solver.clock[0], solver.clock[1] - solver.clock[0]
-    rule = Rule(reading, threshold, _ROOT_TOLERANCE / h)
+    record, scratch = release.record, release.scratch
+    rule = Rule(release.reading, release.threshold[0], _ROOT_TOLERANCE / h)
     for i in range(record.period.size):
         if scratch[_MARKED, i] != 0.0:
             interval = Interval(
                 t, h, left, right, scratch[_LEFT, i], scratch[_SLOPE_LEFT, i], scratch[_RIGHT, i],
                 scratch[_SLOPE_RIGHT, i],
             )  # fmt: skip
-            motion = _Dense(reading, i, solver, record, rods, scratch)
+            motion = _Dense(i, solver, release, rods)
             follow_interval(_dense_at, motion, rule, interval, record, i)
 
 
 @inlined_kernel
-def _mark(
-    reading: int, solver: Solver, right: float, taken: bool, threshold: float, record: Record,
-    rods: Rods, scratch: FloatArray,
-) -> bool:  # fmt: skip
+def _mark(solver: Solver, right: float, taken: bool, release: Release, rods: Rods) -> bool:
     """Take signals and slopes at fraction `right` of the steps that were `taken`.
 
     Mark the rods that may turn between the fraction looked at before and this one; return whether
     there are any.
     """
+    record, scratch, threshold = release.record, release.scratch, release.threshold[0]
     n = record.period.size
     found = False
-    _signals(reading, solver, right, 0, n - 1, record, rods, scratch)
+    _signals(solver, right, 0, n - 1, release, rods)
     for i in range(n):
         f, slope = scratch[_RIGHT, i], scratch[_SLOPE_RIGHT, i]  # the right end until now
         g, slope_now = scratch[_SIGNAL, i], scratch[_SLOPE, i]
@@ -254,97 +233,24 @@ def _mark(
 
 
 @inlined_kernel
-def _lane_of_record(record: Record, lane: int, width: int) -> Record:
-    """Return the turning points of one lane."""
-    return Record(
-        record.period[lane::width], record.orientation[lane::width], record.sign[lane::width],
-        record.risen[lane::width], record.zero[lane::width], record.per_rod[lane::width],
-    )  # fmt: skip
-
-
-@inlined_kernel
-def _as_numbers(
-    view: NumbersOf, solver: Solver, problem: Problem, record: Record
-) -> tuple[Solver, Problem, Record]:
-    """Return views of all arrays as packs, or as bare floats."""
-    return (
-        solver_as(view, solver),
-        Problem(
-            view(problem.chain),
-            view(problem.torque), problem.rtol, problem.atol,
-        ),
-        Record(
-            view(record.period), view(record.orientation), view(record.sign), view(record.risen),
-            view(record.zero), view(record.per_rod),
-        ),
-    )  # fmt: skip
-
-
-@spliced_kernel
-def _measure(
-    view: NumbersOf, width: int, reading: int, starting: bool, max_steps: int,
-    lanes: tuple[Solver, Problem, Record], release: FloatArray, lane_scratch: FloatArray,
+def observe_release(
+    view: NumbersOf, width: int, solver: Solver, problem: Problem, taken: bool,
+    observer: Release, status: FloatArray,
 ) -> None:  # fmt: skip
-    solver, problem, record = _as_numbers(view, *lanes)
-    scratch, state = view(lane_scratch), view(release)
-    # the loop makes views of these
-    lane_solver, lane_problem, lane_record = _as_numbers(bare, *lanes)
-    lane_scratch = bare(lane_scratch)
-    n, clock, threshold = record.period.size, solver.clock, state[THRESHOLD]
-    rods = _rods_of(problem.chain, 0, 1)
-    if starting:
-        start(solver, problem)
-    for _ in range(max_steps):
-        running = state[STATUS] == RUNNING
-        if not any_of(running):
-            return
-        t_end = where(running, state[T_END], clock[1])
-        outcome = attempt(solver, t_end, problem)
-        state[STATUS] = where(running & (outcome < 0.0), STUCK, state[STATUS])
-        taken = running & (outcome > 0.0)
-        if not any_of(taken):
-            continue
-        prepare_dense(solver, problem)
-        first = taken & (clock[0] == 0.0)
-        if any_of(first):
-            _mark(reading, solver, 0.0, first, threshold, record, rods, scratch)
-        for part in range(_SUBINTERVALS):
-            left, right = part / _SUBINTERVALS, (part + 1) / _SUBINTERVALS
-            if not _mark(reading, solver, right, taken, threshold, record, rods, scratch):
-                continue
-            for lane in range(width):
-                _follow_marked(
-                    reading, lane_of_solver(lane_solver, lane, width), left, right,
-                    release[THRESHOLD * width + lane], _lane_of_record(lane_record, lane, width),
-                    _rods_of(lane_problem.chain, lane, width), lane_scratch[:, lane::width],
-                )  # fmt: skip
-        missing = 0.0
-        for i in range(n):
-            missing = missing + where(record.period[i] != record.period[i], 1.0, 0.0)
-        finished = taken & ((missing == 0.0) | (clock[1] >= t_end))
-        state[STATUS] = where(finished, DONE, state[STATUS])
-
-
-@kernel
-def measure_one(
-    reading: int, starting: bool, max_steps: int, lanes: tuple[Solver, Problem, Record],
-    release: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Follow the release of one chain; see `measure_many`."""
-    _measure(bare, 1, reading, starting, max_steps, lanes, release, scratch)
-
-
-@kernel
-def measure_many(
-    reading: int, starting: bool, max_steps: int, lanes: tuple[Solver, Problem, Record],
-    release: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Integrate WIDTH releases, each with its own steps, until all their rods are complete.
-
-    Arrays are flat with the lane innermost. Each release ends at its own T_END too; `release` has
-    a row each for T_END, THRESHOLD and STATUS. `scratch` has RELEASE_ROWS rows for the rods and
-    belongs to the releases from the first call, which is `starting`, to the last. After
-    `max_steps` attempts the call returns, and another continues. The record's `period` holds what
-    was found.
-    """
-    _measure(packs, WIDTH, reading, starting, max_steps, lanes, release, scratch)
+    """Look for turning points in a step that the lanes in `taken` have taken."""
+    release, rods, state = view(observer), _rods_of(problem.chain), view(status)
+    prepare_dense(solver, problem)
+    first = any_of(taken & (solver.clock[0] == 0.0))
+    for part in range(0 if first else 1, _SUBINTERVALS + 1):  # 0: the start itself
+        begun = taken & (solver.clock[0] <= (0.0 if part == 0 else math.inf))
+        right = part / _SUBINTERVALS
+        if _mark(solver, right, begun, release, rods) and part > 0:
+            left = (part - 1) / _SUBINTERVALS
+            for k in range(width):
+                own = lane(release, k)
+                _follow_marked(lane(solver, k), left, right, own, lane(rods, k))
+    missing = 0.0
+    for i in range(release.record.period.size):
+        period = release.record.period[i]
+        missing = missing + where(period != period, 1.0, 0.0)  # noqa: PLR0124 - it is NaN
+    state[STATUS] = where(taken & (missing == 0.0), DONE, state[STATUS])

@@ -1,24 +1,35 @@
 """The classical Runge-Kutta method of order 4 (the paper's appendix C, its Y_4 read as K_4)."""
 
+# ruff: noqa: ARG001  what stands for another function has its parameters
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.arrays import aligned_zeros, packs
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
-from npend_gym.compiled.packs import WIDTH
-from npend_gym.physics.kernels.driven import Torque, driven_accelerations
+from npend_gym.compiled.arrays import NumbersOf, aligned_zeros, bare, lane, packs
+from npend_gym.compiled.jit import (
+    chosen_by_type,
+    inlined_kernel,
+    inner_kernel,
+    kernel,
+    spliced_kernel,
+)
+from npend_gym.compiled.packs import WIDTH, any_of
+from npend_gym.physics.kernels.driven import Driven, Kept, Sampled, Torque, driven_accelerations
 from npend_gym.physics.kernels.dynamics import WORK_ROWS, AnyArrays, copy
 
 # Rows of the work space: accelerations of K_1..K_4; velocities of K_2..K_4, which are their q';
 # coordinates of the stage; then the rows of `accelerations`
 K_4, OMEGA_2, _THETA, WORK = 3, 4, 7, 8
 RK4_ROWS = WORK + WORK_ROWS
+
+# Rows of a stage that is kept: those of `accelerations_kept`, its accelerations and velocities; of
+# the four stages, and of coordinates
+ALPHA, OMEGA, STAGE_ROWS = WORK_ROWS + 1, WORK_ROWS + 2, WORK_ROWS + 3
+TAPE_ROWS = 4 * STAGE_ROWS + 1
 
 TABLEAU = np.diag([0.5, 0.5, 1.0], -1)  # the method as `sensitivities.Steps` has it
 WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
@@ -41,6 +52,29 @@ def _next_stage(
         w[i] = omega[i] + h * alpha[i]
 
 
+@inlined_kernel
+def _passing_rows(torque: Torque, k: int) -> tuple[int, int, int, int]:
+    return WORK, k, OMEGA_2 - 1 + k, _THETA
+
+
+@inlined_kernel
+def _kept_rows(torque: Torque, k: int) -> tuple[int, int, int, int]:
+    first = k * STAGE_ROWS
+    return first, first + ALPHA, first + OMEGA, 4 * STAGE_ROWS
+
+
+@chosen_by_type(
+    "torque",
+    {0: _passing_rows, Driven: _passing_rows, Sampled: _passing_rows, Kept: _kept_rows},
+)
+def _rows_of(torque: Torque, k: int) -> tuple[int, int, int, int]:
+    """Return where stage `k` has what `accelerations` needs, its accelerations, its velocities.
+
+    The last is where the coordinates of all stages stand.
+    """
+    raise NotImplementedError
+
+
 @spliced_kernel
 def rk4_step(
     t: Any, theta: FloatArray, omega: FloatArray, h: Any, torque: Torque, chain: AnyArrays,
@@ -49,22 +83,27 @@ def rk4_step(
     """Advance a chain, or a pack of them, by one step of `h` seconds from `t`, in place.
 
     `scratch` has RK4_ROWS rows of n + 2 or more. Afterwards the accelerations at the start of the
-    step are in its row 0, those of the last stage, near those at the end, in row K_4. A loop over
-    the stages would be compiled sooner, and a tenth slower for short chains.
+    step are in its row 0, those of the last stage, near those at the end, in row K_4. Where
+    `torque` is `Kept` it has TAPE_ROWS, in which all stages are left, but for the velocities of the
+    first: they are those at the start. A loop over the stages would be compiled sooner, and a tenth
+    slower for short chains.
 
     Return the energy that drag takes in the step [J].
     """
     n = theta.size
-    a1, a2, a3, a4 = scratch[0], scratch[1], scratch[2], scratch[K_4]
-    w2, w3, w4 = scratch[OMEGA_2], scratch[OMEGA_2 + 1], scratch[OMEGA_2 + 2]
-    x, work = scratch[_THETA][:n], scratch[WORK:]
-    power_1 = driven_accelerations(t, theta, omega, torque, chain, work, a1)
+    work_1, at_1, _, at_x = _rows_of(torque, 0)
+    work_2, at_2, v_2, _ = _rows_of(torque, 1)
+    work_3, at_3, v_3, _ = _rows_of(torque, 2)
+    work_4, at_4, v_4, _ = _rows_of(torque, 3)
+    a1, a2, a3, a4 = scratch[at_1], scratch[at_2], scratch[at_3], scratch[at_4]
+    w2, w3, w4, x = scratch[v_2], scratch[v_3], scratch[v_4], scratch[at_x][:n]
+    power_1 = driven_accelerations(t, theta, omega, torque, chain, scratch[work_1:], a1)
     _next_stage(theta, omega, omega, a1, 0.5 * h, x, w2)
-    power_2 = driven_accelerations(t + 0.5 * h, x, w2, torque, chain, work, a2)
+    power_2 = driven_accelerations(t + 0.5 * h, x, w2, torque, chain, scratch[work_2:], a2)
     _next_stage(theta, omega, w2, a2, 0.5 * h, x, w3)
-    power_3 = driven_accelerations(t + 0.5 * h, x, w3, torque, chain, work, a3)
+    power_3 = driven_accelerations(t + 0.5 * h, x, w3, torque, chain, scratch[work_3:], a3)
     _next_stage(theta, omega, w3, a3, h, x, w4)
-    power_4 = driven_accelerations(t + h, x, w4, torque, chain, work, a4)
+    power_4 = driven_accelerations(t + h, x, w4, torque, chain, scratch[work_4:], a4)
     sixth = h / 6.0
     for i in range(n):
         theta[i] += sixth * ((omega[i] + w4[i]) + 2.0 * (w2[i] + w3[i]))
@@ -105,73 +144,75 @@ def _keep_polynomial(h: float, y: FloatArray, scratch: FloatArray, poly: FloatAr
             )
 
 
-@kernel
-def rk4_frames(
-    y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
-    torque: Torque, chain: AnyArrays, scratch: FloatArray, frames: FloatArray,
+@spliced_kernel
+def _frames(
+    view: NumbersOf, width: int, y: FloatArray, times: FloatArray, steps: NDArray[np.int64],
+    progress: NDArray[np.int64], rods: tuple[Torque, AnyArrays, FloatArray], frames: FloatArray,
     visited: FloatArray,
 ) -> bool:  # fmt: skip
-    """Write the state y = (q, u) at each time into `frames` (T, 2m).
-
-    The interval from times[k - 1] to times[k] is cut into steps[k] equal steps. `progress` holds
-    the number of frames that are written, the steps taken since the last of them, and the steps
-    that this call may take: it stops there, and another call continues from the state `y`. Begin
-    and end of each step, and the state at its beginning, are written into a row of `visited`
-    (steps, 2 + 2m), unless that is empty; in a longer row, (steps, 2 + 8m), the polynomial of the
-    step follows. Return False where the state diverged, in the interval before the frame that was
-    to be written next.
-    """
-    size = y.size // 2
-    theta, omega, passed = y[:size], y[size:], 0
+    state, (torque, chain, scratch) = view(y), view(rods)
+    size, passed = state.size // 2, 0
+    theta, omega = state[:size], state[size:]
     while progress[0] < times.size and progress[2] > 0:
         k = progress[0]
         h: Any = (times[k] - times[k - 1]) / steps[k]
         count, t = min(steps[k] - progress[1], progress[2]), times[k - 1] + progress[1] * h
-        if visited.size > 0:
+        if visited.shape[1] > 0:
             count = 1
-            row = visited[passed]
-            row[0], row[1] = t, times[k] if progress[1] + 1 == steps[k] else t + h
-            copy(y, row[2:])
+            for j in range(width):
+                row = visited[j, passed]
+                row[0], row[1] = t, times[k] if progress[1] + 1 == steps[k] else t + h
+                copy(lane(state, j), row[2:])
             passed += 1
         _steps(t, theta, omega, h, count, torque, chain, scratch)
-        if visited.shape[1] > 2 + y.size:
-            row = visited[passed - 1]
-            _keep_polynomial(h, row[2 : 2 + y.size], scratch, row[2 + y.size :])
+        if visited.shape[2] > 2 + 2 * size:
+            for j in range(width):
+                row = visited[j, passed - 1]
+                begin = row[2 : 2 + 2 * size]
+                _keep_polynomial(h, begin, lane(scratch, j), row[2 + 2 * size :])
         progress[1] += count
         progress[2] -= count
         if progress[1] < steps[k]:
             continue
-        total = 0.0
-        for i in range(y.size):
-            total += y[i]
-        if not math.isfinite(total):
+        total = state[0]
+        for i in range(1, state.size):
+            total = total + state[i]
+        if any_of(total - total != 0.0):  # not finite
             return False
-        copy(y, frames[k])
+        for j in range(width):
+            copy(lane(state, j), frames[j, k])
         progress[0] += 1
         progress[1] = 0
     return True
 
 
 @kernel
+def rk4_frames(
+    y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
+    rods: tuple[Torque, AnyArrays, FloatArray], frames: FloatArray, visited: FloatArray,
+) -> bool:  # fmt: skip
+    """Write the state y = (q, u) at each time into `frames` (lanes, T, 2m).
+
+    The interval from times[k - 1] to times[k] is cut into steps[k] equal steps. `progress` holds
+    the number of frames that are written, the steps taken since the last of them, and the steps
+    that this call may take: it stops there, and another call continues from the state `y`. Begin
+    and end of each step, and the state at its beginning, are written into a row of `visited`
+    (lanes, steps, 2 + 2m), unless that is empty; in a longer row, (lanes, steps, 2 + 8m), the
+    polynomial of the step follows. `rods` are what drives them, their parameters and a work space.
+    Return False where a state diverged, in the interval before the frame that was to be written
+    next.
+    """
+    return _frames(
+        bare, 1, y, times, steps, progress, rods, bare(frames), bare(visited)
+    )  # fmt: skip
+
+
+@kernel
 def rk4_frames_of_packs(
     y: FloatArray, times: FloatArray, steps: NDArray[np.int64], progress: NDArray[np.int64],
-    torque: FloatArray, chain: AnyArrays, scratch: FloatArray, frames: FloatArray,
-) -> None:  # fmt: skip
-    """Do as `rk4_frames` for WIDTH motions side by side: `frames` are (T, 2m WIDTH).
-
-    A motion that diverges is looked for by the caller.
-    """
-    wide, size, rods = packs(y), y.size // 2, packs(chain)
-    theta, omega = wide[: size // WIDTH], wide[size // WIDTH :]
-    while progress[0] < times.size and progress[2] > 0:
-        k = progress[0]
-        h: Any = (times[k] - times[k - 1]) / steps[k]
-        count = min(steps[k] - progress[1], progress[2])
-        for _ in range(count):
-            rk4_step(0.0, theta, omega, h, packs(torque), rods, packs(scratch))
-        progress[1] += count
-        progress[2] -= count
-        if progress[1] == steps[k]:
-            copy(y, frames[k])
-            progress[0] += 1
-            progress[1] = 0
+    rods: tuple[Torque, AnyArrays, FloatArray], frames: FloatArray, visited: FloatArray,
+) -> bool:  # fmt: skip
+    """Do as `rk4_frames` for WIDTH motions side by side."""
+    return _frames(
+        packs, WIDTH, y, times, steps, progress, rods, bare(frames), bare(visited)
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Runge-Kutta steps with their tangents and adjoints, alone and as steps of an ensemble."""
+"""Runge-Kutta steps of an ensemble with their tangents and adjoints."""
 
 from __future__ import annotations
 
@@ -8,136 +8,32 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare, packs
-from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
+from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import any_of, where
-from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
 from npend_gym.physics.kernels.advance import MAX_PARTS, substep_parts
-from npend_gym.physics.kernels.dynamics import (
-    ANSWER_ROWS,
-    WORK_ROWS,
-    AnyArrays,
-    accelerations_kept,
-    copy,
-    respond,
-)
+from npend_gym.physics.kernels.driven import Kept
+from npend_gym.physics.kernels.dynamics import AnyArrays, copy
 from npend_gym.physics.kernels.layout import Group, Model, Timing, group_of
-from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
-
-# Rows that a stage keeps: those of `accelerations_kept`, then its accelerations and velocities
-_ALPHA, _OMEGA = WORK_ROWS + 1, WORK_ROWS + 2
-STAGE_ROWS = WORK_ROWS + 3
-STEP_ROWS = 4 * STAGE_ROWS
+from npend_gym.physics.kernels.rk4 import OMEGA, TAPE_ROWS, rk4_step
+from npend_gym.physics.kernels.stages import (
+    SHARED_ROWS,
+    change_stage,
+    return_stage,
+    take_poses,
+)
+from npend_gym.physics.kernels.tangent import POSE_ROWS
 
 _OFFSETS = (0.0, 0.5, 0.5, 1.0, 0.0)  # where in the step each stage is; there is none after four
 _WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 
-# Rows of the work space of one group: the state on its way, in how many parts each lane takes the
-# substep, what `respond` leaves, what a tangent or an adjoint needs, the poses of the four stages;
-# then the tapes
-_THETA, _OMEGA_NOW, _X, _PARTS, _ANSWER_ROWS = 0, 1, 2, 3, 4
-_FIRST = _ANSWER_ROWS + ANSWER_ROWS
-_X_BAR, _W_BAR, _A_BAR, _LAM, _THETA_BAR, _OMEGA_BAR = range(6)
-_ADJOINT = 6
-_TURNED, _SPED, _FORCE, _GAIN, _SUM_THETA, _SUM_OMEGA, _OUT = range(7)
-_POSES = _FIRST + max(_ADJOINT + ADJOINT_ROWS, _OUT + 4)
+# Rows of the work space of one group: those of `stages`; a change of the state or the derivatives
+# by it, at the start or end of a step and at a stage; the change of the accelerations of a stage,
+# or the derivatives by them; the state on its way; in how many parts each lane takes the substep;
+# the poses of the four stages; then the tapes
+_Q, _U, _Q_STAGE, _U_STAGE, _ALPHA, _THETA, _OMEGA_NOW, _PARTS, _POSES = range(
+    SHARED_ROWS, SHARED_ROWS + 9
+)
 TAPE = _POSES + 4 * POSE_ROWS
-
-
-@spliced_kernel  # on a GPU no other function may return a view
-def _stage(tape: FloatArray, k: int) -> FloatArray:
-    return tape[k * STAGE_ROWS : (k + 1) * STAGE_ROWS]
-
-
-@inlined_kernel
-def _rk4_kept(
-    theta: FloatArray, omega: FloatArray, h: Any, torque: FloatArray, chain: AnyArrays,
-    x: FloatArray, tape: FloatArray,
-) -> None:  # fmt: skip
-    """Take a Runge-Kutta step, with the bits of `rk4_step`, that leaves its stages in `tape`."""
-    size = theta.size
-    copy(theta, x)
-    copy(omega, _stage(tape, 0)[_OMEGA][:size])
-    for k in range(4):
-        stage = _stage(tape, k)
-        w = stage[_OMEGA][:size]
-        if k > 0:
-            before, part = _stage(tape, k - 1), _OFFSETS[k] * h
-            for i in range(size):
-                x[i] = theta[i] + part * before[_OMEGA][i]
-                w[i] = omega[i] + part * before[_ALPHA][i]
-        accelerations_kept(x, w, torque, chain, stage, stage[_ALPHA][:size])
-    sixth = h / 6.0
-    one, two, three, four = _stage(tape, 0), _stage(tape, 1), _stage(tape, 2), _stage(tape, 3)
-    for i in range(size):
-        ends, inner = one[_OMEGA][i] + four[_OMEGA][i], two[_OMEGA][i] + three[_OMEGA][i]
-        theta[i] = theta[i] + sixth * (ends + 2.0 * inner)
-        ends, inner = one[_ALPHA][i] + four[_ALPHA][i], two[_ALPHA][i] + three[_ALPHA][i]
-        omega[i] = omega[i] + sixth * (ends + 2.0 * inner)
-
-
-@inlined_kernel
-def _rk4_adjoint(
-    h: Any, group: Group, tape: FloatArray, bars: FloatArray, chain_bar: FloatArray,
-    answer: FloatArray, rows: FloatArray,
-) -> None:  # fmt: skip
-    """Take derivatives by the end of a step, the rows of `bars`, back to its start, in place.
-
-    They are by theta, omega and, added up, the torques.
-    """
-    size = group.theta.size
-    theta_bar, omega_bar, torque_bar = bars[0][:size], bars[1][:size], bars[2][:size]
-    x, w, a, lam = rows[_X_BAR][:size], rows[_W_BAR][:size], rows[_A_BAR][:size], rows[_LAM][:size]
-    theta_end, omega_end = rows[_THETA_BAR], rows[_OMEGA_BAR]
-    weight = _WEIGHTS[3] * h
-    for i in range(size):
-        theta_end[i], omega_end[i] = theta_bar[i], omega_bar[i]
-        w[i], a[i] = weight * theta_bar[i], weight * omega_bar[i]
-    for back in range(4):
-        k = 3 - back
-        stage = _stage(tape, k)
-        respond(a, group.chain, stage, answer, lam)
-        adjoint(
-            stage[_OMEGA][:size], stage[_ALPHA][:size], lam, group.chain, group.mass, stage,
-            answer, rows[_ADJOINT:], x, w, torque_bar, chain_bar,
-        )  # fmt: skip
-        part, weight = _OFFSETS[k] * h, _WEIGHTS[k - 1] * h
-        for i in range(size):
-            by_theta, by_omega = x[i], w[i]
-            theta_bar[i] = theta_bar[i] + by_theta
-            omega_bar[i] = omega_bar[i] + by_omega
-            w[i] = weight * theta_end[i] + part * by_theta
-            a[i] = weight * omega_end[i] + part * by_omega
-
-
-@inlined_kernel
-def _rk4_tangent(
-    h: Any, group: Group, tape: FloatArray, poses: FloatArray, change: FloatArray,
-    pushed: FloatArray, changed: FloatArray, answer: FloatArray, rows: FloatArray,
-) -> None:  # fmt: skip
-    """Carry a `change` of theta and omega at the start of a step to its end, in place."""
-    size, chain = group.theta.size, group.chain
-    theta, omega, turned, sped = change[0], change[1], rows[_TURNED][:size], rows[_SPED][:size]
-    force, gain = rows[_FORCE][:size], rows[_GAIN][:size]
-    sum_theta, sum_omega = rows[_SUM_THETA], rows[_SUM_OMEGA]
-    for i in range(size):
-        turned[i], sped[i] = theta[i], omega[i]
-        sum_theta[i] = sum_omega[i] = 0.0 * theta[i]
-    for k in range(4):
-        stage = _stage(tape, k)
-        tangent(
-            stage[_OMEGA][:size], stage[_ALPHA][:size], turned, sped, pushed, changed, chain,
-            group.mass, poses[k * POSE_ROWS :], rows[_OUT:], force,
-        )  # fmt: skip
-        respond(force, chain, stage, answer, gain)
-        part, weight = _OFFSETS[k + 1] * h, _WEIGHTS[k]
-        for i in range(size):
-            faster, gained = sped[i], gain[i]
-            sum_theta[i] = sum_theta[i] + weight * faster
-            sum_omega[i] = sum_omega[i] + weight * gained
-            turned[i], sped[i] = theta[i] + part * faster, omega[i] + part * gained
-    for i in range(size):
-        theta[i] = theta[i] + h * sum_theta[i]
-        omega[i] = omega[i] + h * sum_omega[i]
 
 
 @inlined_kernel
@@ -146,12 +42,74 @@ def _part_length(parts: Any, part: int, timing: FloatArray) -> Any:
     return where(parts > part, timing[Timing.DT] / timing[Timing.SUBSTEPS] / parts, 0.0)
 
 
+@inner_kernel
+def _kept_step(
+    theta: FloatArray, omega: FloatArray, h: Any, torque: FloatArray, chain: AnyArrays,
+    tape: FloatArray,
+) -> None:  # fmt: skip
+    """Take a Runge-Kutta step in place, and keep its stages in `tape`."""
+    copy(omega, tape[OMEGA])
+    rk4_step(0.0, theta, omega, h, Kept(torque), chain, tape)
+
+
 @inlined_kernel
 def _take_part(group: Group, h: Any, rest: FloatArray, tape: FloatArray) -> None:
-    """Take a Runge-Kutta step from the state in `rest`."""
-    size = group.theta.size
-    theta, omega, x = rest[_THETA][:size], rest[_OMEGA_NOW][:size], rest[_X][:size]
-    _rk4_kept(theta, omega, h, group.torque, group.chain, x, tape)
+    """Take a part of a substep from the state in `rest`."""
+    theta, omega = rest[_THETA][: group.theta.size], rest[_OMEGA_NOW][: group.theta.size]
+    _kept_step(theta, omega, h, group.torque, group.chain, tape)
+
+
+@inlined_kernel
+def _change(
+    h: Any, group: Group, tape: FloatArray, q: FloatArray, u: FloatArray, pushed: FloatArray,
+    changed: FloatArray, rest: FloatArray,
+) -> None:  # fmt: skip
+    """Carry changes of `q` and `u` at the start of a Runge-Kutta step to its end, in place.
+
+    The general method of `tape` would take a twentieth longer, for its sums over all stages.
+    """
+    size, poses = q.size, rest[_POSES:]
+    turned, sped, gained = rest[_Q_STAGE][:size], rest[_U_STAGE][:size], rest[_ALPHA][:size]
+    q_start, u_start = rest[_Q], rest[_U]
+    for i in range(size):
+        q_start[i], u_start[i] = q[i], u[i]
+        turned[i], sped[i] = q[i], u[i]
+    for s in range(4):
+        change_stage(
+            s, group.chain, group.mass, tape, poses, turned, sped, pushed, changed, gained, rest
+        )
+        part, weight = _OFFSETS[s + 1] * h, _WEIGHTS[s] * h
+        for i in range(size):
+            by_speed, by_gain = sped[i], gained[i]
+            q[i], u[i] = q[i] + weight * by_speed, u[i] + weight * by_gain
+            turned[i], sped[i] = q_start[i] + part * by_speed, u_start[i] + part * by_gain
+
+
+@inlined_kernel
+def _return(
+    h: Any, group: Group, tape: FloatArray, bars: FloatArray, chain_bar: FloatArray,
+    rest: FloatArray,
+) -> None:  # fmt: skip
+    """Take derivatives by the end of a Runge-Kutta step, the rows of `bars`, back to its start.
+
+    They are by theta, omega and, added up, the torques.
+    """
+    size, q_end, u_end = group.theta.size, rest[_Q], rest[_U]
+    q_bar, u_bar, torque_bar = bars[0][:size], bars[1][:size], bars[2][:size]
+    x, w, bar = rest[_Q_STAGE][:size], rest[_U_STAGE][:size], rest[_ALPHA][:size]
+    weight = _WEIGHTS[3] * h
+    for i in range(size):
+        q_end[i], u_end[i] = q_bar[i], u_bar[i]
+        w[i], bar[i] = weight * q_bar[i], weight * u_bar[i]
+    for back in range(4):
+        s = 3 - back
+        return_stage(s, group.chain, group.mass, tape, bar, x, w, torque_bar, chain_bar, rest)
+        part, weight = _OFFSETS[s] * h, _WEIGHTS[s - 1] * h
+        for i in range(size):
+            by_q, by_u = x[i], w[i]
+            q_bar[i], u_bar[i] = q_bar[i] + by_q, u_bar[i] + by_u
+            w[i] = weight * q_end[i] + part * by_q
+            bar[i] = weight * u_end[i] + part * by_u
 
 
 @inlined_kernel
@@ -173,7 +131,7 @@ def tangents_of_group(
     changed: FloatArray, reached: FloatArray, rest: FloatArray,
 ) -> None:  # fmt: skip
     """See `tangents_many`; without any `changes` it is a step alone."""
-    size, poses, tape = group.theta.size, rest[_POSES:], rest[TAPE:]
+    size, tape = group.theta.size, rest[TAPE:]
     count, first = changes.shape[0], changes.shape[0] - changed.shape[0]
     copy(group.theta, rest[_THETA])
     copy(group.omega, rest[_OMEGA_NOW])
@@ -183,15 +141,11 @@ def tangents_of_group(
         while part == 0 or any_of(parts > part):
             h = _part_length(parts, part, timing)
             _take_part(group, h, rest, tape)
-            for k in range(4 if count > 0 else 0):
-                stage = _stage(tape, k)
-                u, alpha = stage[_OMEGA][:size], stage[_ALPHA][:size]
-                pose(u, alpha, group.chain, group.mass, stage, poses[k * POSE_ROWS :])
+            if count > 0:
+                take_poses(4, size, group.chain, group.mass, tape, rest[_POSES:])
             for d in range(count):
-                _rk4_tangent(
-                    h, group, tape, poses, changes[d], pushed[d], _directions(changed, d, first),
-                    rest[_ANSWER_ROWS:], rest[_FIRST:],
-                )  # fmt: skip
+                q, u = changes[d][0][:size], changes[d][1][:size]
+                _change(h, group, tape, q, u, pushed[d], _directions(changed, d, first), rest)
             part += 1
     copy(rest[_THETA][:size], reached[0])
     copy(rest[_OMEGA_NOW][:size], reached[1])
@@ -215,41 +169,6 @@ def tangents_many(
         group = group_of(packs(members), packs(rods), packs(model), g)
         rows, end = packs(changes)[g], packs(reached)[g]
         tangents_of_group(group, timing, rows, pushed, changed, end, rest)
-
-
-@spliced_kernel
-def _rates_of_group(
-    group: Group, changes: FloatArray, pushed: FloatArray, changed: FloatArray, rest: FloatArray
-) -> None:
-    """Turn changes of theta and omega into those of the accelerations, in the second row."""
-    size, stage, poses = group.theta.size, rest[TAPE:], rest[_POSES:]
-    alpha, force = stage[_ALPHA][:size], rest[_FIRST + _FORCE][:size]
-    accelerations_kept(group.theta, group.omega, group.torque, group.chain, stage, alpha)
-    pose(group.omega, alpha, group.chain, group.mass, stage, poses)
-    first = changes.shape[0] - changed.shape[0]
-    for d in range(changes.shape[0]):
-        change, directions = changes[d], _directions(changed, d, first)
-        tangent(
-            group.omega, alpha, change[0][:size], change[1][:size], pushed[d], directions,
-            group.chain, group.mass, poses, rest[_FIRST + _OUT :], force,
-        )  # fmt: skip
-        respond(force, group.chain, stage, rest[_ANSWER_ROWS:], change[1][:size])
-
-
-@kernel
-def rates_many(
-    members: FloatArray, rods: FloatArray, model: Model, changes: FloatArray, pushed: FloatArray,
-    changed: FloatArray, timing: FloatArray, scratch: FloatArray,
-) -> None:  # fmt: skip
-    """Turn changes of states, torques and parameters into those of the accelerations.
-
-    Arrays are as in `tangents_many`; the answers stand where the changes of omega were.
-    """
-    members, rods, changes = bare(members), bare(rods), bare(changes)
-    pushed, changed, rest = bare(pushed), bare(changed), packs(bare(scratch))
-    for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
-        group = group_of(packs(members), packs(rods), packs(model), g)
-        _rates_of_group(group, packs(changes)[g], pushed, changed, rest)
 
 
 @inlined_kernel
@@ -285,7 +204,7 @@ def _return_kept(
             copy(starts[2 * part][:size], rest[_THETA])
             copy(starts[2 * part + 1][:size], rest[_OMEGA_NOW])
             _take_part(group, h, rest, tape)
-        _rk4_adjoint(h, group, tape, bars, chain_bar, rest[_ANSWER_ROWS:], rest[_FIRST:])
+        _return(h, group, tape, bars, chain_bar, rest)
 
 
 @spliced_kernel
@@ -295,15 +214,13 @@ def adjoint_of_group(
 ) -> None:  # fmt: skip
     """See `adjoint_many`; `kept` says of each substep whether its tape is there on the way back."""
     size, substeps, tapes = group.theta.size, kept.size, rest[TAPE:]
-    states = tapes[(slots + 1) * STEP_ROWS :]
-    starts = states[2 * substeps :]
+    # of each substep the state at its start, behind it those of its parts, until the next
+    states = tapes[(slots + 1) * TAPE_ROWS :]
     copy(group.theta, rest[_THETA])
     copy(group.omega, rest[_OMEGA_NOW])
     for step in range(substeps):
-        copy(rest[_THETA][:size], states[2 * step])
-        copy(rest[_OMEGA_NOW][:size], states[2 * step + 1])
-        tape = tapes[min(step, slots - 1) * STEP_ROWS :]
-        count = _advance_kept(group, timing, rest, tape, starts)
+        tape = tapes[min(step, slots - 1) * TAPE_ROWS :]
+        count = _advance_kept(group, timing, rest, tape, states[2 * step :])
         # the last slot is written again and again: at the end it has the last substep
         stays = step < slots - 1 or step == substeps - 1
         kept[step] = 1.0 if count == 1 and stays else 0.0
@@ -311,14 +228,14 @@ def adjoint_of_group(
     copy(rest[_OMEGA_NOW][:size], reached[1])
     for back in range(substeps):
         step = substeps - 1 - back
-        tape, count = tapes[min(step, slots - 1) * STEP_ROWS :], 1
+        tape, count = tapes[min(step, slots - 1) * TAPE_ROWS :], 1
         rest[_PARTS][0] = 1.0 + 0.0 * rest[_THETA][0]
         if kept[step] == 0.0:
-            tape = tapes[slots * STEP_ROWS :]
+            tape = tapes[slots * TAPE_ROWS :]
             copy(states[2 * step][:size], rest[_THETA])
             copy(states[2 * step + 1][:size], rest[_OMEGA_NOW])
-            count = _advance_kept(group, timing, rest, tape, starts)
-        _return_kept(group, timing, rest, tape, starts, count, bars, chain_bar)
+            count = _advance_kept(group, timing, rest, tape, states[2 * step :])
+        _return_kept(group, timing, rest, tape, states[2 * step :], count, bars, chain_bar)
 
 
 @kernel
@@ -345,9 +262,9 @@ def adjoint_many(
 
 def tangent_rows() -> int:
     """Return the rows of the work space of `tangents_many`."""
-    return TAPE + STEP_ROWS
+    return TAPE + TAPE_ROWS
 
 
 def adjoint_rows(substeps: int, slots: int) -> int:
     """Return the rows of the work space of `adjoint_many`."""
-    return TAPE + (slots + 1) * STEP_ROWS + 2 * substeps + 2 * int(MAX_PARTS)
+    return TAPE + (slots + 1) * TAPE_ROWS + 2 * substeps + 2 * int(MAX_PARTS)

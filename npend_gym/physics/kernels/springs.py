@@ -26,10 +26,9 @@ and Eqs. (2) and (3) of rod 0 hold in its frame: with g + Y'' for g, with -X'' s
 q = (theta_0.., place of the base, x_0..), u = (omega_0.., its velocity, x_0'..): the base has no
 number at rest, X on a rail, X and Y where its acceleration is prescribed. The stretch stands there,
 not the length, because rounding of the length would be noise in the tension of a stiff rod, and
-take many small steps. Nothing has to be solved: the mass matrix of these equations is one.
+take many small steps. Nothing has to be solved.
 """
 
-# ruff: noqa: ARG001  all kinds of chains share the parameters of a kernel
 from __future__ import annotations
 
 import math
@@ -44,10 +43,11 @@ from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.link_terms import Base, Parameter
-from npend_gym.physics.kernels.tensions import chain_arrays
+from npend_gym.physics.kernels.tensions import COUPLES, TENSIONS, chain_arrays
 
 # Rows of what springs have beside a chain (parameters, n), where their derivatives are asked for
 STIFFNESS, AXIAL_DAMPING = len(Parameter), len(Parameter) + 1
+LENGTHS, _INVERSE = 4, 5  # rows of the work space in which r and 1/r are left
 
 
 class SpringArrays(NamedTuple):
@@ -128,6 +128,27 @@ def _accelerate_base(
 
 
 @inlined_kernel
+def _pull_bobs(
+    couples: FloatArray, tensions: FloatArray, chain: SpringArrays, work: FloatArray,
+    along: FloatArray, across: FloatArray,
+) -> None:  # fmt: skip
+    """Add what force couples and tensions, rows after a zero, do in Eqs. (2) and (3).
+
+    It is added to `along` and written into `across`.
+    """
+    v, v_below = chain.inverse_mass, chain.inverse_mass[1:]
+    s, s_below, c, c_below = work[0], work[0][1:], work[1], work[1][1:]
+    f, f_below, t, t_below = couples[1:], couples[2:], tensions[1:], tensions[2:]
+    for i in range(chain.length.size):
+        pull_below = (t_below[i] * c_below[i] + f_below[i] * s_below[i]) - t[i]
+        pull_above = (tensions[i] * c[i] - couples[i] * s[i]) - t[i]
+        along[i] = (along[i] + v_below[i] * pull_below) + v[i] * pull_above
+        push_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
+        push_above = (tensions[i] * s[i] + couples[i] * c[i]) - f[i]
+        across[i] = v_below[i] * push_below - v[i] * push_above
+
+
+@inlined_kernel
 def solve_springs(
     q: FloatArray, u: FloatArray, torque: FloatArray, chain: SpringArrays, work: FloatArray,
     alpha: FloatArray,
@@ -141,12 +162,8 @@ def solve_springs(
     n, axial = l.size, q.size - l.size  # where the stretch begins
     theta, stretch, omega, rate = q[:n], q[axial:], u[:n], u[axial:]
     across, along = alpha[:n], alpha[axial:]
-    v, v_below = chain.inverse_mass, chain.inverse_mass[1:]
-    s, s_below = work[0], work[0][1:]
-    c, c_below = work[1], work[1][1:]
-    f_above, f, f_below = work[2], work[2][1:], work[2][2:]
-    t_above, t, t_below = work[3], work[3][1:], work[3][2:]
-    r, inverse_r = work[4], work[5]
+    s, c, f, t = work[0], work[1], work[COUPLES][1:], work[TENSIONS][1:]
+    r, inverse_r = work[LENGTHS], work[_INVERSE]
 
     s[0], c[0] = sincos(theta[0])
     for i in range(1, n):
@@ -161,14 +178,10 @@ def solve_springs(
             tau = torque[i + 1] - damping[i + 1] * (omega[i + 1] - omega[i])
             f[i] = f[i] - tau
         f[i] = f[i] * inverse_r[i]
+        along[i] = r[i] * (omega[i] * omega[i])
+    _pull_bobs(work[COUPLES], work[TENSIONS], chain, work, along, across)
     for i in range(n):
-        pull_below = (t_below[i] * c_below[i] + f_below[i] * s_below[i]) - t[i]
-        pull_above = (t_above[i] * c[i] - f_above[i] * s[i]) - t[i]
-        along[i] = (r[i] * (omega[i] * omega[i]) + v_below[i] * pull_below) + v[i] * pull_above
-        push_below = (t_below[i] * s_below[i] - f_below[i] * c_below[i]) + f[i]
-        push_above = (t_above[i] * s[i] + f_above[i] * c[i]) - f[i]
-        turned = 2.0 * (rate[i] * omega[i])
-        across[i] = (v_below[i] * push_below - v[i] * push_above) - turned
+        across[i] = across[i] - 2.0 * (rate[i] * omega[i])
     if axial > n:
         pull = t[0] * s[0] - f[0] * c[0]
         _accelerate_base(u[n:axial], torque[n:], chain, pull, alpha[n:axial])
@@ -188,6 +201,22 @@ def solve_springs(
 def springs_respond(
     force: FloatArray, chain: SpringArrays, work: FloatArray, answer: FloatArray, alpha: FloatArray
 ) -> None:
-    """Copy what is an acceleration already: the mass matrix of springs is one."""
-    for i in range(force.size):
-        alpha[i] = force[i]
+    """Write how springs at rest answer the moments and forces `force`; see `dynamics.respond`.
+
+    `work` is as `solve_springs` left it. A force along a rod that stretches is a tension less.
+    """
+    n, inverse_r = chain.length.size, work[_INVERSE]
+    axial = force.size - n
+    f, t, across, along = answer[0][1:], answer[1][1:], alpha[:n], alpha[axial:]
+    for i in range(n):
+        f[i], t[i], along[i] = force[i] * inverse_r[i], -force[axial + i], 0.0 * force[i]
+    _pull_bobs(answer[0], answer[1], chain, work, along, across)
+    if axial > n:
+        s, c = work[0][0], work[1][0]
+        x = chain.base[Base.INVERSE_MASS, 0] * (force[n] + (t[0] * s - f[0] * c))
+        alpha[n] = x
+        along[0], across[0] = along[0] - x * s, across[0] - x * c
+    if axial > n + 1:
+        alpha[n + 1] = 0.0 * f[0]  # a prescribed motion answers nothing
+    for i in range(n):
+        across[i] = across[i] * inverse_r[i]

@@ -8,24 +8,16 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import kernel
-from npend_gym.physics.kernels.dynamics import (
-    ANSWER_ROWS,
-    WORK_ROWS,
-    AnyArrays,
-    accelerations,
-    accelerations_kept,
-    copy,
-    respond,
-)
-from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
+from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, accelerations_kept, copy
+from npend_gym.physics.kernels.rk4 import ALPHA, OMEGA, STAGE_ROWS
+from npend_gym.physics.kernels.stages import SHARED_ROWS, change_stage, take_poses
+from npend_gym.physics.kernels.tangent import POSE_ROWS
 from npend_gym.physics.kernels.tensions import TENSIONS
 
-# Rows of the work space of `rates_of_states`: what `respond` leaves; the changes of a column, of
-# the accelerations at first of f - N alpha; four for `tangent`; then the stage
-_TURNED, _SPED, _PUSHED, _FORCE, _GAINED, _OUT = range(ANSWER_ROWS, ANSWER_ROWS + 6)
-_STAGE = _OUT + 4
-_ALPHA = _STAGE + WORK_ROWS + 1
-_POSE = _ALPHA + 1
+# Rows of the work space of `rates_of_states`: those of `stages`; the changes of a column; each
+# state as a stage
+_TURNED, _SPED, _PUSHED, _GAINED, _STAGE = range(SHARED_ROWS, SHARED_ROWS + 5)
+_POSE = _STAGE + STAGE_ROWS
 
 
 @kernel
@@ -61,22 +53,20 @@ def rates_of_states(
     chain, mass, scratch = bare(chain), bare(mass), bare(scratch)
     m, unchanged = q.shape[1], scratch[:0]
     turned, sped, pushed = scratch[_TURNED][:m], scratch[_SPED][:m], scratch[_PUSHED]
-    force, gained, alpha = scratch[_FORCE][:m], scratch[_GAINED][:m], scratch[_ALPHA][:m]
-    stage, poses = scratch[_STAGE:], scratch[_POSE:]
+    gained, stage, poses = scratch[_GAINED][:m], scratch[_STAGE:], scratch[_POSE:]
     for k in range(len(q)):
-        accelerations_kept(q[k], u[k], loads[k], chain, stage, alpha)
-        pose(u[k], alpha, chain, mass, stage, poses)
+        copy(u[k], stage[OMEGA])
+        accelerations_kept(q[k], u[k], loads[k], chain, stage, stage[ALPHA][:m])
+        take_poses(1, m, chain, mass, stage, poses)
         for column in range(2 * m + wanted.size):
             for i in range(m):
                 turned[i] = 1.0 if column == i else 0.0
                 sped[i] = 1.0 if column == m + i else 0.0
             if column >= 2 * m:
                 pushed[wanted[column - 2 * m]] = 1.0
-            tangent(
-                u[k], alpha, turned, sped, pushed, unchanged, chain, mass, poses, scratch[_OUT:],
-                force,
-            )  # fmt: skip
-            respond(force, chain, stage, scratch, gained)
+            change_stage(
+                0, chain, mass, stage, poses, turned, sped, pushed, unchanged, gained, scratch
+            )
             if column >= 2 * m:
                 pushed[wanted[column - 2 * m]] = 0.0
             for i in range(m):

@@ -1,18 +1,13 @@
 """Small changes carried forward, and gradients backward, through the steps of one chain's motion.
 
-A step of an explicit Runge-Kutta method begins at y and has the stages and the end
-
-    y_s = y + h sum_j a_sj k_j,   k_s = f(y_s),   y' = y + h sum_s b_s k_s,
-
-and what lies within the step by dense output is linear in the same k_s, with weights of its own.
-Lengths of steps are held fixed. A change dy then goes the same way, with d k_s = (df/dy) d y_s from
-`tangent.tangent`; the gradient goes the way back, by `adjoint.adjoint`. Both serve any
-such method: its a_sj and weights are arguments.
+Steps are those of any explicit Runge-Kutta method: its a_sj and weights are arguments, see `stages`
+for their meaning. What lies within a step by dense output is linear in the same k_s, with weights
+of its own.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,25 +15,21 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros, bare
 from npend_gym.compiled.jit import inlined_kernel, inner_kernel, kernel
-from npend_gym.physics.kernels.adjoint import ADJOINT_ROWS, adjoint
 from npend_gym.physics.kernels.driven import ACROSS, AFTER_TORQUES, UP, accelerate_base
-from npend_gym.physics.kernels.dynamics import (
-    ANSWER_ROWS,
-    WORK_ROWS,
-    AnyArrays,
-    accelerations_kept,
-    copy,
-    respond,
+from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations_kept, copy
+from npend_gym.physics.kernels.rk4 import ALPHA, OMEGA, STAGE_ROWS
+from npend_gym.physics.kernels.stages import (
+    SHARED_ROWS,
+    change_stage,
+    return_stage,
+    stage_of,
+    take_poses,
 )
-from npend_gym.physics.kernels.tangent import POSE_ROWS, pose, tangent
+from npend_gym.physics.kernels.tangent import POSE_ROWS
 
-# Rows that a stage keeps: those of `accelerations_kept`, its accelerations and velocities, its pose
-_ALPHA, _OMEGA, _POSE = WORK_ROWS + 1, WORK_ROWS + 2, WORK_ROWS + 3
-_STAGE = _POSE + POSE_ROWS
-# Before the stages: what `respond` leaves; angles of a stage; its changes, or derivatives by it
-_X, _TURNED, _SPED, _FORCE, _OUT = range(ANSWER_ROWS, ANSWER_ROWS + 5)
-_X_BAR, _W_BAR, _LAM, _ROWS = _TURNED, _SPED, _FORCE, _OUT
-_SHARED = _OUT + max(4, ADJOINT_ROWS)
+# Rows of the work space: those of `stages`; coordinates of a stage, their change or derivatives by
+# them; then for each stage two rows of `_slopes`, the pose and the tape
+_X, _SLOPES = SHARED_ROWS, SHARED_ROWS + 1
 
 
 class Steps(NamedTuple):
@@ -67,84 +58,87 @@ class Rods(NamedTuple):
 
 def new_scratch(stages: int, m: int) -> FloatArray:
     """Return the work space of the kernels here, for `m` coordinates."""
-    return aligned_zeros(_SHARED + stages * (_STAGE + 4), m + 2)
+    return aligned_zeros(_SLOPES + stages * (2 + POSE_ROWS + STAGE_ROWS), m + 2)
+
+
+class _Parts(NamedTuple):
+    """Parts of the work space."""
+
+    rows: FloatArray  # of `stages`
+    x: FloatArray  # (m,)
+    slopes: FloatArray  # changes of q' and u' at each stage, or the derivatives by them
+    poses: FloatArray
+    tape: FloatArray
 
 
 @inlined_kernel
-def _stage_of(scratch: FloatArray, s: int) -> FloatArray:
-    return scratch[_SHARED + s * _STAGE : _SHARED + (s + 1) * _STAGE]
+def _parts_of(scratch: FloatArray, stages: int, m: int) -> _Parts:
+    poses = _SLOPES + 2 * stages
+    tape = poses + stages * POSE_ROWS
+    return _Parts(scratch, scratch[_X, :m], scratch[_SLOPES:poses], scratch[poses:], scratch[tape:])
 
 
 @inlined_kernel
-def _at(table: FloatArray, step: int, s: int) -> FloatArray:
+def _add(
+    weights: FloatArray, h: float, slopes: FloatArray, q: FloatArray, u: FloatArray, count: int
+) -> None:
+    """Add h sum_s weights_s k_s to `q` and `u`, from two rows of `slopes` for each stage."""
+    for s in range(count):
+        weight = h * weights[s]
+        if weight != 0.0:
+            faster, gained = slopes[2 * s], slopes[2 * s + 1]
+            for i in range(q.size):
+                q[i] += weight * faster[i]
+                u[i] += weight * gained[i]
+
+
+@inlined_kernel
+def _row(table: FloatArray, step: int, s: int) -> FloatArray:
     """Return the row of a table of loads for a stage of a step."""
     return table[min(step, table.shape[0] - 1), min(s, table.shape[1] - 1)]
 
 
-@inlined_kernel
-def _slopes(scratch: FloatArray, stages: int) -> FloatArray:
-    """Return rows for changes of theta and omega at each stage per second, or derivatives by k."""
-    return scratch[_SHARED + stages * _STAGE :]
-
-
 @inner_kernel
-def _take_stages(steps: Steps, step: int, rods: Rods, scratch: FloatArray) -> None:
+def _take_stages(steps: Steps, step: int, rods: Rods, parts: _Parts) -> None:
     """Evaluate the stages of a step, and keep what their derivatives need."""
-    m, h, x = steps.states.shape[1] // 2, steps.lengths[step], scratch[_X]
-    n = rods.mass.size
+    parts = bare(parts)  # views of it would count references in each stage
+    x, m, h, n = parts.x, parts.x.size, steps.lengths[step], rods.mass.size
     state, a = bare(steps.states)[step], bare(steps.tableau)
     for s in range(steps.stages[step]):
-        stage = _stage_of(scratch, s)
-        w = stage[_OMEGA][:m]
-        for i in range(m):
-            x[i] = w[i] = 0.0
+        stage = stage_of(parts.tape, s)
+        w = stage[OMEGA][:m]
+        copy(state[:m], x)
+        copy(state[m:], w)
         for j in range(s):
-            weight = a[s, j]
+            weight = h * a[s, j]
             if weight != 0.0:
-                before = _stage_of(scratch, j)
+                before = stage_of(parts.tape, j)
                 for i in range(m):
-                    x[i] += weight * before[_OMEGA][i]
-                    w[i] += weight * before[_ALPHA][i]
-        for i in range(m):
-            x[i] = state[i] + h * x[i]
-            w[i] = state[m + i] + h * w[i]
-        loads = _at(rods.loads, step, s)
+                    x[i] += weight * before[OMEGA][i]
+                    w[i] += weight * before[ALPHA][i]
+        loads = _row(rods.loads, step, s)
         if loads.size == n + AFTER_TORQUES:
             accelerate_base(rods.chain, loads[n + ACROSS], loads[n + UP])
-        accelerations_kept(x[:m], w, loads, rods.chain, stage, stage[_ALPHA][:m])
-
-
-@inlined_kernel
-def _add(weights: FloatArray, h: Any, slopes: FloatArray, rows: FloatArray, m: int) -> None:
-    """Add h sum_s weights_s k_s, from two rows of `slopes` each, to the two of `rows`."""
-    for s in range(weights.size):
-        weight = h * weights[s]
-        if weight != 0.0:
-            faster, gained = slopes[2 * s], slopes[2 * s + 1]
-            for i in range(m):
-                rows[0][i] += weight * faster[i]
-                rows[1][i] += weight * gained[i]
+        accelerations_kept(x, w, loads, rods.chain, stage, stage[ALPHA][:m])
 
 
 @inner_kernel
 def _change_stages(
     steps: Steps, step: int, rods: Rods, change: FloatArray, pushed: FloatArray,
-    changed: FloatArray, scratch: FloatArray,
+    changed: FloatArray, parts: _Parts,
 ) -> None:  # fmt: skip
     """Write how k changes at each stage of a step, from that of the state at its beginning."""
-    m, h, a = change.size // 2, steps.lengths[step], bare(steps.tableau)
-    slopes, both = _slopes(scratch, len(steps.tableau)), scratch[_TURNED : _SPED + 1]
+    parts, chain, mass = bare(parts), bare(rods.chain), bare(rods.mass)
+    m, h, a, slopes = change.size // 2, steps.lengths[step], bare(steps.tableau), parts.slopes
     for s in range(steps.stages[step]):
-        stage = _stage_of(scratch, s)
-        for i in range(m):
-            both[0][i], both[1][i] = change[i], change[m + i]
-        _add(a[s, :s], h, slopes, both, m)
-        copy(both[1][:m], slopes[2 * s])
-        tangent(
-            stage[_OMEGA][:m], stage[_ALPHA][:m], both[0][:m], both[1][:m], pushed, changed,
-            rods.chain, rods.mass, stage[_POSE:], scratch[_OUT:], scratch[_FORCE][:m],
+        sped = slopes[2 * s][:m]  # the change of q'
+        copy(change[:m], parts.x)
+        copy(change[m:], sped)
+        _add(a[s], h, slopes, parts.x, sped, s)
+        change_stage(
+            s, chain, mass, parts.tape, parts.poses, parts.x, sped, pushed, changed,
+            slopes[2 * s + 1][:m], parts.rows,
         )  # fmt: skip
-        respond(scratch[_FORCE][:m], rods.chain, stage, scratch, slopes[2 * s + 1][:m])
 
 
 @kernel
@@ -161,47 +155,40 @@ def carry_changes(
     steps, scratch = bare(steps), bare(scratch)
     rods = Rods(bare(rods.chain), bare(rods.mass), bare(rods.loads))
     changes, pushed, changed, frames = bare(changes), bare(pushed), bare(changed), bare(frames)
-    m, slopes, first = steps.states.shape[1] // 2, _slopes(scratch, len(steps.tableau)), 0
-    at, total = steps.at, scratch[_TURNED : _SPED + 1]
+    m, at, first = steps.states.shape[1] // 2, steps.at, 0
+    parts = _parts_of(scratch, len(steps.tableau), m)
     for step in range(steps.lengths.size):
-        h, last = steps.lengths[step], first
+        h, count, last = steps.lengths[step], steps.stages[step], first
         while last < at.size and at[last] == step:
             last += 1
-        _take_stages(steps, step, rods, scratch)
-        for s in range(steps.stages[step]):
-            stage = _stage_of(scratch, s)
-            u, alpha = stage[_OMEGA][:m], stage[_ALPHA][:m]
-            pose(u, alpha, rods.chain, rods.mass, stage, stage[_POSE:])
+        _take_stages(steps, step, rods, parts)
+        take_poses(count, m, rods.chain, rods.mass, parts.tape, parts.poses)
         for d in range(len(changes)):
             change = changes[d]
-            _change_stages(steps, step, rods, change, pushed[d], changed[d], scratch)
+            _change_stages(steps, step, rods, change, pushed[d], changed[d], parts)
             for f in range(first, last + 1):  # the last of them is the end of the step
-                for i in range(m):
-                    total[0][i], total[1][i] = change[i], change[m + i]
-                _add(steps.weights[f] if f < last else steps.end, h, slopes, total, m)
                 to = frames[f, d] if f < last else change
-                for i in range(m):
-                    to[i], to[m + i] = total[0][i], total[1][i]
+                weights = steps.weights[f] if f < last else steps.end
+                if f < last:
+                    copy(change, to)
+                _add(weights, h, parts.slopes, to[:m], to[m:], count)
         first = last
 
 
 @inner_kernel
 def _return_stages(
-    steps: Steps, step: int, rods: Rods, bar: FloatArray, torque_bar: FloatArray,
-    chain_bar: FloatArray, scratch: FloatArray,
+    steps: Steps, step: int, rods: Rods, bar: FloatArray, load_bars: FloatArray,
+    chain_bar: FloatArray, parts: _Parts,
 ) -> None:  # fmt: skip
     """Take derivatives by k at each stage of a step back, and add them to `bar` and the others."""
-    m, h, a = bar.size // 2, steps.lengths[step], bare(steps.tableau)
-    slopes = _slopes(scratch, len(steps.tableau))
-    x, w, lam = scratch[_X_BAR][:m], scratch[_W_BAR][:m], scratch[_LAM][:m]
+    parts, chain, mass = bare(parts), bare(rods.chain), bare(rods.mass)
+    m, h, a, x = bar.size // 2, steps.lengths[step], bare(steps.tableau), parts.x
     for back in range(steps.stages[step]):
         s = steps.stages[step] - 1 - back
-        stage = _stage_of(scratch, s)
-        copy(slopes[2 * s][:m], w)
-        respond(slopes[2 * s + 1][:m], rods.chain, stage, scratch, lam)
-        adjoint(
-            stage[_OMEGA][:m], stage[_ALPHA][:m], lam, rods.chain, rods.mass, stage,
-            scratch, scratch[_ROWS:], x, w, _at(torque_bar, step, s), chain_bar,
+        w, of_rates = parts.slopes[2 * s][:m], parts.slopes[2 * s + 1][:m]
+        return_stage(
+            s, chain, mass, parts.tape, of_rates, x, w, _row(load_bars, step, s), chain_bar,
+            parts.rows,
         )  # fmt: skip
         for i in range(m):
             bar[i] += x[i]
@@ -209,7 +196,7 @@ def _return_stages(
         for j in range(s):
             weight = h * a[s, j]
             if weight != 0.0:
-                faster, gained = slopes[2 * j], slopes[2 * j + 1]
+                faster, gained = parts.slopes[2 * j], parts.slopes[2 * j + 1]
                 for i in range(m):
                     faster[i] += weight * x[i]
                     gained[i] += weight * w[i]
@@ -217,34 +204,36 @@ def _return_stages(
 
 @kernel
 def carry_back(
-    steps: Steps, rods: Rods, bar: FloatArray, torque_bar: FloatArray, chain_bar: FloatArray,
+    steps: Steps, rods: Rods, bar: FloatArray, load_bars: FloatArray, chain_bar: FloatArray,
     frames: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Take derivatives by the states at the end of `steps` and at the instants back to the start.
 
     `bar` (2m,) is that by the state, after and before; `frames` (F, 2m) are those by the states at
-    the instants. Those by torques and force are added to `torque_bar`, a table like that of the
+    the instants. Those by torques and force are added to `load_bars`, a table like that of the
     loads or one of a row for their sum, by the parameters to `chain_bar` (len(Parameter) or 0, n).
     """
     steps, scratch, frames = bare(steps), bare(scratch), bare(frames)
     rods = Rods(bare(rods.chain), bare(rods.mass), bare(rods.loads))
-    m, slopes, last = bar.size // 2, _slopes(scratch, len(steps.tableau)), steps.at.size
+    m, last = bar.size // 2, steps.at.size
+    parts = _parts_of(scratch, len(steps.tableau), m)
     for back in range(steps.lengths.size):
         step, first = steps.lengths.size - 1 - back, last
         while first > 0 and steps.at[first - 1] == step:
             first -= 1
-        _take_stages(steps, step, rods, scratch)
+        _take_stages(steps, step, rods, parts)
         for s in range(steps.stages[step]):
+            faster, gained = parts.slopes[2 * s], parts.slopes[2 * s + 1]
             weight = steps.lengths[step] * steps.end[s]
             for i in range(m):
-                slopes[2 * s][i], slopes[2 * s + 1][i] = weight * bar[i], weight * bar[m + i]
+                faster[i], gained[i] = weight * bar[i], weight * bar[m + i]
             for f in range(first, last):
                 weight = steps.lengths[step] * steps.weights[f, s]
                 for i in range(m):
-                    slopes[2 * s][i] += weight * frames[f, i]
-                    slopes[2 * s + 1][i] += weight * frames[f, m + i]
+                    faster[i] += weight * frames[f, i]
+                    gained[i] += weight * frames[f, m + i]
         for f in range(first, last):
             for i in range(2 * m):
                 bar[i] += frames[f, i]
-        _return_stages(steps, step, rods, bar, torque_bar, chain_bar, scratch)
+        _return_stages(steps, step, rods, bar, load_bars, chain_bar, parts)
         last = first

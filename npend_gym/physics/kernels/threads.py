@@ -51,7 +51,7 @@ def _advance(
     write_chain(members, rods, model, 0, 1, chain)
     timing[Timing.FIRST_SUBSTEP], timing[Timing.LAST_SUBSTEP] = 0.0, timing[Timing.SUBSTEPS]
     group = group_of(members, rods, model, 0)
-    advance_group(bare, 1, members, rods, model, timing, scratch, 0, group)
+    advance_group(bare, 1, members, timing, scratch, 0, group)
     copy(rows[Rod.THETA][:n], theta)
     copy(rows[Rod.OMEGA][:n], omega)
 
@@ -203,16 +203,16 @@ def adjoint_shapes(n: int, terms: int, lanes: int, substeps: int) -> list[tuple[
 
 
 @inlined_kernel
-def no_marks(group: Any, threshold: Any, h: Any, waiting: Any, scratch: FloatArray) -> bool:
-    """Stand for `ensemble.mark`: no turning point is followed."""
+def no_marks(
+    group: Any, with_com: bool, threshold: Any, h: Any, active: Any, scratch: FloatArray
+) -> bool:
+    """Stand for `reversals.mark`: no turning point is followed."""
     return False
 
 
 @inlined_kernel
-def no_following(
-    members: FloatArray, rods: FloatArray, model: Model, g: int, width: int, scratch: FloatArray
-) -> None:
-    """Stand for `ensemble.follow_marked`, which is not called then."""
+def no_following(numbers: FloatArray, g: int, group: Any, width: int, scratch: FloatArray) -> None:
+    """Stand for `reversals.follow_marked`, which is not called then."""
 
 
 @inlined_kernel

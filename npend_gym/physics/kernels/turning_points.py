@@ -114,7 +114,7 @@ def cubic_at(cubic: Cubic, x: float) -> tuple[float, float]:
     return value, (g - f) + (u - x) * bend + (x * u) * (b - a)
 
 
-@spliced_kernel
+@inner_kernel
 def find_root(
     evaluate: Any, motion: Any, of_slope: bool, a: float, fa: float, b: float, fb: float,
     tolerance: float,

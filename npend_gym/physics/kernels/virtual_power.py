@@ -31,8 +31,17 @@ that of m V; one link has (with F and G of the joint at its tip, and e . = scala
     dP/dtheta_i = -lambda_i e_i . (l_i F + c_i m_i A_i)
                   - (alpha_i e_i + omega_i^2 n_i) . (l_i G + c_i m_i V_i)                   (4)
 
-and so on. Point masses are c = l, I = 0. docs/explanation/derivatives.md has all of it. Here is
-what `adjoint` and `tangent` share: how friction and drag grow with speed.
+and so on. Point masses are c = l, I = 0: with their tensions t and force couples f, those of alpha
+and those of lambda, F = f n - t e, and so G, so that no pass is needed.
+
+Rods that stretch by x have the length r = l + x and two terms more, with rates mu for x,
+
+    R_i = (r_i alpha_i + 2 x_i' omega_i) n_i + (x_i'' - r_i omega_i^2) e_i      for l_i T_i,
+    S_i = r_i lambda_i n_i + mu_i e_i                                          for l_i lambda_i n_i,
+
+and P has the terms (k_i x_i + d_i x_i') mu_i. Their N is that of (theta, base, x), and what it says
+of lambda needs no solution: see `springs`. docs/explanation/derivatives.md has all of it. Here is
+what the files of `tangent` and `adjoint` share: how friction and drag grow with speed.
 """
 
 from __future__ import annotations
@@ -42,9 +51,10 @@ from collections.abc import Callable
 from typing import Any
 
 from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import bare
 from npend_gym.compiled.jit import inlined_kernel
 from npend_gym.compiled.packs import where
-from npend_gym.physics.kernels.link_terms import Joint
+from npend_gym.physics.kernels.link_terms import Joint, Parameter
 
 
 @inlined_kernel
@@ -54,6 +64,20 @@ def friction_slopes(joints: FloatArray, i: int, relative: Any) -> tuple[Any, Any
     root = math.sqrt(1.0 + u * u)
     slope = (joints[Joint.FRICTION, i] * joints[Joint.PER_SPEED, i]) / (root * root * root)
     return u / root, slope
+
+
+def count_rods_of(own: bool) -> Callable[..., int]:
+    """Return `count_rods` for one kind of chains."""
+
+    @inlined_kernel
+    def count_rods(u: FloatArray, chain: Any) -> int:
+        """Return the number of rods; lengths of point masses may have an entry to spare."""
+        n = u.size
+        if own:
+            n = chain.length.size
+        return n
+
+    return count_rods
 
 
 def slopes_of_drag(links: bool, machine: bool) -> Callable[..., tuple[Any, Any, Any]]:
@@ -75,3 +99,28 @@ def slopes_of_drag(links: bool, machine: bool) -> Callable[..., tuple[Any, Any, 
         return speed, linear + quadratic * speed, growth
 
     return drag_slopes
+
+
+def joint_adjoint_of(machine: bool) -> Callable[..., Any]:
+    """Return `add_joint` for chains with friction or without."""
+
+    @inlined_kernel
+    def add_joint(
+        i: int, relative: Any, turn: Any, chain: Any, torque_bar: FloatArray, chain_bar: FloatArray
+    ) -> Any:
+        """Add the part of the torque at joint `i`; return the derivative by its speed."""
+        torque_bar[i] = torque_bar[i] + turn
+        slope = chain.damping[i]
+        if machine:
+            joints = bare(chain.joints)
+            share, rubbing = friction_slopes(joints, i, relative)
+            slope = slope + rubbing
+            if chain_bar.size > 0:
+                scaled = relative * joints[Joint.PER_SPEED, i]
+                chain_bar[Parameter.friction, i] -= share * turn
+                chain_bar[Parameter.friction_speed, i] += (rubbing * scaled) * turn
+        if chain_bar.size > 0:
+            chain_bar[Parameter.damping, i] -= relative * turn
+        return slope * turn
+
+    return add_joint

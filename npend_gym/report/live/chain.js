@@ -17,7 +17,7 @@ class Chain {
 
   /** Make arrays for n rods: `arrays` has their numbers, `handed` what kernels are told of them. */
   allocate(n) {
-    const { Member, Rod, Parameter, Output, Flag, Task, Timing, scratchRows } = this.layout;
+    const { Member, Rod, Parameter, Output, Flag, Task, Wiring, Timing, scratchRows } = this.layout;
     const rows = (fields) => Object.keys(fields).length;
     let free = START;
     [this.n, this.arrays, this.handed] = [n, {}, {}];
@@ -36,7 +36,8 @@ class Chain {
     array("observation", [1, 3 * n], Float32Array);
     array("outputs", [rows(Output) + 3 * n, 1]);
     array("flags", [rows(Flag), 1], Uint8Array);
-    array("task", [rows(Task) + n]);
+    array("task", [rows(Task)]);
+    array("wiring", [rows(Wiring), n + 1]);
     array("timing", [rows(Timing)]);
     array("scratch", [scratchRows, n + 2]);
     const row = (field) => this.arrays.rods.subarray(Rod[field] * (n + 1), Rod[field] * (n + 1) + n);
@@ -44,7 +45,8 @@ class Chain {
     [this.periods, this.lengths, this.masses] = [row("PERIOD"), row("LENGTH"), row("MASS")];
     this.observation = this.arrays.observation;
     const { task } = this.arrays, { mode, form, speedLimit } = this.physics.task;
-    task.fill(1, rows(Task)); // the factors of observed angular velocities
+    this.arrays.wiring.fill(1, Wiring.PER_SPEED * (n + 1));
+    task[Task.VELOCITIES] = 1;
     [task[Task.MODE], task[Task.FORM]] = [mode, form];
     [task[Task.MAX_STEPS], task[Task.SPEED_LIMIT]] = [Infinity, speedLimit];
   }
@@ -105,7 +107,7 @@ class Chain {
     members[Member.OBSERVED] = 1;
     const { handed } = this;
     this.call("step_one", 0, handed.actions, handed.observation, handed.outputs, handed.flags,
-      handed.task, handed.timing, handed.scratch);
+      handed.task, handed.wiring, handed.timing, handed.scratch);
   }
 
   output(name) { return this.arrays.outputs[this.layout.Output[name]]; }

@@ -12,7 +12,7 @@ const tell = {
     $("energy").textContent = `${energy.toPrecision(4)} J`;
     $("error").textContent = pull ? "\u2013" : error.toExponential(0);
     $("pace").textContent = slow ? "slower than told: too much to compute" : "";
-    const completed = chain.output("COMPLETED"), centre = chain.output("PSEUDO_PERIOD_COM");
+    const completed = chain.output("BOBS_COMPLETED"), centre = chain.output("PSEUDO_PERIOD_COM");
     const known = pull ? -2 : completed + (centre > 0 ? 0.5 : 0);
     if (known !== this.completed) {
       this.completed = known;
@@ -29,7 +29,7 @@ const tell = {
     if (text !== this.sentence) $("status").textContent = this.sentence = text;
   },
   text() {
-    const { n } = chain, done = chain.output("COMPLETED");
+    const { n } = chain, done = chain.output("BOBS_COMPLETED");
     if (pull) return `Bob ${pull.bob + 1} of ${n} is pulled.`;
     if (motor && upright) return `${plural(n, "rod")} stand upright. Pull a bob, and see whether they get up again.`;
     if (motor) return `A network swings up ${plural(n, "rod")} by the motor at the pivot.`;

@@ -15,31 +15,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym.rl.controllers.step_model import StepModel
+from npend_gym.envs import EnvConfig
+from npend_gym.rl.controllers.regulators import state_weights
+from npend_gym.rl.controllers.step_model import StepModel, beyond
 
 _STEP_LENGTHS = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
 _SWEEPS = 20  # over the actions, to find those at their bounds
 _DAMPING = 1e-3  # at first
 _DAMPING_RANGE = 1e-6, 1e6
+_FREE, _WALL = 0.8, 2e4  # of the rail; where upright rods save 4 each
 
 
 class Cost(NamedTuple):
     """What a motion costs: the sum over its steps, and `last` times that of its last state.
 
-    The cost of a state is near (theta - angle)^2 + speed_weight omega^2, as for `lqr`, with
-    2 - 2 cos(theta - angle) in place of the square: a rod may have turned any number of times.
+    The cost of a state is near that of `lqr` about the goal, with 2 - 2 cos(theta - angle) in place
+    of the square of an angle: a rod may have turned any number of times. A cart that comes near the
+    end of its rail costs `_WALL` times the square of how far it is beyond `_FREE` of it, over the
+    rail.
     """
 
-    angle: FloatArray  # (n,), rad
-    speed_weight: float  # s^2
+    config: EnvConfig
+    goal: FloatArray  # (2c,): the state (q, u)
     action_weight: float
     last: float
 
     def total(self, states: FloatArray, actions: FloatArray) -> FloatArray:
-        """Return the costs (...) of states (steps + 1, ..., 2n), actions (steps, ..., joints)."""
-        theta, omega = np.split(states, 2, axis=-1)
-        of_angles = np.sum(2.0 - 2.0 * np.cos(theta - self.angle), axis=-1)
-        of_states = of_angles + self.speed_weight * np.sum(omega**2, axis=-1)
+        """Return the costs (...) of states (steps + 1, ..., 2c), actions (steps, ..., joints)."""
+        n, away, weights = self.config.n, states - self.goal, np.diag(state_weights(self.config))
+        of_states = np.sum(2.0 - 2.0 * np.cos(away[..., :n]), axis=-1)
+        of_states = of_states + np.sum(weights[n:] * away[..., n:] ** 2, axis=-1)
+        if self.config.rail is not None:
+            far = beyond(self.config, states, _FREE) / self.config.rail
+            of_states = of_states + _WALL * far**2
         of_actions = self.action_weight * np.sum(actions**2, axis=(0, -1))
         return np.sum(of_states[:-1], axis=0) + self.last * of_states[-1] + of_actions
 
@@ -49,21 +57,24 @@ class Cost(NamedTuple):
         With sin^2 and cos^2 of half the angle the costs are sums of squares; what is returned is
         their Gauss-Newton approximation, which is never negative.
         """
-        theta, omega = np.split(states, 2, axis=-1)
-        away, weight = theta - self.angle, np.ones((len(states), 1, 1))
+        n, away, weight = self.config.n, states - self.goal, np.ones((len(states), 1, 1))
         weight[-1] = self.last
-        first = np.concatenate([2.0 * np.sin(away), 2.0 * self.speed_weight * omega], axis=-1)
-        second = np.full_like(states, 2.0 * self.speed_weight)
-        second[..., : away.shape[-1]] = 1.0 + np.cos(away)
+        weights = 2.0 * np.diag(state_weights(self.config))
+        first, second = weights * away, np.full_like(states, weights)
+        first[..., :n], second[..., :n] = 2.0 * np.sin(away[..., :n]), 1.0 + np.cos(away[..., :n])
+        if self.config.rail is not None:
+            far, wall = beyond(self.config, states, _FREE), 2.0 * _WALL / self.config.rail**2
+            first[..., n] += wall * far
+            second[..., n] += wall * (far != 0.0)
         return weight * first, weight * second
 
 
 class Motions(NamedTuple):
     """Motions of B chains over a horizon, with feedback about them."""
 
-    states: FloatArray  # (steps + 1, B, 2n)
+    states: FloatArray  # (steps + 1, B, 2c)
     actions: FloatArray  # (steps, B, joints)
-    gains: FloatArray  # (steps, B, joints, 2n): actions are added -gains times the deviation
+    gains: FloatArray  # (steps, B, joints, 2c): actions are added -gains times the deviation
     cost: FloatArray  # (B,)
     damping: FloatArray  # (B,), added to the second derivatives by the actions
 
@@ -87,15 +98,15 @@ def joined(parts: Sequence[Motions]) -> Motions:
 class ILQR:
     """Motions over a horizon that are improved step by step."""
 
-    def __init__(self, model: StepModel, cost: Cost) -> None:
-        self.model, self.cost = model, cost
+    def __init__(self, cost: Cost) -> None:
+        self.model, self.cost = StepModel(cost.config), cost
 
     def begin(
         self, start: FloatArray, actions: FloatArray, about: FloatArray, gain: FloatArray
     ) -> Motions:
-        """Return the motions from `start`, (B, 2n), under `actions`, (steps, joints).
+        """Return the motions from `start`, (B, 2c), under `actions`, (steps, joints).
 
-        With the feedback `gain`, (joints, 2n), about the states `about`, (B, 2n).
+        With the feedback `gain`, (joints, 2c), about the states `about`, (B, 2c).
         """
         steps, lanes, zeros = len(actions), len(start), np.zeros(len(start))
         states = np.broadcast_to(about, (steps + 1, *about.shape))
@@ -104,7 +115,7 @@ class ILQR:
         return self.follow(start, Motions(states, everywhere, gains, zeros, zeros + _DAMPING))
 
     def follow(self, start: FloatArray, motions: Motions) -> Motions:
-        """Return the motions from `start`, (B, 2n), under the same actions and feedback."""
+        """Return the motions from `start`, (B, 2c), under the same actions and feedback."""
         reached, taken = self._roll_out(start, *motions[:3])
         cost = self.cost.total(reached, taken)
         return motions._replace(states=reached, actions=taken, cost=cost)
@@ -134,7 +145,7 @@ class ILQR:
     def _roll_out(
         self, start: FloatArray, states: FloatArray, actions: FloatArray, gains: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return states and actions of the motions with feedback, from `start`, (B, 2n)."""
+        """Return states and actions of the motions with feedback, from `start`, (B, 2c)."""
         reached, taken = np.empty(states.shape), np.empty(actions.shape)
         reached[0] = start
         for k, action in enumerate(actions):
@@ -144,7 +155,7 @@ class ILQR:
         return reached, taken
 
     def _recursion(self, motions: Motions) -> tuple[FloatArray, FloatArray]:
-        """Return changes of the actions, (steps, B, joints), and gains, (..., joints, 2n)."""
+        """Return changes of the actions, (steps, B, joints), and gains, (..., joints, 2c)."""
         states, actions = motions.states, motions.actions
         steps, joints, size = len(actions), actions.shape[2], states.shape[2]
         a, b = self._derivatives(states[:-1], actions)
@@ -174,7 +185,7 @@ class ILQR:
     def _derivatives(
         self, states: FloatArray, actions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of all steps, (steps, B, 2n, 2n) and (steps, B, 2n, joints)."""
+        """Return the derivatives of all steps, (steps, B, 2c, 2c) and (steps, B, 2c, joints)."""
         flat = states.reshape(-1, states.shape[2]), actions.reshape(-1, actions.shape[2])
         try:
             a, b = self.model.derivatives(*flat)

@@ -13,9 +13,8 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, joined
-from npend_gym.rl.controllers.regulators import riccati, time_scale
-from npend_gym.rl.controllers.single import takes_one_too
-from npend_gym.rl.controllers.step_model import StepModel, check_base
+from npend_gym.rl.controllers.regulators import riccati
+from npend_gym.rl.controllers.step_model import at_rest, beyond, state_of, wrapped
 from npend_gym.theory import fundamental_period
 
 _GUESS = 0.3  # standard deviation of the actions from which the first plan begins
@@ -44,20 +43,21 @@ class MPC:
         Iterations in the first step of an episode.
     action_weight, last_weight : float
         The cost of a state is the sum over the rods of 2 - 2 cos(theta - angle) + (l / g) omega^2,
-        where l is the mean length of the rods; of an action `action_weight` times its square. The
-        cost of the last state is multiplied by `last_weight`.
+        where l is the mean length of the rods; of an action `action_weight` times its square. A
+        cart adds what it adds for `lqr`, and much more near the ends of its rail. The cost of the
+        last state is multiplied by `last_weight`.
     seed : int
         Seed of the actions from which the first plan begins.
 
     Attributes
     ----------
     plans : Motions
-        The plans of the last call: `states`, (steps + 1, B, 2n), and `actions`, (steps, B, joints).
+        The plans of the last call: `states`, (steps + 1, B, 2c), and `actions`, (steps, B, joints).
 
     Raises
     ------
     TypeError, ValueError
-        If an argument breaks its rule, or the environment has a cart, no motor or discrete actions.
+        If an argument breaks its rule, or the environment has no motor or discrete actions.
     FloatingPointError
         When it is called, if a motion over the horizon leaves all bounds: its steps are too coarse.
 
@@ -89,7 +89,6 @@ class MPC:
         last_weight: float = 10.0,
         seed: int = 0,
     ) -> None:
-        check_base(config)
         if config.joints.size == 0 or len(config.action_table) > 0:
             raise ValueError(
                 "the environment must have motors with continuous actions, got mode "
@@ -97,17 +96,17 @@ class MPC:
             )
         self.iterations = _checks.count("iterations", iterations)
         self.first_iterations = _checks.count("first_iterations", first_iterations)
-        self.dt = config.dt
-        ahead = fundamental_period(config.chain) if horizon is None else horizon
+        self._config = config
+        ahead = fundamental_period(config.chain.hung()) if horizon is None else horizon
         if horizon is None and np.isnan(ahead):
             raise ValueError("horizon must be given where the chain does not swing back")
         steps = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
         goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
         weight = _checks.positive_number("action_weight", action_weight)
         last = _checks.positive_number("last_weight", last_weight)
-        cost = Cost(goal, time_scale(config) ** 2, weight, last)
-        self._ilqr, self._goal = ILQR(StepModel(config), cost), goal
-        self._gain = np.zeros((config.joints.size, 2 * config.n))
+        self._goal = at_rest(config, goal)
+        self._ilqr = ILQR(Cost(config, self._goal, weight, last))
+        self._gain = np.zeros((config.joints.size, config.state_size))
         with suppress(np.linalg.LinAlgError):  # no feedback stabilises this goal
             self._gain = riccati(config, goal, weight)[0]
         rng = np.random.default_rng(_checks.count("seed", seed, low=0))
@@ -120,22 +119,22 @@ class MPC:
         del num_envs
         self._time = np.empty(0)
 
-    @takes_one_too
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions, shape (B, joints); of a single environment (joints,)."""
         del observation
-        theta, time = np.asarray(info["theta"]), np.asarray(info["time"])
-        if theta.ndim != 2 or theta.shape[1] != self._goal.size:
-            shape = f"(B, {self._goal.size})"
-            raise ValueError(f'info["theta"] must have the shape {shape}, got {theta.shape}')
-        states = np.concatenate([theta, info["omega"]], axis=1)
-        known = np.zeros(len(states), np.bool_)
+        states = state_of(self._config, info)
+        actions = self.plan(np.atleast_2d(states), np.atleast_1d(info["time"]))
+        return actions if states.ndim == 2 else actions[0]
+
+    def plan(self, states: FloatArray, time: FloatArray) -> FloatArray:
+        """Return the actions, (B, joints), in states (q, u), (B, 2c), at times [s], (B,)."""
+        known, dt = np.zeros(len(states), np.bool_), self._config.dt
         if time.shape == self._time.shape:
-            known = abs(time - self._time - self.dt) < 0.5 * self.dt
+            known = abs(time - self._time - dt) < 0.5 * dt
         parts: list[Motions] = []
         if known.any():
-            before = self.plans.of(known).shifted()
-            parts.append(self._plan(self._ilqr.follow(states[known], before), self.iterations))
+            motions = self._ilqr.follow(states[known], self.plans.of(known).shifted())
+            parts.append(self._on_rail(states[known], self._improved(motions, self.iterations)))
         if not known.all():
             parts.append(self._first_plan(states[~known]))
         order = np.concatenate([np.flatnonzero(known), np.flatnonzero(~known)])
@@ -144,16 +143,28 @@ class MPC:
 
     def _first_plan(self, states: FloatArray) -> Motions:
         """Return the better plan of two: one begins with random actions, the other with `lqr`."""
-        turned = np.split(states, 2, axis=1)[0] - self._goal
-        about = np.hstack(
-            [self._goal + 2.0 * np.pi * np.rint(turned / (2.0 * np.pi)), 0.0 * turned]
-        )
+        away = states - self._goal
+        about = self._goal + away - wrapped(self._config, away)
+        about[:, self._config.n :] = 0.0
         guesses = (self._guess, 0.0 * self._gain), (0.0 * self._guess, self._gain)
         begun = joined([self._ilqr.begin(states, actions, about, k) for actions, k in guesses])
-        plans, lanes = self._plan(begun, self.first_iterations), np.arange(len(states))
-        return plans.of(plans.cost.reshape(2, -1).argmin(axis=0) * lanes.size + lanes)
+        return _cheapest(self._improved(begun, self.first_iterations), len(states))
 
-    def _plan(self, motions: Motions, iterations: int) -> Motions:
+    def _on_rail(self, states: FloatArray, plans: Motions) -> Motions:
+        """Return the plans; those that leave the rail are made anew where that is cheaper."""
+        off = np.any(beyond(self._config, plans.states, 1.0) != 0.0, axis=0)
+        if not off.any():
+            return plans
+        again = joined([plans.of(off), self._first_plan(states[off])])
+        order = np.concatenate([np.flatnonzero(~off), np.flatnonzero(off)])
+        return joined([plans.of(~off), _cheapest(again, int(off.sum()))]).of(np.argsort(order))
+
+    def _improved(self, motions: Motions, iterations: int) -> Motions:
         for _ in range(iterations):
             motions = self._ilqr.improve(motions)
         return motions
+
+
+def _cheapest(plans: Motions, lanes: int) -> Motions:
+    """Return the cheapest plan of each lane, of as many plans for all lanes one after the other."""
+    return plans.of(plans.cost.reshape(-1, lanes).argmin(axis=0) * lanes + np.arange(lanes))

@@ -20,8 +20,7 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.rl.controllers.mpc import MPC
 from npend_gym.rl.controllers.regulators import StateFeedback, lqr, riccati, state_weights
-from npend_gym.rl.controllers.single import takes_one_too
-from npend_gym.rl.controllers.step_model import StepModel
+from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of
 from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
 
 GUESSES = "waves", "mpc"
@@ -32,7 +31,7 @@ class Tracking(NamedTuple):
     """What a plan says about the state of each of B environments."""
 
     actions: FloatArray  # (B, joints)
-    deviation: FloatArray  # (B, 2n), of the state from the trajectory
+    deviation: FloatArray  # (B, 2c), of the state from the trajectory
     relative_cost: FloatArray  # (B,), of the deviation, over the mean at the start of episodes
     action_weight: FloatArray  # (B, joints): times its square, what a wrong action costs
 
@@ -45,12 +44,11 @@ class PlannedTransition:
     """
 
     nominal: NominalTrajectory
-    gains: FloatArray  # (steps, joints, 2n)
-    costs: FloatArray  # (steps + 1, 2n, 2n): x costs[k] x is the cost of a deviation x at step k
+    gains: FloatArray  # (steps, joints, 2c)
+    costs: FloatArray  # (steps + 1, 2c, 2c): x costs[k] x is the cost of a deviation x at step k
     action_weights: FloatArray  # (steps, joints): of the squares of wrong actions in that cost
     hold_start: StateFeedback
     hold_goal: StateFeedback
-    dt: float  # s
     settle: float  # time before the trajectory begins [s]
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
@@ -58,23 +56,25 @@ class PlannedTransition:
         del observation
         return self.tracking(info).actions
 
-    @takes_one_too
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from the trajectory.
 
         Of a single environment its arrays have no leading axis of B.
         """
-        steps = len(self.gains)
-        step = np.rint((info["time"] - self.settle) / self.dt).astype(np.int64)
+        return self.at(state_of(self.hold_goal.config, info), np.asarray(info["time"]))
+
+    def at(self, states: FloatArray, time: FloatArray) -> Tracking:
+        """Return `tracking` in states (q, u), (..., 2c), at times [s], (...)."""
+        steps, dt = len(self.gains), self.hold_goal.config.dt
+        step = np.rint((time - self.settle) / dt).astype(np.int64)
         k = np.clip(step, 0, steps - 1)
-        state = np.concatenate([info["theta"], info["omega"]], axis=-1)
-        deviation = state - self.nominal.states[np.clip(step, 0, steps)]
-        track = self.nominal.actions[k] - np.einsum("bji,bi->bj", self.gains[k], deviation)
-        before, after = (step < 0)[:, None], (step >= steps)[:, None]
-        start, goal = self.hold_start(None, info), self.hold_goal(None, info)
+        deviation = states - self.nominal.states[np.clip(step, 0, steps)]
+        track = self.nominal.actions[k] - np.einsum("...ji,...i->...j", self.gains[k], deviation)
+        before, after = (step < 0)[..., None], (step >= steps)[..., None]
+        start, goal = self.hold_start.actions(states), self.hold_goal.actions(states)
         actions = np.where(before, start, np.where(after, goal, track))
         s = self.costs[np.clip(step, 0, steps)]
-        cost = np.einsum("bi,bij,bj->b", deviation, s, deviation)
+        cost = np.einsum("...i,...ij,...j->...", deviation, s, deviation)
         relative_cost = cost / (np.trace(self.costs[0]) * _START**2 / 3.0)
         return Tracking(actions, deviation, relative_cost, self.action_weights[k])
 
@@ -169,7 +169,12 @@ def planned_transition(
     >>> plan.nominal.states[-1].round(3).tolist()  # the angle, and its rate
     [3.142, 0.0]
     """
-    begin, end = equilibrium("start", start, config.n), equilibrium("goal", goal, config.n)
+    begin, end = (
+        np.where(
+            checked_equilibrium(name, _checks.vector(name, angles, config.n)) < 0.0, np.pi, 0.0
+        )
+        for name, angles in (("start", start), ("goal", goal))
+    )
     if np.array_equal(begin, end):
         raise ValueError(f"goal must be another equilibrium than start, got {end.tolist()}")
     steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
@@ -192,12 +197,6 @@ def planned_transition(
     return min(found, key=lambda controller: controller.sensitivity)
 
 
-def equilibrium(name: str, angles: ArrayLike, n: int) -> FloatArray:
-    """Return angles, 0 or pi, (n,), or say that they are none."""
-    cosines = checked_equilibrium(name, _checks.vector(name, angles, n))
-    return np.where(cosines < 0.0, np.pi, 0.0)
-
-
 def mpc_motions(
     config: EnvConfig,
     start: FloatArray,
@@ -206,15 +205,12 @@ def mpc_motions(
     rngs: Sequence[np.random.Generator],
 ) -> list[NominalTrajectory]:
     """Return transitions by `MPC`, side by side, from states near `start` that are drawn."""
-    n, step = config.chain.n, StepModel(config)
-    controller = MPC(config, goal)
-    states = np.stack([rng.uniform(-_START, _START, 2 * n) for rng in rngs])
-    states[:, :n] += start
+    step, controller = StepModel(config), MPC(config, goal)
+    states = np.stack([rng.uniform(-_START, _START, config.state_size) for rng in rngs])
+    states += at_rest(config, start)
     motions, actions = [states], list[FloatArray]()
     for k in range(steps):
-        time = np.full(len(states), k * config.dt)
-        info = {"theta": states[:, :n], "omega": states[:, n:], "time": time}
-        actions.append(controller(None, info))
+        actions.append(controller.plan(states, np.full(len(states), k * config.dt)))
         states = step(states, actions[-1])
         motions.append(states)
     pairs = zip(np.stack(motions, axis=1), np.stack(actions, axis=1), strict=True)
@@ -248,5 +244,5 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
         s = costs[k] = 0.5 * (s + s.T)
     return PlannedTransition(
         nominal, gains, costs, np.diagonal(hessians, axis1=1, axis2=2),
-        lqr(config, start), lqr(config, goal), config.dt, settle,
+        lqr(config, start), lqr(config, goal), settle,
     )  # fmt: skip

@@ -24,6 +24,11 @@ PLANS: dict[int, dict[str, Any]] = {
     5: {"seconds": 12.0, "settle": 10.0},
     6: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
 }
+ON_CART: dict[int, dict[str, Any]] = {
+    3: {"seconds": 10.0, "guess": "mpc"},
+    4: {"seconds": 12.0, "settle": 10.0, "guess": "mpc"},
+    5: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
+}
 
 
 def reference_controller(
@@ -55,7 +60,8 @@ def reference_controller(
     if name == "plan" and config.mode.has_goals:
         return planned_transitions(config, progress=progress)
     if name == "plan":
-        return planned_swing_up(config, **PLANS.get(config.chain.n, {}), progress=progress)
+        arguments = (ON_CART if config.has_cart else PLANS).get(config.n, {})
+        return planned_swing_up(config, **arguments, progress=progress)
     if name == "damping":
         return modal_damping(config)
     angle = 0.0 if config.mode.name == "calm" else np.pi

@@ -14,10 +14,12 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
-from npend_gym.rl.controllers.single import takes_one_too
-from npend_gym.rl.controllers.step_model import check_base
+from npend_gym.physics.energy import energy
+from npend_gym.rl.controllers.step_model import at_rest, motors, of_actions, state_of, wrapped
 
 _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
+_OF_CART = 4.0  # weight of the square of the cart's place over the rail
+_CENTRE = 0.6  # of the force limit, for a cart one mean length of the rods away
 
 
 def discretise(
@@ -31,18 +33,18 @@ def discretise(
 
     Returns
     -------
-    A : ndarray, shape (2n, 2n)
-        Derivative of the next state (theta, omega) by the state.
-    B : ndarray, shape (2n, joints)
+    A : ndarray, shape (2c, 2c)
+        Derivative of the next state (q, u) by the state.
+    B : ndarray, shape (2c, joints)
         Derivative of the next state by the actions, which are held during the step (zero-order
         hold): the exponential of dt [[A, B], [0, 0]] contains both matrices.
     """
-    n, joints = check_base(config).chain.n, config.joints.tolist()
-    rates = linearise(_with_dampers(config, rub), angle, joints=joints)
-    block = np.zeros((2 * n + len(joints),) * 2)
-    block[: 2 * n] = np.hstack([rates.A, rates.B * config.max_torque])
+    size, inputs = config.state_size, config.joints.size
+    rates = linearise(_with_dampers(config, rub), angle, joints=motors(config))
+    block = np.zeros((size + inputs,) * 2)
+    block[:size] = np.hstack([rates.A, of_actions(config, rates.B)])
     step: FloatArray = np.asarray(expm(block * config.dt))
-    return step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :]
+    return step[:size, :size], step[:size, size:]
 
 
 def _with_dampers(config: EnvConfig, rub: bool | BoolArray) -> Chain:
@@ -57,21 +59,27 @@ def _with_dampers(config: EnvConfig, rub: bool | BoolArray) -> Chain:
 
 @dataclass(frozen=True, eq=False)
 class StateFeedback:
-    """Linear feedback: the actions are -gain (theta - angle, omega), angles wrapped."""
+    """Linear feedback: the actions are -gain times the deviation from rest at `angle`.
 
+    The deviation of the state (q, u) has the angles wrapped; a cart is to stand in the middle.
+    """
+
+    config: EnvConfig
     angle: float | FloatArray  # rad, of all rods or of each, (n,)
-    gain: FloatArray  # (joints, 2n)
+    gain: FloatArray  # (joints, 2c)
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions, shape (B, joints); of a single environment (joints,)."""
         del observation
-        return -self.deviation(info) @ self.gain.T
+        return self.actions(state_of(self.config, info))
 
-    def deviation(self, info: dict[str, Any]) -> FloatArray:
-        """Return the deviations (theta - angle, omega), angles in [-pi, pi), shape (B, 2n)."""
-        theta: FloatArray = info["theta"]
-        wrapped = np.remainder(theta - self.angle + np.pi, 2.0 * np.pi) - np.pi
-        return np.concatenate([wrapped, info["omega"]], axis=-1)
+    def actions(self, states: FloatArray) -> FloatArray:
+        """Return the actions, (..., joints), in states (q, u), (..., 2c)."""
+        return -self.deviation(states) @ self.gain.T
+
+    def deviation(self, states: FloatArray) -> FloatArray:
+        """Return the deviations of states (q, u), with the angles in [-pi, pi), (..., 2c)."""
+        return wrapped(self.config, states - at_rest(self.config, self.angle))
 
 
 def lqr(
@@ -80,7 +88,8 @@ def lqr(
     """Return the linear-quadratic regulator about rest in an equilibrium.
 
     It minimises the sum over all steps of (theta - angle)^2 + (l / g) omega^2, added up over the
-    rods, plus `action_weight` times the squared actions; l is the mean length of the rods.
+    rods, plus `action_weight` times the squared actions; l is the mean length of the rods. A cart
+    adds 4 (position^2 + (l / g) velocity^2) / rail^2.
 
     Dry friction is no linear force. In joints with a motor it is taken as none, and in the others
     as none or as the damper of a swing of 0.03 rad, see `discretise`: whichever has the smaller
@@ -110,15 +119,15 @@ def lqr(
     >>> rl.evaluate(rl.lqr(EnvConfig(**task)), task, episodes=2).success.tolist()
     [True, True]
     """
-    return StateFeedback(angle, riccati(config, angle, action_weight)[0])
+    return StateFeedback(config, angle, riccati(config, angle, action_weight)[0])
 
 
 def riccati(
     config: EnvConfig, angle: float | FloatArray, action_weight: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the gain of `lqr`, (joints, 2n), and S, (2n, 2n): the cost from x on is x S x."""
-    passive = np.ones(check_base(config).chain.n, np.bool_)
-    passive[config.joints] = False
+    """Return the gain of `lqr`, (joints, 2c), and S, (2c, 2c): the cost from x on is x S x."""
+    passive = np.ones(config.n, np.bool_)
+    passive[motors(config)] = False
     q, free = state_weights(config), np.zeros_like(passive)
     solutions: list[tuple[FloatArray, FloatArray]] = []
     for rub in (passive, free) if np.any(config.chain.friction[passive]) else (free,):
@@ -132,8 +141,10 @@ def riccati(
 
 
 def state_weights(config: EnvConfig) -> FloatArray:
-    """Return the weights of `lqr` on the deviations, a diagonal matrix (2n, 2n)."""
-    return np.diag(np.repeat([1.0, time_scale(config) ** 2], config.chain.n))
+    """Return the weights of `lqr` on the deviations, a diagonal matrix (2c, 2c)."""
+    of_q = np.ones(config.state_size // 2)
+    of_q[config.n :] = 0.0 if config.rail is None else _OF_CART / config.rail**2
+    return np.diag(np.concatenate([of_q, time_scale(config) ** 2 * of_q]))
 
 
 def time_scale(config: EnvConfig) -> float:
@@ -146,7 +157,8 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
 
     Its strength minimises the spectral radius of a step of the linear system about hanging at
     rest. A brake takes energy out of every mode of the chain; a brake that is too strong holds the
-    upper rod still while the others continue to swing.
+    upper rod, or the cart, still while the others continue to swing. A cart comes back to where the
+    chain was released at rest, and nothing pulls it there: its place is left out of the system.
 
     Examples
     --------
@@ -158,52 +170,73 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     """
     a, b = discretise(config, 0.0)
     gain = np.zeros((b.shape[1], a.shape[0]))
-    gain[0, config.chain.n] = 1.0
+    gain[0, a.shape[0] // 2 :] = _turned_by(config)[0]
+    moving = [k for k in range(len(a)) if not (config.has_cart and k == config.n)]
 
     def spectral_radius(log_strength: float) -> float:
         closed_loop = a - b @ (math.exp(log_strength) * gain)
-        return float(np.abs(np.linalg.eigvals(closed_loop)).max())
+        return float(np.abs(np.linalg.eigvals(closed_loop[np.ix_(moving, moving)])).max())
 
     grid = np.linspace(-8.0, 4.0, 121)
     start = min(grid.tolist(), key=spectral_radius)
     best: Any = minimize_scalar(
         spectral_radius, bounds=(start - 0.1, start + 0.1), method="bounded"
     )
-    return StateFeedback(0.0, math.exp(best.x) * gain)
+    return StateFeedback(config, 0.0, math.exp(best.x) * gain)
+
+
+def _turned_by(config: EnvConfig) -> FloatArray:
+    """Return, for each motor, how the rate at which it moves follows from u, (joints, c)."""
+    rates = np.eye(config.n + 1)
+    rates[range(1, config.n), range(config.n - 1)] = -1.0  # a joint turns by omega_i - omega_{i-1}
+    return rates[config.joints, : config.state_size // 2]
 
 
 @dataclass(frozen=True, eq=False)
 class EnergySwingUp:
-    """Swing-up by energy shaping: pump energy at the base, then balance by LQR near upright.
+    """Swing-up by energy shaping: pump energy into the chain, then balance by LQR near upright.
 
-    While energy is missing the torque acts in the direction in which rod 0 turns, and against it
-    where there is too much: action = pump_gain (1 - energy / upright_energy) omega_0 time_scale.
-    The regulator takes over where its cost of the state is below `catch_cost`.
+    While energy is missing the motors drive the chain on, and brake it where there is too much:
+    action = pump_gain (1 - energy / upright_energy) time_scale times the rate at which the joint
+    turns. A force on a cart drives the chain by its momentum p relative to the cart: the rate is
+    -p / (m l) there, and what centres the cart is added, `_CENTRE` (position + time_scale velocity)
+    / l. The energy is that of a cart and its chain without the motion of their centre of mass along
+    the rail, which only a force changes. The regulator takes over where its cost of the state is
+    below `catch_cost`.
     """
 
     balance: StateFeedback
-    cost: FloatArray  # S of `riccati`, (2n, 2n)
-    upright_energy: float  # above hanging at rest [J]
-    time_scale: float  # s
+    cost: FloatArray  # S of `riccati`, (2c, 2c)
     pump_gain: float
     catch_cost: float
 
-    @takes_one_too
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, 1); of a single environment (1,)."""
-        x = self.balance.deviation(info)
-        omega: FloatArray = info["omega"]
-        energy: FloatArray = info["energy"]
-        missing = 1.0 - energy / self.upright_energy
-        pump = self.pump_gain * missing * omega[:, 0] * self.time_scale
-        near = np.sum(x @ self.cost * x, axis=1) < self.catch_cost
-        return np.where(near[:, None], self.balance(observation, info), pump[:, None])
+        """Return the actions, shape (B, joints); of a single environment (joints,)."""
+        del observation
+        config = self.balance.config
+        chain, n, states = config.chain.hung(), config.n, state_of(config, info)
+        q, u = np.split(states, 2, axis=-1)
+        theta, omega, scale = q[..., :n], u[..., :n], time_scale(config)
+        has, rates = energy(chain, theta, omega), u @ _turned_by(config).T
+        mass, length = float(chain.masses.sum()), float(chain.lengths.mean())
+        if config.cart_mass is not None:
+            momentum = np.sum(chain.lift * np.cos(theta) * omega, axis=-1)
+            has = has - 0.5 * momentum**2 / (mass + config.cart_mass)
+            rates[..., config.joints == n] = -momentum[..., None] / (mass * length)
+        missing = 1.0 - has / chain.lifting_energy
+        pump = (self.pump_gain * missing[..., None] * rates * scale).clip(-1.0, 1.0)
+        if config.has_cart:
+            away = (q[..., n] + scale * u[..., n]) / length
+            pump[..., config.joints == n] -= _CENTRE * away[..., None]
+        x = self.balance.deviation(states)
+        near = np.sum(x @ self.cost * x, axis=-1) < self.catch_cost
+        return np.where(near[..., None], self.balance.actions(states), pump)
 
 
 def energy_swing_up(
     config: EnvConfig, pump_gain: float = 30.0, catch_cost: float = 15.0
 ) -> EnergySwingUp:
-    """Return a swing-up by energy shaping followed by `lqr`, for a motor at the base.
+    """Return a swing-up by energy shaping followed by `lqr`, for a motor at the base or a cart.
 
     The defaults did best for n = 2 among gains of 3 to 100 and costs of 5 to 50, in the 200
     episodes of the seeds 0 to 199.
@@ -217,5 +250,4 @@ def energy_swing_up(
     [True, True]
     """
     gain, cost = riccati(config, np.pi, action_weight=1.0)
-    balance, upright_energy = StateFeedback(np.pi, gain), config.chain.lifting_energy
-    return EnergySwingUp(balance, cost, upright_energy, time_scale(config), pump_gain, catch_cost)
+    return EnergySwingUp(StateFeedback(config, np.pi, gain), cost, pump_gain, catch_cost)

@@ -1,6 +1,13 @@
-"""One step of an environment as a function of state and action, with its derivatives."""
+"""One step of an environment as a function of state and action, with its derivatives.
+
+The state of a mechanism is (q, u): the angles of the rods, then the place of a cart, and the rates
+of all of these in the same order. c is the number of coordinates q.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -11,53 +18,122 @@ from npend_gym.physics import DifferentiableEnsemble
 _MAX_ENSEMBLES = 16
 
 
-def check_base(config: EnvConfig) -> EnvConfig:
-    """Return `config`, refused where a cart carries the pivot."""
-    if config.has_cart:
-        raise ValueError('base must be "pivot" for controllers of joints, got "cart"')
-    return config
+def state_of(config: EnvConfig, info: Mapping[str, Any]) -> FloatArray:
+    """Return the states (q, u) that `info` tells, (B, 2c); of a single environment (2c,).
+
+    Raises
+    ------
+    ValueError
+        If they are not states of the environment's mechanism.
+    """
+    theta, on_cart = np.asarray(info["theta"], np.float64), "cart_position" in info
+    if theta.ndim not in (1, 2) or theta.shape[-1] != config.n:
+        raise ValueError(
+            f'info["theta"] must have the shape (B, {config.n}), or ({config.n},) in a single '
+            f"environment, got {theta.shape}"
+        )
+    if on_cart != config.has_cart:
+        raise ValueError(
+            f'info must {"" if config.has_cart else "not "}have "cart_position" and '
+            f'"cart_velocity": the controller was made for base="{config.base}"'
+        )
+    cart = [np.asarray(info[f"cart_{name}"]) for name in ("position", "velocity") if on_cart]
+    q, u = theta, np.asarray(info["omega"])
+    parts = [q, cart[0][..., None], u, cart[1][..., None]] if on_cart else [q, u]
+    return np.concatenate(parts, axis=-1)
+
+
+def at_rest(config: EnvConfig, angle: float | FloatArray) -> FloatArray:
+    """Return the state (q, u), (2c,), at rest at `angle`, a cart in the middle of its rail."""
+    state = np.zeros(config.state_size)
+    state[: config.n] = angle
+    return state
+
+
+def wrapped(config: EnvConfig, deviation: FloatArray) -> FloatArray:
+    """Return deviations of states, (..., 2c), with the angles in [-pi, pi)."""
+    short = deviation.copy()
+    short[..., : config.n] = np.remainder(short[..., : config.n] + np.pi, 2.0 * np.pi) - np.pi
+    return short
+
+
+def beyond(config: EnvConfig, states: FloatArray, share: float) -> FloatArray:
+    """Return how far carts are beyond a share of the rail [m], (...); 0 without a cart."""
+    if config.rail is None:
+        return np.zeros(states.shape[:-1])
+    place, free = states[..., config.n], share * config.rail
+    return place - np.clip(place, -free, free)
+
+
+def of_actions(config: EnvConfig, loads: FloatArray) -> FloatArray:
+    """Return the derivatives by the actions, from those by the torques of `motors`, then the force.
+
+    Both have a column for each input.
+    """
+    places = [*motors(config), config.n]
+    return loads[..., [places.index(joint) for joint in config.joints]] * config.action_limits
+
+
+def motors(config: EnvConfig) -> list[int]:
+    """Return the joints with a motor, in the order of the actions; the cart is none."""
+    return [joint for joint in config.joints.tolist() if joint < config.n]
 
 
 class StepModel:
-    """Steps of the environment from any states, all side by side.
+    """Steps of the environment from any states (q, u), all side by side.
 
-    States are (theta, omega) [rad, rad/s]; actions are torques divided by their limit.
+    Actions are torques and forces divided by their limits.
     """
 
     def __init__(self, config: EnvConfig) -> None:
-        self.config = check_base(config)
+        self.config = config
         self._ensembles: dict[int, DifferentiableEnsemble] = {}  # by the number of states
 
     def __call__(self, states: FloatArray, actions: FloatArray) -> FloatArray:
-        """Return the states, (B, 2n), after a step from `states` under `actions`, (B, joints)."""
-        self._ensemble(len(states)).set_state(slice(None), *np.split(states, 2, axis=1))
+        """Return the states, (B, 2c), after a step from `states` under `actions`, (B, joints)."""
+        self._begin(states)
         return self.advance(actions)
 
     def advance(self, actions: FloatArray) -> FloatArray:
-        """Return the states, (B, 2n), after one more step, where the last call took as many."""
-        ensemble, config = self._ensemble(len(actions)), self.config
-        ensemble.advance(config.max_torque * actions, config.dt, config.substeps)
-        return np.hstack([ensemble.theta, ensemble.omega])
+        """Return the states, (B, 2c), after one more step, where the last call took as many."""
+        ensemble, (torque, force) = self._ensemble(len(actions)), self._loads(actions)
+        ensemble.advance(torque, self.config.dt, self.config.substeps, force=force)
+        if not self.config.has_cart:
+            return np.hstack([ensemble.theta, ensemble.omega])
+        x, v = ensemble.cart
+        return np.hstack([ensemble.theta, x[:, None], ensemble.omega, v[:, None]])
 
     def derivatives(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the steps from `states`, (B, 2n), under `actions`.
+        """Return the derivatives of the steps from `states`, (B, 2c), under `actions`.
 
-        By state, (B, 2n, 2n), and by action, (B, 2n, joints).
+        By state, (B, 2c, 2c), and by action, (B, 2c, joints).
         """
-        ensemble, limit = self._ensemble(len(states)), self.config.max_torque
-        ensemble.set_state(slice(None), *np.split(states, 2, axis=1))
-        step = ensemble.step_jacobian(limit * actions, self.config.dt, self.config.substeps)
-        return step.A, limit * step.B
+        ensemble, (torque, force) = self._begin(states), self._loads(actions)
+        step = ensemble.step_jacobian(torque, self.config.dt, self.config.substeps, force=force)
+        return step.A, of_actions(self.config, step.B)
 
     def diverges(self, states: FloatArray, actions: FloatArray) -> BoolArray:
         """Return which steps leave all bounds, (B,)."""
         self(states, actions)
         return self._ensemble(len(states)).diverged
 
+    def _loads(self, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the torques of the motors, and the force on the cart."""
+        loads, on_joint = actions * self.config.action_limits, self.config.joints < self.config.n
+        return loads[:, on_joint], loads[:, ~on_joint].sum(axis=1)
+
+    def _begin(self, states: FloatArray) -> DifferentiableEnsemble:
+        """Return the ensemble for so many states, in these states."""
+        ensemble, n = self._ensemble(len(states)), self.config.n
+        q, u = np.split(states, 2, axis=1)
+        cart = (q[:, n], u[:, n]) if self.config.has_cart else (0.0, 0.0)
+        ensemble.set_state(slice(None), q[:, :n], u[:, :n], cart=cart)
+        return ensemble
+
     def _ensemble(self, count: int) -> DifferentiableEnsemble:
         if count not in self._ensembles:
             if len(self._ensembles) == _MAX_ENSEMBLES:
                 self._ensembles.pop(next(iter(self._ensembles)))
-            joints = self.config.joints.tolist()
-            self._ensembles[count] = DifferentiableEnsemble(self.config.chain, count, joints=joints)
+            chain, joints = self.config.chain, motors(self.config)
+            self._ensembles[count] = DifferentiableEnsemble(chain, count, joints=joints)
         return self._ensembles[count]

@@ -14,9 +14,10 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.controllers.step_model import StepModel
+from npend_gym.rl.controllers.step_model import StepModel, at_rest, beyond
 
 MAX_ACTION = 0.9  # of a planned trajectory: the rest of the torque is for tracking
+MAX_PLACE = 0.85  # of the rail, likewise
 _ACTION_WEIGHT = 0.05
 _TOLERANCE = 1e-7  # of a step: rad, and 0.3 rad/s
 _MAX_ITERATIONS = 300
@@ -28,7 +29,7 @@ _MAX_UNKNOWN = 60.0  # rad or rad/s; no useful trajectory exceeds it
 class NominalTrajectory(NamedTuple):
     """A motion from one equilibrium to another, in steps of the environment."""
 
-    states: FloatArray  # (steps + 1, 2n): theta [rad], omega [rad/s]
+    states: FloatArray  # (steps + 1, 2c): theta [rad], omega [rad/s]
     actions: FloatArray  # (steps, joints), torques divided by their limit
 
 
@@ -37,7 +38,8 @@ class Transcription:
 
     A defect is by how much a step of the environment misses the next state. The unknowns z are, in
     the order of time, the state before each step and v, where the actions are MAX_ACTION tanh v.
-    The first state is known: z has (steps - 1) (2n + joints) + joints entries.
+    The first state is known: z has (steps - 1) (2c + joints) + joints entries. How far a cart is
+    beyond MAX_PLACE of its rail is weighted as a defect is.
 
     Parameters
     ----------
@@ -52,17 +54,17 @@ class Transcription:
         self.n, self.joints, self.steps, self.dt = (
             config.chain.n, config.joints.size, steps, config.dt
         )  # fmt: skip
-        self.model = StepModel(config)
-        self.begin = np.append(start, np.zeros(self.n))  # the state in which the trajectory begins
+        self.size, self.model = config.state_size, StepModel(config)
+        self.begin = at_rest(config, start)  # the state in which the trajectory begins
         self.goal = goal
-        self.end = np.zeros(2 * self.n)  # the state in which the trajectory ends
+        self.end = np.zeros(self.size)  # the state in which the trajectory ends
         self.wanted = np.zeros((steps, self.joints))  # v
-        self.scale = np.repeat([1.0, 0.3], self.n)
+        self.scale = np.repeat([1.0, 0.3], self.size // 2)
 
     def solve(
         self, end: FloatArray, z: FloatArray, like: NominalTrajectory | None = None
     ) -> NominalTrajectory | None:
-        """Return a trajectory to `end`, (2n,), or None where the guess z leads to none.
+        """Return a trajectory to `end`, (2c,), or None where the guess z leads to none.
 
         Its actions are near those of the trajectory `like`, or small. The method is that of
         Levenberg and Marquardt. A defect depends on two states that follow each other, so that the
@@ -118,24 +120,27 @@ class Transcription:
         turn = rng.choice([1.0, 1.0, 1.0, -1.0], self.n) * (self.goal - self.begin[: self.n])
         k = np.arange(1, _HALF_WAVES + 1)[:, None]
         waves = np.sin(np.pi * k * s[:, None]) * rng.normal(0.0, 0.6, (_HALF_WAVES, self.n))
-        theta = (3.0 - 2.0 * s) * s**2 * turn + np.sin(np.pi * s) * waves.sum(axis=1)
-        theta += self.begin[: self.n]
-        states = np.hstack([theta, np.gradient(theta, self.dt, axis=0)])
+        q = np.zeros((self.steps + 1, self.size // 2))  # a cart stays in the middle
+        q[:, : self.n] = (3.0 - 2.0 * s) * s**2 * turn + np.sin(np.pi * s) * waves.sum(axis=1)
+        q[:, : self.n] += self.begin[: self.n]
+        states = np.hstack([q, np.gradient(q, self.dt, axis=0)])
         v = rng.normal(0.0, 0.1, (self.steps, self.joints))
-        end = self.begin + np.append(turn, np.zeros(self.n))
-        return end, np.hstack([states[:-1], v]).ravel()[2 * self.n :]
+        end = self.begin.copy()
+        end[: self.n] += turn
+        return end, np.hstack([states[:-1], v]).ravel()[self.size :]
 
     def unknowns(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the nearest end and z of a motion that ends near the goal, as a guess."""
         turns = np.rint((states[-1, : self.n] - self.goal) / (2.0 * np.pi))
-        end = np.append(self.goal + 2.0 * np.pi * turns, np.zeros(self.n))
+        end = np.zeros(self.size)
+        end[: self.n] = self.goal + 2.0 * np.pi * turns
         v = np.arctanh(np.clip(actions / MAX_ACTION, -_MAX_GUESS, _MAX_GUESS))
-        return end, np.hstack([states[:-1], v]).ravel()[2 * self.n :]
+        return end, np.hstack([states[:-1], v]).ravel()[self.size :]
 
     def rows(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the state before each step, (steps, 2n), and v, (steps, joints)."""
+        """Return the state before each step, (steps, 2c), and v, (steps, joints)."""
         rows = np.concatenate([self.begin, z]).reshape(self.steps, -1)
-        return rows[:, : 2 * self.n], rows[:, 2 * self.n :]
+        return rows[:, : self.size], rows[:, self.size :]
 
     def trajectory(self, z: FloatArray) -> NominalTrajectory:
         """Return the unknowns as states and actions."""
@@ -143,16 +148,16 @@ class Transcription:
         return NominalTrajectory(np.vstack([states, self.end]), MAX_ACTION * np.tanh(v))
 
     def defects(self, z: FloatArray) -> FloatArray:
-        """Return by how much each step misses the next state, (steps, 2n)."""
+        """Return by how much each step misses the next state, (steps, 2c)."""
         states, actions = self.trajectory(z)
         return self.scale * (self.model(states[:-1], actions) - states[1:])
 
     def cost(self, z: FloatArray, defects: FloatArray, weight: float) -> float:
         """Return the sum of squares: weighted defects, and how far v is from that wanted."""
-        v = self.rows(z)[1] - self.wanted
-        return weight**2 * float(np.vdot(defects, defects)) + _ACTION_WEIGHT**2 * float(
-            np.vdot(v, v)
-        )
+        states, v = self.rows(z)
+        v, far = v - self.wanted, beyond(self.model.config, states, MAX_PLACE)
+        missed = float(np.vdot(defects, defects)) + float(np.vdot(far, far))
+        return weight**2 * missed + _ACTION_WEIGHT**2 * float(np.vdot(v, v))
 
     def normal_equations(
         self, z: FloatArray, defects: FloatArray, weight: float
@@ -162,7 +167,7 @@ class Transcription:
         J is the derivative of the residuals r by z. The defects of step k depend on its state and
         action and on the next state, with the derivatives (A, B, -1) times `scale`.
         """
-        size, (states, actions) = 2 * self.n, self.trajectory(z)
+        size, (states, actions) = self.size, self.trajectory(z)
         a, b = self.model.derivatives(states[:-1], actions)
         b = b * (MAX_ACTION - actions**2 / MAX_ACTION)[:, None, :]  # by v
         scale = weight * self.scale[:, None]
@@ -173,12 +178,15 @@ class Transcription:
         columns[:, :both] = np.swapaxes(here, 1, 2) @ here
         columns[1:, range(size), range(size)] += scale[:, 0] ** 2
         columns[:, range(size, both), range(size, both)] += _ACTION_WEIGHT**2
+        far = beyond(self.model.config, states[:-1], MAX_PLACE)
+        columns[:, self.n, self.n] += weight**2 * (far != 0.0)
         columns[:, both : both + size] = -scale * here
         below = np.arange(both + size)[:, None] + np.arange(both)
         band = np.moveaxis(columns[:, below, np.arange(both)], 0, 1).reshape(both + size, -1)
         residual = weight * defects
         gradient = np.einsum("kij,ki->kj", here, residual)
         gradient[1:, :size] -= scale[:, 0] * residual[:-1]
+        gradient[:, self.n] += weight**2 * far
         gradient[:, size:] += _ACTION_WEIGHT**2 * (self.rows(z)[1] - self.wanted)
         return band[:, size:], gradient.ravel()[size:]
 

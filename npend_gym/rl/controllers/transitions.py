@@ -18,8 +18,7 @@ from npend_gym._files import read_arrays, replacing
 from npend_gym._provenance import provenance
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
-from npend_gym.rl.controllers.single import takes_one_too
-from npend_gym.rl.controllers.step_model import StepModel
+from npend_gym.rl.controllers.step_model import StepModel, state_of
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 MAX_BYTES = 100_000_000  # of a file of plans once unpacked
@@ -64,38 +63,36 @@ class PlannedTransitions:
         del observation
         return self.tracking(info).actions
 
-    @takes_one_too
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from the trajectories of the plans.
 
         Of a single environment its arrays have no leading axis of B.
         """
-        self._begin(info)
         plans = list(self.plans.values())
-        theta: FloatArray = info["theta"] - self._origin
+        given = state_of(plans[0].hold_goal.config, info)
+        states, time = np.atleast_2d(given), np.atleast_1d(info["time"])
+        self._begin(states, time, np.atleast_2d(info["goal"]))
+        states = states - self._origin
         parts: list[Tracking] = []
         order = np.argsort(self._number, kind="stable")
         numbers, first = np.unique(self._number[order], return_index=True)
         for number, lanes in zip(numbers, np.split(order, first[1:]), strict=True):
-            known: dict[str, Any] = {key: np.asarray(info[key])[lanes] for key in ("omega", "time")}
-            known["theta"] = theta[lanes]
-            parts.append(plans[int(number)].tracking(known))
-        whole = (np.concatenate(values) for values in zip(*parts, strict=True))
-        return Tracking(*(values[np.argsort(order)] for values in whole))
+            parts.append(plans[int(number)].at(states[lanes], time[lanes]))
+        whole = (np.concatenate(values)[np.argsort(order)] for values in zip(*parts, strict=True))
+        return Tracking(*(each if given.ndim == 2 else each[0] for each in whole))
 
-    def _begin(self, info: dict[str, Any]) -> None:
+    def _begin(self, states: FloatArray, time: FloatArray, goal: FloatArray) -> None:
         """Find the plans of the environments whose episode begins."""
-        theta, time = np.asarray(info["theta"]), np.asarray(info["time"])
-        if time.shape != self._time.shape:
-            self._number, self._origin = np.empty(len(time), np.int64), np.zeros(theta.shape)
-            new: NDArray[np.bool_] = np.ones(len(time), np.bool_)
-        else:
+        n, new = goal.shape[1], np.ones(len(time), np.bool_)
+        if time.shape == self._time.shape:
             new = time < self._time
+        else:
+            self._number, self._origin = np.empty(len(time), np.int64), np.zeros(states.shape)
         for lane in np.flatnonzero(new):
-            half_turns = np.rint(theta[lane] / np.pi)
-            self._origin[lane] = 2.0 * np.pi * np.floor(0.5 * half_turns)
+            half_turns = np.rint(states[lane, :n] / np.pi)
+            self._origin[lane, :n] = 2.0 * np.pi * np.floor(0.5 * half_turns)
             start = np.remainder(half_turns, 2.0) == 1.0
-            pair = _pair(start, np.cos(info["goal"][lane]) < 0.0)
+            pair = _pair(start, np.cos(goal[lane]) < 0.0)
             if pair not in self._numbers:
                 raise ValueError(f"there is no plan from {pair[0]} to {pair[1]} (True: stands)")
             self._number[lane] = self._numbers[pair]
@@ -203,7 +200,8 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], config: EnvConfig) -> list
     if types != ["bool", "float64", "float64", "float64"] or axes != [3, 3, 3, 1]:
         raise ValueError(f"its arrays are of {', '.join(types)} with {axes} axes")
     n, joints, (count, steps) = config.n, config.joints.size, found[2].shape[:2]
-    shapes = [(count, 2, n), (count, steps + 1, 2 * n), (count, steps, joints), (count,)]
+    states = count, steps + 1, config.state_size
+    shapes = [(count, 2, n), states, (count, steps, joints), (count,)]
     if [array.shape for array in found] != shapes or count * steps == 0:
         raise ValueError(f"no plans for {n} rods and {joints} motors")
     for name, values in zip(("states", "actions", "settle"), found[1:], strict=True):

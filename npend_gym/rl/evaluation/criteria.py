@@ -1,37 +1,44 @@
 """The criteria of robustness: which errors of model, sensors and motors are tried, and how large.
 
-They are those of the second and third AI Olympics with RealAIGym, for any number of rods: the file
+Six are those of the second and third AI Olympics with RealAIGym, for any number of rods: the file
 `leaderboard/pendubot/robustness_v2/benchmark_controller.py` of the repository
 dfki-ric-underactuated-lab/double_pendulum has the numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
-from npend_gym.rl.evaluation.disturbances import Pulses
+from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
+from npend_gym.rl.evaluation.settings import Setting
 
-CRITERIA = ("model", "velocity_noise", "torque_noise", "motor_lag", "delay", "pushes")
-PUSHED = 50  # rollouts
+_PUSHED = 50  # rollouts
 _FACTORS = (0.75, 1.25)  # of a parameter of the chain
 _WHERE_ZERO = {"damping": 0.1, "friction": 0.2}  # N m s/rad, N m: the ends, from zero
 _OF_LINKS = ("centres", "inertias")  # which point masses on massless rods have not
 _PARAMETERS = (
     "masses", "lengths", *_OF_LINKS, "damping", "friction", "armature", "drag", "quadratic_drag"
 )  # fmt: skip
-_LARGEST_SPEED_NOISE = 0.5  # rad/s
-_LARGEST_TORQUE_NOISE = 1.1 / 6.0  # over the torque limit
-_LARGEST_LAG = 0.02  # s; a responsiveness of 0.1 at 500 Hz is a lag of 0.019 s
-_LARGEST_DELAY = 0.04  # s
 _MAJORITY = 0.5  # of the repetitions, more than which must succeed
+
+
+class Trial(NamedTuple):
+    """The nominal environment, and the arguments of `robustness`."""
+
+    config: EnvConfig
+    steps: int  # of a rollout
+    values: int
+    repetitions: int
+    seed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +61,7 @@ class Group:
     parameters: list[str]
     values: FloatArray
     repetitions: int = 1
-    keywords: dict[str, Any] = field(default_factory=dict[str, Any])
+    keywords: Mapping[str, Any] = field(default_factory=dict[str, Any])
     options: dict[str, Any] = field(default_factory=dict[str, Any])
     pulses: Pulses | None = None
 
@@ -63,53 +70,136 @@ class Group:
         """Number of rollouts."""
         return self.values.size * self.repetitions
 
-    def survived(self, success: Any) -> Any:
+    def make(self, nominal: Setting) -> Any:
+        """Return the vector environment."""
+        if self.pulses is not None:
+            return DisturbedEnvs(nominal, self.lanes, self.pulses)
+        return nominal.make(self.lanes, **self.keywords)
+
+    def survived(self, success: BoolArray) -> BoolArray:
         """Return which values succeeded in most of their repetitions, (k,), by lanes."""
         return success.reshape(self.values.size, -1).mean(axis=1) > _MAJORITY
 
 
-def pushed_joints(config: EnvConfig, given: Sequence[int] | None) -> NDArray[np.int64]:
-    """Return the joints that are pushed: by default those with a motor, or all where none has."""
-    if given is not None:
-        chosen = [_checks.count("pushed", joint, low=0, high=config.n - 1) for joint in given]
+@dataclass(frozen=True)
+class Criterion:
+    """An error that grows from nothing, as keywords of the environment, see `robustness`.
+
+    Attributes
+    ----------
+    largest : float, or callable
+        The largest error that is tried; ``largest(config)`` returns it where it depends on the
+        environment, and 0 where the criterion does not apply.
+    keywords : callable
+        ``keywords(config, value)`` returns the keywords of an environment with the error `value`.
+    unit : str
+        Of the errors, for figures.
+    noise : bool
+        Whether each value is tried `repetitions` times, because its rollouts differ.
+    scored : bool
+        Whether the score has it, as it has the six published criteria.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> late = rl.Criterion(2.0, lambda config, value: {"action_delay": value}, unit="steps")
+    >>> policy = rl.Policy.pretrained("swingup-1")
+    >>> found = rl.robustness(policy, policy.env, criteria={"late": late}, values=3)
+    >>> found.outcomes["late"].values.tolist()
+    [0.0, 1.0, 2.0]
+    """
+
+    largest: float | Callable[[EnvConfig], float]
+    keywords: Callable[[EnvConfig, float], Mapping[str, Any]]
+    unit: str = ""
+    noise: bool = False
+    scored: bool = False
+
+    def groups(self, name: str, trial: Trial) -> list[Group]:
+        """Return the rollouts of the criterion `name`, a vector environment for each value."""
+        config, largest = trial.config, self.largest
+        end = largest(config) if callable(largest) else largest
+        repeated = trial.repetitions if self.noise else 1
+        tried = np.linspace(0.0, end, trial.values) if end > 0.0 else np.zeros(0)
+        return [
+            Group([name], np.array([value]), repeated, self.keywords(config, float(value)))
+            for value in tried
+        ]
+
+
+@dataclass(frozen=True)
+class WrongModel:
+    """Each parameter of the chain, of one rod at a time, is changed by up to a quarter."""
+
+    unit: str = ""  # each parameter has its own
+    scored: bool = True
+
+    def groups(self, name: str, trial: Trial) -> list[Group]:
+        """Return an environment for each parameter, with lanes for each rod and value."""
+        del name
+        return list(_wrong(trial.config, trial.values))
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """Random pulses of torque, 50 rollouts, see ``disturbances.Pulses``.
+
+    Attributes
+    ----------
+    joints : sequence of int, optional
+        The joints that are pushed: by default those with a motor, or all where none has.
+    """
+
+    joints: Sequence[int] | None = None
+    unit: str = ""
+    scored: bool = True
+
+    def groups(self, name: str, trial: Trial) -> list[Group]:
+        """Return the rollouts of the criterion `name`."""
+        config, joints = trial.config, self.pushed(trial.config)
+        pulses = Pulses(config, joints, trial.steps, _PUSHED, trial.seed)
+        return [Group([name] * _PUSHED, np.arange(_PUSHED, dtype=float), pulses=pulses)]
+
+    def pushed(self, config: EnvConfig) -> NDArray[np.int64]:
+        """Return the joints that are pushed."""
+        if self.joints is None:
+            motors = config.joints[config.joints < config.n]
+            return motors if motors.size > 0 else np.arange(config.n)
+        chosen = [_checks.count("joints", j, low=0, high=config.n - 1) for j in self.joints]
         if not chosen or len(set(chosen)) < len(chosen):
-            raise ValueError(f"pushed must name at least one joint, and each once, got {chosen}")
+            raise ValueError(f"joints must name at least one joint, and each once, got {chosen}")
         return np.array(chosen, np.int64)
-    motors = config.joints[config.joints < config.n]
-    return motors if motors.size > 0 else np.arange(config.n)
 
 
-def groups_of(criterion: str, config: EnvConfig, values: int, repetitions: int) -> list[Group]:
-    """Return the rollouts of a criterion other than "pushes"; none where it does not apply."""
-    if criterion == "model":
-        return list(_model(config, values))
-    if criterion == "torque_noise" and not np.any(config.joints < config.n):
-        return []  # the force on a cart has none
-    largest, repeated = {
-        "velocity_noise": (_LARGEST_SPEED_NOISE, repetitions),
-        "torque_noise": (_LARGEST_TORQUE_NOISE * config.max_torque, repetitions),
-        "motor_lag": (_LARGEST_LAG, 1),
-        "delay": (_LARGEST_DELAY, 1),
-    }[criterion]
-    tried = np.linspace(0.0, largest, values).tolist()
-    if criterion == "delay":  # the keyword counts steps
-        changes = [{"observation_delay": value / config.dt} for value in tried]
-    else:
-        changes = [{criterion: value} for value in tried]
-    return [
-        Group([criterion], np.array([value]), repeated, change)
-        for value, change in zip(tried, changes, strict=True)
-    ]
+def _torque_noise(config: EnvConfig) -> float:
+    """Return the largest standard deviation [N m]; 0 where only a force on a cart acts."""
+    return 1.1 / 6.0 * config.max_torque if np.any(config.joints < config.n) else 0.0
 
 
-def pushes(pulses: Pulses) -> list[Group]:
-    """Return the rollouts of the criterion "pushes"."""
-    lanes = pulses.torques.shape[1]
-    return [Group(["pushes"] * lanes, np.arange(lanes, dtype=float), pulses=pulses)]
+CRITERIA: Mapping[str, Any] = MappingProxyType(
+    {
+        "model": WrongModel(),
+        "velocity_noise": Criterion(
+            0.5, lambda _, value: {"velocity_noise": value}, "rad/s", noise=True, scored=True
+        ),
+        "torque_noise": Criterion(
+            _torque_noise, lambda _, value: {"torque_noise": value}, "N m", noise=True, scored=True
+        ),
+        # a responsiveness of 0.1 at 500 Hz is a lag of 0.019 s
+        "motor_lag": Criterion(0.02, lambda _, value: {"motor_lag": value}, "s", scored=True),
+        "delay": Criterion(
+            0.04, lambda config, value: {"observation_delay": value / config.dt}, "s", scored=True
+        ),
+        "pushes": Pushes(),
+        "angle_noise": Criterion(0.02, lambda _, value: {"angle_noise": value}, "rad", noise=True),
+        "angle_resolution": Criterion(0.01, lambda _, value: {"angle_resolution": value}, "rad"),
+    }
+)
+"""The criteria of `robustness` by name: six that are published and make the score, and two more."""
 
 
-def _model(config: EnvConfig, values: int) -> Iterator[Group]:
-    """Yield an environment for each parameter of the chain, with lanes for each rod and value."""
+def _wrong(config: EnvConfig, values: int) -> Iterator[Group]:
+    """Yield the rollouts with wrong parameters of the chain."""
     chain = config.chain
     names = [n for n in _PARAMETERS if not (n in _OF_LINKS and chain.has_bobs)]
     for name in names:

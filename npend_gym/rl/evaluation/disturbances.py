@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
-from npend_gym.rl.evaluation.rollouts import make_envs
+from npend_gym.rl.evaluation.settings import Setting
 
 # Over the torque limit, which was 6 N m there: RealAIGym, `robustness_v2/benchmark_controller.py`
 # and `simulation/perturbations.py` of dfki-ric-underactuated-lab/double_pendulum
@@ -21,53 +21,32 @@ _AMPLITUDE = (0.5 / 6.0, 5.0 / 6.0)
 _WIDTH = (0.05, 0.1)  # standard deviation [s]
 
 
-class Disturbance(Protocol):
-    """What acts on the joints during a step."""
-
-    def __call__(self, step: int, info: dict[str, Any]) -> tuple[FloatArray, BoolArray]:
-        """Return torques [N m], (B, n), and in which lanes the controller acts as well, (B,).
-
-        Parameters
-        ----------
-        step : int
-            Number of the step, from 0.
-        info : dict
-            Of the vector environment, before the step.
-        """
-        ...
+# What acts on the joints in a step, by its number and the info before it: torques [N m], (B, n),
+# and in which lanes the controller acts as well, (B,)
+Disturbance = Callable[[int, dict[str, Any]], tuple[FloatArray, BoolArray]]
 
 
 class DisturbedEnvs:
     """A vector environment whose joints all take a disturbance beside the controller's torques.
 
-    To a controller it is the environment of the same keywords. That behind it has a motor at every
+    To a controller it is the environment of the same setting. That behind it has a motor at every
     joint, with twice the torque limit, so that a disturbance can exceed the controller's limit.
 
     Parameters
     ----------
-    env_id : str
+    setting : Setting
     num_envs : int
-    keywords : dict
-        Of the environment.
-    config : EnvConfig
-        What follows from them.
     disturbance : callable
     """
 
-    def __init__(
-        self,
-        env_id: str,
-        num_envs: int,
-        keywords: Mapping[str, Any],
-        config: EnvConfig,
-        disturbance: Disturbance,
-    ) -> None:
-        self.num_envs, self.config, self._disturbance = num_envs, config, disturbance
+    def __init__(self, setting: Setting, num_envs: int, disturbance: Disturbance) -> None:
+        config = self.config = setting.config
+        self.num_envs, self._disturbance = num_envs, disturbance
         every = {"actuated": tuple(range(config.n)), "max_torque": 2.0 * config.max_torque}
         every |= {"difficulty": None, "torque_levels": None}
         if config.has_cart:
             every["max_force"] = config.max_force
-        self._envs = make_envs(env_id, num_envs, dict(keywords) | every)
+        self._envs = setting.make(num_envs, **every)
         behind: EnvConfig = self._envs.unwrapped.config
         self._joints = behind.joints < config.n
         self._columns = [behind.joints.tolist().index(joint) for joint in config.joints]

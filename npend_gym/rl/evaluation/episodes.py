@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, make_envs, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
+from npend_gym.rl.evaluation.settings import EnvLike, setting_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,41 +73,40 @@ class Evaluation:
 
 
 def evaluate(
-    controller: Controller | Model,
-    keywords: Mapping[str, Any],
-    *,
-    episodes: int = 100,
-    seed: int = HELD_OUT,
-    env_id: str = ENV_ID,
+    model: Controller | Model, env: EnvLike, *, episodes: int = 100, seed: int = HELD_OUT
 ) -> Evaluation:
-    """Let `controller` act in whole episodes, all side by side.
+    """Let a model act in whole episodes, all side by side.
 
     Parameters
     ----------
-    controller : callable, or a model of Stable-Baselines3
-        ``controller(observation, info)`` returns the actions, see `Controller`. A model takes its
-        deterministic actions. It keeps the state of a recurrent network, and it observes through
-        the statistics of its `VecNormalize` environment.
-    keywords : dict
-        Keywords of ``gym.make_vec(env_id, ...)``. Those of a policy, ``policy.env``, make the
-        environment show what the policy observes, whatever the environment shows by default.
+    model : callable, or anything with the method `predict` of Stable-Baselines3
+        ``model(observation, info)`` returns the actions, see `Controller`.
+        ``model.predict(observation, state, episode_start, deterministic=True)`` returns them and
+        the state of a recurrent model, which is kept.
+    env : mapping, str, EnvSpec, or environment
+        An id such as "npend/SwingUp-v1", the specification ``gym.spec(id)``, or a dict of keywords
+        of ``gym.make_vec``, whose "id" is "NPendulum-v0" if left out. Those of a policy,
+        ``policy.env``, make the environment show what the policy observes. Or a vector environment
+        of Gymnasium or Stable-Baselines3, with its wrappers: another one like it is played, with a
+        lane for each episode, and the model acts behind these wrappers, whose statistics stay as
+        they are. Where no wrapper changes observations or actions, a model of Stable-Baselines3
+        acts behind those of its own training, `VecNormalize` say.
     episodes : int
         Number of episodes; they have the seeds `seed`, `seed` + 1 and so on.
     seed : int
         Seed of the first episode.
-    env_id : str
-        Environment to play, "npend/SwingUp-v1" say. Its `reward_threshold` is a mean of `returns`.
 
     Returns
     -------
     Evaluation
+        With the rewards of the environment itself, which no wrapper has changed.
 
     Raises
     ------
     ValueError, TypeError
-        If an argument or a keyword breaks its rule; or if a model was trained on observations that
-        were changed, and the change is not known: by a wrapper of Gymnasium, or by a `VecNormalize`
-        with which the model was not loaded, as far as the model shows that it had one.
+        If an argument or a keyword breaks its rule; if a wrapper changes observations or actions in
+        a way that is not known; or if a model was trained with a `VecNormalize` with which it was
+        not loaded, as far as the model shows that it had one.
 
     Examples
     --------
@@ -117,9 +115,12 @@ def evaluate(
     >>> rl.evaluate(policy, policy.env, episodes=2).success.tolist()
     [True, True]
     """
-    envs = make_envs(env_id, _checks.count("episodes", episodes), keywords)
+    setting = setting_of(env)
+    envs = setting.make(_checks.count("episodes", episodes))
+    if envs.unwrapped.max_episode_steps is None:
+        raise ValueError("max_episode_steps must be a number, so that every episode ends; got None")
     config = envs.unwrapped.config
-    controller = as_controller(controller, config)
+    controller = as_controller(model, config, setting.wrappers)
     observation, first = envs.reset(seed=seed)
     angles, idle = _motor_places(first, config.joints), np.zeros((episodes, 0))
     returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)

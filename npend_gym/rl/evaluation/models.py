@@ -1,153 +1,131 @@
-"""Trained models of Stable-Baselines3 as controllers: what they observe, and what they remember."""
+"""Models as controllers: what they observe, and what they remember."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Any, Protocol
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.vector import VectorActionWrapper, VectorObservationWrapper
 from numpy.typing import NDArray
 
 from npend_gym import _checks
-from npend_gym._checks import BoolArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.rollouts import Controller
+from npend_gym.rl.evaluation.wrappers import WAY_OUT, Lens, changing_wrappers, is_normalizing
 
-_OF_ONE_ENV = gym.ObservationWrapper, gym.ActionWrapper
-_CHANGING: Any = (*_OF_ONE_ENV, VectorObservationWrapper, VectorActionWrapper)
 _ROUNDING = 1e-3  # more than that of a sine and a cosine in float32
-_WAY_OUT = "or give a function: controller(observation, info) returns the actions"
+_OF_PREDICT = ("state", "episode_start", "deterministic")
 
 
 class Model(Protocol):
-    """A trained model of Stable-Baselines3, or of a library with the same method."""
+    """A trained model of Stable-Baselines3, or anything else with its method `predict`."""
 
-    def predict(self, observation: Any, *, deterministic: bool) -> tuple[NDArray[Any], Any]:
-        """Return the actions, and the state of a recurrent model.
-
-        A recurrent model also takes `state`, what it returned before, and `episode_start`, a bool
-        for each environment.
-        """
-        ...
+    predict: Any
+    """``predict(observation, state=None, episode_start=None, deterministic=True)`` returns the
+    actions and the state of a recurrent model, or the actions alone. Only those of the last three
+    arguments are given that it has."""
 
 
-def as_controller(controller: Controller | Model, config: EnvConfig) -> Controller:
-    """Return a controller as it is, and a model of Stable-Baselines3 as a `ModelController`.
+def as_controller(
+    model: Controller | Model, config: EnvConfig, wrappers: Sequence[Any] = ()
+) -> Controller:
+    """Return what acts in an environment of these settings as `model` does behind its wrappers.
 
-    `config` is that of the environment in which it is to act.
+    Without wrappers of the environment, the model observes through those of its own training.
 
     Raises
     ------
     TypeError
-        If it is neither.
+        If it is neither callable nor has a method `predict`.
     ValueError
         If the observations of the model's training are not known.
     """
-    if callable(controller):
-        return controller
-    if not hasattr(controller, "predict"):
-        raise TypeError(
-            "controller must be callable as controller(observation, info), or a model with the "
-            f"method predict of Stable-Baselines3; got {_checks.show(controller)}"
-        )
-    return ModelController(controller, config)
+    if not hasattr(model, "predict"):
+        if not callable(model):
+            raise TypeError(
+                "model must be callable as model(observation, info), or have the method predict of "
+                f"Stable-Baselines3; got {_checks.show(model)}"
+            )
+        return Behind(model, wrappers) if wrappers else model
+    if not wrappers and getattr(model, "get_env", None) is not None:
+        wrappers = trained_through(model, config)
+    if any(map(_is_new, wrappers)) and getattr(model, "num_timesteps", 1) > 0:
+        raise _without_statistics(model)
+    return Behind(Predicting(model), wrappers)
 
 
-class ModelController:
-    """The deterministic actions of a model of Stable-Baselines3.
+class Behind:
+    """A controller behind the wrappers of an environment."""
 
-    Observations are normalised by the statistics of the model's `VecNormalize` environment. A
-    recurrent model keeps its state, and starts from a new one where ``info["time"]`` is 0.
+    def __init__(self, controller: Controller, wrappers: Sequence[Any]) -> None:
+        self._controller, self._lens = controller, Lens(wrappers)
 
-    Parameters
-    ----------
-    model : Model
-    config : EnvConfig
-        Of the environment.
+    def reset(self, num_envs: int) -> None:
+        """Let the controller forget."""
+        forget = getattr(self._controller, "reset", None)
+        if forget is not None:
+            forget(num_envs)
 
-    Raises
-    ------
-    ValueError
-        If the model was trained on observations that were changed in a way that is not known here.
+    def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
+        """Return the actions of the environment that is wrapped."""
+        begins = np.atleast_1d(info["time"]) == 0.0
+        return self._lens.act(self._controller(self._lens.observe(observation, begins), info))
+
+
+class Predicting:
+    """The deterministic actions of a model, whose state is kept from step to step.
+
+    A recurrent model starts from a new state where ``info["time"]`` is 0.
     """
 
-    def __init__(self, model: Model, config: EnvConfig) -> None:
-        self._predict: Any = model.predict
-        self._statistics = _statistics(model, config)
-        self._is_recurrent = "state" in inspect.signature(self._predict).parameters
+    def __init__(self, model: Any) -> None:
+        self._predict = model.predict
+        parameters = inspect.signature(self._predict).parameters
+        anything = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+        self._takes = [name for name in _OF_PREDICT if anything or name in parameters]
         self._state: Any = None
 
-    def reset(self, num_envs: int | None = None) -> None:
-        """Forget the state of a recurrent model; `num_envs` changes nothing."""
+    def reset(self, num_envs: int) -> None:
+        """Forget the state of a recurrent model."""
         del num_envs
         self._state = None
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
         """Return the actions."""
-        if self._statistics is not None:
-            observation = self._statistics.normalize_obs(observation)
-        if not self._is_recurrent:
-            return self._predict(observation, deterministic=True)[0]
-        begins: BoolArray = np.asarray(info["time"]) == 0.0
+        begins = np.atleast_1d(info["time"]) == 0.0
         state = None if begins.all() else self._state
-        action, self._state = self._predict(
-            observation, state=state, episode_start=np.atleast_1d(begins), deterministic=True
-        )
-        return action
+        given = {"state": state, "episode_start": begins, "deterministic": True}
+        found = self._predict(observation, **{name: given[name] for name in self._takes})
+        if not isinstance(found, tuple):
+            return found
+        action, self._state = found  # pyright: ignore[reportUnknownVariableType]
+        return action  # pyright: ignore[reportUnknownVariableType]
 
 
-def _statistics(model: Any, config: EnvConfig) -> Any:
-    """Return the VecNormalize by which a model's observations are normalised, None without any."""
-    find = getattr(model, "get_vec_normalize_env", None)
-    if find is None:
-        return None
-    statistics, env = find(), model.get_env()
-    changing = None if env is None else _changing(env)
-    if changing is not None:
-        raise ValueError(
-            f"the model's environment must show what this one shows, but its wrapper {changing} "
-            "changes observations or actions in a way that is not known here: train with "
-            f"VecNormalize instead, {_WAY_OUT}"
-        )
-    if (statistics is None and _saw_normalised(model, config)) or _are_new(statistics, model):
-        raise ValueError(
-            "the model must have the statistics of its observations, because it was trained with "
-            "VecNormalize: load it with them, "
-            f"{type(model).__name__}.load(path, env=VecNormalize.load(path_of_statistics, venv)), "
-            f"{_WAY_OUT}"
-        )
-    return statistics
+def trained_through(model: Any, config: EnvConfig) -> tuple[Any, ...]:
+    """Return the wrappers through which a model observed in its training."""
+    env = model.get_env()
+    wrappers = () if env is None else changing_wrappers(env)
+    if not any(map(is_normalizing, wrappers)) and _saw_normalised(model, config):
+        raise _without_statistics(model)
+    return wrappers
 
 
-def _changing(env: Any) -> str | None:
-    """Return the name of a wrapper that changes observations or actions, None without any."""
-    for layer in _layers(env):
-        if isinstance(layer, _CHANGING):
-            return type(layer).__name__
-    for kind in _OF_ONE_ENV:  # asks environments in other processes too
-        if any(env.env_is_wrapped(kind)):
-            return kind.__name__
-    return None
+def _without_statistics(model: Any) -> ValueError:
+    return ValueError(
+        "the model must have the statistics of its observations, because it was trained with "
+        "VecNormalize: load it with them, "
+        f"{type(model).__name__}.load(path, env=VecNormalize.load(path_of_statistics, venv)), "
+        f"{WAY_OUT}"
+    )
 
 
-def _layers(env: Any) -> Iterator[Any]:
-    """Yield an environment and what it wraps; of many environments side by side the first."""
-    while env is not None:
-        yield env
-        inner = (getattr(env, name, None) for name in ("venv", "env"))
-        env = next((each for each in inner if each is not None), None) or next(
-            iter(getattr(env, "envs", ())), None
-        )
-
-
-def _are_new(statistics: Any, model: Any) -> bool:
-    """Return whether the statistics of a trained model are of no observation at all."""
-    if statistics is None or not statistics.norm_obs or model.num_timesteps == 0:
+def _is_new(wrapper: Any) -> bool:
+    """Return whether a wrapper normalises by statistics of no observation at all."""
+    if not is_normalizing(wrapper) or not wrapper.norm_obs:
         return False
-    kept, keys = statistics.obs_rms, statistics.norm_obs_keys  # keys of a Dict, else None
+    kept, keys = wrapper.obs_rms, wrapper.norm_obs_keys  # keys of a Dict, else None
     return any(part.count < 1.0 for part in ([kept] if keys is None else map(kept.get, keys)))
 
 

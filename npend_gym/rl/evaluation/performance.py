@@ -7,7 +7,6 @@ dfki-ric-underactuated-lab/double_pendulum have the definitions and the numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, make_envs, nominal_env, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
+from npend_gym.rl.evaluation.settings import EnvLike, setting_of
 
 UP = 0.9  # of the chain's length: the tip above it is up
 _SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged
@@ -75,10 +74,9 @@ class Performance:
 
 
 def performance(
-    controller: Controller | Model,
-    keywords: dict[str, Any],
+    model: Controller | Model,
+    env: EnvLike,
     *,
-    env_id: str = ENV_ID,
     seed: int = HELD_OUT,
     episodes: int = 20,
     seconds: float = 10.0,
@@ -98,11 +96,8 @@ def performance(
 
     Parameters
     ----------
-    controller : callable, or a model of Stable-Baselines3
+    model, env
         As for `evaluate`.
-    keywords : dict
-        Keywords of ``gym.make_vec(env_id, ...)``.
-    env_id : str
     seed : int
         Seed of the first episode.
     episodes : int
@@ -131,9 +126,9 @@ def performance(
     0.58
     """
     count = _checks.count("episodes", episodes)
-    nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)
-    controller = as_controller(controller, config)
-    envs = make_envs(env_id, count, nominal)
+    nominal, config, steps = setting_of(env).nominal(seconds, cart=False)
+    controller = as_controller(model, config, nominal.wrappers)
+    envs = nominal.make(count)
     start = envs.reset(seed=seed)
     shape = (count, config.joints.size)  # of the torques that acted, not of the commands
     torques, angles = np.zeros((steps, *shape)), np.zeros((steps + 1, count, config.n))

@@ -1,9 +1,9 @@
-"""The protocol by which robustness is measured: six criteria, and the share that survives each."""
+"""The protocol by which robustness is measured: criteria, and the share that survives each."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,27 +14,11 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
-from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.evaluation.criteria import (
-    CRITERIA,
-    PUSHED,
-    Group,
-    groups_of,
-    pushed_joints,
-    pushes,
-)
-from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
+from npend_gym.rl.evaluation.criteria import CRITERIA, Group, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import (
-    Controller,
-    Lanes,
-    Observer,
-    make_envs,
-    nominal_env,
-    rollout,
-)
+from npend_gym.rl.evaluation.rollouts import Controller, Lanes, Observer, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
+from npend_gym.rl.evaluation.settings import EnvLike, Setting, setting_of
 
 
 class Outcome(NamedTuple):
@@ -45,13 +29,20 @@ class Outcome(NamedTuple):
     parameters : list of str
         What had each value: "masses[0]", or the name of the criterion.
     values : ndarray, shape (k,)
-        In the parameter's unit: of `Chain`, rad/s, N m, s, and the numbers of pushed rollouts.
+        In the parameter's unit: of `Chain`, that of the criterion, and the numbers of pushed
+        rollouts.
     survived : ndarray, bool, shape (k,)
+    unit : str
+        Of the criterion.
+    scored : bool
+        Whether the score has it.
     """
 
     parameters: list[str]
     values: FloatArray
     survived: BoolArray
+    unit: str = ""
+    scored: bool = True
 
     @property
     def share(self) -> float:
@@ -66,13 +57,12 @@ class Outcome(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """How much a controller survives, see `robustness`.
+    """How much a model survives, see `robustness`.
 
     Attributes
     ----------
     outcomes : mapping
-        An `Outcome` for each criterion, in the order of "model", "velocity_noise",
-        "torque_noise", "motor_lag", "delay" and "pushes".
+        An `Outcome` for each criterion that applies, in their order.
     provenance : dict
         What made this result.
     """
@@ -87,8 +77,9 @@ class Robustness:
 
     @property
     def score(self) -> float:
-        """Mean over the criteria of the share survived, 0 to 1."""
-        return float(np.mean(list(self.survived.values())))
+        """Mean share of the criteria that the score has, of all where it has none; 0 to 1."""
+        tried = self.outcomes.values()
+        return float(np.mean([o.share for o in tried if o.scored] or [o.share for o in tried]))
 
     def as_row(self) -> dict[str, float]:
         """Return the score and the shares."""
@@ -102,6 +93,8 @@ class Robustness:
                 "parameters": each.parameters,
                 "values": each.values.tolist(),
                 "survived": each.survived.tolist(),
+                "unit": each.unit,
+                "scored": each.scored,
             }
             for name, each in self.outcomes.items()
         }
@@ -109,22 +102,21 @@ class Robustness:
 
 
 def robustness(
-    controller: Controller | Model,
-    keywords: dict[str, Any],
+    model: Controller | Model,
+    env: EnvLike,
     *,
-    env_id: str = ENV_ID,
+    criteria: Mapping[str, Any] = CRITERIA,
     seed: int = HELD_OUT,
     values: int = 21,
     repetitions: int = 10,
     seconds: float = 10.0,
-    pushed: Sequence[int] | None = None,
     progress: Callable[[Iterable[str]], Iterable[str]] = iter,
 ) -> Robustness:
-    """Try a controller with a wrong model, noise, delay, a slow motor and pushes.
+    """Try a model with a wrong chain, noise, delay, a slow motor and pushes.
 
     Each criterion is tried with evenly spaced values. A value is survived where the goal of the
     environment's mode is met at the end of a rollout (for "swingup": upright and slow). The score
-    is the mean of the six shares of values survived.
+    is the mean of the shares of values survived, of the first six criteria, which are published.
 
     ==================  ====================================================================
     "model"             each parameter of the chain, of one rod at a time, changed by +-25 %;
@@ -134,19 +126,21 @@ def robustness(
     "motor_lag"         time constant with which the motor follows, 0 to 0.02 s
     "delay"             of what is observed, 0 to 0.04 s
     "pushes"            50 rollouts with three random pulses of torque at each motor's joint
+    "angle_noise"       standard deviation of angles observed, 0 to 0.02 rad; not in the score
+    "angle_resolution"  of the encoders, 0 to 0.01 rad; not in the score
     ==================  ====================================================================
 
-    The controller must know nothing of these errors: ``info["theta"]`` and ``info["omega"]`` are
-    the state as observed, with noise and delay.
+    The model must know nothing of these errors: ``info["theta"]`` and ``info["omega"]`` are the
+    state as observed, with noise and delay.
 
     Parameters
     ----------
-    controller : callable, or a model of Stable-Baselines3
-        As for `evaluate`. All rollouts of a criterion are side by side: it is called with B lanes,
-        after ``reset(B)`` where it has such a method.
-    keywords : dict
-        Keywords of ``gym.make_vec(env_id, ...)``, such as ``policy.env``. `randomize` is left out.
-    env_id : str
+    model, env
+        As for `evaluate`. All rollouts of a criterion are side by side: the model acts in B lanes,
+        after ``reset(B)`` where it has such a method. `randomize` is left out.
+    criteria : mapping
+        By name what is tried, each a `Criterion` or another object with its attributes `unit` and
+        `scored` and its method `groups`. ``CRITERIA | {"mine": ...}`` adds one.
     seed : int
         Seed of the first rollout of each criterion; the others have the following ones.
     values : int
@@ -155,9 +149,6 @@ def robustness(
         Rollouts with each value of noise, of which more than half must succeed.
     seconds : float
         Duration of a rollout.
-    pushed : sequence of int, optional
-        The joints that are pushed: by default those with a motor, as on RealAIGym's leaderboard.
-        Six pulses at most are dealt to them.
     progress : callable
         May wrap the iteration over the criteria, as tqdm does.
 
@@ -169,7 +160,7 @@ def robustness(
     ------
     ValueError, TypeError
         If an argument breaks its rule, or the environment has no motor, observes the context, or is
-        a `goal_env`.
+        a `goal_env`; if no criterion applies to it.
 
     References
     ----------
@@ -187,55 +178,44 @@ def robustness(
     """
     _checks.count("values", values, low=2)
     _checks.count("repetitions", repetitions)
-    nominal, config, steps = nominal_env(env_id, keywords, seconds)
+    setting = setting_of(env)
+    nominal, config, steps = setting.nominal(seconds)
     at_the_end = copy.copy(config.mode)
     vars(at_the_end)["hold"] = 0.0  # the goal is to be met at the end
-    nominal["mode"] = at_the_end
-    observer = Observer(as_controller(controller, config), config)
-    pulses = Pulses(config, pushed_joints(config, pushed), steps, PUSHED, seed)
+    nominal.keywords["mode"] = at_the_end
+    observer = Observer(as_controller(model, config, nominal.wrappers), config)
+    trial = Trial(config, steps, values, repetitions, seed)
     outcomes: dict[str, Outcome] = {}
-    for criterion in progress(CRITERIA):
-        groups = (
-            pushes(pulses)
-            if criterion == "pushes"
-            else groups_of(criterion, config, values, repetitions)
-        )
+    for name in progress(criteria):
+        groups = criteria[name].groups(name, trial)
         if groups:
-            outcomes[criterion] = _try(observer, env_id, nominal, config, groups, seed)
+            tried = _try(observer, nominal, groups, seed)
+            outcomes[name] = Outcome(*tried, criteria[name].unit, criteria[name].scored)
+    if not outcomes:
+        raise ValueError(f"criteria must have one for this environment, got {list(criteria)}")
     arguments = {
-        "env_id": env_id,
-        "env": plain_keywords(keywords | {"mode": config.mode.name}),
+        "env_id": setting.env_id,
+        "env": plain_keywords(setting.keywords | {"mode": config.mode.name}),
+        "criteria": list(outcomes),
         "values": values,
         "repetitions": repetitions,
         "seconds": seconds,
-        "pushed": None if pushed is None else list(pushed),
     }
     return Robustness(outcomes, provenance(arguments, seed))
 
 
 def _try(
-    controller: Controller,
-    env_id: str,
-    nominal: dict[str, Any],
-    config: EnvConfig,
-    groups: list[Group],
-    seed: int,
-) -> Outcome:
-    """Play the rollouts of a criterion."""
-    envs = [
-        make_envs(env_id, group.lanes, nominal | group.keywords)
-        if group.pulses is None
-        else DisturbedEnvs(env_id, group.lanes, nominal, config, group.pulses)
-        for group in groups
-    ]
-    lanes = Lanes(envs)
+    controller: Controller, nominal: Setting, groups: list[Group], seed: int
+) -> tuple[list[str], FloatArray, BoolArray]:
+    """Play the rollouts of a criterion; return parameters, values, and which were survived."""
+    lanes = Lanes([group.make(nominal) for group in groups])
     success: NDArray[np.bool_] = np.zeros(lanes.num_envs, np.bool_)
     start = lanes.reset(seed, [group.options for group in groups])
     for running, _, _, info in rollout(controller, lanes, *start):
         success = np.where(running, info["success"], success)
     lanes.close()
     parts = np.split(success, np.cumsum([group.lanes for group in groups])[:-1])
-    return Outcome(
+    return (
         [name for group in groups for name in group.parameters],
         np.concatenate([group.values for group in groups]),
         np.concatenate([g.survived(part) for g, part in zip(groups, parts, strict=True)]),

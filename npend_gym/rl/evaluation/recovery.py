@@ -15,12 +15,12 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
-from npend_gym.rl.evaluation.rollouts import Controller, nominal_env, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
+from npend_gym.rl.evaluation.settings import EnvLike, setting_of
 
 STEP = 0.002  # s, of the motors that knock the chain down; the controller keeps its own step
 # Over the torque limit, 6 N m there: N m/rad, N m/(rad s) and N m s/rad. Their kp = 10, ki = 0.1
@@ -166,10 +166,9 @@ class Recovery:
 
 
 def recovery(
-    controller: Controller | Model,
-    keywords: dict[str, Any],
+    model: Controller | Model,
+    env: EnvLike,
     *,
-    env_id: str = ENV_ID,
     seed: int = HELD_OUT,
     episodes: int = 20,
     seconds: float = 60.0,
@@ -189,11 +188,8 @@ def recovery(
 
     Parameters
     ----------
-    controller : callable, or a model of Stable-Baselines3
+    model, env
         As for `evaluate`.
-    keywords : dict
-        Keywords of ``gym.make_vec(env_id, ...)``.
-    env_id : str
     seed : int
         Seed of the first episode, and of all knock-downs.
     episodes : int
@@ -228,12 +224,13 @@ def recovery(
     0.9
     """
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
-    nominal, config, steps = nominal_env(env_id, keywords, seconds, cart=False)
-    controller = as_controller(controller, config)
+    nominal, config, steps = setting_of(env).nominal(seconds, cart=False)
+    controller = as_controller(model, config, nominal.wrappers)
     length = _checks.positive_number("reset_seconds", reset_seconds)
     parts = max(1, round(config.dt / STEP))
     knocks = KnockDowns(config, config.dt / parts, parts * steps, count, times, length, seed)
-    divided = DisturbedEnvs(env_id, count, _divided(nominal, config, parts), config, knocks)
+    shorter = nominal._replace(keywords=_divided(nominal.keywords, config, parts))
+    divided = DisturbedEnvs(shorter, count, knocks)
     envs = _KnockedEnvs(divided, parts, UP * config.chain.total_length)
     for _ in rollout(controller, envs, *divided.reset(seed=seed)):
         pass

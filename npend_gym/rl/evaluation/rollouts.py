@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.registration import register_envs
 from npend_gym.physics import energy
 
 
@@ -48,63 +45,6 @@ class Step(NamedTuple):
     action: NDArray[Any]
     reward: FloatArray
     info: dict[str, Any]
-
-
-def make_envs(env_id: str, num_envs: int, keywords: Mapping[str, Any]) -> Any:
-    """Return a vector environment, or say which of its arguments is none."""
-    if not isinstance(keywords, Mapping):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(
-            'keywords must be a dict of keywords of the environment, such as {"n": 1}, whose id is '
-            f'given as env_id="npend/SwingUp-v1"; got {_checks.show(keywords)}'
-        )
-    register_envs()
-    return gym.make_vec(env_id, num_envs=num_envs, **keywords)
-
-
-def nominal_env(
-    env_id: str, keywords: Mapping[str, Any], seconds: float, *, cart: bool = True
-) -> tuple[dict[str, Any], EnvConfig, int]:
-    """Return the environment by which a score is measured.
-
-    Parameters
-    ----------
-    env_id : str
-    keywords : mapping
-        Of the environment.
-    seconds : float
-        Duration of an episode.
-    cart : bool
-        Whether the pivot may be on a cart.
-
-    Returns
-    -------
-    keywords : dict
-        With nothing random but the start, and episodes of this duration.
-    config : EnvConfig
-    steps : int
-        Of an episode.
-
-    Raises
-    ------
-    ValueError
-        If the score is not defined for this environment.
-    """
-    nominal = dict(keywords) | {"randomize": None}
-    if nominal.get("observe_context", False):
-        raise ValueError(
-            "observe_context must be False: robustness is to what the controller is not told"
-        )
-    if nominal.get("goal_env", False):
-        raise ValueError("goal_env must be False: what is observed must be one array")
-    envs = make_envs(env_id, 1, nominal)
-    config: EnvConfig = envs.unwrapped.config
-    envs.close()
-    if config.joints.size == 0:
-        raise ValueError(f"mode must be one with a motor, got {config.mode.name!r}")
-    if config.has_cart and not cart:
-        raise ValueError('base must be "pivot": this score is defined for joints, got "cart"')
-    steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
-    return nominal | {"max_episode_steps": steps}, config, steps
 
 
 def rollout(
@@ -179,6 +119,11 @@ class Observer:
     """
 
     def __init__(self, controller: Controller, config: EnvConfig) -> None:
+        if not config.observe_velocities:
+            raise ValueError(
+                "observe_velocities must be True where a controller is given the state that is "
+                "observed, got False"
+            )
         self._controller, self._config = controller, config
         self._theta: FloatArray | None = None
 

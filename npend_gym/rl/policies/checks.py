@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,7 +19,38 @@ _MAX_ENTRIES = 64  # of a list that is not one number for each rod
 Layers = tuple[Float32Array, list[Float32Array], list[Float32Array]]
 
 
-def check_network(arrays: dict[str, Float32Array]) -> Layers:
+# How a network acts, if its file does not say otherwise
+USUAL: dict[str, Any] = {"limit": math.inf, "activation": "tanh", "output": "clip"}
+
+
+def check_functions(given: Any) -> dict[str, Any]:
+    """Return how a network acts: `limit`, `activation` and `output`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If they are not such names and numbers.
+    """
+    shown = _checks.show(given)
+    read = cast("dict[str, Any]", given) if isinstance(given, dict) else {"": given}
+    if not read.keys() <= USUAL.keys():
+        raise ValueError(f"its network must have {', '.join(USUAL)}, got {shown}")
+    functions = USUAL | read
+    _checks.choice("activation", functions["activation"], ("tanh", "relu"))
+    _checks.choice("output", functions["output"], ("clip", "tanh"))
+    if "limit" in read:
+        functions["limit"] = _checks.positive_number("limit", functions["limit"])
+    return functions
+
+
+def check_network(
+    arrays: dict[str, Float32Array],
+    offset: Float32Array | None = None,
+    *,
+    limit: float = math.inf,
+    activation: str = "tanh",
+    output: str = "clip",
+) -> Layers:
     """Return the scale, the weights and the biases of a network, checked together.
 
     Raises
@@ -49,24 +81,31 @@ def check_network(arrays: dict[str, Float32Array]) -> Layers:
                 f"biases of shape {bias.shape}"
             )
         inputs = bias.shape
-    _check_signals(scale, weights, biases)
+    if offset is not None and offset.shape != scale.shape:
+        raise ValueError(f"its offset has the shape {offset.shape}, its scale {scale.shape}")
+    del output  # bounded, whatever it is
+    _check_signals(scale, offset, weights, biases, limit, bounded=activation == "tanh")
     return scale, weights, biases
 
 
 def _check_signals(
-    scale: Float32Array, weights: list[Float32Array], biases: list[Float32Array]
-) -> None:
+    scale: Float32Array, offset: Float32Array | None, weights: list[Float32Array],
+    biases: list[Float32Array], limit: float, *, bounded: bool,
+) -> None:  # fmt: skip
     """Refuse a network in which a sum of products may leave float32, in whatever order it is added.
 
     The bound is the sum of magnitudes, for the largest observations and tanh layers at their ends.
+    A tanh of the output overflows nothing.
     """
     with np.errstate(all="ignore"):
-        bound = _MAX_OBSERVED / np.abs(scale.ravel().astype(np.float64))
+        away = 0.0 if offset is None else np.abs(offset.ravel().astype(np.float64))
+        bound = (_MAX_OBSERVED + away) / np.abs(scale.ravel().astype(np.float64))
         largest = bound.max()
+        bound = np.minimum(bound, limit)
         for weight, bias in zip(weights, biases, strict=True):
             signal = np.abs(weight.astype(np.float64)) @ bound + np.abs(bias)
             largest = np.maximum(largest, signal.max())
-            bound = np.ones(bias.size)
+            bound = np.ones(bias.size) if bounded else signal
     if not largest <= _MAX_SIGNAL:
         raise ValueError(
             f"its numbers overflow: with observations of up to {_MAX_OBSERVED:g} a signal may "

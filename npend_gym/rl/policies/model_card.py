@@ -23,8 +23,8 @@ _CARD = """---
 
 # {name}
 
-A policy for `{task}` of npend_gym {version}: {layers} tanh layers, {numbers} numbers, in one
-file of safetensors, which holds numbers and text alone.
+A policy for `{task}` of npend_gym {version}: {layers} {activation} layers, {numbers} numbers, in
+one file of safetensors, which holds numbers and text alone.
 
 ```python
 from npend_gym.rl import Policy, evaluate
@@ -121,6 +121,7 @@ def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> 
         about=_metadata(hub, task, name, mean, deviation, found.success_rate),
         name=name.rpartition("/")[2], repository=name if "/" in name else f"USER/{name}",
         task=task, env_id=ENV_ID, version=__version__, layers=len(policy.weights),
+        activation=policy.activation,
         numbers=sum(a.size for a in (*policy.weights, *policy.biases)),
         env=json.dumps(plain_keywords(policy.env), indent=2),
         episodes=found.returns.size, seed=seed, success=found.success_rate, low=low, high=high,

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym.chain import plain_keywords
-from npend_gym.rl.policies.checks import check_env, check_network
+from npend_gym.rl.policies.checks import USUAL, check_env, check_functions, check_network
 from npend_gym.rl.policies.files import Float32Array, read_policy, write_policy
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.hub import POLICY_FILE, download
 
-PRETRAINED = Path(__file__).parent / "pretrained"
+if TYPE_CHECKING:
+    from npend_gym.envs.config import EnvConfig
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Policy:
-    """A network of tanh layers from observations to the mean action, in NumPy.
+    """A network from observations to the mean action, in NumPy.
 
     It observes what `env` says, which is not what every environment shows by default::
 
@@ -45,6 +49,14 @@ class Policy:
         Keywords of the environment that the policy is made for.
     provenance : dict
         What the policy was made with: settings, versions, its evaluation.
+    offset : ndarray, float32, shape of `scale`, optional
+        Is subtracted from observations before they are divided.
+    limit : float
+        What the network is given is clipped to this, on both sides.
+    activation : str
+        Between the layers: "tanh" or "relu".
+    output : str
+        What bounds the actions: "clip" or "tanh".
 
     Examples
     --------
@@ -62,6 +74,10 @@ class Policy:
     biases: list[Float32Array]
     env: dict[str, Any] = field(default_factory=dict[str, Any])
     provenance: dict[str, Any] = field(default_factory=dict[str, Any])
+    offset: Float32Array | None = None
+    limit: float = math.inf
+    activation: str = "tanh"
+    output: str = "clip"
     _history: History | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -73,9 +89,9 @@ class Policy:
         object.__setattr__(self, "_history", history)
 
     def _key(self) -> tuple[Any, ...]:
-        """Return the numbers of the network, by their shapes and bytes."""
-        arrays = (self.scale, *self.weights, *self.biases)
-        return tuple((array.shape, array.tobytes()) for array in arrays)
+        """Return the network: its numbers, by their shapes and bytes, and its functions."""
+        numbers = ((array.shape, array.tobytes()) for array in self._arrays().values())
+        return (*numbers, self.limit, self.activation, self.output)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Policy):
@@ -134,9 +150,9 @@ class Policy:
                 "the environment with the policy's keywords, gym.make(..., **policy.env)"
             )
         if self._history is None:
-            return self._act(observation / self.scale)
+            return self._act(self._scaled(observation))
         frames = self._remembered(self._history, np.atleast_2d(observation), info)
-        action = self._act((frames / self.scale).reshape(len(frames), self.scale.size))
+        action = self._act(self._scaled(frames).reshape(len(frames), self.scale.size))
         self._history.act(action)
         return action[0] if np.ndim(observation) == 1 else action
 
@@ -155,11 +171,58 @@ class Policy:
             )
         return history.observe(observation, begins)
 
+    def act(self, theta: ArrayLike, omega: ArrayLike, **others: Any) -> Float32Array:
+        """Return the actions within [-1, 1] for angles and velocities that were measured.
+
+        Parameters
+        ----------
+        theta, omega : array_like, shape (n,) or (B, n)
+            Angles [rad] and angular velocities [rad/s].
+        **others
+            `relative`, `cart_position`, `cart_velocity` and `goal`, as for `observation_of`.
+
+        Returns
+        -------
+        ndarray, float32, shape (joints,) or (B, joints)
+            Torques over ``policy.config.action_limits``. A policy with memory must be called once
+            in every step, `dt`, after `reset`.
+
+        Examples
+        --------
+        >>> from npend_gym.rl import Policy
+        >>> Policy.pretrained("balance-1").act([3.1], [0.0]).shape
+        (1,)
+        """
+        from npend_gym.rl.policies.observations import observation_of  # heavy
+
+        return self(observation_of(self.config, theta, omega, **others))
+
+    @cached_property
+    def config(self) -> EnvConfig:
+        """The settings of the environment that the policy is made for."""
+        from npend_gym.envs.config import EnvConfig  # heavy
+
+        return EnvConfig(**self.env)
+
+    def _scaled(self, observed: Float32Array) -> Float32Array:
+        """Return what the network is given."""
+        signal = (observed if self.offset is None else observed - self.offset) / self.scale
+        return signal if self.limit == math.inf else np.clip(signal, -self.limit, self.limit)
+
     def _act(self, signal: Float32Array) -> Float32Array:
-        """Return the actions for what the network is given, over its scale."""
+        """Return the actions for what the network is given."""
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            signal = np.tanh(signal @ weight.T + bias)
-        return np.clip(signal @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
+            signal = signal @ weight.T + bias
+            signal = np.tanh(signal) if self.activation == "tanh" else np.maximum(signal, 0.0)
+        mean = signal @ self.weights[-1].T + self.biases[-1]
+        return np.tanh(mean) if self.output == "tanh" else np.clip(mean, -1.0, 1.0)
+
+    def _arrays(self) -> dict[str, Float32Array]:
+        """Return the numbers of the network by their names in a file."""
+        arrays = {"scale": self.scale} | ({} if self.offset is None else {"offset": self.offset})
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays |= {f"weight{k}": weight, f"bias{k}": bias}
+        return arrays
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the policy to a file: numbers, `env` and `provenance`.
@@ -177,10 +240,35 @@ class Policy:
         ImportError
             If safetensors is not installed.
         """
-        arrays = {"scale": self.scale}
-        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            arrays |= {f"weight{k}": weight, f"bias{k}": bias}
-        write_policy(Path(path), arrays, {"env": plain_keywords(self.env)} | self.provenance)
+        about = {"env": plain_keywords(self.env)} | self.provenance
+        functions = {k: getattr(self, k) for k, v in USUAL.items() if getattr(self, k) != v}
+        if functions:
+            about["network"] = functions
+        write_policy(Path(path), self._arrays(), about)
+
+    @classmethod
+    def from_sb3(cls, model: Any, env: Any = None) -> Policy:
+        """Return the policy that acts as a model of Stable-Baselines3 does, deterministically.
+
+        The normalisation of its `VecNormalize` becomes part of the policy.
+
+        Parameters
+        ----------
+        model
+            PPO, A2C, SAC, TD3, DDPG or TQC, say, with continuous actions and an "MlpPolicy" of
+            linear layers with tanh or ReLU between them.
+        env : optional
+            As for `evaluate`, its environment; by default that of the model's training.
+
+        Raises
+        ------
+        ValueError
+            If the model is no such network, observes through other wrappers, or has no environment
+            or no statistics, which `load` of Stable-Baselines3 leaves out without ``env=``.
+        """
+        from npend_gym.rl.policies.from_sb3 import policy_fields  # heavy
+
+        return cls(**policy_fields(model, env))
 
     @classmethod
     def load(cls, path: str | PathLike[str], *, trust: bool = False) -> Policy:
@@ -208,7 +296,10 @@ class Policy:
         arrays, about = read_policy(path)
         env = about.pop("env", None)
         try:
-            policy = cls(*check_network(arrays), env or {}, about)
+            functions = check_functions(about.pop("network", {}))
+            offset = arrays.pop("offset", None)
+            layers = check_network(arrays, offset, **functions)
+            policy = cls(*layers, env or {}, about, offset, **functions)
             if env:
                 check_env(env, policy.observed, len(policy.biases[-1]), trust=trust)
         except (ValueError, TypeError) as error:
@@ -243,56 +334,15 @@ class Policy:
         ------
         ImportError
             If the extra "hub" is not installed.
-        ValueError
-            If the file is no policy.
-        OSError
-            If it cannot be downloaded.
-
-        Warns
-        -----
-        UserWarning
-            As `load`.
+        ValueError, OSError
+            If the file is no policy, or cannot be downloaded. `load` says of what it warns.
         """
         return cls.load(download(repo_id, filename, revision))
 
     @classmethod
     def pretrained(cls, name: str) -> Policy:
         """Load a policy that comes with the package, such as "swingup-2"."""
+        from npend_gym.rl.policies.shipped import PRETRAINED, pretrained_names
+
         name = _checks.choice("pretrained", name, pretrained_names())
         return cls.load(PRETRAINED / f"{name}.npz")
-
-
-def pretrained_names() -> tuple[str, ...]:
-    """Return the names of the policies that come with the package.
-
-    Examples
-    --------
-    >>> from npend_gym import rl
-    >>> "swingup-4" in rl.pretrained_names()
-    True
-    """
-    return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
-
-
-def find_policy(name: str, *, trust: bool = False) -> Policy:
-    """Return a policy of the package by its name, or that in a file, with its environment.
-
-    `trust` is that of `Policy.load`.
-
-    Raises
-    ------
-    ValueError
-        If there is neither, or the file does not say which environment the policy is made for.
-    """
-    names = pretrained_names()
-    if name in names:
-        return Policy.pretrained(name)
-    if not Path(name).is_file():
-        raise ValueError(f"policy must be a file or one of {', '.join(names)}; got {name}")
-    policy = Policy.load(name, trust=trust)
-    if not policy.env:
-        raise ValueError(
-            f'{name} must say for which environment it is made, as "env" in its description; '
-            "Policy.save writes it"
-        )
-    return policy

@@ -12,10 +12,10 @@ import torch
 from torch import nn
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.envs.registration import ENV_ID
 from npend_gym.envs.starts import Draw
 from npend_gym.physics import DifferentiableEnsemble
-from npend_gym.rl.evaluation.rollouts import make_envs, rollout
+from npend_gym.rl.evaluation.rollouts import rollout
+from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.disturbed_task import OF_CHAIN, DisturbedTask
 from npend_gym.rl.training.short_horizons import Horizons
@@ -30,7 +30,7 @@ def demonstrated(policy: Policy, episodes: int = 16, seconds: float = 5.5) -> Fl
     From them a swing-up is learned backwards, from its end on (as in T. Salimans, R. Chen,
     "Learning Montezuma's Revenge from a single demonstration", arXiv:1812.03381).
     """
-    envs = make_envs(ENV_ID, episodes, policy.env)
+    envs = setting_of(policy.env).make(episodes)
     states: list[FloatArray] = []
     for _, _, _, info in rollout(policy, envs, *envs.reset(seed=0)):
         states.append(np.hstack([info["theta"], info["omega"]]))

@@ -18,9 +18,8 @@ import numpy as np
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.evaluation.rollouts import make_envs
 from npend_gym.rl.evaluation.seeds import episode_seeds
+from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_ENV, used_config
@@ -99,7 +98,7 @@ def train(
             "actuated and mode must give es one motor and no goal, because its policy is one odd "
             f"function; got {config.joints.size} motors and {config.mode!r}"
         )
-    envs = make_envs(ENV_ID, 2 * settings.pairs, keywords)
+    envs = setting_of(keywords).make(2 * settings.pairs)
     search = Search(settings, config)
     curve: Curve = []
     clock = Stopwatch()

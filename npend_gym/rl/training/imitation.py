@@ -21,11 +21,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_swing_up
 from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
-from npend_gym.rl.evaluation.rollouts import make_envs
 from npend_gym.rl.evaluation.seeds import episode_seeds
+from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, Fit
@@ -196,7 +195,7 @@ def train(
         check_swing_up("imitation", config)
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
-    envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"max_episode_steps": None})
+    envs = setting_of(settings.env).make(settings.num_envs, max_episode_steps=None)
     checkpoint = checkpoint or Checkpoint(settings)
     if checkpoint.saved is None:
         dagger, guess, tried = begin(settings, envs)

@@ -20,9 +20,8 @@ from torch.distributions.normal import Normal
 
 from npend_gym._checks import BoolArray
 from npend_gym.envs import EnvConfig
-from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl.evaluation.rollouts import make_envs
 from npend_gym.rl.evaluation.seeds import episode_seeds
+from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
 from npend_gym.rl.training.keywords import OF_EPISODES, used_config
@@ -141,7 +140,7 @@ def train(
     config = used_config("ppo", settings.env, OF_EPISODES)
     torch.manual_seed(settings.seed)
     shuffler = torch.Generator().manual_seed(settings.seed)
-    envs = make_envs(ENV_ID, settings.num_envs, settings.env | {"autoreset_mode": "SAME_STEP"})
+    envs = setting_of(settings.env).make(settings.num_envs, autoreset_mode="SAME_STEP")
     agent = Agent(config, settings)
     optimizer = torch.optim.Adam(agent.parameters(), eps=1e-5, fused=True)
     collector = Collector(envs, settings)

@@ -105,7 +105,8 @@ def observation_scale(config: EnvConfig, of_rods: tuple[float, float, float]) ->
     """Return what observations are divided by: sines, cosines, speeds; 1 for what follows them."""
     import torch
 
-    scale = torch.tensor(of_rods).repeat_interleave(config.n)
+    observed = of_rods if config.observe_velocities else of_rods[:2]
+    scale = torch.tensor(observed).repeat_interleave(config.n)
     return torch.cat([scale, torch.ones(config.observed - len(scale))])
 
 

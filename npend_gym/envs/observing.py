@@ -1,0 +1,109 @@
+"""Observations in compiled code: from states, true or as the sensors show them, to float32."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym._checks import FloatArray
+from npend_gym.compiled.arrays import NumbersOf
+from npend_gym.compiled.jit import inlined_kernel, spliced_kernel
+from npend_gym.compiled.packs import where
+from npend_gym.compiled.sincos import ROUND
+from npend_gym.envs.rows import MAX_CART_ENTRY, SINCOS, Pose, Task
+from npend_gym.physics.kernels.layout import Scratch
+
+ObsArray = NDArray[np.float32]
+
+_PI, _TWO_PI, _INVERSE_TWO_PI = math.pi, 2.0 * math.pi, 0.5 / math.pi
+_PI_32 = float(np.float32(np.pi))
+# angles above it would become _PI_32 as float32, which is more than pi
+_BELOW_PI_32 = 0.5 * (_PI_32 + float(np.nextafter(np.float32(np.pi), np.float32(0.0))))
+
+
+@inlined_kernel
+def wrapped(theta: Any) -> Any:
+    """Return an angle without whole turns, in [-pi, pi)."""
+    turns = (theta + _PI) * _INVERSE_TWO_PI
+    whole = (turns + ROUND) - ROUND
+    whole = where(whole > turns, whole - 1.0, whole)
+    return theta - _TWO_PI * whole
+
+
+@inlined_kernel
+def within(x: Any, limit: float) -> Any:
+    """Return a number clipped to +-limit."""
+    return where(x > limit, limit, where(x < -limit, -limit, x))
+
+
+@inlined_kernel
+def _write_columns(numbers: FloatArray, width: int, columns: ObsArray) -> None:
+    """Write numbers, the lane innermost, into some columns of the observations of a group."""
+    for i in range(columns.shape[1]):
+        for k in range(width):
+            columns[k, i] = numbers[i * width + k]
+
+
+@inlined_kernel
+def _observe_angles(theta: FloatArray, angles: FloatArray, n: int) -> None:
+    """Write the wrapped angles of a group."""
+    for i in range(n):
+        angle = wrapped(theta[i])
+        angles[i] = where(angle > _BELOW_PI_32, -_PI_32, angle)
+
+
+@inlined_kernel
+def _observe_speeds(
+    omega: FloatArray, speeds: FloatArray, n: int, limit: float, per_speed: FloatArray
+) -> None:
+    """Write the scaled angular velocities of a group."""
+    for i in range(n):
+        speeds[i] = within(omega[i] * per_speed[i], limit)
+
+
+@inlined_kernel
+def _observe_cart(
+    theta: FloatArray, omega: FloatArray, cart: FloatArray, n: int, task: FloatArray
+) -> None:
+    """Write place and velocity of the carts of a group."""
+    cart[0] = within(theta[n] / task[Task.RAIL], MAX_CART_ENTRY)
+    cart[1] = within(omega[n] * task[Task.PER_CART_SPEED], MAX_CART_ENTRY)
+
+
+@spliced_kernel
+def observe(
+    view: NumbersOf, width: int, rods: FloatArray, g: int, theta: FloatArray, omega: FloatArray,
+    scratch: FloatArray, observation: ObsArray, task: FloatArray, per_speed: FloatArray,
+) -> None:  # fmt: skip
+    """Write the observations of group `g`.
+
+    Where sines are observed, they and the cosines are in the work space. `theta` and `omega` have
+    n + 1 numbers for each lane: that of a cart is the last.
+    """
+    n, shown = omega.size // width - 1, scratch[Scratch.OBSERVED]
+    rows, column = observation[g * width : (g + 1) * width], n
+    sines, velocities = task[Task.FORM] == SINCOS, task[Task.VELOCITIES] > 0.0
+    if sines:
+        column = 2 * n
+        _write_columns(scratch[Scratch.SIN], width, rows[:, :n])
+        _write_columns(scratch[Scratch.COS], width, rows[:, n:column])
+    else:
+        _observe_angles(view(theta), view(shown), n)
+        _write_columns(shown, width, rows[:, :n])
+    if velocities:
+        if sines:
+            _observe_speeds(view(omega), view(shown), n, task[Task.SPEED_LIMIT], per_speed)
+            _write_columns(shown, width, rows[:, column : column + n])
+        else:
+            _write_columns(omega, width, rows[:, column : column + n])
+        column += n
+    if task[Task.RAIL] > 0.0:
+        _observe_cart(view(theta), view(omega), view(shown), n, task)
+        entries = 2 if velocities else 1
+        _write_columns(shown, width, rows[:, column : column + entries])
+        column += entries
+    if task[Task.OBSERVED_GOALS] > 0.0:
+        _write_columns(rods[g, Pose.GOAL], width, rows[:, column : column + n])

@@ -1,0 +1,274 @@
+"""The keywords of the environments: default, rule and description of each.
+
+Their types stand in `keywords.EnvKeywords`. `config.EnvConfig` checks them and fills in what is
+left out. From a keyword of a lane (`of_lane`) follow its row for kernels, its range in `randomize`
+and its place in `get_state`.
+"""
+
+# ruff: noqa: RUF009  `keyword` returns a field
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, InitVar, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from npend_gym import _checks
+from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.physics.arguments import warn_of_degrees
+from npend_gym.physics.kernels.layout import MAX_SPEED
+
+if TYPE_CHECKING:
+    from npend_gym.chain import Chain
+    from npend_gym.envs.modes import Mode
+
+MAX_DELAY = 100.0  # steps; the states and actions of this many are kept
+MAX_RIPPLE_CYCLES = 1000
+MAX_PIXELS = 2160  # of the width of a picture
+
+Rule = Callable[[str, Any], Any]  # name, value -> the value that is used
+
+
+class Limit(NamedTuple):
+    """The largest value of a setting, with its unit or reason."""
+
+    value: float
+    why: str
+
+
+def keyword(
+    default: Any, text: str, rule: Rule | None = None, *, of_lane: bool = False,
+    limit: Limit | None = None,
+) -> Any:  # fmt: skip
+    """Return a field for a keyword; `of_lane`: kernels read it, and each lane has a value of it."""
+    about = {"text": text, "rule": rule, "of_lane": of_lane, "limit": limit}
+    return field(default=default, metadata=about)
+
+
+class OneOf:
+    """The rule of a keyword that is one of some texts."""
+
+    def __init__(self, *choices: str) -> None:
+        self.choices = choices
+
+    def __call__(self, name: str, value: Any) -> str:
+        """Return the value, or raise a ValueError that names the choices."""
+        return _checks.choice(name, value, self.choices)
+
+
+def _error(text: str, limit: Limit | None = None) -> Any:
+    """Return a field for what a lane's motor or sensor does not do ideally; 0 is ideal."""
+    return keyword(0.0, text, _checks.nonnegative_number, of_lane=True, limit=limit)
+
+
+def _angle(name: str, value: Any) -> float:
+    number = _checks.number(name, value)
+    angle = _checks.within(name, np.array(number), 0.5 * MAX_ANGLE)
+    warn_of_degrees(name, angle)
+    return number
+
+
+def _spread(name: str, value: Any) -> float:
+    return _angle(name, _checks.nonnegative_number(name, value))
+
+
+def _cycles(name: str, value: Any) -> int:
+    return _checks.count(name, value, high=MAX_RIPPLE_CYCLES)
+
+
+_LATER = Limit(MAX_DELAY, "steps; make dt larger for a longer delay")
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class MotorSettings:
+    """What acts on the chain: its motors, their errors, and pushes."""
+
+    actuated: Sequence[int] = keyword(
+        (0,),
+        "Joints with a motor, in the order of the action; joint 0 is the pivot. By default (0,), "
+        "and on a cart none.",
+    )
+    max_torque: float = keyword(
+        None,
+        "Torque of the action 1 [N m]; by default that share of the static torque which the mode "
+        "has.",
+        of_lane=True,
+    )
+    difficulty: InitVar[Any] = keyword(
+        None,
+        'Instead of `max_torque`, the limit over the static torque: 0.5 for "easy", 0.2 for '
+        '"medium", 0.1 for "hard", or this number. Instead of `max_force`, the limit over the '
+        "weight.",
+    )
+    torque_levels: int | None = keyword(
+        None,
+        "Makes actions discrete, with this many evenly spaced torques from -1 to 1 for each "
+        "actuated joint: the digits of an action to this base, the last joint's being the lowest.",
+    )
+    action_delay: float = _error(
+        "By how many steps actions act late, at most 100; fractions too.", _LATER
+    )
+    motor_lag: float = _error(
+        "Time constant of the motors, which follow the action as a first-order system [s]."
+    )
+    torque_noise: float = _error(
+        "Standard deviation of what each motor adds to its torque, for a step [N m]."
+    )
+    torque_ripple: float = _error(
+        "Cogging of the motors: torque_ripple sin(ripple_cycles phi), phi the angle of the joint "
+        "relative to the rod above [N m]."
+    )
+    ripple_cycles: int = keyword(6, "Cycles of the ripple a turn.", _cycles, of_lane=True)
+    push_rate: float = _error(
+        "How often a random horizontal force pushes the tip, for a step [1/s]."
+    )
+    push_force: float = _error(
+        "Largest size of that force, which is uniform between its negative and itself [N]."
+    )
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class CartSettings:
+    """The cart that carries the pivot."""
+
+    base: str = keyword(
+        "pivot",
+        "What the chain hangs from: a pivot at rest, or a cart on a horizontal rail. A chain that "
+        "has a cart of its own, ``Chain(..., base=Cart(mass))``, stands on that, and needs no "
+        "`base`.",
+        OneOf("pivot", "cart"),
+    )
+    max_force: float | None = keyword(
+        None,
+        "Of a cart: force of the action 1 [N]; by default its weight and the chain's times the "
+        "share that the mode has of the static torque.",
+        of_lane=True,
+    )
+    cart_mass: float | None = keyword(
+        None,
+        "Mass of the cart [kg]; by default that of the chain's own cart, or else the chain's.",
+        of_lane=True,
+    )
+    rail: float | None = keyword(
+        None,
+        "Of a cart: how far the rail reaches to each side [m]; by default twice the length of the "
+        "chain.",
+    )
+    rail_damping: float = keyword(
+        0.0, "Viscous damping of the cart on its rail [N s/m].", of_lane=True
+    )
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class SensorSettings:
+    """What the sensors show of the chain, and their errors."""
+
+    observation: str = keyword(
+        "angles", "The form of the observation, as in the table.",
+        OneOf("angles", "sincos", "scaled"),
+    )  # fmt: skip
+    observe_velocities: bool = keyword(
+        True,
+        "Whether angular velocities, and that of a cart, are observed. Without them the chain is "
+        "observed in part: a policy needs memory, or several observations.",
+        _checks.truth,
+    )
+    observe_context: bool = keyword(
+        False,
+        "Whether the numbers that `randomize` draws are observed, at the end, from -1 to 1 within "
+        "their ranges.",
+        _checks.truth,
+    )
+    angle_noise: float = _error(
+        "Standard deviation of what the sensors add to angles [rad].",
+        Limit(2.0 * math.pi, "rad, beyond which all angles are equally likely"),
+    )
+    velocity_noise: float = _error(
+        "Standard deviation of what the sensors add to angular velocities [rad/s].",
+        Limit(MAX_SPEED, "rad/s"),
+    )
+    angle_resolution: float = _error(
+        "Angles observed are multiples of it [rad]: 2 pi over the counts a turn of an encoder.",
+        Limit(math.pi, "rad, two steps a turn"),
+    )
+    velocity_resolution: float = _error(
+        "Angular velocities observed are multiples of it [rad/s].", Limit(MAX_SPEED, "rad/s")
+    )
+    observation_delay: float = _error(
+        "By how many steps observations are old, at most 100; fractions too.", _LATER
+    )
+
+
+def _pixels(name: str, value: Any) -> int:
+    return _checks.count(name, value, low=32, high=MAX_PIXELS)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class PictureSettings:
+    """The pictures that `render` makes."""
+
+    render_size: int = keyword(
+        480,
+        f"Width and height of a picture [pixels], 32 to {MAX_PIXELS}. Below 200 it has no text.",
+        _pixels,
+    )
+    render_plain: bool = keyword(
+        False,
+        "Whether pictures show only the chain and its cart, without text, trace and arrows, as "
+        "suits learning from pixels.",
+        _checks.truth,
+    )
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
+    """All keywords but those of the chain, which `Chain` describes."""
+
+    mode: Mode = keyword(
+        "swingup",
+        "The task. A task of your own is an instance of a class derived from `Mode`, or the name "
+        'of that class, "package.module:Class"; only a name can be written to JSON with the spec.',
+    )
+    chain: Chain = keyword(
+        None,
+        "A `npend_gym.Chain`, the dict that its `as_dict` gives, or a preset's name such as "
+        '"acrobot" (`npend_gym.chain.PRESETS`). Without it, `n` and the parameters of the chain '
+        "describe one.",
+    )
+    dt: float = keyword(None, "Time of a step [s]; by default that of the mode.")
+    substeps: int | None = keyword(
+        None,
+        "Runge-Kutta steps in a step, always this many. By default there are enough for the "
+        "fastest normal mode to turn by at most 1/16 rad in each, and more while a rod would turn "
+        'by more than 1/20 rad. ``info["energy_error"]`` shows how well the energy is kept.',
+    )
+    reward_type: str = keyword("dense", "As the section on rewards says.", OneOf("dense", "sparse"))
+    goal_env: bool = keyword(
+        False,
+        'In mode "transition", with reward_type="sparse": observations are a Dict with goals.',
+        _checks.truth,
+    )
+    amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", _angle)
+    spread: float = keyword(
+        0.017, "A release is from `amplitude` plus a draw from [0, spread) [rad].", _spread
+    )
+    randomize: Mapping[str, Any] | None = keyword(
+        None,
+        "What is drawn at every start of an episode, by the name of a parameter of the chain or "
+        '"max_torque": a pair (low, high) of factors, or {"low": ..., "high": ...} of values. Each '
+        'end is a number or has an entry for each rod. ``info["context"]`` has what was drawn.',
+    )
+
+
+# With what only the making of a config takes, which `dataclasses.fields` leaves out
+FIELDS: dict[str, Field[Any]] = dict(Settings.__dataclass_fields__)
+RULES: dict[str, Rule] = {
+    name: each.metadata["rule"] for name, each in FIELDS.items() if each.metadata["rule"]
+}
+OF_LANES = [name for name, each in FIELDS.items() if each.metadata["of_lane"]]
+OF_CART = [each.name for each in fields(CartSettings) if each.name in OF_LANES]
+# The errors of motors and sensors, all 0 where they are ideal, and the cycles of the ripple
+HARDWARE = [name for name in OF_LANES if name not in (*OF_CART, "max_torque")]
+COUNTED = ["ripple_cycles"]  # settings that nothing in between may be drawn of

@@ -1,0 +1,129 @@
+"""The environment in which a model is judged, however a user names it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import gymnasium as gym
+from gymnasium.envs.registration import EnvSpec
+
+from npend_gym import _checks
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.keywords import CHAIN_KEYWORDS, EnvKeywords
+from npend_gym.envs.registration import ENV_ID, register_envs
+from npend_gym.rl.evaluation.wrappers import changing_wrappers, layers_of
+
+EnvLike: TypeAlias = Any  # see `npend_gym.rl.evaluate`
+_OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
+
+
+class Setting(NamedTuple):
+    """How to make an environment, and what its wrappers do between it and a model.
+
+    Attributes
+    ----------
+    env_id : str
+    keywords : dict
+        Of ``gym.make_vec(env_id, ...)``.
+    wrappers : tuple
+        From `changing_wrappers`.
+    """
+
+    env_id: str
+    keywords: dict[str, Any]
+    wrappers: tuple[Any, ...] = ()
+
+    def make(self, num_envs: int, **changed: Any) -> Any:
+        """Return a vector environment, some keywords changed."""
+        register_envs()
+        return gym.make_vec(self.env_id, num_envs=num_envs, **self.keywords | changed)
+
+    @property
+    def config(self) -> EnvConfig:
+        """What follows from the keywords."""
+        envs = self.make(1)
+        envs.close()
+        return envs.unwrapped.config
+
+    def nominal(self, seconds: float, *, cart: bool = True) -> tuple[Setting, EnvConfig, int]:
+        """Return the setting by which a score is measured.
+
+        Nothing is random there but the start, and episodes last for `seconds`.
+
+        Returns
+        -------
+        setting : Setting
+        config : EnvConfig
+        steps : int
+            Of an episode.
+
+        Raises
+        ------
+        ValueError
+            If the score is not defined for this environment; with a cart it is if `cart`.
+        """
+        given = self.keywords
+        if given.get("observe_context", False):
+            raise ValueError(
+                "observe_context must be False: robustness is to what the controller is not told"
+            )
+        if given.get("goal_env", False):
+            raise ValueError("goal_env must be False: what is observed must be one array")
+        setting = self._replace(keywords=given | {"randomize": None})
+        config = setting.config
+        if config.joints.size == 0:
+            raise ValueError(f"mode must be one with a motor, got {config.mode.name!r}")
+        if config.has_cart and not cart:
+            raise ValueError('base must be "pivot": this score is defined for joints, got "cart"')
+        steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
+        lasting = setting.keywords | {"max_episode_steps": steps}
+        return setting._replace(keywords=lasting), config, steps
+
+
+def setting_of(env: EnvLike) -> Setting:
+    """Return the setting that an environment has, or say that it is none.
+
+    Parameters
+    ----------
+    env : mapping, str, EnvSpec, or environment
+        See `npend_gym.rl.evaluate`.
+    """
+    if isinstance(env, str):
+        return Setting(env, {})
+    if isinstance(env, Mapping):
+        keywords: dict[str, Any] = dict(env)  # pyright: ignore[reportUnknownArgumentType]
+        return Setting(keywords.pop("id", ENV_ID), keywords)
+    if isinstance(env, EnvSpec):
+        if env.additional_wrappers:
+            raise ValueError(
+                "env must be a specification without wrappers, which belong to one environment; "
+                f"got {env.additional_wrappers[0].name}: give a vector environment with its own"
+            )
+        keywords = {"max_episode_steps": env.max_episode_steps} | env.kwargs
+        return Setting(env.id, {k: v for k, v in keywords.items() if k not in _OF_MAKING})
+    *_, base = [None, *layers_of(env)]
+    config = _attribute(base, "config")
+    if not isinstance(config, EnvConfig):
+        raise TypeError(
+            'env must be an id such as "npend/SwingUp-v1", its EnvSpec, a vector environment of '
+            "N-pendulums, or a dict of keywords of gym.make_vec such as "
+            f'{{"id": "npend/SwingUp-v1", "n": 1}}; got {_checks.show(env)}'
+        )
+    steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
+    steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
+    keywords = keywords_of(config) | {"max_episode_steps": steps}
+    return Setting(ENV_ID, keywords, changing_wrappers(env))
+
+
+def keywords_of(config: EnvConfig) -> dict[str, Any]:
+    """Return the keywords of an environment of these settings."""
+    from_others = {*CHAIN_KEYWORDS, "n", "difficulty"}  # `chain` and `max_torque` hold them
+    return {k: getattr(config, k) for k in EnvKeywords.__annotations__ if k not in from_others}
+
+
+def _attribute(base: Any, name: str) -> Any:
+    """Return an attribute of an environment, or of the first of many side by side."""
+    if hasattr(base, "get_attr"):
+        return base.get_attr(name)[0]
+    return getattr(base, name, None)

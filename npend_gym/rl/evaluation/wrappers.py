@@ -1,0 +1,159 @@
+"""What the wrappers of an environment do between it and a model, for any number of lanes.
+
+A judge makes environments of its own, with other errors and as many lanes as it needs. What wraps
+the environment of a user is therefore applied here, in front of the model: `VecNormalize` and
+`VecFrameStack` of Stable-Baselines3, and the wrappers of Gymnasium's vector environments.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import (
+    VectorActionWrapper,
+    VectorObservationWrapper,
+    VectorWrapper,
+)
+from gymnasium.vector.utils import create_empty_array
+from numpy.typing import NDArray
+
+from npend_gym._checks import BoolArray
+
+WAY_OUT = "or give a function: model(observation, info) returns the actions"
+_OF_ONE_ENV: Any = gym.ObservationWrapper, gym.ActionWrapper
+_WRAPPERS: Any = gym.Wrapper, VectorWrapper
+_OF_MANY: Any = VectorObservationWrapper, VectorActionWrapper
+_Change = Callable[[Any, BoolArray], Any]
+
+
+def layers_of(env: Any) -> Iterator[Any]:
+    """Yield an environment and what it wraps; of many environments side by side the first."""
+    while env is not None:
+        yield env
+        inner = (getattr(env, name, None) for name in ("venv", "env"))
+        env = next((each for each in inner if each is not None), None) or next(
+            iter(getattr(env, "envs", None) or ()), None
+        )
+
+
+def changing_wrappers(env: Any) -> tuple[Any, ...]:
+    """Return the wrappers that change observations or actions, the innermost first.
+
+    Raises
+    ------
+    ValueError
+        If one of them cannot be applied to other environments.
+    """
+    found: list[Any] = []
+    for layer in layers_of(env):
+        if is_normalizing(layer) or _is_stacking(layer) or isinstance(layer, _OF_MANY):
+            found.insert(0, layer)
+        elif isinstance(layer, _OF_ONE_ENV) or _has_other_spaces(layer):
+            raise _unknown(type(layer).__name__)
+    for kind in _OF_ONE_ENV if hasattr(env, "env_is_wrapped") else ():
+        if any(env.env_is_wrapped(kind)):  # of environments in other processes
+            raise _unknown(kind.__name__)
+    return tuple(found)
+
+
+def is_normalizing(layer: Any) -> bool:
+    """Return whether a wrapper is a VecNormalize of Stable-Baselines3."""
+    return hasattr(layer.__class__, "normalize_obs")  # itself it has what it wraps, too
+
+
+def _is_stacking(layer: Any) -> bool:
+    """Return whether a wrapper is a VecFrameStack of Stable-Baselines3."""
+    return "stacked_obs" in vars(layer)
+
+
+def _has_other_spaces(layer: Any) -> bool:
+    """Return whether a wrapper changes a space, in a way that is not known."""
+    name = "env" if isinstance(layer, _WRAPPERS) else "venv"
+    inner: Any = getattr(layer, name, None)
+    if inner is None or not (isinstance(layer, _WRAPPERS) or hasattr(inner, "venv")):
+        return False
+    spaces = "observation_space", "action_space"
+    return any(getattr(layer, name) != getattr(inner, name) for name in spaces)
+
+
+def _unknown(wrapper: str) -> ValueError:
+    return ValueError(
+        f"the environment's wrapper {wrapper} changes observations or actions in a way that is not "
+        "known here: use VecNormalize, VecFrameStack or a wrapper of gymnasium.wrappers.vector "
+        f"instead, {WAY_OUT}"
+    )
+
+
+class Lens:
+    """What some wrappers make of the observations and of the actions of many lanes.
+
+    Parameters
+    ----------
+    wrappers : sequence
+        The innermost first, from `changing_wrappers`. They are not changed.
+    """
+
+    def __init__(self, wrappers: Sequence[Any]) -> None:
+        self._wrappers, self._lanes = wrappers, 0
+        self._observing: list[_Change] = []
+        self._acting: list[Callable[[Any], Any]] = []
+
+    def observe(self, observation: Any, begins: BoolArray) -> Any:
+        """Return what the model is shown; `begins`, (B,), says where an episode begins."""
+        if len(self._wrappers) == 0:
+            return observation
+        if begins.all() or begins.size != self._lanes:
+            self._lanes = begins.size
+            self._observing = [_observing(w, begins.size) for w in self._wrappers]
+            self._acting = [_acting(w, begins.size) for w in self._wrappers[::-1]]
+        shown = copy.copy(observation)  # a wrapper may write into what it is given
+        for change in self._observing:
+            shown = change(shown, begins)
+        return shown
+
+    def act(self, action: Any) -> Any:
+        """Return what the environment is given, after `observe`."""
+        for change in self._acting:
+            action = change(action)
+        return action
+
+
+def _observing(wrapper: Any, lanes: int) -> _Change:
+    """Return what a wrapper does to observations."""
+    if is_normalizing(wrapper):
+        return lambda shown, _: wrapper.normalize_obs(shown)
+    if _is_stacking(wrapper):
+        stack = copy.copy(wrapper.stacked_obs)
+        kept = stack.stacked_obs
+        stack.stacked_obs = np.zeros((lanes, *kept.shape[1:]), kept.dtype)
+
+        def stacked(shown: NDArray[Any], begins: BoolArray) -> Any:
+            if begins.all():
+                return stack.reset(shown)
+            return stack.update(shown, begins, [{"terminal_observation": o} for o in shown])[0]
+
+        return stacked
+    if isinstance(wrapper, VectorObservationWrapper):
+        own = _for_lanes(wrapper, wrapper.single_observation_space, lanes)
+        own.update_running_mean = False  # of NormalizeObservation
+        return lambda shown, _: own.observations(shown)
+    return lambda shown, _: shown
+
+
+def _acting(wrapper: Any, lanes: int) -> Callable[[Any], Any]:
+    """Return what a wrapper does to actions."""
+    if isinstance(wrapper, VectorActionWrapper):
+        return _for_lanes(wrapper, wrapper.env.single_action_space, lanes).actions
+    return lambda action: action
+
+
+def _for_lanes(wrapper: Any, space: Any, lanes: int) -> Any:
+    """Return a copy of a wrapper of Gymnasium, for another number of lanes."""
+    own = copy.copy(wrapper)
+    if hasattr(own, "out"):  # where it puts what it makes of each lane
+        own.out = create_empty_array(space, lanes)
+    return own

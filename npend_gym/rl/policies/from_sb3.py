@@ -1,0 +1,115 @@
+"""Models of Stable-Baselines3 as the numbers of a `Policy`."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from npend_gym._provenance import provenance
+from npend_gym.chain import plain_keywords
+from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.modes import MODES
+from npend_gym.rl.evaluation.models import trained_through
+from npend_gym.rl.evaluation.settings import EnvLike, keywords_of, setting_of
+from npend_gym.rl.policies.files import Float32Array
+
+_ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
+
+
+class Network(NamedTuple):
+    """What `Policy` is made of, beside its environment and its provenance."""
+
+    weights: list[Float32Array]
+    biases: list[Float32Array]
+    activation: str
+    output: str
+
+
+def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
+    """Return the attributes of the `Policy` that acts as a model does, see `Policy.from_sb3`."""
+    trained_in = getattr(model, "get_env", lambda: None)()
+    if env is None and trained_in is None:
+        raise ValueError(
+            "env must be given for a model without its environment: from_sb3(model, env), with "
+            "the id or the keywords of gym.make_vec"
+        )
+    config = setting_of(trained_in if env is None else env).config
+    network = _network_of(model)
+    scale, offset = np.ones(config.observed, np.float32), None
+    limit = np.inf
+    for wrapper in trained_through(model, config):
+        statistics: Any = getattr(wrapper, "obs_rms", None)
+        if type(wrapper).__name__ != "VecNormalize" or isinstance(statistics, dict):
+            raise ValueError(
+                f"the model must observe through VecNormalize alone, got {type(wrapper).__name__}: "
+                "evaluate and robustness take the model itself"
+            )
+        if wrapper.norm_obs:
+            scale = np.sqrt(statistics.var + wrapper.epsilon).astype(np.float32)
+            offset, limit = statistics.mean.astype(np.float32), float(wrapper.clip_obs)
+    made = {"algorithm": type(model).__name__, "timesteps": int(model.num_timesteps)}
+    return network._asdict() | {
+        "scale": scale,
+        "offset": offset,
+        "limit": limit,
+        "env": env_of(config),
+        "provenance": provenance(made, model.seed),
+    }
+
+
+def _network_of(model: Any) -> Network:
+    """Return the layers that map observations to the mean action."""
+    policy, name = model.policy, type(model).__name__
+    extractor = type(getattr(policy, "features_extractor", None)).__name__
+    if hasattr(policy, "lstm_actor"):
+        raise _not_layers(name, "an LSTM")
+    if extractor not in ("FlattenExtractor", "NoneType"):
+        raise _not_layers(name, extractor)
+    if not hasattr(model.action_space, "low"):
+        raise _not_layers(name, "discrete actions")
+    if hasattr(policy, "mlp_extractor"):
+        modules: list[Any] = [*policy.mlp_extractor.policy_net, policy.action_net]
+    else:
+        last = policy.actor.mu
+        one = type(last).__name__ == "Linear"
+        modules = [*getattr(policy.actor, "latent_pi", ()), *([last] if one else last)]
+    kinds = [type(module).__name__ for module in modules]
+    if policy.squash_output and kinds[-1] == "Tanh":  # TD3's is a layer
+        modules, kinds = modules[:-1], kinds[:-1]
+    linear, between = kinds[::2], set(kinds[1::2])
+    if set(linear) != {"Linear"} or kinds[-1] != "Linear" or not between <= set(_ACTIVATIONS):
+        raise _not_layers(name, ", ".join(kinds))
+    if len(between) > 1:
+        raise _not_layers(name, "two kinds of activations")
+    numbers = [[p.detach().cpu().numpy().copy() for p in m.parameters()] for m in modules[::2]]
+    activation = _ACTIVATIONS[between.pop()] if between else "tanh"
+    output = "tanh" if policy.squash_output else "clip"
+    return Network([w for w, _ in numbers], [b for _, b in numbers], activation, output)
+
+
+def _not_layers(name: str, what: str) -> ValueError:
+    return ValueError(
+        f"model must be linear layers with tanh or ReLU between them, got {name} with {what}: "
+        "evaluate and robustness take the model itself"
+    )
+
+
+def env_of(config: EnvConfig) -> dict[str, Any]:
+    """Return keywords of an environment of these settings, as few as say the same, for JSON."""
+    given, mode = keywords_of(config), config.mode
+    known = MODES.get(mode.name, type(mode))
+    if mode.name not in MODES or type(mode) is not known:
+        given["mode"] = f"{type(mode).__module__}:{type(mode).__qualname__}"
+    elif vars(mode) == vars(known()):
+        given["mode"] = mode.name
+    else:
+        raise ValueError(
+            f"mode must be as its class makes it, so that a name tells all of it; got {mode!r}"
+        )
+    uniform: dict[str, Any] = {"n": config.n, "mode": given["mode"]}
+    of_chain: dict[str, Any] = {"chain": config.chain, "mode": given["mode"]}
+    base = uniform if EnvConfig(**uniform).chain == config.chain else of_chain
+    usual = plain_keywords(keywords_of(EnvConfig(**base)) | base)
+    plain = plain_keywords(given)
+    return plain_keywords(base) | {k: v for k, v in plain.items() if v != usual[k]}

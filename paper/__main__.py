@@ -1,0 +1,149 @@
+"""`python -m paper`: every finding, table and figure of the study, and the law of the chain."""
+
+from __future__ import annotations
+
+from argparse import SUPPRESS
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from npend_gym import IntegrationError
+from npend_gym.cli.common import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    Parser,
+    angles,
+    can_draw,
+    dispatch,
+    integers,
+    prepare_results,
+    progress,
+    show_written,
+    thread_count,
+    warn,
+)
+from npend_gym.cli.streams import open_closed_streams
+from npend_gym.report import outputs
+from paper import law_tables, report
+from paper.claims import claims
+from paper.com_law import LawCell, LawGrid, law_rows, limit_rows
+from paper.findings import KANE_N, Finding, audit, groups, selected
+
+PROGRAM = "python -m paper"
+LAW = "com-law"  # the key of the law of the centre of mass
+ABOUT = """\
+Every equation, number and claim of the source paper, computed again and judged. All of it takes
+some six minutes, most single findings take seconds: `python -m paper --list` shows their keys.
+
+The key com-law compares the law T(N, a) = 0.8223 2 pi sqrt((N + 1/2) l/g) (2/pi) K(sin(a/2)) of
+the centre of mass of N equal rods, released straight from the angle a, with simulation: its error
+at every N and a, and the limits of small angles.
+"""
+EXAMPLES = """\
+examples:
+  python -m paper --out results                findings.csv, audit.md, tables and figures
+  python -m paper --only eom,series-value      two findings
+  python -m paper --only series-value --json   for a script
+  python -m paper --only chaos                 those of one module, `paper.checks.chaos`
+  python -m paper --only run-time --kane-n 12  Kane's method on more rods; 12 take minutes
+  python -m paper --only com-law --n 2,3 --amplitudes 0.5,1
+  python -m paper --only com-law --full        N = 1 to 1600, up to 1.2 rad; half an hour
+"""
+
+
+def command() -> Parser:
+    """Return the parser of the command line."""
+    parser = Parser(prog=PROGRAM, description=ABOUT, epilog=EXAMPLES, argument_default=SUPPRESS)
+    text = "findings, by their keys, or modules, or com-law (all)"
+    parser.add_argument("--only", type=_names, metavar="KEY,KEY,...", help=text)
+    parser.add_argument("--list", action="store_true", help="list the keys and exit")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    text = (
+        "write findings.csv, audit.md, tables, figures and manifest.json there, and law.csv, "
+        "limits.csv and manifest.json of the law in its folder com-law"
+    )
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+    text = "largest chain whose equations Kane's method derives (6)"
+    parser.add_argument("--kane-n", type=int, metavar="N", help=text)
+    law = parser.add_argument_group("of the law")
+    text = "N = 1 to 1600, sixteen angles"
+    law.add_argument("--full", action="store_true", help=text)
+    law.add_argument("--n", type=integers, metavar="N,N,...", help="numbers of pendulums")
+    text = "starting angles of all rods"
+    law.add_argument("--amplitudes", type=angles, metavar="RAD,...", help=text)
+    law.add_argument("--threads", type=int, metavar="COUNT", help="threads (default 1)")
+    return parser
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    open_closed_streams()
+    parser = command()
+    options, unknown = parser.parse_known_args(argv)
+    if unknown:
+        parser.refuse(unknown)
+    return dispatch(parser, run, vars(options))
+
+
+def run(options: dict[str, Any]) -> int:
+    """Compute what is asked for, print it and write it; return the exit code."""
+    if options.get("list", False):
+        for section, found in groupby(claims().values(), lambda claim: claim.section):
+            print(section, *(f"  {one.key:20} {groups()[one.key]}" for one in found), sep="\n")
+        print("Our own", f"  {LAW}", sep="\n")
+        return OK
+    wanted: list[str] | None = options.get("only")
+    only = wanted and [key for key in wanted if key != LAW]
+    grid = LawGrid.full() if options.get("full") else LawGrid()
+    grid = LawGrid(
+        options.get("n", grid.n_values), np.ravel(options.get("amplitudes", grid.amplitudes))
+    )
+    threads, kane_n = thread_count(options), options.get("kane_n", KANE_N)
+    keys = selected(only) if only != [] else []
+    pending = audit(keys, kane_n=kane_n)
+    out: Path | None = options.get("out")
+    if out is not None:
+        prepare_results(out, PROGRAM)
+    findings: list[Finding] = []
+    cells: list[LawCell] = []
+    code, trouble = OK, ""
+    try:
+        findings.extend(progress("finding", len(keys))(pending))
+        if wanted is None or LAW in wanted:
+            for n in progress("chain")(grid.n_values):
+                cells += grid.measure(n, threads)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+        trouble = "interrupted: the results above are complete, the rest is missing"
+    except (ImportError, IntegrationError) as error:
+        code, trouble = FAILED, f"{PROGRAM}: {error}"
+    limits = limit_rows(list(dict.fromkeys(cell.n for cell in cells)))
+    if options.get("json", False) and (findings or cells):
+        arguments = {"only": wanted, "kane_n": kane_n} | (grid.as_dict() if cells else {})
+        tables = {"findings": report.audit_rows(findings), "law": law_rows(cells), "limits": limits}
+        print(outputs.json_text(arguments, **{name: rows for name, rows in tables.items() if rows}))
+    elif findings or cells:
+        texts = [report.audit_text(findings)] if findings else []
+        print(*texts, *([law_tables.law_text(cells, limits)] if cells else []), sep="\n\n")
+    written: list[Path] = []
+    if findings and out is not None:
+        written += report.write(findings, out, only=only, kane_n=kane_n, figures=can_draw())
+    if cells and out is not None:
+        written += law_tables.write_law(grid, cells, limits, out / LAW, complete=code == OK)
+    if written and "json" not in options:
+        show_written(written, figures=bool(findings))
+    if trouble:
+        warn(trouble)
+    return code
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

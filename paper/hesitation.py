@@ -1,0 +1,175 @@
+"""How the bobs near the pivot hesitate after a release, and complete their pseudo-period early.
+
+A release sends a front down the chain, which the free end reflects. At small angles the bobs have
+swung back for long when it returns. From some 0.6 rad on it meets those near the pivot just after
+their first reversal: their velocity falls again before it arrives, below zero in many, which
+completes their pseudo-period (reading "bob") a whole swing early. The velocities are a few percent
+of what they were before: the bobs hesitate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq, minimize_scalar
+
+from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym.experiments import Estimate
+from npend_gym.physics import tensions
+from paper.arrays import FloatArray
+
+EARLY = 0.8  # T1: a bob that completes before this has not swung to and fro
+_RTOL = 1e-8
+
+
+def heights(n: int) -> FloatArray:
+    """Return the height of every bob over the free end by the length, (N - i + 1/2)/(N + 1/2)."""
+    rods: FloatArray = np.arange(n, dtype=np.float64)
+    return (n - rods - 0.5) / (n + 0.5)
+
+
+def hesitation_rows(n_values: Sequence[int], amplitudes: Sequence[float]) -> list[dict[str, Any]]:
+    """Return the tidy table of early bobs: a row for every number of rods and angle.
+
+    Parameters
+    ----------
+    n_values : sequence of int
+        Numbers of equal rods.
+    amplitudes : sequence of float
+        Starting angles of all rods [rad].
+
+    Returns
+    -------
+    list of dict
+        Share of the bobs that complete before 0.8 T1, lowest and highest of them, and mean, median
+        and earliest pseudo-period, reading "bob", over T1. "lowest" is the height over the free end
+        down to which the bobs are early without a gap, NaN where there are none.
+    """
+    rows: list[dict[str, Any]] = []
+    for n in n_values:
+        chain, height = Chain.uniform(n), heights(n)
+        t1 = theory.fundamental_period(chain)
+        for amplitude in amplitudes:
+            ratio = pseudo_periods(chain, amplitude, duration=2.0 * t1, rtol=_RTOL) / t1
+            early = ratio < EARLY
+            rows.append({
+                "n": n, "angle_rad": amplitude, "share": float(early.mean()),
+                "lowest": _lowest(early, height), "earliest": float(np.nanmin(ratio)),
+                "mean": float(np.nanmean(ratio)), "median": float(np.nanmedian(ratio)),
+            })  # fmt: skip
+    return rows
+
+
+def _lowest(early: NDArray[np.bool_], height: FloatArray) -> float:
+    """Return the height of the last bob of the longest group of neighbours that are `early`."""
+    best, run, lowest = 0, 0, math.nan
+    for k, one in enumerate(early.tolist()):
+        run = run + 1 if one else 0
+        if run > best:
+            best, lowest = run, float(height[k])
+    return lowest
+
+
+def front_times(n: int, amplitude: float, frames: int = 2000) -> tuple[float, float]:
+    """Return when the front of a release reaches the free end, and the pivot again, over T1.
+
+    The front moves along the chain, of two or more rods, at the speed of its waves: sqrt(T/(m l))
+    rods a second with the tension T [N] of the simulation.
+    """
+    chain = Chain.uniform(n)
+    t1 = theory.fundamental_period(chain)
+    times = np.linspace(0.0, t1, frames)
+    motion = simulate(chain, amplitude, 0.0, times, rtol=_RTOL, atol=1e-2 * _RTOL)
+    tension: FloatArray = tensions(chain, motion.theta, motion.omega)
+    place, direction, tip = 0.5, 1.0, math.nan
+    for k in range(frames - 1):
+        rod = min(max(int(place - 0.5), 0), n - 2)
+        share = min(max(place - 0.5 - rod, 0.0), 1.0)  # of the way to the middle of the next rod
+        here = (1.0 - share) * float(tension[k, rod]) + share * float(tension[k, rod + 1])
+        speed = math.sqrt(max(here, 0.0))
+        place += direction * speed * float(times[1])
+        if direction > 0.0 and place >= n - 0.5:
+            direction, place, tip = -1.0, n - 0.5, float(times[k]) / t1
+        elif direction < 0.0 and place <= 0.0:
+            return tip, float(times[k]) / t1
+    return tip, math.nan
+
+
+class Velocities(NamedTuple):
+    """Horizontal velocities of some bobs of a release.
+
+    times : (T,), over T1. heights : (H,), over the length. values : (H, T), by the greatest speed
+    that the bob has had. front : when the front is back at the pivot, over T1.
+    """
+
+    times: FloatArray
+    heights: FloatArray
+    values: FloatArray
+    front: float
+
+
+def velocities(n: int, amplitude: float, at: ArrayLike, frames: int = 1200) -> Velocities:
+    """Return the velocities of the bobs nearest to the heights `at` (0 tip, 1 pivot)."""
+    chain = Chain.uniform(n)
+    t1 = theory.fundamental_period(chain)
+    times = np.linspace(0.0, 1.2, frames)
+    motion = simulate(chain, amplitude, 0.0, times * t1, rtol=_RTOL, atol=1e-2 * _RTOL)
+    bobs = np.abs(heights(n)[:, None] - np.asarray(at)).argmin(axis=0)
+    speeds = motion.velocities()[:, bobs, 0].T
+    speeds = speeds / np.abs(speeds[:, times < 0.5]).max(axis=1, keepdims=True)
+    return Velocities(times, heights(n)[bobs], speeds, front_times(n, amplitude)[1])
+
+
+def onset(n: int, height: float = 0.9, low: float = 0.5, high: float = 0.75) -> float:
+    """Return the least amplitude [rad] from which the bob at `height` completes early.
+
+    The bob's velocity after its first reversal has a minimum when the front returns; it is zero
+    there at the amplitude that is returned.
+    """
+    return float(brentq(lambda a: _dip(n, a, height), low, high, xtol=1e-4))
+
+
+def _dip(n: int, amplitude: float, height: float) -> float:
+    """Return the minimum of the velocity of the bob at `height` near the front's return [m/s]."""
+    chain = Chain.uniform(n)
+    t1 = theory.fundamental_period(chain)
+    times = np.append(0.0, np.linspace(0.58, 0.72, 701) * t1)
+    motion = simulate(chain, amplitude, 0.0, times, rtol=_RTOL, atol=1e-2 * _RTOL)
+    speeds = motion.velocities()[1:, :, 0]
+    above = int(np.flatnonzero(heights(n) >= height)[-1])  # of the two bobs around it
+    share = (float(heights(n)[above]) - height) * (n + 0.5)
+    at: FloatArray = (1.0 - share) * speeds[:, above] + share * speeds[:, above + 1]
+    change: FloatArray = np.diff(at)
+    inner = np.flatnonzero((change[:-1] < 0.0) & (change[1:] >= 0.0)) + 1
+    return float(at[inner].min() if inner.size else at.min())
+
+
+def limit(n_values: ArrayLike, values: ArrayLike) -> Estimate:
+    """Return the limit of `values` for many rods, by v + c N^-p, with the spread of the fits.
+
+    For each exponent p the limit v and c follow by least squares; p is the one that fits best
+    between 1/4 and 1. The error is half the range of the limits that fits without the first, or
+    without the last of the values, and with p moved by 0.1 either way, give.
+    """
+    n, y = np.asarray(n_values, float), np.asarray(values, float)
+    fits = [(n, y), (n[1:], y[1:]), (n[:-1], y[:-1])]
+    best = [_best_exponent(*some) for some in fits]
+    found = [_limit_with(*some, p)[0] for some, p in zip(fits, best, strict=True)]
+    found += [_limit_with(n, y, best[0] + step)[0] for step in (-0.1, 0.1)]
+    return Estimate(found[0], 0.5 * float(np.ptp(found)))
+
+
+def _best_exponent(n: FloatArray, y: FloatArray) -> float:
+    fit = minimize_scalar(lambda p: _limit_with(n, y, p)[1], bounds=(0.25, 1.0), method="bounded")
+    return float(fit.x)
+
+
+def _limit_with(n: FloatArray, y: FloatArray, p: float) -> tuple[float, float]:
+    """Return v of the best v + c n^-p, and the sum of its squared residuals."""
+    design = np.column_stack([np.ones_like(n), n**-p])
+    solution = np.linalg.lstsq(design, y, rcond=None)[0]
+    return float(solution[0]), float(np.sum((design @ solution - y) ** 2))

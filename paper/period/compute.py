@@ -1,0 +1,251 @@
+"""The numbers of "The period of a released chain": this script computes them all.
+
+They go to `numbers.json` beside this file, from which the paper is set. A key computes one alone:
+`python -m paper.period.compute com-limit`; `--quick` takes shorter chains and runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.special import jn_zeros
+
+from npend_gym import Chain, pseudo_periods, theory
+from npend_gym.experiments.release import PAPER_AMPLITUDE as QUARTER
+from paper import hesitation
+from paper.checks.law import growth_of_the_middle
+from paper.findings import outcome
+from paper.readings import grid
+
+FILE = Path(__file__).with_name("numbers.json")
+LYAPUNOV = FILE.with_name("lyapunov.csv")
+J01 = float(jn_zeros(0, 1)[0])
+ANGLES = (0.1, 0.2, 0.4, 0.6, QUARTER, 0.9, 1.0)  # rad, up to where the law is stated
+WIDE = (*ANGLES, 1.2)
+
+NUMBERS: dict[str, Callable[[bool], Any]] = {}
+
+
+def number(key: str) -> Callable[[Callable[[bool], Any]], Callable[[bool], Any]]:
+    """Register a function of `quick` that returns a number of the paper, or several."""
+
+    def register(compute: Callable[[bool], Any]) -> Callable[[bool], Any]:
+        NUMBERS[key] = compute
+        return compute
+
+    return register
+
+
+@cache
+def com_period(n: int, amplitude: float, rtol: float = 1e-9) -> float:
+    """Return the measured pseudo-period [s] of the centre of mass of `n` equal rods."""
+    return float(pseudo_periods(Chain.uniform(n), amplitude, reading="com", rtol=rtol)[0])
+
+
+def slowest(n: int) -> float:
+    """Return the period [s] of the slowest mode of `n` equal rods."""
+    return theory.fundamental_period(Chain.uniform(n))
+
+
+@number("com-limit")
+def _com_limit(_quick: bool) -> str:
+    return f"{theory.com_ratio():.6f}"
+
+
+@number("com-small")
+def _com_small(_quick: bool) -> list[str]:
+    return [f"{float(theory.com_period(n)) / slowest(n):.5f}" for n in (2, 3, 5, 10, 100)]
+
+
+@number("factor")
+def _factor(_quick: bool) -> str:
+    return f"{theory.com_ratio() * 2.0 / J01:.4f}"
+
+
+@number("slowest-factor")
+def _slowest_factor(_quick: bool) -> str:
+    return f"{2.0 / J01:.4f}"
+
+
+@number("slowest-next-order")
+def _next_order(_quick: bool) -> list[str]:
+    """Relative errors of T1 to the order 1/N and to the next, at N = 10."""
+    return [f"{abs(theory.large_n_period(10, terms=k) / slowest(10) - 1.0):.1e}" for k in (1, 2)]
+
+
+def law(n: int, amplitude: float) -> float:
+    """Return the closed law [s], without the modes of the chain."""
+    return float(theory.large_n_com_period(n, amplitude))
+
+
+@number("law-errors")
+def _law_errors(quick: bool) -> list[list[str]]:
+    """N, and the largest errors of the closed law and of that with exact modes, up to 1 rad [%]."""
+    rows: list[list[str]] = []
+    for n in (1, 2, 3, 5, 10, 20) if quick else (1, 2, 3, 5, 10, 20, 50, 100, 200, 400):
+        closed = [com_period(n, a) / law(n, a) - 1.0 for a in ANGLES]
+        exact = [com_period(n, a) / float(theory.com_period(n, a)) - 1.0 for a in ANGLES]
+        rows.append([str(n), *(f"{100 * max(map(abs, one)):.2f}" for one in (closed, exact))])
+    return rows
+
+
+@number("law-beyond")
+def _law_beyond(quick: bool) -> list[list[str]]:
+    """Error of the closed law at 1.2 rad [%], with its sign."""
+    counts = (5, 20) if quick else (5, 20, 100, 400)
+    return [[str(n), f"{100 * (com_period(n, 1.2) / law(n, 1.2) - 1.0):+.2f}"] for n in counts]
+
+
+@number("com-growth")
+def _com_growth(quick: bool) -> list[list[str]]:
+    """Coefficient b of T(a) = T(0) (1 + b a^2) of the centre of mass as a -> 0 [1/rad^2]."""
+    rows: list[list[str]] = []
+    for n in (1, 2, 5, 20) if quick else (1, 2, 3, 5, 10, 20, 100, 400):
+        small, large = (com_period(n, a, 1e-12) for a in (0.02, 0.1))
+        rows.append([str(n), f"{(large / small - 1.0) / (0.1**2 - 0.02**2):.4f}"])
+    return rows
+
+
+@number("middle-growth")
+def _middle_growth(quick: bool) -> str:
+    return f"{growth_of_the_middle(100 if quick else 400):.3f}"
+
+
+@number("pendulum-growth")
+def _pendulum_growth(_quick: bool) -> str:
+    return f"{1.0 / 16.0:.4f}"
+
+
+@number("profile")
+def _profile(_quick: bool) -> dict[str, str]:
+    s = (np.polynomial.legendre.leggauss(40)[0] + 1.0) / 2.0
+    weights = np.polynomial.legendre.leggauss(40)[1] / 2.0
+    tip, middle, pivot = theory.release_profile([0.0, 0.5, 1.0])
+    values = {"tip": tip, "middle": middle, "pivot": pivot}
+    values["mean"] = weights @ theory.release_profile(s)
+    return {name: f"{float(value):.4f}" for name, value in values.items()}
+
+
+@cache
+def _early(quick: bool) -> list[dict[str, Any]]:
+    counts = (20, 50, 100) if quick else (20, 50, 100, 200, 400, 800, 1600, 3200)
+    return hesitation.hesitation_rows(counts, (QUARTER,))
+
+
+@number("early")
+def _early_table(quick: bool) -> list[list[str]]:
+    """N, share of early bobs, height down to which they are, mean and median over T1, at pi/4."""
+    keys = {"n": "d", "share": ".3f", "lowest": ".3f", "mean": ".4f", "median": ".4f"}
+    return [[format(row[key], form) for key, form in keys.items()] for row in _early(quick)]
+
+
+@number("early-limits")
+def _early_limits(quick: bool) -> dict[str, str]:
+    """Limits for many rods at pi/4, with the spread of the extrapolations."""
+    rows = _early(quick)[-5:]
+    counts = [row["n"] for row in rows]
+    found = {key: hesitation.limit(counts, [row[key] for row in rows])
+             for key in ("share", "lowest", "mean")}  # fmt: skip
+    return {key: f"{one.value:.2f} ± {one.error:.2f}" for key, one in found.items()}
+
+
+@number("fronts")
+def _fronts(quick: bool) -> list[list[str]]:
+    """Angle, and when the front is at the free end and back at the pivot, over T1."""
+    n = 50 if quick else 400
+    rows = ((a, *hesitation.front_times(n, a)) for a in (0.1, 0.5, QUARTER, 1.0))
+    return [[f"{one:.3g}" for one in row] for row in rows]
+
+
+@number("front-small")
+def _front_small(_quick: bool) -> list[str]:
+    """When a small front is at the free end, and back at the pivot, over T1: exact for the rope."""
+    return [f"{share * J01 / math.pi:.3f}" for share in (0.5, 1.0)]
+
+
+@number("early-times")
+def _early_times(quick: bool) -> list[str]:
+    """Between which times early bobs complete from pi/4, over T1."""
+    n = 100 if quick else 400
+    ratio = pseudo_periods(Chain.uniform(n), QUARTER, rtol=1e-8) / slowest(n)
+    early = ratio[ratio < hesitation.EARLY]
+    return [f"{early.min():.2f}", f"{early.max():.2f}"]
+
+
+@number("onset")
+def _onset(quick: bool) -> dict[str, str]:
+    """Angle [rad] from which the bob at 0.9 of the height is early, and its limit."""
+    counts = (50, 100) if quick else (100, 200, 400, 800)
+    found = {str(n): hesitation.onset(n) for n in counts}
+    limit = hesitation.limit(list(counts), list(found.values()))
+    return {n: f"{a:.3f}" for n, a in found.items()} | {
+        "limit": f"{limit.value:.2f} ± {max(limit.error, 0.01):.2f}"
+    }
+
+
+@number("lyapunov")
+def _lyapunov(_quick: bool) -> list[list[str]]:
+    """N, offset of the start, seconds, exponent, onset of fast growth [s], exponent after it.
+
+    From the table that `python -m paper.period.metastable` makes.
+    """
+    with LYAPUNOV.open(newline="", encoding="utf-8") as file:
+        return [list(row.values()) for row in csv.DictReader(file)]
+
+
+@number("source-error")
+def _source_error(_quick: bool) -> list[str]:
+    """T0/T1 - 1 of the source paper's model at N = 2, 5, 20, 100, 500 [%]."""
+    chains = [Chain.uniform(n) for n in (2, 5, 20, 100, 500)]
+    ratios = [theory.ideal_period(one) / theory.fundamental_period(one) for one in chains]
+    return [f"{100.0 * (ratio - 1.0):.1f}" for ratio in ratios]
+
+
+@number("series")
+def _series(_quick: bool) -> dict[str, str]:
+    numbers = outcome("series-value").numbers | outcome("e-hat-value").numbers
+    return {
+        "right": f"{outcome('series-value').numbers['exact']:.4f}",
+        "ten": f"{outcome('series-value').numbers['cut_off']:.3f}",
+        "fifteen": f"{numbers['cut_off']:.3f}",
+    }
+
+
+@number("tables")
+def _tables(quick: bool) -> dict[str, str]:
+    """How many readings of the source paper's error were tried, and how far off the nearest is."""
+    found = grid((5, 10)) if quick else grid()
+    return {
+        "readings": str(len(found.readings)), "nearest": f"{found.distances[found.nearest]:.3f}",
+        "scatter": f"{found.printed_scatter.max():.3f}",
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Compute what is asked for, print it, and keep all that the paper needs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("keys", nargs="*", metavar="KEY", help=f"of {', '.join(NUMBERS)} (all)")
+    parser.add_argument("--quick", action="store_true", help="short: a test, not the paper")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.keys) - set(NUMBERS):
+        parser.error(f"no number of the paper: {', '.join(sorted(unknown))}")
+    kept: dict[str, Any] = json.loads(FILE.read_text("utf-8"))
+    for key in arguments.keys or NUMBERS:
+        value = NUMBERS[key](arguments.quick)
+        print(f"{key}: {json.dumps(value, ensure_ascii=False)}", flush=True)
+        if not arguments.quick:
+            kept[key] = value
+            text = json.dumps(dict(sorted(kept.items())), indent=1, ensure_ascii=False)
+            FILE.write_text(text + "\n", "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from npend_gym import Chain, pseudo_periods, theory
+from paper.__main__ import main
+from paper.com_law import LawGrid, limit_rows
+from paper.third_order import amplitude_growth
+
+
+def test_the_law_holds_to_what_is_promised():
+    grid = LawGrid((2, 3, 5, 20), (0.1, 0.4, 0.75, 0.9, 1.0))
+    for n in grid.n_values:
+        for cell in grid.measure(n):
+            assert abs(cell.law_error) < (0.004 if n < 5 else 0.002)
+            expected = pseudo_periods(Chain.uniform(n), cell.amplitude, reading="com")[0]
+            assert cell.com == pytest.approx(expected, rel=1e-8)
+            expected = pseudo_periods(Chain.uniform(n), cell.amplitude) / cell.fundamental
+            assert cell.mean == pytest.approx(expected.mean(), rel=1e-7)
+            assert cell.early == pytest.approx(np.mean(expected < 0.75))
+
+
+@pytest.mark.long
+def test_the_law_holds_for_long_chains():
+    grid = LawGrid((50, 100, 200), np.linspace(0.05, 1.0, 20))
+    errors = [cell.law_error for n in grid.n_values for cell in grid.measure(n)]
+    assert np.abs(errors).max() < 0.0021
+
+
+def test_the_command_prints_and_writes_the_same_table(tmp_path, capsys):
+    law = ["--only", "com-law", "--amplitudes", "0.3,1"]
+    assert main([*law, "--n", "2,5", "--out", str(tmp_path), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    with (tmp_path / "com-law" / "law.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["n"], row["amplitude_rad"]) for row in printed["law"]] == [
+        (2, 0.3), (2, 1.0), (5, 0.3), (5, 1.0)
+    ]  # fmt: skip
+    for row, again in zip(rows, printed["law"], strict=True):
+        assert {name: float(value) for name, value in row.items()} == again
+        assert again["law_error"] == again["law_s"] / again["com_s"] - 1.0
+    assert main([*law, "--n", "2"]) == 0
+    text = capsys.readouterr().out
+    assert "largest error up to 1 rad, N = 2, 3: 0.39" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--n 0", "n must be between"),
+        ("--amplitudes 0", "amplitudes must be greater than zero"),
+        ("--amplitudes 3.2", "amplitudes must lie within pi"),
+        ("--amplitudes 0.1,60", "amplitudes must lie within pi rad, got 60: 60 degrees are"),
+        ("--threads 0", "threads must be between 1 and"),
+    ],
+)
+def test_bad_grids_are_refused_before_a_folder_is_made(arguments, message, capsys, tmp_path):
+    with pytest.raises(SystemExit):
+        main(["--only", "com-law", *arguments.split(), "--out", str(tmp_path / "new")])
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    "chain", [Chain.uniform(1), Chain.uniform(4), Chain([1.0, 0.5, 2.0], [1.0, 0.3, 0.7])]
+)
+def test_periods_begin_to_grow_as_the_third_order_says(chain):
+    angles = np.array([0.02, 0.04])
+    starts = np.repeat(angles[:, None], chain.n, axis=1)
+    measured = pseudo_periods(chain, starts, reading="com", rtol=1e-12)[:, 0]
+    b = (measured / theory.com_period(chain) - 1.0) / angles**2
+    growth = amplitude_growth(chain)
+    assert growth.com == pytest.approx((4.0 * b[0] - b[1]) / 3.0, abs=2e-5)
+
+
+@pytest.mark.long
+def test_links_begin_to_grow_as_the_third_order_says():
+    chain = Chain.rods([1.0, 0.5], [0.5, 0.8])
+    measured = [pseudo_periods(chain, a, reading="com", rtol=1e-12)[0] for a in (0.02, 0.04)]
+    b = (np.array(measured) / theory.com_period(chain) - 1.0) / np.array([4e-4, 16e-4])
+    growth = amplitude_growth(chain).com
+    assert growth == pytest.approx((4.0 * b[0] - b[1]) / 3.0, abs=2e-5)
+
+
+def test_the_growth_of_long_chains_is_near_a_pendulums():
+    growth = amplitude_growth(Chain.uniform(60))
+    assert growth.com == pytest.approx(0.068, abs=3e-4)
+    assert growth.shape - growth.inertia == pytest.approx(0.982 / 16, abs=1e-4)
+
+
+def test_small_angles_have_a_row_for_every_chain():
+    rows = limit_rows([10, 500])
+    assert rows[0]["t1_error_two_terms"] == pytest.approx(2.8e-7, abs=2e-8)
+    assert rows[0]["com_growth"] == amplitude_growth(Chain.uniform(10)).com
+    assert np.isnan(rows[1]["com_growth"])
+    with pytest.raises(ValueError, match="n must be between 1 and 400"):
+        amplitude_growth(Chain.uniform(500))
+    with pytest.raises(ValueError, match="chain must hang straight"):
+        amplitude_growth(Chain.uniform(2, gravity=0.0))
+    with pytest.raises(ValueError, match="rigid rods on a pivot at rest"):
+        amplitude_growth(Chain.uniform(2, stiffness=1e3))

@@ -1,0 +1,240 @@
+"""The audit as a whole: its contents, its files, its command, and the committed document."""
+
+import csv
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from interrupt import Interrupt
+from test_package import WITHOUT_EXTRAS
+
+from npend_gym import _progress
+from paper import __main__ as command
+from paper import report
+from paper.__main__ import main
+from paper.claims import claims, render
+from paper.findings import CHECKS, Finding, audit, by_section, groups, selected
+from paper.registry import Verdict
+
+QUICK = ("pendulum", "equations", "derivation", "linear", "frequencies", "series", "listings")
+DOCUMENT = Path(__file__).parents[2] / "docs" / "paper_audit.md"
+
+
+@pytest.fixture(scope="module")
+def findings():
+    return list(audit(QUICK))
+
+
+def item(text, key):
+    """Return the verdict of an item of the document."""
+    head, _ = re.split(rf"`python -m paper --only {key}`\n", text)
+    return re.findall(r"\*\* \*(.+?)\*[.\n]", head)[-1]
+
+
+def test_the_audit_yields_every_finding_of_its_modules_once(findings):
+    assert sorted(f.key for f in findings) == sorted(selected(QUICK))
+    assert all(f.place and f.claim and f.printed and f.ours for f in findings)
+
+
+def test_every_claim_has_a_check_and_every_check_a_claim():
+    assert set(claims()) == set(CHECKS)
+    for claim in claims().values():  # what a note refers to is there
+        named = [*re.findall(r"see \[([a-z0-9-]+)\]", claim.note), claim.cause or claim.key]
+        assert set(named) <= set(claims()), claim.key
+    assert not set(claims()) & set(groups().values())
+    assert all(claim.section and claim.place and claim.claim for claim in claims().values())
+
+
+def test_texts_show_numbers_and_keep_other_braces():
+    text = "sum_{k<=j} of {0, 1}: {ratio:.2f} for {counts}, {pairs:.0%}"
+    numbers = {"ratio": 0.123, "counts": [1, 2], "pairs": [(0.5, 1.0)]}
+    assert render(text, numbers) == "sum_{k<=j} of {0, 1}: 0.12 for 1, 2, (50%, 100%)"
+    with pytest.raises(KeyError, match="other"):
+        render("{other}", numbers)
+
+
+def test_a_claim_like_another_differs_where_it_says_so():
+    first, second = claims()["figure-4"], claims()["figure-5"]
+    assert (first.place, second.place) == ("Figure 4", "Figure 5")
+    assert (first.claim, first.ours, first.section) == (second.claim, second.ours, second.section)
+
+
+def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
+    text = DOCUMENT.read_text(encoding="utf-8")
+    places = " ".join(re.findall(r"^\*\*(.*?): ", text, re.MULTILINE))
+    assert all(
+        (DOCUMENT.parent / name).is_file() for name in re.findall(r"\]\((images/.*?)\)", text)
+    )
+    anchors = set(re.findall(r"^### (.+)$", text, re.MULTILINE))
+    assert set(re.findall(r"\]\(#(.+?)\)", text)) <= anchors
+    named = {int(n) for n in re.findall(r"\((\d+)\)", places)}
+    for first, last in re.findall(r"\((\d+)\)-\((\d+)\)", places):
+        named |= set(range(int(first), int(last) + 1))
+    definitions = {10, 18}  # Lagrange's equations, the vector Theta
+    assert set(range(1, 58)) - named <= definitions
+
+
+def test_the_committed_document_says_what_is_computed_now(findings):
+    text = DOCUMENT.read_text(encoding="utf-8")
+    for finding in findings:
+        assert item(text, finding.key) == finding.verdict.value, finding.key
+    assert len(re.findall(r"`python -m paper --only [a-z0-9-]+`", text)) == len(selected())
+    for key in selected():
+        assert f"`python -m paper --only {key}`" in text
+
+
+def test_findings_come_in_the_papers_order(findings):
+    assert [finding.key for finding in findings] == selected(QUICK)
+    shuffled = by_section(reversed(findings))
+    keys = [finding.key for some in shuffled.values() for finding in some]
+    assert keys == selected(QUICK)
+    assert list(shuffled) == sorted(shuffled)
+    assert keys.index("torque") < keys.index("eom") < keys.index("matrices") < keys.index("e-hat")
+
+
+def test_the_text_shows_verdict_place_and_both_values(findings):
+    text = report.audit_text(findings)
+    assert max(map(len, text.splitlines())) <= 100
+    assert "DOES NOT HOLD: Eq. (28) [series-value]" in text
+    assert "note:    The printed series, with 2^(2 pi)" in text
+    assert "follows from [amplitude-series]" in text
+    assert "printed: 0.049" in text
+    assert "ours:    0.03997" in text
+    assert text.endswith("2 are not decidable")
+
+
+def test_markdown_keeps_its_own_characters_out_of_the_text():
+    odd = Finding(
+        "eom", "2", "Eq. (1)", "a * b < |c|", "x | y", "2 * 3", "so_so", verdict=Verdict.HOLDS
+    )
+    text = report.audit_markdown([odd])
+    assert r"A \* b \< \|c\|" not in text  # a symbol is no word to begin with a capital
+    assert r"**Eq. (1): a \* b \< \|c\|.** *holds*" in text
+    assert "- Printed: `x | y`" in text
+
+
+def test_the_command_writes_findings_tables_figures_and_what_made_them(tmp_path, capsys):
+    out = tmp_path / "results"
+    arguments = ["--only", "rk4-orders,series-value,t0-digits", "--out", str(out)]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "3 findings" in printed
+    assert "Eq. (28)" in printed
+    names = {path.name for path in out.iterdir()}
+    assert names == {
+        "findings.csv", "audit.md", "digits.csv", "images", "manifest.json",
+    }  # fmt: skip
+    assert "![Errors of Runge-Kutta" in (out / "audit.md").read_text(encoding="utf-8")
+    assert {path.name for path in (out / "images").iterdir()} == {
+        "runge_kutta.pdf", "runge_kutta.png",
+    }  # fmt: skip
+    with (out / "findings.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["key"] for row in rows] == ["series-value", "rk4-orders", "t0-digits"]
+    assert rows[0]["verdict"] == "does not hold"
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["provenance"]["arguments"] == {
+        "only": ["rk4-orders", "series-value", "t0-digits"], "kane_n": 6,
+    }  # fmt: skip
+    assert manifest["complete"] is True
+    for name, digest in manifest["sha256"].items():
+        assert hashlib.sha256((out / name).read_bytes()).hexdigest() == digest
+
+
+def test_the_command_prints_findings_as_json(capsys):
+    assert main(["--only", "series-value", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["provenance"]["arguments"] == {"only": ["series-value"], "kane_n": 6}
+    (finding,) = told["findings"]
+    assert finding["key"] == "series-value"
+    assert finding["verdict"] == "does not hold"
+
+
+def test_the_command_lists_its_keys(capsys):
+    assert main(["--list"]) == 0
+    text = capsys.readouterr().out
+    assert all(re.search(rf"^  {key}\b", text, re.MULTILINE) for key in [*selected(), "com-law"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--only eon", "only must name findings or modules of the audit, such as eom"),
+        ("--only eom,", "only must name"),
+        ("--kane-n 1", "kane_n must be between 4 and 30"),
+        ("--kane-n six", "--kane-n"),
+        ("--only eom --out /dev/null/x", "out must be a folder"),
+        ("--onli eom", "did you mean --only?"),
+    ],
+)
+def test_bad_arguments_exit_with_2_and_one_line(arguments, message, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(arguments.split())
+    assert left.value.code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("trouble", "code", "message"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (ImportError("Kane's method needs SymPy"), 1, "python -m paper: Kane's method needs SymPy"),
+    ],
+)
+def test_what_was_found_is_kept_when_the_rest_fails(
+    trouble, code, message, tmp_path, capsys, monkeypatch
+):
+    def some(*_args, **_options):
+        yield next(audit(["history"]))
+        raise trouble
+
+    monkeypatch.setattr(command, "audit", some)
+    assert main(["--out", str(tmp_path)]) == code
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert "1 finding: 1 is not decidable" in captured.out
+    assert json.loads((tmp_path / "manifest.json").read_text())["complete"] is False
+
+
+def test_ctrl_c_ends_the_study_with_130(capsys):
+    with Interrupt():
+        assert main(["--only", "chaos"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "extra"), [("--only one-radian --out results", "plot"), ("--only eom", "paper")]
+)
+def test_without_its_extras_the_study_works_or_names_the_one_it_needs(line, extra, tmp_path):
+    code = WITHOUT_EXTRAS.replace("npend_gym.cli", "paper.__main__")
+    done = subprocess.run(
+        [sys.executable, "-c", code, line],
+        capture_output=True, text=True, check=True, cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(DOCUMENT.parents[1])},
+    )  # fmt: skip
+    exit_code, error, wrote = json.loads(done.stdout)
+    assert exit_code == (0 if wrote else 1)
+    assert f'pip install "npend-gym[{extra}]"' in error
+
+
+def test_the_readme_counts_what_the_document_counts():
+    counts = re.findall(r"\d+", re.search(r"\*\*(\d+ findings: .*)\*\*", DOCUMENT.read_text())[1])
+    readme = (DOCUMENT.parent.parent / "README.md").read_text(encoding="utf-8")
+    shown = re.search(
+        r"of (\d+) findings (\d+) hold, (\d+) hold but for a slip, (\d+) do not hold and (\d+)",
+        readme,
+    )
+    assert list(shown.groups()) == counts
+
+
+def test_a_redirected_audit_tells_how_far_it_is(capsys, monkeypatch):
+    monkeypatch.setattr(_progress, "SECONDS", 0.0)
+    assert main(["--only", "history,e-at-5"]) == 0
+    assert capsys.readouterr().err == "finding 1 of 2\n"

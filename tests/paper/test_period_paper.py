@@ -1,0 +1,58 @@
+"""The paper on the released chain: its numbers, and that it can be set."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from scripts import run_script
+
+from paper.period import compute
+
+FOLDER = Path(compute.__file__).parent
+
+QUICK = (
+    "com-limit", "com-small", "factor", "slowest-factor", "slowest-next-order", "front-small",
+    "lyapunov", "source-error", "series",
+)  # fmt: skip
+
+
+def kept():
+    return json.loads((FOLDER / "numbers.json").read_text(encoding="utf-8"))
+
+
+def test_the_paper_names_numbers_that_are_kept_and_can_be_computed():
+    text = (FOLDER / "period.typ").read_text(encoding="utf-8")
+    named = set(re.findall(r"#?\bn\.([a-z-]+[a-z])", text))
+    assert named
+    assert named <= set(kept())
+    assert set(kept()) == set(compute.NUMBERS)
+    assert set(re.findall(r'#cmd\("([a-z-]+)"\)', text)) <= set(compute.NUMBERS)
+
+
+@pytest.mark.parametrize("key", QUICK)
+def test_kept_numbers_are_those_that_are_computed_now(key):
+    assert compute.NUMBERS[key](True) == kept()[key]
+
+
+def test_the_law_meets_the_measured_period_of_two_rods():
+    errors = {row[0]: row[1:] for row in kept()["law-errors"]}
+    for a in (0.2, 1.0):
+        off = abs(compute.com_period(2, a) / compute.law(2, a) - 1.0)
+        assert 100.0 * off <= float(errors["2"][0]) + 0.005
+    assert all(float(errors[n][0]) <= 0.4 for n in ("2", "3"))
+    assert all(float(row[0]) <= 0.2 for n, row in errors.items() if int(n) >= 5)
+
+
+def test_the_paper_can_be_set_from_what_is_kept(tmp_path):
+    typst = pytest.importorskip("typst")
+    typst.compile(FOLDER / "period.typ", output=tmp_path / "paper.pdf")
+    assert (tmp_path / "paper.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_metastable_writes_a_row_for_each_run(tmp_path):
+    out = tmp_path / "lyapunov.csv"
+    run_script(FOLDER / "metastable.py", out, "2:300", "3:200:1e-9", cwd=tmp_path)
+    rows = [line.split(",") for line in out.read_text(encoding="utf-8").splitlines()[1:]]
+    assert [row[:3] for row in rows] == [["2", "0.0", "300"], ["3", "1e-09", "200"]]
+    assert all(abs(float(row[3])) < 0.2 for row in rows)  # it grows with time, no faster
