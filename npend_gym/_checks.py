@@ -21,6 +21,7 @@ _R = TypeVar("_R")
 
 # Sizes of numbers in SI units; products of several stay far from the ends of float64's range.
 SMALLEST, LARGEST = 1e-30, 1e30
+MAX_PICTURE_SIZE = 2160  # pixels
 _MAX_DEPTH = 64  # of lists in lists; no array has more axes
 
 
@@ -160,6 +161,11 @@ def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> in
         rule = f"at least {low}" if high is None else f"between {low} and {high}"
         raise ValueError(f"{name} must be {rule}, got {show(value)}")
     return int(out)
+
+
+def picture_size(name: str, value: Any, *, low: int = 32) -> int:
+    """Return `value` as a size of pictures [pixels]."""
+    return count(name, value, low=low, high=MAX_PICTURE_SIZE)
 
 
 def truth(name: str, value: Any) -> bool:

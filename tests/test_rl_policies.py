@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain
+from npend_gym import Chain, rl
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import Policy, evaluate, observation_of, pretrained_names
 from npend_gym.rl.policies.files import MAX_BYTES
@@ -226,6 +226,8 @@ TASKS = {
     "scaled": {"n": 2, "mode": "swingup", "observation": "scaled", "lengths": [1.0, 0.5]},
     "cart": {"n": 1, "mode": "balance", "base": "cart", "rail": 2.4, "observation": "scaled"},
     "goal": {"n": 2, "mode": "transition", "observation": "sincos"},
+    "still": {"n": 2, "mode": "swingup", "observe_velocities": False},
+    "still cart": {"n": 1, "mode": "balance", "base": "cart", "observe_velocities": False},
 }
 
 
@@ -236,7 +238,7 @@ def test_measured_angles_and_velocities_become_what_the_environment_observes(tas
     theta = rng.uniform(-9.0, 9.0, (50, config.n))
     omega = rng.uniform(-12.0, 12.0, (50, config.n))
     options = {"theta": theta, "omega": omega}
-    if task == "cart":
+    if "cart" in task:
         options |= {
             "cart_position": rng.uniform(-2.0, 2.0, 50),
             "cart_velocity": rng.normal(size=50),
@@ -310,3 +312,11 @@ def test_an_observation_of_another_environment_is_refused_with_the_way_out():
     with pytest.raises(ValueError, match=r"must have 6 entries, got \(9,\): make the environment"):
         policy(np.zeros(9, np.float32))
     assert repr(policy).startswith("Policy(6-64-64-1, env={'n': 2")
+
+
+@pytest.mark.parametrize("name", ["evaluate", "performance", "recovery", "robustness"])
+def test_old_keywords_of_the_scores_name_the_new_place(name):
+    places = {"env_id": '"id" of env', "pushed": r"Pushes\(joints", "controller": "now named model"}
+    for old, place in places.items():
+        with pytest.raises(TypeError, match=f"{name} takes no keyword '{old}': it is .*{place}"):
+            getattr(rl, name)(None, {}, **{old: None})

@@ -38,9 +38,10 @@ class Camera:
         self.mode, self.fps = render_mode, config.render_fps
         self._traces: dict[int, deque[FloatArray]] = {}
         self._pushes: dict[int, tuple[float, int]] = {}  # with the number of pictures to come
+        self._painter: render.Painter | None = None
         try:
-            painter = render_mode and render.Painter(config.render_size, config.render_plain)
-            self._painter = painter or None
+            if render_mode is not None:
+                self._painter = render.Painter(config.render_size, config.render_plain)
             self._window = Window() if render_mode == "human" else None
         except ImportError as error:
             raise DependencyNotInstalled(str(error)) from error

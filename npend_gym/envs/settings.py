@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 MAX_DELAY = 100.0  # steps; the states and actions of this many are kept
 MAX_RIPPLE_CYCLES = 1000
-MAX_PIXELS = 2160  # of the width of a picture
 
 Rule = Callable[[str, Any], Any]  # name, value -> the value that is used
 
@@ -92,8 +91,7 @@ class MotorSettings:
     )
     max_torque: float = keyword(
         None,
-        "Torque of the action 1 [N m]; by default that share of the static torque which the mode "
-        "has.",
+        "Torque of the action 1 [N m]; by default the static torque times a factor of the mode.",
         of_lane=True,
     )
     difficulty: InitVar[Any] = keyword(
@@ -104,28 +102,29 @@ class MotorSettings:
     )
     torque_levels: int | None = keyword(
         None,
-        "Makes actions discrete, with this many evenly spaced torques from -1 to 1 for each "
-        "actuated joint: the digits of an action to this base, the last joint's being the lowest.",
+        "Makes actions discrete, with this many torques for each actuated joint, evenly spaced "
+        "from -1 to 1. An action is a number to this base with a digit for each joint, the last "
+        "joint's being the lowest.",
     )
     action_delay: float = _error(
-        "By how many steps actions act late, at most 100; fractions too.", _LATER
+        "Steps from an action to its torque, at most 100; a fraction is allowed.", _LATER
     )
     motor_lag: float = _error(
         "Time constant of the motors, which follow the action as a first-order system [s]."
     )
     torque_noise: float = _error(
-        "Standard deviation of what each motor adds to its torque, for a step [N m]."
+        "Standard deviation of the noise of each motor's torque, drawn once a step [N m]."
     )
     torque_ripple: float = _error(
-        "Cogging of the motors: torque_ripple sin(ripple_cycles phi), phi the angle of the joint "
-        "relative to the rod above [N m]."
+        "Cogging of the motors [N m]: torque_ripple sin(ripple_cycles phi), with phi the angle of "
+        "the joint relative to the rod above."
     )
     ripple_cycles: int = keyword(6, "Cycles of the ripple a turn.", _cycles, of_lane=True)
     push_rate: float = _error(
-        "How often a random horizontal force pushes the tip, for a step [1/s]."
+        "Mean rate of pushes [1/s]. A push is a random horizontal force on the tip, for one step."
     )
     push_force: float = _error(
-        "Largest size of that force, which is uniform between its negative and itself [N]."
+        "Largest force of a push [N]; forces are uniform between its negative and itself."
     )
 
 
@@ -142,8 +141,8 @@ class CartSettings:
     )
     max_force: float | None = keyword(
         None,
-        "Of a cart: force of the action 1 [N]; by default its weight and the chain's times the "
-        "share that the mode has of the static torque.",
+        "Force of the action 1 on a cart [N]; by default the weight of cart and chain times the "
+        "same factor of the mode as for `max_torque`.",
         of_lane=True,
     )
     cart_mass: float | None = keyword(
@@ -153,7 +152,7 @@ class CartSettings:
     )
     rail: float | None = keyword(
         None,
-        "Of a cart: how far the rail reaches to each side [m]; by default twice the length of the "
+        "How far the rail of a cart reaches to each side [m]; by default twice the length of the "
         "chain.",
     )
     rail_damping: float = keyword(
@@ -171,38 +170,34 @@ class SensorSettings:
     )  # fmt: skip
     observe_velocities: bool = keyword(
         True,
-        "Whether angular velocities, and that of a cart, are observed. Without them the chain is "
-        "observed in part: a policy needs memory, or several observations.",
+        "Whether the velocities of rods and cart are observed. Without them the state is partially "
+        "observed: a policy needs memory or stacked observations.",
         _checks.truth,
     )
     observe_context: bool = keyword(
         False,
-        "Whether the numbers that `randomize` draws are observed, at the end, from -1 to 1 within "
-        "their ranges.",
+        "Whether observations end with the numbers that `randomize` draws, scaled from their "
+        "ranges to -1 to 1.",
         _checks.truth,
     )
     angle_noise: float = _error(
-        "Standard deviation of what the sensors add to angles [rad].",
+        "Standard deviation of the noise of observed angles [rad].",
         Limit(2.0 * math.pi, "rad, beyond which all angles are equally likely"),
     )
     velocity_noise: float = _error(
-        "Standard deviation of what the sensors add to angular velocities [rad/s].",
+        "Standard deviation of the noise of observed angular velocities [rad/s].",
         Limit(MAX_SPEED, "rad/s"),
     )
     angle_resolution: float = _error(
-        "Angles observed are multiples of it [rad]: 2 pi over the counts a turn of an encoder.",
+        "Observed angles are multiples of it [rad]: 2 pi over the counts of an encoder per turn.",
         Limit(math.pi, "rad, two steps a turn"),
     )
     velocity_resolution: float = _error(
-        "Angular velocities observed are multiples of it [rad/s].", Limit(MAX_SPEED, "rad/s")
+        "Observed angular velocities are multiples of it [rad/s].", Limit(MAX_SPEED, "rad/s")
     )
     observation_delay: float = _error(
-        "By how many steps observations are old, at most 100; fractions too.", _LATER
+        "Age of observations in steps, at most 100; a fraction is allowed.", _LATER
     )
-
-
-def _pixels(name: str, value: Any) -> int:
-    return _checks.count(name, value, low=32, high=MAX_PIXELS)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -211,8 +206,9 @@ class PictureSettings:
 
     render_size: int = keyword(
         480,
-        f"Width and height of a picture [pixels], 32 to {MAX_PIXELS}. Below 200 it has no text.",
-        _pixels,
+        f"Width and height of a picture [pixels], 32 to {_checks.MAX_PICTURE_SIZE}. Pictures below "
+        "200 have no text.",
+        _checks.picture_size,
     )
     render_plain: bool = keyword(
         False,

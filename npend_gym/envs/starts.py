@@ -103,10 +103,8 @@ def _draw_equilibria(
         while not differs:
             differs = free
             for i in range(n):
-                r, hangs = (
-                    i * width + lane,
-                    _stream(keys, k, Purpose.GOAL, episode, drawn + i) < 0.5,
-                )
+                r = i * width + lane
+                hangs = _stream(keys, k, Purpose.GOAL, episode, drawn + i) < 0.5
                 rows[own, r] = 1.0 if hangs else -1.0
                 differs = differs or rows[own, r] * rows[other, r] < 0.0
             drawn += n

@@ -23,22 +23,25 @@ _TIP, _TORQUE, _PAPER, _DISC = map(rgb, (ORANGE, PINK, PAPER, WHITE))
 _RIM, _ROD, _INK = map(rgb, (RIM, ROD, INK))
 
 
-def draw_scene(draw: Any, canvas: Any, scene: Scene, plain: bool = False) -> None:
-    """Draw `scene` on a surface of pygame; `plain`: only the chain, its cart and the rail."""
+def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
+    """Draw `scene` on a surface of pygame."""
     pen = _Pen(draw, canvas, scene.reach, scene.cart)
     canvas.fill(_PAPER)
     pen.disc(_RIM, pen.middle, RADIUS + 1.0)
     pen.disc(_DISC, pen.middle, RADIUS - 1.0)
     if scene.rail > 0.0:
         _draw_cart(pen, scene)
-        if not plain:
-            _draw_force(pen, scene)
-    if not plain:
-        _draw_torque_and_trace(pen, scene)
+    motor = pen.places(_joints(scene)[scene.joint, None])[0]
+    for outline in _arc_arrow(scene.torque) if scene.torque else ():
+        pen.polygon(_TORQUE, motor, outline)
+
+    track = np.vstack([scene.trace, scene.positions[-1:]])
+    track = pen.places(track[_thinned(len(track), _TRACE)])
+    for k, (start, end) in enumerate(pairwise(track), start=1):
+        pen.line(_mixed((_DISC, _TIP), 0.08 + 0.52 * k / len(track)), start, end, 4.2 * pen.fine)
+
     bob = min(max(0.29 * RADIUS / len(scene.positions), 4.4 * pen.fine), 21.0 * pen.fine)
     (_draw_links if len(scene.centres) else _draw_bobs)(pen, scene, bob)
-    if plain:
-        return
     if scene.push:  # the arrow ends at the tip
         length = 60.0 + 140.0 * abs(scene.push)
         back = length + 26.0 + 1.6 * bob
@@ -48,33 +51,19 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene, plain: bool = False) -> Non
         pen.disc(_INK, place, min(0.45 * bob, 7.0 * pen.fine))
 
 
-def _draw_torque_and_trace(pen: _Pen, scene: Scene) -> None:
-    motor = pen.places(_joints(scene)[scene.joint, None])[0]
-    for outline in _arc_arrow(scene.torque) if scene.torque else ():
-        pen.polygon(_TORQUE, motor, outline)
-    track = np.vstack([scene.trace, scene.positions[-1:]])
-    track = pen.places(track[_thinned(len(track), _TRACE)])
-    for k, (start, end) in enumerate(pairwise(track), start=1):
-        pen.line(_mixed((_DISC, _TIP), 0.08 + 0.52 * k / len(track)), start, end, 4.2 * pen.fine)
-
-
 def _joints(scene: Scene) -> FloatArray:
     """Return the places of all joints and of the tip [m], (n + 1, 2)."""
     return np.vstack([(scene.cart, 0.0), scene.positions])
 
 
 def _draw_cart(pen: _Pen, scene: Scene) -> None:
-    """Draw rail and cart."""
+    """Draw rail, cart, and the force on it: an arrow as long as half the picture at its limit."""
     ends = pen.places(np.array([[-scene.rail, 0.0], [scene.rail, 0.0]]))
-    pen.line(_RIM, ends[0], ends[1], 6.0 * pen.fine)
+    pen.line(_RIM, ends[0], ends[1], 6.0)
     for end in ends:
         pen.polygon(_ROD, end, np.array([[-3, -26], [3, -26], [3, 26], [-3, 26]]))
     box = np.array([[-46, -20], [46, -20], [46, 20], [-46, 20]])
-    pen.polygon(_ROD, pen.pivot, pen.fine * box)
-
-
-def _draw_force(pen: _Pen, scene: Scene) -> None:
-    """Draw the force on the cart: an arrow of a quarter of the picture at its limit."""
+    pen.polygon(_ROD, pen.pivot, box)
     for outline in _arrow(46.0, 250.0 * scene.force) if scene.force else ():
         pen.polygon(_TORQUE, pen.pivot, outline)
 
@@ -185,7 +174,5 @@ def _thinned(n: int, most: int) -> NDArray[np.int64]:
 
 
 def _mixed(colors: Sequence[Sequence[int]], part: float) -> list[int]:
-    """Return the colour at `part`, in [0, 1], of the way through `colors`."""
-    at = part * (len(colors) - 1)  # plain Python: NumPy takes ten times as long for three numbers
-    k = min(int(at), len(colors) - 2)
-    return [round(a + (at - k) * (b - a)) for a, b in zip(colors[k], colors[k + 1], strict=True)]
+    at = np.linspace(0.0, 1.0, len(colors))
+    return [round(float(np.interp(part, at, channel))) for channel in zip(*colors, strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ class Painter:
     """
 
     def __init__(self, size: int = 480, plain: bool = False) -> None:
-        self.size = _checks.count("size", size, low=32, high=2160)
+        self.size = _checks.picture_size("size", size)
         self.plain = _checks.truth("plain", plain)
         pygame_module()
 
@@ -49,11 +50,17 @@ class Painter:
         """Return the picture of `scene`, a new array of shape (size, size, 3)."""
         pg = pygame_module()
         canvas = pg.Surface((self.size * SAMPLES, self.size * SAMPLES), 0, 32)
-        draw_scene(pg.draw, canvas, scene, self.plain)
+        draw_scene(pg.draw, canvas, _bare(scene) if self.plain else scene)
         picture = pg.transform.smoothscale(canvas, (self.size, self.size))
         if self.size >= 200 and not self.plain:
             _write(pg.font, picture, scene)
         return np.ascontiguousarray(pg.surfarray.array3d(picture).transpose(1, 0, 2))
+
+
+def _bare(scene: Scene) -> Scene:
+    """Return the scene with nothing but the chain and its cart."""
+    none = np.empty((0, 2))
+    return replace(scene, trace=none, marks=none, torque=0.0, force=0.0, push=0.0)
 
 
 def _write(fonts: Any, picture: Any, scene: Scene) -> None:

@@ -69,7 +69,7 @@ class Film:
         self.recording = recording
         self.fps = _checks.positive_number("fps", fps)
         self.speed = _checks.positive_number("speed", speed)
-        if _checks.count("size", size, low=120, high=2160) % 2:
+        if _checks.picture_size("size", size, low=120) % 2:
             raise ValueError(f"size must be even, because videos have even sizes, got {size}")
         self._painter = Painter(size)
         motion = recording.motion

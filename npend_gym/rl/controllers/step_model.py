@@ -14,6 +14,7 @@ import numpy as np
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import DifferentiableEnsemble
+from npend_gym.rl.angles import wrap
 
 _MAX_ENSEMBLES = 16
 
@@ -53,7 +54,7 @@ def at_rest(config: EnvConfig, angle: float | FloatArray) -> FloatArray:
 def wrapped(config: EnvConfig, deviation: FloatArray) -> FloatArray:
     """Return deviations of states, (..., 2c), with the angles in [-pi, pi)."""
     short = deviation.copy()
-    short[..., : config.n] = np.remainder(short[..., : config.n] + np.pi, 2.0 * np.pi) - np.pi
+    short[..., : config.n] = wrap(short[..., : config.n])
     return short
 
 

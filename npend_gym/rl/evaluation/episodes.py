@@ -13,7 +13,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +72,7 @@ class Evaluation:
         }
 
 
+@judging
 def evaluate(
     model: Controller | Model, env: EnvLike, *, episodes: int = 100, seed: int = HELD_OUT
 ) -> Evaluation:

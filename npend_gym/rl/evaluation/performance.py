@@ -17,7 +17,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
 UP = 0.9  # of the chain's length: the tip above it is up
 _SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged
@@ -73,6 +73,7 @@ class Performance:
         return {name: round(float(values.mean()), 4) for name, values in arrays.items()}
 
 
+@judging
 def performance(
     model: Controller | Model,
     env: EnvLike,

@@ -18,7 +18,7 @@ from npend_gym.rl.evaluation.criteria import CRITERIA, Group, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, Lanes, Observer, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, Setting, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, Setting, judging, setting_of
 
 
 class Outcome(NamedTuple):
@@ -101,6 +101,7 @@ class Robustness:
         return self.as_row() | {"outcomes": outcomes, "provenance": dict(self.provenance)}
 
 
+@judging
 def robustness(
     model: Controller | Model,
     env: EnvLike,

@@ -20,7 +20,7 @@ from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
 from npend_gym.rl.evaluation.rollouts import Controller, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
 STEP = 0.002  # s, of the motors that knock the chain down; the controller keeps its own step
 # Over the torque limit, 6 N m there: N m/rad, N m/(rad s) and N m s/rad. Their kp = 10, ki = 0.1
@@ -165,6 +165,7 @@ class Recovery:
         return {name: round(float(value), 4) for name, value in found.items()}
 
 
+@judging
 def recovery(
     model: Controller | Model,
     env: EnvLike,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.physics import energy
+from npend_gym.rl.angles import wrap
 
 
 class Controller(Protocol):
@@ -142,8 +143,7 @@ class Observer:
         if config.with_sines:
             theta, omega = np.arctan2(theta, omega), seen[:, 2 * n : 3 * n]
         if self._theta is not None:
-            turned = theta - self._theta
-            theta = self._theta + np.remainder(turned + np.pi, 2.0 * np.pi) - np.pi
+            theta = self._theta + wrap(theta - self._theta)
         self._theta = theta
         omega = omega * config.speed_scale
         told = {key: info[key] for key in ("time", "goal") if key in info}

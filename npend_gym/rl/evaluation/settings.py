@@ -15,6 +15,14 @@ from npend_gym.envs.registration import ENV_ID, register_envs
 from npend_gym.rl.evaluation.wrappers import changing_wrappers, layers_of
 
 EnvLike: TypeAlias = Any  # see `npend_gym.rl.evaluate`
+judging = _checks.keywords_moved(
+    controller="now named model",
+    keywords="now named env",
+    env_id='the "id" of env, as in evaluate(model, {"id": "npend/SwingUp-v1", "n": 2})',
+    pushed='a criterion: criteria=CRITERIA | {"pushes": Pushes(joints=[...])}',
+)
+"""Decorates the functions that judge a model in an environment."""
+
 _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 

@@ -11,6 +11,7 @@ from npend_gym import _checks
 from npend_gym.envs.cart import cart_speed_factor
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import MAX_CART_ENTRY
+from npend_gym.rl.angles import wrap
 
 
 def observation_of(
@@ -30,7 +31,8 @@ def observation_of(
     config : EnvConfig
         Of the environment: ``EnvConfig(**policy.env)``, or ``env.unwrapped.config``.
     theta, omega : array_like, shape (n,) or (B, n)
-        Angles [rad], zero where a rod hangs, and angular velocities [rad/s].
+        Angles [rad], zero where a rod hangs, and angular velocities [rad/s]; these are not used
+        with ``observe_velocities=False``.
     relative : bool
         Whether they are those of the joints, as encoders between two rods measure them.
     cart_position, cart_velocity : array_like, shape () or (B,)
@@ -63,18 +65,18 @@ def observation_of(
         raise ValueError(f"omega must have the shape of theta, {angles.shape}, got {speeds.shape}")
     if relative:
         angles, speeds = np.cumsum(angles, axis=-1), np.cumsum(speeds, axis=-1)
-    limit = config.speed_limit
     parts: list[Any] = [np.sin(angles), np.cos(angles)]
     if not config.with_sines:
-        turned = np.float32(np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi)
+        turned = np.float32(wrap(angles))
         parts = [np.where(turned >= np.float32(np.pi), -np.float32(np.pi), turned)]
-    parts.append(np.clip(speeds / config.speed_scale, -limit, limit))
+    if config.observe_velocities:
+        limit = config.speed_limit
+        parts.append(np.clip(speeds / config.speed_scale, -limit, limit))
     lead = angles.shape[:-1]
     if config.rail is not None:
-        entries = (
-            np.asarray(cart_position) / config.rail,
-            np.asarray(cart_velocity) * cart_speed_factor(config),
-        )
+        entries = [np.asarray(cart_position) / config.rail]
+        if config.observe_velocities:
+            entries.append(np.asarray(cart_velocity) * cart_speed_factor(config))
         clipped = (np.clip(entry, -MAX_CART_ENTRY, MAX_CART_ENTRY) for entry in entries)
         parts += [np.broadcast_to(entry, lead)[..., None] for entry in clipped]
     if config.observes_goals:

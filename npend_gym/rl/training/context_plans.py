@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs import EnvConfig
+from npend_gym.rl.angles import wrap
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, replanned
 
 # Of one rod or joint at a time: what parameters of the chain are multiplied by, or their values
@@ -140,7 +141,7 @@ class ContextPlans:
         n, steps, lanes = self._config.n, self.steps, np.arange(len(which))
         near = np.clip(phase[:, None] + np.arange(-_BACK, _AHEAD + 1), 0, steps)
         away = states[:, None] - self._states[which[:, None], near]
-        wrapped = np.remainder(away[..., :n] + np.pi, 2.0 * np.pi) - np.pi
+        wrapped = wrap(away[..., :n])
         away[..., :n] = np.where(near[..., None] == steps, wrapped, away[..., :n])
         costs = self._costs[which[:, None], near]
         cost = np.einsum("bwi,bwij,bwj->bw", away, costs, away)

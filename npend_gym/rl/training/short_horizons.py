@@ -17,6 +17,7 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Quantities
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.energy import kinetic_from, lift_from
+from npend_gym.rl.angles import wrap
 
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit
 
@@ -110,7 +111,7 @@ def _turning(
     """Return the torques at all joints [N m], (B, n), that turn them to their goals [rad]."""
     angle = np.diff(theta, axis=1, prepend=0.0)
     speed = np.diff(omega, axis=1, prepend=0.0)
-    error = np.remainder(goal - angle + np.pi, 2.0 * np.pi) - np.pi
+    error = wrap(goal - angle)
     drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
     weight = config.chain.gravity * config.chain.lift * np.sin(theta)
     drive += np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
