@@ -163,8 +163,7 @@ def test_environments_are_independent_of_each_other_and_a_new_episode_is_planned
 @pytest.mark.parametrize(
     ("env", "arguments", "message"),
     [
-        ({"mode": "passive"}, {}, "the environment must have motors with continuous actions"),
-        ({"torque_levels": 3}, {}, "the environment must have motors with continuous actions"),
+        ({"mode": "passive"}, {}, 'the environment must have motors, got mode "passive"'),
         ({"gravity": 0.0}, {}, "horizon must be given where the chain does not swing"),
         ({}, {"horizon": -1.0}, "horizon must be greater than zero, got -1.0"),
         ({}, {"iterations": 0}, "iterations must be at least 1, got 0"),

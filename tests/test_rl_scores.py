@@ -10,7 +10,7 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain
 from npend_gym.physics import accelerations
-from npend_gym.rl import HELD_OUT, Policy, lqr, performance, recovery
+from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.evaluation.performance import _most
 from npend_gym.rl.evaluation.recovery import KnockDowns, Turner, _divided
@@ -209,8 +209,26 @@ def test_delays_and_noise_of_a_controllers_environment_are_kept():
     assert (small.substeps, shorter["max_episode_steps"]) == (3, 300)
 
 
-@pytest.mark.parametrize("judge", [performance, recovery])
-def test_carts_are_refused(judge):
-    keywords = {"n": 1, "mode": "balance", "base": "cart", "cart_mass": 1.0, "rail": 2.4}
-    with pytest.raises(ValueError, match='base must be "pivot"'):
-        judge(lambda seen, _: np.zeros((len(seen), 1)), keywords)
+CART = {"n": 1, "mode": "balance", "base": "cart", "cart_mass": 1.0, "rail": 2.4}
+
+
+def test_the_energy_on_a_cart_is_the_work_of_its_force():
+    controller, episodes = lqr(config_of(**CART)), 3
+    found = performance(controller, CART, episodes=episodes, seconds=2.0)
+    steps = CART | {"max_episode_steps": 100}
+    work = evaluate(controller, steps, episodes=episodes).motor_work
+    np.testing.assert_allclose(found.energy, work, rtol=1e-12)
+    assert found.success.all()
+    assert (found.score > 0.8).all()
+
+
+def test_a_cart_that_balances_is_up_until_it_is_knocked_down():
+    controller = lqr(config_of(**CART))
+    assert recovery(controller, CART, episodes=2, seconds=4.0, resets=0).score == 1.0
+    assert 0.0 < recovery(controller, CART, episodes=2, seconds=4.0, resets=2).score < 0.9
+
+
+def test_a_regulator_balances_with_few_torques():
+    keywords = {"n": 1, "mode": "balance", "torque_levels": 31}
+    found = evaluate(lqr(config_of(**keywords)), keywords, episodes=5)
+    assert found.success_rate == 1.0

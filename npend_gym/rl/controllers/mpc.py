@@ -14,7 +14,7 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, joined
 from npend_gym.rl.controllers.regulators import riccati
-from npend_gym.rl.controllers.step_model import at_rest, beyond, state_of, wrapped
+from npend_gym.rl.controllers.step_model import at_rest, beyond, env_actions, state_of, wrapped
 from npend_gym.theory import fundamental_period
 
 _GUESS = 0.3  # standard deviation of the actions from which the first plan begins
@@ -57,7 +57,7 @@ class MPC:
     Raises
     ------
     TypeError, ValueError
-        If an argument breaks its rule, or the environment has no motor or discrete actions.
+        If an argument breaks its rule, or the environment has no motor.
     FloatingPointError
         When it is called, if a motion over the horizon leaves all bounds: its steps are too coarse.
 
@@ -89,11 +89,8 @@ class MPC:
         last_weight: float = 10.0,
         seed: int = 0,
     ) -> None:
-        if config.joints.size == 0 or len(config.action_table) > 0:
-            raise ValueError(
-                "the environment must have motors with continuous actions, got mode "
-                f'"{config.mode.name}" with torque_levels={config.torque_levels}'
-            )
+        if config.joints.size == 0:
+            raise ValueError(f'the environment must have motors, got mode "{config.mode.name}"')
         self.iterations = _checks.count("iterations", iterations)
         self.first_iterations = _checks.count("first_iterations", first_iterations)
         self._config = config
@@ -120,11 +117,11 @@ class MPC:
         self._time = np.empty(0)
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints); of a single environment (joints,)."""
+        """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
         del observation
         states = state_of(self._config, info)
         actions = self.plan(np.atleast_2d(states), np.atleast_1d(info["time"]))
-        return actions if states.ndim == 2 else actions[0]
+        return env_actions(self._config, actions if states.ndim == 2 else actions[0])
 
     def plan(self, states: FloatArray, time: FloatArray) -> FloatArray:
         """Return the actions, (B, joints), in states (q, u), (B, 2c), at times [s], (B,)."""

@@ -20,7 +20,7 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.rl.controllers.mpc import MPC
 from npend_gym.rl.controllers.regulators import StateFeedback, lqr, riccati, state_weights
-from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of
+from npend_gym.rl.controllers.step_model import StepModel, at_rest, env_actions, state_of
 from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
 
 GUESSES = "waves", "mpc"
@@ -52,9 +52,9 @@ class PlannedTransition:
     settle: float  # time before the trajectory begins [s]
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints); of a single environment (joints,)."""
+        """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
         del observation
-        return self.tracking(info).actions
+        return env_actions(self.hold_goal.config, self.tracking(info).actions)
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from the trajectory.

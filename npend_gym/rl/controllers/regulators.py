@@ -15,7 +15,14 @@ from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
 from npend_gym.physics.energy import energy
-from npend_gym.rl.controllers.step_model import at_rest, motors, of_actions, state_of, wrapped
+from npend_gym.rl.controllers.step_model import (
+    at_rest,
+    env_actions,
+    motors,
+    of_actions,
+    state_of,
+    wrapped,
+)
 
 _SWING = 0.03  # rad, at whose speed dry friction is taken as a damper
 _OF_CART = 4.0  # weight of the square of the cart's place over the rail
@@ -69,9 +76,9 @@ class StateFeedback:
     gain: FloatArray  # (joints, 2c)
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints); of a single environment (joints,)."""
+        """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
         del observation
-        return self.actions(state_of(self.config, info))
+        return env_actions(self.config, self.actions(state_of(self.config, info)))
 
     def actions(self, states: FloatArray) -> FloatArray:
         """Return the actions, (..., joints), in states (q, u), (..., 2c)."""
@@ -211,7 +218,7 @@ class EnergySwingUp:
     catch_cost: float
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints); of a single environment (joints,)."""
+        """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
         del observation
         config = self.balance.config
         chain, n, states = config.chain.hung(), config.n, state_of(config, info)
@@ -230,7 +237,8 @@ class EnergySwingUp:
             pump[..., config.joints == n] -= _CENTRE * away[..., None]
         x = self.balance.deviation(states)
         near = np.sum(x @ self.cost * x, axis=-1) < self.catch_cost
-        return np.where(near[..., None], self.balance.actions(states), pump)
+        actions = np.where(near[..., None], self.balance.actions(states), pump)
+        return env_actions(config, actions)
 
 
 def energy_swing_up(

@@ -44,6 +44,19 @@ def state_of(config: EnvConfig, info: Mapping[str, Any]) -> FloatArray:
     return np.concatenate(parts, axis=-1)
 
 
+def env_actions(config: EnvConfig, actions: FloatArray) -> Any:
+    """Return actions, (..., joints), as the environment takes them.
+
+    Of discrete actions these are the numbers, (...), of those with the nearest torques.
+    """
+    levels = config.torque_levels
+    if levels is None:
+        return actions
+    digits = np.rint(0.5 * (levels - 1) * (np.clip(actions, -1.0, 1.0) + 1.0))
+    places = levels ** np.arange(config.joints.size)[::-1]
+    return (digits.astype(np.int64) * places).sum(axis=-1)
+
+
 def at_rest(config: EnvConfig, angle: float | FloatArray) -> FloatArray:
     """Return the state (q, u), (2c,), at rest at `angle`, a cart in the middle of its rail."""
     state = np.zeros(config.state_size)

@@ -18,7 +18,7 @@ from npend_gym._files import read_arrays, replacing
 from npend_gym._provenance import provenance
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
-from npend_gym.rl.controllers.step_model import StepModel, state_of
+from npend_gym.rl.controllers.step_model import StepModel, env_actions, state_of
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 MAX_BYTES = 100_000_000  # of a file of plans once unpacked
@@ -59,9 +59,10 @@ class PlannedTransitions:
         self._origin = np.empty((0, 0))  # whole turns of the rods at the beginning [rad]
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
-        """Return the actions, shape (B, joints); of a single environment (joints,)."""
+        """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
         del observation
-        return self.tracking(info).actions
+        config = next(iter(self.plans.values())).hold_goal.config
+        return env_actions(config, self.tracking(info).actions)
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from the trajectories of the plans.

@@ -7,6 +7,7 @@ dfki-ric-underactuated-lab/double_pendulum have the definitions and the numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -91,6 +92,8 @@ def performance(
     the smoothness; squared for the torque cost) and by sqrt(length over that robot's) (for the
     time and the torque cost; the velocity cost is divided by it).
 
+    On a cart the length of the chain makes a torque of the force, and an angle of the place.
+
     The smoothness of their definition is the standard deviation of the change of the torque from
     one step to the next, of 0.002 s. It is computed for the torque sampled as often, whatever the
     step of the environment is, so that a coarse step does not count as a rough torque.
@@ -112,7 +115,7 @@ def performance(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule, or the environment has no motor or a cart.
+        If an argument breaks its rule, or the environment has no motor.
 
     References
     ----------
@@ -127,20 +130,30 @@ def performance(
     0.58
     """
     count = _checks.count("episodes", episodes)
-    nominal, config, steps = setting_of(env).nominal(seconds, cart=False)
+    nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)
     envs = nominal.make(count)
     start = envs.reset(seed=seed)
     shape = (count, config.joints.size)  # of the torques that acted, not of the commands
-    torques, angles = np.zeros((steps, *shape)), np.zeros((steps + 1, count, config.n))
-    speeds, up = np.zeros((steps + 1, count, config.n)), np.zeros((steps + 1, count), np.bool_)
-    angles[0], speeds[0] = (np.diff(start[1][k], prepend=0.0) for k in ("theta", "omega"))
+    torques, up = np.zeros((steps, *shape)), np.zeros((steps + 1, count), np.bool_)
+    angles, speeds = np.zeros((2, steps + 1, count, config.n + config.has_cart))
+    angles[0], speeds[0] = _joints(config, start[1])
+    torque = np.where(config.joints < config.n, 1.0, config.chain.total_length)
     for k, (running, _, _, info) in enumerate(rollout(controller, envs, *start)):
-        torques[k] = np.where(running[:, None], info["torque"], 0.0)
-        angles[k + 1], speeds[k + 1] = (np.diff(info[i], prepend=0.0) for i in ("theta", "omega"))
+        torques[k] = np.where(running[:, None], torque * info["torque"], 0.0)
+        angles[k + 1], speeds[k + 1] = _joints(config, info)
         up[k + 1] = running & (info["tip_height"] > UP * config.chain.total_length)
     envs.close()
     return _judged(config, torques, angles[:, :, config.joints], speeds, up)
+
+
+def _joints(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
+    """Return angles and velocities of the joints, and of a cart over the length of the chain."""
+    turned: FloatArray = np.diff([info["theta"], info["omega"]], prepend=0.0)
+    if config.has_cart:
+        cart = np.array([info["cart_position"], info["cart_velocity"]])
+        turned = np.append(turned, cart[..., None] / config.chain.total_length, axis=-1)
+    return turned
 
 
 def _judged(

@@ -185,7 +185,8 @@ def recovery(
 
     The motors are a PID controller with gravity compensation and steps of 0.002 s. They turn joints
     by their angles with whole turns, so that a joint that has turned twice turns back twice. The
-    controller acts in the steps of its environment, whose delays and noise are kept.
+    controller acts in the steps of its environment, whose delays and noise are kept. No force acts
+    on a cart while they do, and beyond the end of its rail an episode is over.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ def recovery(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule, or the environment has no motor or a cart.
+        If an argument breaks its rule, or the environment has no motor.
 
     References
     ----------
@@ -225,7 +226,7 @@ def recovery(
     0.9
     """
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
-    nominal, config, steps = setting_of(env).nominal(seconds, cart=False)
+    nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)
     length = _checks.positive_number("reset_seconds", reset_seconds)
     parts = max(1, round(config.dt / STEP))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs.cart import cart_speed_factor
 from npend_gym.envs.config import EnvConfig
 from npend_gym.physics import energy
 from npend_gym.rl.angles import wrap
@@ -148,5 +149,11 @@ class Observer:
         omega = omega * config.speed_scale
         told = {key: info[key] for key in ("time", "goal") if key in info}
         told |= {"theta": theta, "omega": omega}
-        told["energy"] = energy.energy(config.chain, theta, omega)
+        velocity = None
+        if config.rail is not None:
+            after = 3 * n if config.with_sines else 2 * n
+            velocity = seen[:, after + 1] / cart_speed_factor(config)
+            told |= {"cart_position": seen[:, after] * config.rail, "cart_velocity": velocity}
+        kinetic = energy.kinetic_of_motion(config.chain, theta, omega, velocity, None, None)
+        told["energy"] = kinetic + energy.potential_energy(config.chain, theta)
         return self._controller(observation, told)

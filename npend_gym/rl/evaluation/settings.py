@@ -54,7 +54,7 @@ class Setting(NamedTuple):
         envs.close()
         return envs.unwrapped.config
 
-    def nominal(self, seconds: float, *, cart: bool = True) -> tuple[Setting, EnvConfig, int]:
+    def nominal(self, seconds: float) -> tuple[Setting, EnvConfig, int]:
         """Return the setting by which a score is measured.
 
         Nothing is random there but the start, and episodes last for `seconds`.
@@ -69,7 +69,7 @@ class Setting(NamedTuple):
         Raises
         ------
         ValueError
-            If the score is not defined for this environment; with a cart it is if `cart`.
+            If the score is not defined for this environment.
         """
         given = self.keywords
         if given.get("observe_context", False):
@@ -82,8 +82,6 @@ class Setting(NamedTuple):
         config = setting.config
         if config.joints.size == 0:
             raise ValueError(f"mode must be one with a motor, got {config.mode.name!r}")
-        if config.has_cart and not cart:
-            raise ValueError('base must be "pivot": this score is defined for joints, got "cart"')
         steps = max(2, round(_checks.positive_number("seconds", seconds) / config.dt))
         lasting = setting.keywords | {"max_episode_steps": steps}
         return setting._replace(keywords=lasting), config, steps
