@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from npend_gym.rl import evaluate
 from npend_gym.rl.controllers.planning import Tracking, planned_swing_up
 from npend_gym.rl.evaluation.settings import setting_of
 
@@ -70,3 +71,16 @@ def test_a_full_dataset_takes_new_states_in_place_of_old_ones():
             np.clip(tracking(8).actions[k, 0], -1.5, 1.5)
         )
         assert dataset.weights[row, 0] == 2.0
+
+
+@pytest.mark.parametrize(
+    "env",
+    [{"mode": "balance", "n": 2}, {"mode": "calm", "n": 2}, {"mode": "balance", "base": "cart"}],
+    ids=lambda env: " ".join(map(str, env.values())),
+)
+def test_a_student_learns_from_a_regulator_where_no_plan_is_needed(env):
+    env = env | {"observation": "sincos"}
+    settings = imitation.Settings(env=env, rounds=3, num_envs=64, seconds=4.0, standing=100)
+    policy, curve = imitation.train(settings)
+    assert curve[-1]["success"] == 1.0
+    assert evaluate(policy, env, episodes=20).success_rate == 1.0

@@ -214,8 +214,9 @@ def test_a_trainer_refuses_what_it_would_ignore(algorithm, setting, tmp_path, ca
         *((name, "observation=angles", f'observation must be "sincos" for {name}') for name in (
             "ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation",
         )),
+        ("imitation", "mode=passive", "mode must be one that an expert is known for"),
         *((name, "mode=calm", f'mode must be "swingup" for {name}') for name in (
-            "imitation", "shac", "robust_shac", "robust_imitation",
+            "shac", "robust_shac", "robust_imitation",
         )),
         ("es", "actuated=[0, 1]", "one motor and no goal"),
         ("es", "mode=transition", "one motor and no goal"),

@@ -21,14 +21,22 @@ from typing import Any
 import numpy as np
 import torch
 
-from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_swing_up
+from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
+from npend_gym.rl.controllers.planning import (
+    PlannedTransition,
+    Tracking,
+    planned_swing_up,
+    track,
+)
+from npend_gym.rl.controllers.step_model import at_rest
+from npend_gym.rl.controllers.transcription import NominalTrajectory
 from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, Fit
-from npend_gym.rl.training.keywords import OF_ENV, check_swing_up, used_config
+from npend_gym.rl.training.keywords import OF_ENV, used_config
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
@@ -140,16 +148,44 @@ class DAgger:
         return means | {"taken_over": round(float(steps_taken / steps), 4)}
 
 
+@dataclass(frozen=True, eq=False)
+class Regulator:
+    """The expert of a task without a plan: LQR about its equilibrium."""
+
+    plan: PlannedTransition
+    start_cost: float  # mean cost at the start of episodes, over that of the plan's own
+
+    def tracking(self, info: dict[str, Any]) -> Tracking:
+        """Return the actions of LQR, and the costs of the states over those at the start."""
+        found = self.plan.tracking(info)
+        return found._replace(relative_cost=found.relative_cost / self.start_cost)
+
+
+def regulator_of(settings: Settings, config: Any) -> Regulator:
+    """Return LQR about the equilibrium in which the mode succeeds: it hangs in "calm"."""
+    rest = at_rest(config, 0.0 if isinstance(config.mode, Calm) else np.pi)
+    idle = NominalTrajectory(np.stack([rest, rest]), np.zeros((1, config.joints.size)))
+    plan = track(config, idle, 0.0)
+    envs = setting_of(settings.env).make(settings.num_envs)
+    seeds = episode_seeds("training", settings.num_envs, run=settings.seed, spacing=100_000)
+    _, info = envs.reset(seed=seeds.start)
+    envs.close()
+    return Regulator(plan, float(plan.tracking(info).relative_cost.mean()))
+
+
 def expert_of(
     settings: Settings, config: Any, guess: int
-) -> PlannedTransition | PlannedTransitions | None:
+) -> PlannedTransition | PlannedTransitions | Regulator | None:
     """Return the plan that a guess leads to, if any; with goals an expert has those of all pairs.
 
-    Nothing calms the chain before a plan begins: without a clock, holding looks like leaving.
+    Tasks that begin where they end have a regulator. Nothing calms the chain before a plan begins:
+    without a clock, holding looks like leaving.
     """
     if config.mode.has_goals:
         options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
         return planned_transitions(config, settings.seconds, **options) if guess == 0 else None
+    if not isinstance(config.mode, SwingUp):
+        return regulator_of(settings, config) if guess == 0 else None
     seed = settings.guesses * settings.seed + guess
     with suppress(RuntimeError):  # this guess leads to no trajectory
         return planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
@@ -191,8 +227,8 @@ def train(
     Its "seconds" are processor time.
     """
     config = used_config("imitation", settings.env, OF_ENV)
-    if not config.mode.has_goals:
-        check_swing_up("imitation", config)
+    if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
+        raise ValueError(f"mode must be one that an expert is known for, got {config.mode!r}")
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     envs = setting_of(settings.env).make(settings.num_envs, max_episode_steps=None)
