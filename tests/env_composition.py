@@ -168,6 +168,7 @@ def _gradient(keywords: Keywords) -> None:
     from npend_gym.torch import DifferentiableVectorEnv
 
     env = DifferentiableVectorEnv(1, **keywords)
+
     def total(first: Any) -> Any:
         env.reset(seed=4)
         rewards = 0.0

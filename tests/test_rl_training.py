@@ -174,7 +174,7 @@ TASK_OF = {"robust_shac": "swingup-2-robust", "es": "calm-2"}
 IGNORED = [
     *(("shac", setting) for setting in (
         'randomize={"masses": [0.8, 1.2]}', "velocity_noise=0.5", "observation_delay=1",
-        "action_delay=1", "motor_lag=0.05", "torque_noise=0.2", "base=cart",
+        "action_delay=1", "motor_lag=0.05", "torque_noise=0.2",
         "reward_type=sparse", "torque_levels=3", "max_episode_steps=200", "observe_context=true",
     )),
     *(("robust_shac", setting) for setting in (
@@ -215,8 +215,9 @@ def test_a_trainer_refuses_what_it_would_ignore(algorithm, setting, tmp_path, ca
             "ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation",
         )),
         ("imitation", "mode=passive", "mode must be one that an expert is known for"),
+        ("shac", "mode=transition", "mode must be one that shac learns"),
         *((name, "mode=calm", f'mode must be "swingup" for {name}') for name in (
-            "shac", "robust_shac", "robust_imitation",
+            "robust_shac", "robust_imitation",
         )),
         ("es", "actuated=[0, 1]", "one motor and no goal"),
         ("es", "mode=transition", "one motor and no goal"),

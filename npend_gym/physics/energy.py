@@ -206,5 +206,17 @@ def kinetic_of_motion(
     if centres is None:
         centres = centre_velocities(chain, theta, omega)
     momentum = np.sum(chain.masses * centres[..., 0], axis=-1)
-    whole = chain.base.mass + chain.masses.sum()
-    return energy + (momentum + 0.5 * whole * velocity) * velocity
+    return kinetic_on_cart(energy, momentum, chain.base.mass + chain.masses.sum(), velocity)
+
+
+def kinetic_on_cart(energy: Any, momentum: Any, mass: Any, velocity: Any) -> Any:
+    """Return the kinetic energy [J] of a cart and its chain, arrays or tensors.
+
+    Parameters
+    ----------
+    energy, momentum
+        Of the chain, relative to the cart [J], [kg m/s].
+    mass, velocity
+        Of both together [kg], and of the cart [m/s].
+    """
+    return energy + (momentum + 0.5 * mass * velocity) * velocity

@@ -13,7 +13,7 @@ import numpy as np
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.physics import DifferentiableEnsemble
+from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.rl.angles import wrap
 
 _MAX_ENSEMBLES = 16
@@ -93,6 +93,27 @@ def motors(config: EnvConfig) -> list[int]:
     return [joint for joint in config.joints.tolist() if joint < config.n]
 
 
+def loads_of(config: EnvConfig, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the torques of the motors, (B, motors), and the force on the cart, (B,)."""
+    loads, on_joint = actions * config.action_limits, config.joints < config.n
+    return loads[:, on_joint], loads[:, ~on_joint].sum(axis=1)
+
+
+def set_states(config: EnvConfig, ensemble: Ensemble, lanes: Any, states: FloatArray) -> None:
+    """Put some lanes of an ensemble into states (q, u), (lanes, 2c)."""
+    (q, u), n = np.split(states, 2, axis=1), config.n
+    cart = (q[:, n], u[:, n]) if config.has_cart else (0.0, 0.0)
+    ensemble.set_state(lanes, q[:, :n], u[:, :n], cart=cart)
+
+
+def states_of(config: EnvConfig, ensemble: Ensemble) -> FloatArray:
+    """Return the states (q, u) of an ensemble, (B, 2c)."""
+    if not config.has_cart:
+        return np.hstack([ensemble.theta, ensemble.omega])
+    x, v = ensemble.cart
+    return np.hstack([ensemble.theta, x[:, None], ensemble.omega, v[:, None]])
+
+
 class StepModel:
     """Steps of the environment from any states (q, u), all side by side.
 
@@ -110,19 +131,16 @@ class StepModel:
 
     def advance(self, actions: FloatArray) -> FloatArray:
         """Return the states, (B, 2c), after one more step, where the last call took as many."""
-        ensemble, (torque, force) = self._ensemble(len(actions)), self._loads(actions)
+        ensemble, (torque, force) = self._ensemble(len(actions)), loads_of(self.config, actions)
         ensemble.advance(torque, self.config.dt, self.config.substeps, force=force)
-        if not self.config.has_cart:
-            return np.hstack([ensemble.theta, ensemble.omega])
-        x, v = ensemble.cart
-        return np.hstack([ensemble.theta, x[:, None], ensemble.omega, v[:, None]])
+        return states_of(self.config, ensemble)
 
     def derivatives(self, states: FloatArray, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives of the steps from `states`, (B, 2c), under `actions`.
 
         By state, (B, 2c, 2c), and by action, (B, 2c, joints).
         """
-        ensemble, (torque, force) = self._begin(states), self._loads(actions)
+        ensemble, (torque, force) = self._begin(states), loads_of(self.config, actions)
         step = ensemble.step_jacobian(torque, self.config.dt, self.config.substeps, force=force)
         return step.A, of_actions(self.config, step.B)
 
@@ -131,17 +149,10 @@ class StepModel:
         self(states, actions)
         return self._ensemble(len(states)).diverged
 
-    def _loads(self, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the torques of the motors, and the force on the cart."""
-        loads, on_joint = actions * self.config.action_limits, self.config.joints < self.config.n
-        return loads[:, on_joint], loads[:, ~on_joint].sum(axis=1)
-
     def _begin(self, states: FloatArray) -> DifferentiableEnsemble:
         """Return the ensemble for so many states, in these states."""
-        ensemble, n = self._ensemble(len(states)), self.config.n
-        q, u = np.split(states, 2, axis=1)
-        cart = (q[:, n], u[:, n]) if self.config.has_cart else (0.0, 0.0)
-        ensemble.set_state(slice(None), q[:, :n], u[:, :n], cart=cart)
+        ensemble = self._ensemble(len(states))
+        set_states(self.config, ensemble, slice(None), states)
         return ensemble
 
     def _ensemble(self, count: int) -> DifferentiableEnsemble:

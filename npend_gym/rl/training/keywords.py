@@ -7,17 +7,21 @@ would make the record wrong, and the user believe that the policy knows noise it
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import fields
 from typing import Any
 
 from npend_gym import _checks
 from npend_gym.envs import EnvConfig, EnvKeywords, NPendulumVectorEnv, SwingUp
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, DEFAULTS, check_names
+from npend_gym.envs.settings import CartSettings
 
 # Those of a chain that is simulated without an environment, and of the start of its episodes
 OF_CHAIN = (
     "n", "mode", "chain", *CHAIN_KEYWORDS, "actuated", "max_torque", "difficulty", "dt", "substeps",
     "observation", "amplitude", "spread",
 )  # fmt: skip
+# Those of a cart, for trainers that take one
+OF_CARTS = tuple(each.name for each in fields(CartSettings))
 # Those of an environment whose observations are one array, and whose actions are continuous
 OF_ENV = {*EnvKeywords.__annotations__, "threads"} - {"torque_levels", "goal_env"}
 OF_EPISODES = OF_ENV | {"max_episode_steps"}  # and whose episodes end as the environment ends them

@@ -21,10 +21,11 @@ from typing import Any
 import torch
 from torch import nn
 
+from npend_gym.envs.modes import Balance, Calm, SwingUp
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
-from npend_gym.rl.training.keywords import OF_CHAIN, check_swing_up, used_config
+from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import (
     Curve,
@@ -34,6 +35,8 @@ from npend_gym.rl.training.tasks import (
     one_thread,
     policy_of,
 )
+
+MODES = (SwingUp, Balance, Calm)
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class Learner:
     def __init__(self, task: Task, actions: int, settings: Settings) -> None:
         self.task, self.settings = task, settings
         self.actor = network(task.inputs, actions, settings.hidden, last_gain=0.1)
-        judged = 3 * task.n + task.contexts
+        judged = task.observed + task.contexts
         self.critic = network(judged, 1, settings.critic_hidden, last_gain=1.0)
         self.target = copy.deepcopy(self.critic)
         self.memory: Horizons | None = None
@@ -95,16 +98,16 @@ class Learner:
 
         Returns
         -------
-        states : list of Tensor, shape (horizons, 2n)
+        states : list of Tensor, shape (horizons, 2c)
             One more than steps.
         outputs : Tensor, shape (horizons, steps, actions)
             Of the actor, before tanh.
         near : Tensor, shape (horizons, steps + 1)
-            1 where the Jacobians hold up to this state, else 0.
+            1 where the Jacobians hold up to this state and the episode goes on, else 0.
         """
         deviation = torch.zeros_like(old.states[:, 0]).requires_grad_()
         states, outputs = [old.states[:, 0] + deviation], []
-        near = [torch.ones(len(deviation))]
+        near, alive = [torch.ones(len(deviation))], ~self.task.ended(old.states)
         for t in range(self.settings.horizon):
             outputs.append(self.actor(self.task.observe(states[-1])))
             change = outputs[-1].tanh() - old.actions[:, t]
@@ -112,7 +115,7 @@ class Learner:
             deviation = (old.jacobians[:, t] @ change[..., None])[..., 0]
             states.append(old.states[:, t + 1] + deviation)
             size = (deviation.detach() / self.task.state_scale).abs().amax(-1)
-            near.append(near[-1] * (size < self.settings.trust))
+            near.append(near[-1] * (size < self.settings.trust) * alive[:, t + 1])
         return states, torch.stack(outputs, 1), torch.stack(near, 1)
 
     def update(self, memory: Horizons) -> dict[str, float]:
@@ -125,6 +128,7 @@ class Learner:
         context = horizons.context[:, None].expand(-1, settings.horizon, -1)
         rewards = self.task.reward(reached, outputs.tanh(), context)
         values = self.target(self.task.judge(reached, context)).squeeze(-1)
+        values = values * ~self.task.ended(reached)
         gain = (taken * self.discounts[:-1] * rewards + last * self.discounts[1:] * values).sum()
         excess = (outputs.abs() - 1.5).clamp(min=0.0).square().sum()
         gradients = torch.autograd.grad(
@@ -153,7 +157,7 @@ class Learner:
         returns: torch.Tensor,
         slopes: torch.Tensor,
     ) -> float:
-        """Fit the critic to returns (B,) and slopes (B, 2n); return its mean squared error."""
+        """Fit the critic to returns (B,) and slopes (B, 2c); return its mean squared error."""
         states.requires_grad_()
         values = self.critic(self.task.judge(states, context)).squeeze(-1)
         (own,) = torch.autograd.grad(values.sum(), states, create_graph=True)
@@ -200,8 +204,9 @@ def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth; see `learn`."""
-    config = used_config("shac", settings.env, OF_CHAIN)
-    check_swing_up("shac", config)
+    config = used_config("shac", settings.env, (*OF_CHAIN, *OF_CARTS))
+    if not isinstance(config.mode, MODES):
+        raise ValueError(f"mode must be one that shac learns, got {config.mode!r}")
     torch.manual_seed(settings.seed)
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
@@ -268,6 +273,6 @@ TASKS: dict[str, dict[str, Any]] = {
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "swingup-2"."""
     env = env_of_task(task)
-    if env["mode"] != "swingup" or "randomize" in env:
-        raise ValueError(f'task must be the swing-up of one chain, like "swingup-2", got {task!r}')
+    if "randomize" in env:
+        raise ValueError(f'task must be that of one chain, like "swingup-2", got {task!r}')
     return Settings(env=env, **(TASKS.get(task, {}) | changes))
