@@ -20,7 +20,7 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 BLOCK = re.compile(r"```(?:sh|console)\n(.*?)```", re.DOTALL)
-OURS = ("npend ", "python examples/", "python -m paper")
+OURS = ("npend ", "python benchmarks/", "python examples/", "python -m paper")
 
 
 def commands(page):
@@ -83,7 +83,7 @@ ELSEWHERE = {  # why a command is not run here
     "--only tables-together": "minutes; tests/paper/test_paper_tables.py runs it",
     "--only chaos-n": "minutes: exponents up to N = 100",
     "--resume": "it goes on with what was interrupted; tests/test_rl_checkpoints.py",
-    "results.py": "training that takes hours; tests/test_rl_examples.py runs a part",
+    "algorithms.py": "training that takes hours; tests/test_rl_examples.py runs a part",
     "robustness.py": "it takes long; tests/test_rl_robustness.py runs a part",
     "drive1.csv": "the recordings are a reader's own",
     "my-swing-up/": "the policy is a reader's own",

@@ -142,14 +142,14 @@ def test_evaluate_runs_as_a_script_with_a_controller(tmp_path):
 @pytest.mark.long
 def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, monkeypatch):
     pytest.importorskip("torch")
-    import results
+    import algorithms
 
-    monkeypatch.setitem(results.ppo.TASKS, "balance-1", {"total_timesteps": 4096})
-    monkeypatch.setattr("sys.argv", ["results.py", "--out", str(tmp_path), "--tasks", "balance-1",
-                                     "--seeds", "0", "1"])  # fmt: skip
-    results.main()
+    monkeypatch.setitem(algorithms.ppo.TASKS, "balance-1", {"total_timesteps": 4096})
+    arguments = ["--out", str(tmp_path), "--tasks", "balance-1", "--seeds", "0", "1"]
+    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
+    algorithms.main()
     trained = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")}
-    results.main()
+    algorithms.main()
     assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")} == trained
     assert len(trained) == 2
     with (tmp_path / "results.csv").open() as file:
@@ -164,15 +164,15 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
 
 def test_new_results_join_those_of_other_seeds_and_replace_their_own(monkeypatch):
     pytest.importorskip("torch")
-    import results
+    import algorithms
 
     def row(agent, seed, success):
         return {"task": "calm-2", "agent": agent, "seed": seed, "success": success}
 
     before = [row("random", None, 0.0), row("PPO", 0, 0.1), row("PPO", 1, 0.2)]
-    monkeypatch.setattr(results, "recorded", lambda _name: before)
+    monkeypatch.setattr(algorithms, "recorded", lambda _name: before)
     new = [row("PPO", 1, 0.9), row("PPO", 2, 0.8), row("random", "", 0.01)]
-    found = [(each["agent"], each["success"]) for each in results.merged(new, "learning")]
+    found = [(each["agent"], each["success"]) for each in algorithms.merged(new, "learning")]
     assert found == [("random", 0.01), ("PPO", 0.1), ("PPO", 0.9), ("PPO", 0.8)]
 
 
@@ -198,31 +198,31 @@ def test_train_rllib_runs_one_iteration(tmp_path):
 @pytest.mark.long
 def test_results_renews_the_rows_that_need_no_training(tmp_path, monkeypatch):
     pytest.importorskip("torch")
-    import results
+    import algorithms
 
     for name in ("results.md", "results/learning.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / "docs" / name, tmp_path / name)
-    before = results.recorded()
-    monkeypatch.setattr(results, "DOCS", tmp_path)
-    monkeypatch.setattr("sys.argv", ["results.py", "--again", "--out", str(tmp_path), "--tasks",
-                                     "balance-1"])  # fmt: skip
+    before = algorithms.recorded()
+    monkeypatch.setattr(algorithms, "DOCS", tmp_path)
+    arguments = ["--again", "--out", str(tmp_path), "--tasks", "balance-1"]
+    monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
     for row in before:
         row["return"] = row["success"] = 0.5
-    results.write_csv(tmp_path / "results" / "learning.csv", before)
-    results.main()
-    renewed = [row for row in results.recorded() if row["return"] != 0.5]
+    algorithms.write_csv(tmp_path / "results" / "learning.csv", before)
+    algorithms.main()
+    renewed = [row for row in algorithms.recorded() if row["return"] != 0.5]
     assert [(row["agent"], row["success"]) for row in renewed] == [
         ("random", 0.0), ("LQR", 1.0), ("PPO", 1.0),
     ]  # fmt: skip
-    assert len(results.recorded()) == len(before)
-    assert results.table(results.recorded()) in (tmp_path / "results.md").read_text()
+    assert len(algorithms.recorded()) == len(before)
+    assert algorithms.table(algorithms.recorded()) in (tmp_path / "results.md").read_text()
 
 
 @pytest.mark.long
 def test_the_table_in_the_docs_is_that_of_the_recorded_results():
     pytest.importorskip("torch")
-    from results import recorded, table
+    from algorithms import recorded, table
 
     assert table(recorded()) in (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
 

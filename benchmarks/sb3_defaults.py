@@ -1,6 +1,6 @@
 """What Stable-Baselines3 learns with its default settings: the swing-up of one rod.
 
-    python examples/sb3_defaults.py --out results/sb3_defaults.csv
+    python benchmarks/sb3_defaults.py --out results/sb3_defaults.csv
 
 trains PPO and SAC with several seeds, on a single environment as `gym.make` returns it, and writes
 a row for every run with the success in 100 held-out episodes; `docs/results/sb3_defaults.csv` is

@@ -1,6 +1,6 @@
 """Train every task with several seeds and compare the policies with controllers and with chance.
 
-Run it with `python examples/results.py --out results/learning`; what has been trained there
+Run it with `python benchmarks/algorithms.py --out results/learning`; what has been trained there
 already is not trained again, so it can be interrupted. `--tasks`, `--agents` and `--seeds` choose
 parts of it.
 It writes `results.csv`, `curves.csv`, `curves.png` and the table `results.md`; `--publish` puts
@@ -71,7 +71,7 @@ def tasks() -> list[str]:
     """Return all tasks for which there are settings or plans, in order."""
     named = {
         task for agent, trainer in TRAINERS.items() for task in trainer.TASKS
-        if agent != ANGLES or "robust" not in task  # which examples/robustness.py judges
+        if agent != ANGLES or "robust" not in task  # which robustness.py judges
     }  # fmt: skip
     return sorted(named | {f"swingup-{n}" for n in PLANS}, key=place)
 

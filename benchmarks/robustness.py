@@ -1,6 +1,6 @@
 """How often policies succeed with other chains than they were made for, trained on many or on one.
 
-Run it with `python examples/robustness.py`: it plays `swingup-1`, `calm-2` and their robust
+Run it with `python benchmarks/robustness.py`: it plays `swingup-1`, `calm-2` and their robust
 versions with chains drawn from the whole range of training, at all its corners, and with one
 parameter changed alone. It writes `robustness.csv`, a table, `robustness.md`, and a figure,
 `robustness.png`; `--publish` puts them into `docs/`.
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from results import DOCS, read_rows
+from algorithms import DOCS, read_rows
 from tqdm import tqdm
 
 from npend_gym._palette import BLUE, FAINT, ORANGE
