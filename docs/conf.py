@@ -116,7 +116,7 @@ def make_accessible(_app, _page, _template, context, _doctree) -> None:
 def write_live_page(app, exception: Exception | None) -> None:
     """Put the page to play with beside live_page.html, which shows it in a frame."""
     if exception is None and app.builder.format == "html":
-        main(["page", "--live", "--out", str(Path(app.outdir) / "live.html")])
+        main(["play", "--out", str(Path(app.outdir) / "live.html")])
 
 
 def setup(app) -> None:

@@ -78,7 +78,7 @@ def test_every_picture_is_drawn_by_a_command_that_some_page_names():
 
 def test_the_gallery_has_every_picture_with_what_makes_it():
     gallery = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
-    command = r"```sh\n(?:npend |python examples/|python -m paper )"
+    command = r"```sh\n(?:npend |python (?:benchmarks|examples)/|python -m paper )"
     makes = rf"{command}|```\{{literalinclude\}} figures\.py\n:pyobject: "
     pictures = re.findall(rf"\(images/(\w+)\.\w+\)\n\n({makes})", gallery)
     assert {name for name, _ in pictures} == {

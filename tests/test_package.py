@@ -72,7 +72,6 @@ NEEDED = {  # the extra that is named
     "release --n 1 --trials 1 --out results": "plot",
     "page --n 1 --trials 1 --out page.html": None,
     "animate --n 1 --out film.gif": "plot,render",
-    "play": "render",
     "campaign --n 1 --out campaign": "campaign",
     "analyse campaign": "campaign",
 }

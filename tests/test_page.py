@@ -211,7 +211,7 @@ def test_pseudo_periods_appear_as_they_complete(page, runs):
     assert page.text_content("#state").startswith(
         f"{done.size} of 5 bobs have completed, mean {done.mean():.4f} s"
     )
-    visible = "#bobs circle.dot:not([style*='display'])"
+    visible = "#periods circle.dot"
     shown = page.eval_on_selector_all(
         visible, "dots => dots.filter(d => d.r.baseVal.value > 0).length"
     )

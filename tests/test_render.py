@@ -371,15 +371,3 @@ def test_a_pixel_is_traced_back_to_its_place():
     painter, scene = Painter(), hanging_arc(4)
     seen = painter.place(where(painter.paint(scene), TIP))
     np.testing.assert_allclose(seen, scene.positions[-1] / scene.reach, atol=2e-3)
-
-
-def test_a_window_hands_on_the_events_that_come(window):
-    import pygame
-
-    seen = []
-    window = Window(seen.append)
-    window.show(np.zeros((40, 40, 3), dtype=np.uint8), fps=1000)
-    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_SPACE))
-    window.show(np.zeros((40, 40, 3), dtype=np.uint8), fps=1000)
-    assert [event.key for event in seen if event.type == pygame.KEYDOWN] == [pygame.K_SPACE]
-    window.close()

@@ -25,7 +25,7 @@ COMMANDS = {
     "release": "release chains from rest and measure the pseudo-period of every bob",
     "animate": "film a release, or an episode that a policy controls",
     "page": "show a release in the browser: one HTML file that needs no network",
-    "play": "push a chain about in a window, and see its pseudo-periods",
+    "play": "pull a chain about in the browser, and see its pseudo-periods",
     "campaign": "sweep the release experiment over anything, on one machine or many",
     "analyse": "fit the law of the pseudo-period to a campaign, list outliers, write a report",
     "chaos": "draw when a double pendulum first turns over, for a million starts",

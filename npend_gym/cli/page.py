@@ -15,18 +15,15 @@ ABOUT = """\
 One HTML file with the motion of the chains, the pseudo-period of every bob as it completes, and
 the pseudo-period against N with the models. It needs neither network nor server.
 
-With --live the file has no recorded motion: up to 100 pendulums move in the browser, by this
-package's own compiled code. Pull the bobs, change the chain, let networks swing it up.
+For pendulums to play with see `npend play`.
 """
 EXAMPLES = """\
 examples:
   npend page --out release.html            the paper's N = 5, 10, 20, 100, three trials
   npend page --n 1,2,3,4 --trials 1 --spread 0 --out few.html
-  npend page --live --out live.html        to play with: N from 1 to 100, bobs that can be pulled
   npend page --from results --out release.html     what `npend release --out results` measured
 """
 _SUFFIXES = (".html",)
-_LIVE_POLICIES = 2, 3, 4  # rods that are swung up
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,8 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_release_options(parser)
     text = "show the results of `npend release --out FOLDER` instead of measuring"
     parser.add_argument("--from", dest="folder", type=Path, metavar="FOLDER", help=text)
-    text = "a page on which the chain moves live, in place of a recorded release"
-    parser.add_argument("--live", action="store_true", help=text)
+    parser.add_argument("--live", action="store_true", help=argparse.SUPPRESS)  # `npend play` now
     text = "file to write, .html; folders that are missing are made"
     parser.add_argument("--out", type=Path, metavar="FILE", required=True, help=text)
 
@@ -44,9 +40,8 @@ def run(options: dict[str, Any]) -> int:
     """Measure or read, and write the page; return the exit code."""
     out: Path = options.pop("out")
     if options.pop("live", False):
-        _write_live(out, **options)
-    else:
-        _write_release(out, options)
+        raise ValueError(f"--live is a command of its own: npend play --out {out}")
+    _write_release(out, options)
     print(printable(str(out)) + f": {out.stat().st_size / 1e6:.2f} MB")
     return OK
 
@@ -58,30 +53,6 @@ def _write_release(out: Path, options: dict[str, Any]) -> None:
     experiment, runs = _measured(out, options)
     recordings = record_first_trials(experiment, runs, progress("recording"))
     release_page.write(experiment, runs, recordings, out)
-
-
-def _write_live(out: Path, amplitude: float | None = None, **inapplicable: Any) -> None:
-    from npend_gym.envs import EnvConfig
-    from npend_gym.envs.wasm import step_constants, step_layout, step_module
-    from npend_gym.experiments import ReleaseExperiment
-    from npend_gym.report import live_page
-    from npend_gym.rl import Policy
-
-    if inapplicable:
-        raise ValueError(
-            f"--{next(iter(inapplicable))} must be left out with --live: the page has sliders for "
-            "the chain, and its bobs are measured as they move"
-        )
-    prepare_file(out, _SUFFIXES)
-    angle = ReleaseExperiment().amplitude if amplitude is None else amplitude
-    policies = [Policy.pretrained(f"swingup-{n}") for n in _LIVE_POLICIES]
-    config = EnvConfig(**policies[0].env)
-    networks = [
-        live_page.Network(policy.env["n"], policy.scale, policy.weights, policy.biases)
-        for policy in policies
-    ]
-    engine = live_page.Engine(step_module(), step_layout(), step_constants(config))
-    live_page.write(engine, networks, angle, out)
 
 
 def _measured(out: Path, options: dict[str, Any]) -> tuple[ReleaseExperiment, list[Run]]:

@@ -251,11 +251,11 @@ def scale_all(members: FloatArray, rods: FloatArray, n: int, chosen: Indices) ->
 
 
 @kernel
-def begin_one(members: FloatArray, rods: FloatArray, chain: FloatArray) -> None:
-    """Give a single environment of point masses a chain, and measure from its present state."""
-    members, rods, chain = bare(members), bare(rods), bare(chain)
+def begin_one(members: FloatArray, rods: FloatArray, model: Model, chain: FloatArray) -> None:
+    """Give a single environment a chain, and measure from its present state."""
+    members, rods, model, chain = bare(members), bare(rods), bare(model), bare(chain)
     n = chain.shape[1]
-    write_chain(members, rods, None, 0, 1, chain)
+    write_chain(members, rods, model, 0, 1, chain)
     _scale(members, rods, 0, 1, n)
     begin_to_measure(members, rods, 0, 1, n)
 

@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from npend_gym.chain import ChainParameters
+from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.wasm import wasm_module
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.kernels import step_one
 from npend_gym.envs.rows import NUMBER_OF, SINCOS, Episode, Flag, Output, Setting, Task, Wiring
 from npend_gym.envs.starts import begin_one
 from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing
+from npend_gym.physics.kernels.link_terms import model_terms
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
-from npend_gym.physics.substeps import MAX_PHASE, MAX_ROTATION
+from npend_gym.physics.substeps import MAX_PHASE, MAX_ROTATION, default_substeps
 
-_MEMORY = "float64[:, ::1], float64[:, :, ::1]"  # `members` and `rods` of one chain
-_KERNELS = {
-    begin_one: f"void({_MEMORY}, float64[:, ::1])",
-    step_one: f"void({_MEMORY}, none, float64[:, ::1], float32[:, ::1], float64[:, ::1], "
-    "boolean[:, ::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1])",
-}
+_RODS = "float64[:, :, ::1]"
 
 
-def step_module() -> bytes:
-    """Return the WebAssembly module of one environment of point masses.
+def step_module(chain: Chain) -> bytes:
+    """Return the WebAssembly module of one environment with chains of the kind of `chain`.
 
-    It exports `begin_one` and `step_one`, to be called as `wasm_module` says. The first call on a
-    machine compiles, for about a minute.
+    Point masses, links and machines have modules of their own. A module exports `begin_one` and
+    `step_one`, to be called as `wasm_module` says. The first call for a kind on a machine compiles,
+    for about a minute.
     """
-    return wasm_module(_KERNELS)
+    terms = len(model_terms(chain.repeated(1)))
+    model = f"UniTuple({_RODS}, {terms})" if terms else "none"
+    memory = f"float64[:, ::1], {_RODS}, {model}"  # `members`, `rods` and model of one chain
+    return wasm_module(
+        {
+            begin_one: f"void({memory}, float64[:, ::1])",
+            step_one: f"void({memory}, float64[:, ::1], float32[:, ::1], float64[:, ::1], "
+            "boolean[:, ::1], float64[::1], float64[:, ::1], float64[::1], float64[:, ::1])",
+        }
+    )
 
 
-def step_layout() -> dict[str, Any]:
+def step_layout(chain: Chain) -> dict[str, Any]:
     """Return the rows of the arrays that the kernels take, by their names.
 
     Returns
     -------
     dict
         A dict of rows, or entries, for each of Member (with those of Episode and Setting), Rod,
-        Timing, Output, Flag, Task, Wiring and Parameter, and the number of rows of the scratch.
+        Timing, Output, Flag, Task, Wiring and Parameter; the number of rows of the scratch, and of
+        each array of the model that chains of the kind of `chain` need.
     """
     fields = Rod, Timing, Output, Flag, Task, Wiring
     layout: dict[str, Any] = {
@@ -46,7 +54,18 @@ def step_layout() -> dict[str, Any]:
     }
     layout["Member"] = Member._asdict() | Episode._asdict() | Setting._asdict()
     layout["Parameter"] = {name: row for row, name in enumerate(ChainParameters._fields)}
-    return layout | {"scratchRows": RK4 + RK4_ROWS}
+    terms = [len(rows) for rows in model_terms(chain.repeated(1))]
+    return layout | {"scratchRows": RK4 + RK4_ROWS, "terms": terms}
+
+
+def step_chain(chain: Chain) -> dict[str, Any]:
+    """Return the parameters of a chain as plain numbers, by the names of `ChainParameters`.
+
+    An infinite gear ratio is None. Beside them stand `hasBobs` and `rate`: substeps over 16 [1/s].
+    """
+    plain = {name: row[0].tolist() for name, row in chain.repeated(1)._asdict().items()}
+    plain["gear"] = [None if math.isinf(gear) else gear for gear in plain["gear"]]
+    return plain | {"hasBobs": chain.has_bobs, "rate": MAX_PHASE * default_substeps(chain, 1.0)}
 
 
 def step_constants(config: EnvConfig) -> dict[str, Any]:

@@ -13,23 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym import _checks, _files, theory
-from npend_gym._version import __version__
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.report import player
 
 SUFFIXES = (".html",)
-MAX_N = 100
+MAX_N = 100  # rods that the page has a slider for
+_MOST_LINKS = 200  # of a chain that is given
 # Bits of a weight, by the rods that are swung up: with these 256 of 256 starts succeed; with 8 in
 # place of 10 two rods are swung up from 6 starts of 100, four from 52
 _BITS = {2: 10, 3: 8, 4: 10}
 _PACKED_BITS = 10
 _DEGREES = 5, 175  # of the release: the ends of its slider
-_SCRIPTS = (
-    "pen.js",
-    "diagram.js",
-    *(f"live/{name}.js" for name in ("chain", "policy", "stage", "motion", "tell", "app")),
+# Models of the pseudo-period: limit for small angles, and whether they depend on the angle, as the
+# period of a single pendulum does
+_MODELS = {
+    "T0": ("ideal", False), "T0+a": ("ideal", True), "T1": ("fundamental", False),
+    "T(N,a)": ("law", True),
+}  # fmt: skip
+_SCRIPTS = tuple(
+    f"{name}.js" for name in ("diagram", "periods", "chain", "policy", "motion", "tell", "app")
 )
-_STYLES = "page.css", "live/live.css"
+_STYLES = "page.css", "live.css"
 
 
 class Network(NamedTuple):
@@ -47,30 +51,74 @@ class Engine(NamedTuple):
     module: bytes  # WebAssembly
     layout: Mapping[str, Any]  # of the arrays that its functions take
     constants: Mapping[str, Any]  # of the physics and of the task of the networks
+    chain: Mapping[str, Any]  # the parameters of the chain that it is for
 
 
-def write(engine: Engine, networks: Sequence[Network], angle: float, path: Path) -> Path:
+def write(
+    path: Path,
+    engine: Engine,
+    networks: Sequence[Network],
+    angle: float,
+    n: int = 5,
+    chain: Chain | None = None,
+) -> Path:
     """Write `page` to `path`, whole or not at all."""
-    text = page(engine, networks, angle)
+    text = page(engine, networks, angle, n, chain)
     with _files.replacing(path) as file:
         file.write(text)
     return path
 
 
-def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
-    """Return the page as text; the chain is released from `angle` [rad] at first."""
-    degrees = math.degrees(_checks.number("amplitude", angle))
-    if not _DEGREES[0] <= degrees <= _DEGREES[1]:
+def check(angle: float, n: int = 5, chain: Chain | None = None) -> None:
+    """Refuse what no page shows.
+
+    Raises
+    ------
+    ValueError
+        If the slider for the angle [rad], or that for the number of rods, does not reach so far; or
+        if the chain has a cart, springs or more than 200 links.
+    """
+    if not _DEGREES[0] <= math.degrees(_checks.number("amplitude", angle)) <= _DEGREES[1]:
         low, high = (math.radians(end) for end in _DEGREES)
-        raise ValueError(f"amplitude must be between {low:.2f} and {high:.2f} rad, got {angle}")
+        raise ValueError(
+            f"amplitude must be {_checks.in_radians(f'{low:.2f} to {high:.2f}', angle)}"
+        )
+    _checks.count("n", n, high=MAX_N)
+    if chain is not None:
+        _checks.count("number of links", chain.n, high=_MOST_LINKS)
+        if chain.base is not None or chain.stiffness is not None:
+            raise ValueError("chain must have its pivot at rest and no springs, to be played with")
+
+
+def page(
+    engine: Engine,
+    networks: Sequence[Network],
+    angle: float,
+    n: int = 5,
+    chain: Chain | None = None,
+) -> str:
+    """Return the page as text.
+
+    Parameters
+    ----------
+    engine : Engine
+        What computes: for `chain`, where one is given.
+    networks : sequence of Network
+        What the reader may let swing up rods; they are not shown with a `chain`.
+    angle : float
+        Of the first release [rad], 0.09 to 3.05.
+    n : int
+        Number of equal rods at first, 1 to 100.
+    chain : Chain, optional
+        What moves, in place of rods that the reader chooses.
+    """
+    check(angle, n, chain)
     packed = [part for network in networks for part in _packed(network)]
-    unit = [Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1)]
-    factor = theory.pendulum_factor(np.radians(np.arange(_DEGREES[1] + 1)))
     data = {
         "layout": engine.layout,
         "physics": {"gravity": STANDARD_GRAVITY, **engine.constants},
-        "law": [_short(theory.models(chain, 0.0).law) for chain in unit],
-        "factor": [_short(one) for one in factor],
+        "models": _models(chain),
+        "chain": None if chain is None else engine.chain,
         "policies": [
             {
                 "n": network.n,
@@ -82,19 +130,57 @@ def page(engine: Engine, networks: Sequence[Network], angle: float) -> str:
         "module": _text(engine.module),
         "weights": _text(b"".join(packed)),
     }
+    about = "" if chain is None else f"A chain of {chain.n} links, {chain.total_length:.4g} m long"
     return player.page(
-        "live/live.html",
+        "live.html",
         data,
         _SCRIPTS,
         _STYLES,
-        version=__version__,
+        title="N pendulums, live",
+        by_hand="" if chain is None else " hidden",
+        chain=about,
         most=MAX_N,
-        angle=round(degrees),
+        n=n,
+        angle=round(math.degrees(angle)),
         least_angle=_DEGREES[0],
         most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
         motors="\n".join(_choice(network.n) for network in networks),
     )
+
+
+def _models(chain: Chain | None) -> dict[str, Any]:
+    """Return the models of the pseudo-period under a gravity of 1 m/s^2, as the page reads them.
+
+    The limits for small angles [s] are those of every number of equal rods, or of the chain alone.
+    Models that depend on the angle are to be multiplied by the factor of that angle [degree].
+    """
+    chains = [Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1)]
+    if chain is not None:
+        chains = [chain]
+    models = [theory.models(one, 0.0) for one in chains]
+    limits = {
+        name: [
+            getattr(each, name) * math.sqrt(one.gravity)
+            for each, one in zip(models, chains, strict=True)
+        ]
+        for name in ("ideal", "fundamental", "law")
+    }
+    shown = {
+        name: list(map(_short, limit))
+        for name, limit in limits.items()
+        if all(map(math.isfinite, limit))
+    }
+    factors = theory.pendulum_factor(np.radians(np.arange(_DEGREES[1] + 1)))
+    return {
+        "limits": shown,
+        "factors": [_short(factor) for factor in factors],
+        "each": [
+            {"name": name, **player.MODELS[name], "limit": limit, "bends": bends}
+            for name, (limit, bends) in _MODELS.items()
+            if limit in shown
+        ],
+    }
 
 
 def _choice(n: int) -> str:

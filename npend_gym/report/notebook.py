@@ -43,7 +43,7 @@ def as_html(motion: Any) -> str:
     text = player.page(
         "player.html",
         {"releases": releases},
-        player.SCRIPTS,
+        ("player.js",),
         title=title,
         playback=player.playback("Motion", hidden=not many),
     )

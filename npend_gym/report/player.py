@@ -1,4 +1,4 @@
-"""What the player in the browser needs: of `npend page`, and of motions in notebooks."""
+"""Pages for a browser, each in one text: `npend page`, `npend play`, motions in notebooks."""
 
 from __future__ import annotations
 
@@ -13,15 +13,24 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, SKY, rgb
+from npend_gym._version import __version__
 
-SCRIPTS = "pen.js", "player.js"
-PALETTE = {"ramp": [rgb(color) for color in (BLUE, GREEN, AMBER)], "tip": ORANGE}
+_SHARED = "common.js", "stage.js"
+_PALETTE = {"ramp": [rgb(color) for color in (BLUE, GREEN, AMBER)], "tip": ORANGE}
 _DECIMALS = 4  # kept of the places, in units of the chain's length
 # Name of a colour in the page: colour on light and on dark paper
 _COLORS = {
     "blue": (BLUE, SKY), "orange": (ORANGE, ORANGE), "amber": ("#B87700", AMBER),
     "green": (GREEN, GREEN), "pink": ("#A8487B", PINK),
 }  # fmt: skip
+
+# How the models of the pseudo-period look in diagrams, in the order of `theory.Models`
+MODELS = {
+    "T0": {"color": "orange", "style": ""},
+    "T0+a": {"color": "amber", "style": "dashed"},
+    "T1": {"color": "green", "style": ""},
+    "T(N,a)": {"color": "pink", "style": ""},
+}
 
 
 def moving(places: FloatArray, interval: float, centres: Sequence[float]) -> dict[str, Any]:
@@ -52,30 +61,36 @@ def centres(motion: Any) -> list[float]:
 
 
 def page(
-    template: str,
+    body: str,
     data: Mapping[str, Any],
     scripts: Sequence[str],
     styles: Sequence[str] = ("page.css",),
+    *,
+    title: str,
     **texts: object,
 ) -> str:
-    """Return a page of this folder, in one text with all that it needs.
+    """Return a page in one text with all that it needs; files are those of the folder `browser`.
 
     Parameters
     ----------
-    template : str
-        File with the places ``$data``, ``$style`` and ``$script``, and those of `texts`.
+    body : str
+        File with what the page shows, and places such as ``$about`` for `texts`.
     data : mapping
         What the scripts show; they are given the palette too.
     scripts, styles : sequence of str
-        Files, in the order in which they stand in the page.
+        Files, in the order in which they stand in the page, after those that all pages share.
+    title : str
+        HTML, as are all texts.
     **texts : object
-        HTML of the other places.
+        What stands in the places of `body`; that of ``$title`` and ``$version`` is known.
     """
-    return _template(template).substitute(
-        texts,
-        data=as_json({**data, "palette": PALETTE}),
+    known = {"title": title, "version": __version__}
+    return _template("document.html").substitute(
+        known,
         style=palette_css() + "".join(map(_read, styles)),
-        script="".join(map(_read, scripts)),
+        body=_template(body).substitute(known, **texts),
+        data=as_json({**data, "palette": _PALETTE}),
+        script="".join(map(_read, (*_SHARED, *scripts))),
     )
 
 
@@ -89,7 +104,7 @@ def _template(name: str) -> Template:
 
 
 def _read(name: str) -> str:
-    return (files("npend_gym.report") / name).read_text("utf-8")
+    return (files("npend_gym.report") / "browser" / name).read_text("utf-8")
 
 
 def as_json(data: Mapping[str, Any]) -> str:

@@ -13,7 +13,6 @@ import numpy as np
 
 from npend_gym import _files, theory
 from npend_gym._provenance import provenance
-from npend_gym._version import __version__
 from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
 from npend_gym.recording import Recording
@@ -21,9 +20,7 @@ from npend_gym.report import player
 from npend_gym.report.release_tables import LEGEND
 
 SUFFIXES = (".html",)
-_SCRIPTS = *player.SCRIPTS, "diagram.js", "page.js"
-_COLORS = {"T0": "orange", "T0+a": "amber", "T1": "green", "T(N,a)": "pink"}
-_STYLES = {"T0+a": "dashed"}
+_SCRIPTS = "player.js", "diagram.js", "periods.js", "page.js"
 _COLUMNS = {
     "n": "N", "measured_s": "measured [s]", "bob_spread_s": "over bobs [s]",
     "trial_spread_s": "over trials [s]", "completed": "completed",
@@ -63,7 +60,6 @@ def page(
         "each N. The animation shows the first.",
         "legend": LEGEND.format(reading=experiment.reading, seed=experiment.seed),
         "command": command(experiment),
-        "version": __version__,
     }
     return player.page(
         "page.html",
@@ -94,7 +90,7 @@ def command(experiment: ReleaseExperiment) -> str:
 
 def _models(experiment: ReleaseExperiment, n: int, start: float) -> dict[str, float]:
     """Return the models of the pseudo-period [s] that have a scale; none has without gravity."""
-    values = zip(_COLORS, theory.models(experiment.chain_of(n), start), strict=True)
+    values = zip(player.MODELS, theory.models(experiment.chain_of(n), start), strict=True)
     return {name: value for name, value in values if math.isfinite(value)}
 
 
@@ -107,7 +103,7 @@ def _recorded(experiment: ReleaseExperiment, recording: Recording) -> dict[str, 
         **player.moving(places, float(motion.times[1]), player.centres(motion)),
         "periods": [float(t) if math.isfinite(t) else None for t in recording.periods],
         "models": {
-            name: {"value": value, "color": _COLORS[name], "style": _STYLES.get(name, "")}
+            name: {"value": value, **player.MODELS[name]}
             for name, value in _models(experiment, n, start).items()
         },
     }
@@ -125,10 +121,10 @@ def _law(
     curves = {n: _models(experiment, n, experiment.amplitude) for n in grid}
     series: list[dict[str, Any]] = [
         {
-            "name": name, "color": color, "kind": "line", "style": _STYLES.get(name, ""),
+            "name": name, "kind": "line", **look,
             "points": [[n, values[name]] for n, values in curves.items() if name in values],
         }
-        for name, color in _COLORS.items()
+        for name, look in player.MODELS.items()
         if any(name in values for values in curves.values())
     ]  # fmt: skip
     bobs = [

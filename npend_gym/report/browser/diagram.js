@@ -1,7 +1,5 @@
 // Diagrams of lines and dots, whose values show under the pointer and by the arrow keys.
 
-const seconds = (value) => `${value.toFixed(4)} s`;
-
 const BOX = { width: 480, height: 330, left: 46, right: 470, top: 10, bottom: 288 };
 
 function draw(parent, name, attributes, text) {
@@ -43,7 +41,7 @@ function drawAxes(svg, x, y, across, up) {
   draw(svg, "text", { x: BOX.left + 6, y: BOX.top + 10 }, y.label);
 }
 
-/** Draw series of {x, y, text} as lines or dots, with hover and arrow keys; return the dots. */
+/** Draw series of {x, y, text} as lines or dots, whose texts show by hover and arrow keys. */
 function plot(svg, label, x, y, series) {
   const across = scaled(x, BOX.left, BOX.right), up = scaled(y, BOX.bottom, BOX.top);
   svg.replaceChildren();
@@ -54,18 +52,17 @@ function plot(svg, label, x, y, series) {
   legend.replaceChildren();
   for (const { name, color, kind, style = "", points } of series) {
     const key = document.createElement("span"), look = `--color: var(--${color})`;
-    Object.assign(key, { textContent: name, className: kind, style: look });
+    Object.assign(key, { textContent: name, className: `${kind} ${style}`, style: look });
     legend.append(key);
     const at = points.map((point) => [across(point.x), up(point.y)]);
     if (kind === "line") draw(svg, "path", { class: `line ${style}`, style: look, d: `M${at.join("L")}` });
     points.forEach((point, k) => {
       const r = kind === "line" ? 0 : style === "small" ? 2.5 : 4.5;
       const shape = { class: `dot ${style}`, style: look, cx: at[k][0], cy: at[k][1], r };
-      dots.push({ ...point, at: at[k], shown: true, element: draw(svg, "circle", shape) });
+      dots.push({ ...point, at: at[k], element: draw(svg, "circle", shape) });
     });
   }
   point(svg, dots);
-  return dots;
 }
 
 /** Let pointer and arrow keys choose a dot, whose text appears beside it. */
@@ -88,22 +85,16 @@ function point(svg, dots) {
     const frame = svg.getBoundingClientRect(), scale = BOX.width / frame.width;
     const [x, y] = [(event.clientX - frame.left) * scale, (event.clientY - frame.top) * scale];
     const far = (dot) => Math.hypot(dot.at[0] - x, dot.at[1] - y);
-    const near = dots.filter((dot) => dot.shown && far(dot) < 24).sort((a, b) => far(a) - far(b));
+    const near = dots.filter((dot) => far(dot) < 24).sort((a, b) => far(a) - far(b));
     choose(near[0] ?? null);
   };
   svg.onpointerleave = svg.onblur = () => choose(null);
+  choose(null);
   svg.onkeydown = (event) => {
     const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-    const shown = dots.filter((dot) => dot.shown);
-    if (!step || !shown.length) return;
+    if (!step || !dots.length) return;
     event.preventDefault();
-    const next = chosen ? shown.indexOf(chosen) + step : step > 0 ? 0 : shown.length - 1;
-    choose(shown[(next + shown.length) % shown.length]);
+    const next = chosen ? dots.indexOf(chosen) + step : step > 0 ? 0 : dots.length - 1;
+    choose(dots[(next + dots.length) % dots.length]);
   };
-}
-
-function level(name, color, style, value, n) {
-  const text = `${name}: ${seconds(value)}`;
-  const points = [0.5, n + 0.5].map((x) => ({ x, y: value, text }));
-  return { name, color, style, kind: "line", points };
 }

@@ -1,13 +1,13 @@
 // What moves the chain: time, a network, and the reader, who pulls its bobs or poses it.
 
-const data = JSON.parse(document.getElementById("data").textContent);
-const $ = (id) => document.getElementById(id);
-const { physics } = data, { task } = physics;
+const { physics, models } = data, { task } = physics, given = data.chain;
 
 const TICK = task.dt / Math.round(task.dt * 120); // s, of the motion
 const BUDGET = 11; // ms of computation in a picture's 16; beyond it time runs slower than told
 const TOUCH = 44; // pixels within which a bob is grabbed
 const MAX_PARTS = 64; // of a tick, while a bob is pulled
+const TURN = 0.25; // of the lifting energy [N m]: the torque by keys, half of what holds the chain level
+const TRACE = 360; // places of the tip, in ticks
 const reduced = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 if (!globalThis.WebAssembly || !globalThis.DecompressionStream)
@@ -20,18 +20,26 @@ for (const one of data.policies) {
   policies.set(one.n, policy);
   end = policy.end;
 }
-const stage = new Stage($("chain"), data.palette, reduced);
+const stage = new Stage($("chain"), data.palette);
+const player = new Player(run, () => {
+  drawChain();
+  tell.show();
+});
 
-let running = !reduced, dirty = true, owed = 0, ticked = 0, slow = false;
+let owed = 0, ticked = 0, slow = false;
 let motor = null; // the policy that acts, if any
 let action = 0; // its last
-let pull = null; // {bob, x, y}: a bob, and where it is pulled to [m]; {key}: by a key
-let chosen = null; // the bob that keys push
+let turn = 0; // torque at the pivot by keys, -1, 0 or 1
+let pull = null; // {bob, x, y}: a bob, and where it is pulled to, over the length; {key}: by a key
+let chosen = null; // the joint that keys act on: 0 is the pivot, k is bob k
 let released = null; // rad, of the release, while nothing else has moved the chain
 let upright = false; // whether the network has met its goal for as long as success needs
+let trace = []; // of the tip
+const marks = new Map(); // where bobs have completed
 
 const value = (id) => Number($(id).value);
-const parameters = () => {
+const parameters = () => given ?? byHand();
+const byHand = () => {
   const n = value("n"), along = (k) => (n > 1 ? k / (n - 1) - 0.5 : 0);
   const spread = (id) => {
     const shares = Array.from({ length: n }, (_, k) => 2 ** (value(id) * along(k)));
@@ -42,19 +50,21 @@ const parameters = () => {
   return { masses: spread("masses"), lengths: spread("lengths"), gravity: value("gravity"), damping };
 };
 const radians = () => (value("angle") / 180) * Math.PI;
-const isUniform = () => value("lengths") === 0 && value("masses") === 0;
 
 function begin(theta, omega) {
   chain.begin(parameters(), theta, omega);
   chain.torque.fill(0);
-  stage.clear();
-  [owed, ticked, upright, action, dirty] = [0, 0, false, 0, true];
+  trace = [];
+  marks.clear();
+  [owed, ticked, upright, action] = [0, 0, false, 0];
   tell.reset();
+  player.redraw();
 }
 
 function release() {
-  [motor, pull, released] = [null, null, radians()];
-  begin(new Array(value("n")).fill(released), new Array(value("n")).fill(0));
+  const n = parameters().masses.length;
+  [motor, pull, turn, released] = [null, null, 0, radians()];
+  begin(new Array(n).fill(released), new Array(n).fill(0));
   showMotor();
 }
 
@@ -69,7 +79,7 @@ function swing(n) {
   for (const [id, at] of Object.entries({ n, gravity: physics.gravity, damping: 0, lengths: 0, masses: 0 }))
     $(id).value = at;
   const near = () => Array.from({ length: n }, () => (2 * Math.random() - 1) * task.nearness);
-  [motor, pull, released, chosen] = [policies.get(n), null, null, null];
+  [motor, pull, turn, released, chosen] = [policies.get(n), null, 0, null, null];
   begin(near(), near());
   showValues();
   showMotor();
@@ -83,38 +93,56 @@ function tick() {
   const parts = pull ? pullParts() : 1;
   for (let part = 0; part < parts; part++) {
     torque.fill(0);
-    if (motor) torque[0] = limit * action;
+    torque[0] = (motor ? limit * action : 0) + TURN * turn * chain.liftingEnergy;
     if (pull) addPull();
     chain.advance(TICK / parts);
   }
-  upright = motor && !pull && chain.flag("SUCCESS");
-  stage.follow(chain, !motor && !pull);
+  upright = motor && !pull && !turn && chain.flag("SUCCESS");
+  follow();
   if (chain.flag("DIVERGED")) release();
+}
+
+/** Remember where the tip is and, in free motion, where bobs have completed. */
+function follow() {
+  const joints = chain.joints();
+  if (!reduced) trace.push(joints[chain.n]);
+  if (trace.length > TRACE) trace.shift();
+  for (let bob = 0; bob < chain.n; bob++)
+    if (!motor && !pull && !turn && chain.periods[bob] > 0 && !marks.has(bob)) marks.set(bob, joints[bob + 1]);
+}
+
+function drawChain() {
+  stage.draw({
+    joints: chain.joints(), centres: chain.centres, trace, marks: [...marks.values()], chosen,
+    torque: (motor ? action : 0) || turn,
+    held: pull && pull.bob + 1, hand: pull && [pull.x, pull.y],
+  });
 }
 
 /** A damped spring from the bob to the pointer: 1/30 of the chain's length bears its weight. */
 function spring() {
-  const { totalLength, totalMass } = chain, weight = totalMass * (value("gravity") || physics.gravity);
+  const { totalLength, totalMass } = chain, weight = totalMass * (chain.gravity || physics.gravity);
   const stiffness = (30 * weight) / totalLength;
   return { stiffness, damping: Math.sqrt(stiffness * totalMass), most: 12 * weight };
 }
 
 function pullParts() { // the force is held for a part of a tick, in which it must not brake too much
-  const rate = spring().damping / Math.min(...chain.masses);
+  const rate = spring().damping / chain.lightest;
   return Math.min(MAX_PARTS, Math.max(1, Math.ceil((rate * TICK) / 0.2)));
 }
 
 function addPull() {
-  const { stiffness, damping, most } = spring(), places = chain.places(), velocity = chain.velocity(pull.bob);
-  const force = [pull.x, pull.y].map((to, c) => stiffness * (to - places[2 * pull.bob + 2 + c]) - damping * velocity[c]);
+  const { stiffness, damping, most } = spring(), velocity = chain.velocity(pull.bob);
+  const at = chain.joints()[pull.bob + 1], away = [pull.x - at[0], pull.y - at[1]];
+  const force = away.map((to, c) => stiffness * chain.totalLength * to - damping * velocity[c]);
   const size = Math.hypot(...force), share = size > most ? most / size : 1;
   chain.push(pull.bob, share * force[0], share * force[1]);
 }
 
 /** Bend the chain so that a bob comes to a place, the rods below it keeping their directions. */
 function pose(bob, x, y) {
-  const places = chain.places(), { lengths } = chain, theta = Array.from(chain.theta);
-  const points = Array.from({ length: bob + 2 }, (_, i) => [places[2 * i], places[2 * i + 1]]);
+  const points = chain.joints().slice(0, bob + 2), theta = Array.from(chain.theta);
+  const lengths = Array.from(chain.lengths, (length) => length / chain.totalLength);
   const towards = (from, to, length) => { // the point at a distance from one, in the direction of another
     const [dx, dy] = [to[0] - from[0], to[1] - from[1]], far = Math.hypot(dx, dy) || 1;
     return [from[0] + (dx * length) / far, from[1] + (dy * length) / far];
@@ -128,29 +156,23 @@ function pose(bob, x, y) {
     const angle = Math.atan2(points[i + 1][0] - points[i][0], points[i][1] - points[i + 1][1]);
     theta[i] = angle + 2 * Math.PI * Math.round((theta[i] - angle) / (2 * Math.PI));
   }
+  rest(theta);
+}
+
+/** Let the chain be at rest at these angles. */
+function rest(theta) {
   released = null;
   begin(theta, new Array(chain.n).fill(0));
 }
 
 function letGo() {
-  if (!pull) return;
-  pull = null;
-  if (running && !motor) goOn();
+  if (!pull && !turn) return;
+  [pull, turn] = [null, 0];
+  if (player.playing && !motor) goOn();
+  player.redraw();
 }
 
-let last = performance.now();
-function frame(now) {
-  const elapsed = Math.min(now - last, 100) / 1000;
-  last = now;
-  if (running) run(elapsed * value("speed"));
-  if (running || dirty) {
-    stage.draw(chain, { chosen, pull, action: motor && action });
-    tell.show();
-  }
-  dirty = false;
-  requestAnimationFrame(frame);
-}
-
+/** Let `seconds` pass. */
 function run(seconds) {
   const start = performance.now();
   for (owed += seconds; owed >= TICK; owed -= TICK) {

@@ -2,7 +2,7 @@
 
 const START = 64; // bytes at address 0 that kernels may write what they return to
 
-/** A chain of point masses that hangs from a pivot; all quantities in SI units. */
+/** A chain that hangs from a pivot; all quantities in SI units. */
 class Chain {
   /** Compile the module; `layout` names the rows of its arrays, `physics` has the constants. */
   static async load(module, layout, physics) {
@@ -17,7 +17,7 @@ class Chain {
 
   /** Make arrays for n rods: `arrays` has their numbers, `handed` what kernels are told of them. */
   allocate(n) {
-    const { Member, Rod, Parameter, Output, Flag, Task, Wiring, Timing, scratchRows } = this.layout;
+    const { Member, Rod, Parameter, Output, Flag, Task, Wiring, Timing, scratchRows, terms } = this.layout;
     const rows = (fields) => Object.keys(fields).length;
     let free = START;
     [this.n, this.arrays, this.handed] = [n, {}, {}];
@@ -40,6 +40,8 @@ class Chain {
     array("wiring", [rows(Wiring), n + 1]);
     array("timing", [rows(Timing)]);
     array("scratch", [scratchRows, n + 2]);
+    terms.forEach((fields, k) => array(`terms${k}`, [1, fields, n]));
+    this.model = terms.length ? terms.flatMap((_, k) => this.handed[`terms${k}`]) : 0;
     const row = (field) => this.arrays.rods.subarray(Rod[field] * (n + 1), Rod[field] * (n + 1) + n);
     [this.theta, this.omega, this.torque] = [row("THETA"), row("OMEGA"), row("TORQUE")];
     [this.periods, this.lengths, this.masses] = [row("PERIOD"), row("LENGTH"), row("MASS")];
@@ -53,23 +55,33 @@ class Chain {
 
   call(name, ...given) {
     const { members, rods } = this.handed;
-    const failed = this.kernels[name](0, START / 2, ...members, ...rods, ...given.flat());
+    const failed = this.kernels[name](0, START / 2, ...members, ...rods, ...[this.model, ...given].flat());
     if (failed) throw new Error(`the kernel ${name} failed`);
   }
 
-  /** Give it parameters and a state; time, work and pseudo-periods begin there. */
-  begin({ masses, lengths, gravity, damping }, theta, omega) {
+  /**
+   * Give it parameters, named as in the package, and a state; time, work and pseudo-periods begin
+   * there. Point masses need the first four; a chain of links has `rate` [1/s], too: see `fastestRate`.
+   */
+  begin({ masses, lengths, gravity, damping, hasBobs = true, rate, ...others }, theta, omega) {
     if (masses.length !== this.n) this.allocate(masses.length);
     const { Parameter, Member } = this.layout, { n } = this, { chain, members } = this.arrays;
-    const given = { masses, lengths, damping, centres: lengths, gravity: [gravity], gear: [Infinity], friction_speed: [1] };
+    const simple = { centres: lengths, inertias: [0], friction_speed: [1], gear: [null] };
+    const given = { ...simple, ...others, masses, lengths, damping, gravity: [gravity] };
     for (const [name, row] of Object.entries(Parameter)) {
-      const values = given[name] ?? [0];
-      for (let i = 0; i < n; i++) chain[row * n + i] = values[values.length > 1 ? i : 0];
+      const values = given[name] ?? [0]; // in JSON an infinite gear ratio is null
+      for (let i = 0; i < n; i++) chain[row * n + i] = values[values.length > 1 ? i : 0] ?? Infinity;
     }
-    [members[Member.WITH_COM], members[Member.HAS_BOBS], members[Member.STARTING]] = [1, 1, 1];
+    [members[Member.WITH_COM], members[Member.HAS_BOBS], members[Member.STARTING]] = [1, hasBobs ? 1 : 0, 1];
     this.theta.set(theta);
     this.omega.set(omega);
-    this.rate = this.fastestRate({ masses, lengths, gravity, damping });
+    this.gravity = gravity;
+    this.rate = rate ?? this.fastestRate({ masses, lengths, gravity, damping });
+    const shares = given.centres.map((centre, i) => centre / lengths[i]);
+    this.centres = hasBobs ? [] : shares;
+    // the least mass that resists a force across a rod, at its end [kg]
+    this.lightest = Math.min(...shares.map((share, i) =>
+      masses[i] * share ** 2 + (given.inertias[i] ?? 0) / lengths[i] ** 2));
     this.call("begin_one", this.handed.chain);
     this.step(0, 0, 0);
   }
@@ -106,7 +118,7 @@ class Chain {
     [timing[Timing.PER_ROTATION], timing[Timing.LAST_GROUP]] = [perRotation, 1];
     members[Member.OBSERVED] = 1;
     const { handed } = this;
-    this.call("step_one", 0, handed.actions, handed.observation, handed.outputs, handed.flags,
+    this.call("step_one", handed.actions, handed.observation, handed.outputs, handed.flags,
       handed.task, handed.wiring, handed.timing, handed.scratch);
   }
 
@@ -118,17 +130,17 @@ class Chain {
   get totalLength() { return 1 / this.arrays.members[this.layout.Member.PER_LENGTH]; }
   get totalMass() { return this.masses.reduce((sum, mass) => sum + mass, 0); }
 
-  /** Places of the joints [m], from the pivot: x and y in turns, y upwards. */
-  places() {
-    const places = new Float64Array(2 * this.n + 2);
+  /** Places [x, y] of the n + 1 joints over the length of the chain, from the pivot on, y upwards. */
+  joints() {
+    const joints = [[0, 0]], scale = 1 / this.totalLength;
     for (let i = 0; i < this.n; i++) {
-      places[2 * i + 2] = places[2 * i] + this.lengths[i] * Math.sin(this.theta[i]);
-      places[2 * i + 3] = places[2 * i + 1] - this.lengths[i] * Math.cos(this.theta[i]);
+      const [x, y] = joints[i], length = scale * this.lengths[i];
+      joints.push([x + length * Math.sin(this.theta[i]), y - length * Math.cos(this.theta[i])]);
     }
-    return places;
+    return joints;
   }
 
-  /** Velocity of a bob, counted from 0 [m/s]. */
+  /** Velocity of the bob below a rod, counted from 0 [m/s]. */
   velocity(bob) {
     let [x, y] = [0, 0];
     for (let i = 0; i <= bob; i++) {
