@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 BLUE, ORANGE, GREEN, PINK, AMBER, SKY = (
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9",
 )  # fmt: skip
@@ -13,3 +17,13 @@ def rgb(color: str) -> tuple[int, int, int]:
     """Return red, green and blue, 0 to 255, of a colour written as "#RRGGBB"."""
     red, green, blue = bytes.fromhex(color[1:])
     return red, green, blue
+
+
+def mixed(colors: Sequence[Sequence[int]], share: float) -> tuple[int, ...]:
+    """Return the colour at a share, 0 to 1, of the way along several."""
+    at = np.linspace(0.0, 1.0, len(colors))
+    channels = zip(*colors, strict=True)
+    return tuple(round(float(np.interp(share, at, channel))) for channel in channels)
+
+
+RAMP = tuple(map(rgb, (BLUE, GREEN, AMBER)))  # of bobs: gains in lightness from pivot to tip

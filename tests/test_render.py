@@ -365,9 +365,3 @@ def test_marks_are_dotted_where_they_are():
     center = np.array([columns.mean(), rows.mean()]) + 0.5
     expected = 240 + 0.44 * 480 / 3 * mark * (1, -1)
     np.testing.assert_allclose(center, expected, atol=0.5)
-
-
-def test_a_pixel_is_traced_back_to_its_place():
-    painter, scene = Painter(), hanging_arc(4)
-    seen = painter.place(where(painter.paint(scene), TIP))
-    np.testing.assert_allclose(seen, scene.positions[-1] / scene.reach, atol=2e-3)

@@ -7,9 +7,10 @@ from itertools import pairwise
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym._palette import AMBER, BLUE, GREEN, INK, ORANGE, ROD, rgb
+from npend_gym._palette import INK, ORANGE, RAMP, ROD, mixed
 from npend_gym.chain import Chain
 from npend_gym.physics.energy import bodies, positions
+from npend_gym.render.drawing import thinned
 
 _SIZE, _MARGIN = 240.0, 18.0  # of the drawing, in its units
 _LARGEST = 9.0  # radius of the heaviest bob; areas are as masses
@@ -36,7 +37,7 @@ def chain_svg(chain: Chain, title: str) -> str:
     theta = np.linspace(*_BEND, chain.n)
     ends = positions(chain, theta)
     centres = bodies(chain, theta)
-    shown = np.linspace(chain.n - 1, 0, min(chain.n, _MOST_LINKS)).round().astype(int)[::-1]
+    shown = thinned(chain.n, _MOST_LINKS)
     joints = np.vstack([np.zeros((1, 2)), ends[shown]])
     every = np.vstack([joints, centres])
     low, high = every.min(axis=0), every.max(axis=0)
@@ -81,11 +82,7 @@ def _disc(center: FloatArray, radius: float, color: str) -> str:
 
 def _ramp(k: int, count: int) -> str:
     """Return the colour of link k: from blue at the pivot to amber, the last one orange."""
-    if k == count - 1:
-        return ORANGE
-    channels = zip(*map(rgb, (BLUE, GREEN, AMBER)), strict=True)
-    mixed = [float(np.interp(k / count, (0.0, 0.5, 1.0), channel)) for channel in channels]
-    return "#" + "".join(f"{round(value):02X}" for value in mixed)
+    return ORANGE if k == count - 1 else "#" + bytes(mixed(RAMP, k / count)).hex().upper()
 
 
 def _table(chain: Chain, title: str) -> str:

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
-from npend_gym._palette import AMBER, BLUE, GREEN, INK, ORANGE, PAPER, PINK, RIM, ROD, WHITE, rgb
+from npend_gym._palette import INK, ORANGE, PAPER, PINK, RAMP, RIM, ROD, WHITE, mixed, rgb
 from npend_gym.render.scene import Scene
 
 SAMPLES = 4  # drawn this many times larger and averaged down; only powers of two keep a color
 RADIUS = 440.0  # of the reach, in thousandths of the picture; the rest is a strip for the text
 _BOBS, _TRACE = 2000, 600  # drawn at most: more than anyone can tell apart
 
-_RAMP = tuple(map(rgb, (BLUE, GREEN, AMBER)))  # gains in lightness from pivot to tip
 _TIP, _TORQUE, _PAPER, _DISC = map(rgb, (ORANGE, PINK, PAPER, WHITE))
 _RIM, _ROD, _INK = map(rgb, (RIM, ROD, INK))
 
@@ -36,9 +35,9 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
         pen.polygon(_TORQUE, motor, outline)
 
     track = np.vstack([scene.trace, scene.positions[-1:]])
-    track = pen.places(track[_thinned(len(track), _TRACE)])
+    track = pen.places(track[thinned(len(track), _TRACE)])
     for k, (start, end) in enumerate(pairwise(track), start=1):
-        pen.line(_mixed((_DISC, _TIP), 0.08 + 0.52 * k / len(track)), start, end, 4.2 * pen.fine)
+        pen.line(mixed((_DISC, _TIP), 0.08 + 0.52 * k / len(track)), start, end, 4.2 * pen.fine)
 
     bob = min(max(0.29 * RADIUS / len(scene.positions), 4.4 * pen.fine), 21.0 * pen.fine)
     (_draw_links if len(scene.centres) else _draw_bobs)(pen, scene, bob)
@@ -47,7 +46,7 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
         back = length + 26.0 + 1.6 * bob
         for outline in _arrow(-back, math.copysign(length, scene.push)):
             pen.polygon(_INK, pen.places(scene.positions[-1:])[0], outline)
-    for place in pen.places(scene.marks[_thinned(len(scene.marks), _BOBS)]):
+    for place in pen.places(scene.marks[thinned(len(scene.marks), _BOBS)]):
         pen.disc(_INK, place, min(0.45 * bob, 7.0 * pen.fine))
 
 
@@ -72,14 +71,14 @@ def _draw_bobs(pen: _Pen, scene: Scene, bob: float) -> None:
     """Draw discs of radius `bob` on thin rods."""
     n = len(scene.positions)
     tip, edge = max(1.15 * bob, 10.0 * pen.fine), 2.5
-    shown = _thinned(n, _BOBS)
+    shown = thinned(n, _BOBS)
     bobs = pen.places(scene.positions[shown])
     for start, end in pairwise([pen.pivot, *bobs]):
         pen.line(_ROD, start, end, min(max(0.42 * bob, 3.2 * pen.fine), 7.0 * pen.fine))
     for k, place in zip(shown[:-1].tolist(), bobs[:-1], strict=True):
         if 2.0 * (bob + edge) < RADIUS / n:  # bobs that touch would cut each other
             pen.disc(_DISC, place, bob + edge)
-        pen.disc(_mixed(_RAMP, k / n), place, bob)
+        pen.disc(mixed(RAMP, k / n), place, bob)
     pen.disc(_INK, pen.pivot, 9.0)
     pen.disc(_DISC, pen.pivot, 4.0)
     pen.disc(_DISC, bobs[-1], tip + edge)
@@ -91,10 +90,10 @@ def _draw_links(pen: _Pen, scene: Scene, bob: float) -> None:
     n = len(scene.positions)
     joints = _joints(scene)
     width, pin = 0.8 * bob, 0.36 * bob
-    shown = [int(k) for k in _thinned(n, _BOBS)]
+    shown = [int(k) for k in thinned(n, _BOBS)]
     ends, centres = pen.places(joints), pen.places(scene.centres)
     for k in shown:
-        color = _TIP if k == n - 1 else _mixed(_RAMP, k / n)
+        color = _TIP if k == n - 1 else mixed(RAMP, k / n)
         # a centre of mass beyond a joint is on an arm of the same body
         pen.line(_ROD, ends[k], centres[k], 0.5 * width)
         pen.bar(_DISC, ends[k], ends[k + 1], width + 2.5)
@@ -168,11 +167,6 @@ def _arc_arrow(torque: float) -> tuple[FloatArray, FloatArray]:
     return np.vstack([polar(back, 53.0), polar(back[::-1], 61.0)]), corners
 
 
-def _thinned(n: int, most: int) -> NDArray[np.int64]:
+def thinned(n: int, most: int) -> NDArray[np.int64]:
     """Return at most `most` of the indices below n, evenly, the last one among them."""
     return np.linspace(n - 1, 0, min(n, most)).round().astype(np.int64)[::-1]
-
-
-def _mixed(colors: Sequence[Sequence[int]], part: float) -> list[int]:
-    at = np.linspace(0.0, 1.0, len(colors))
-    return [round(float(np.interp(part, at, channel))) for channel in zip(*colors, strict=True)]

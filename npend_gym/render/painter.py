@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from npend_gym import _checks, _extras
-from npend_gym._checks import FloatArray
 from npend_gym._palette import INK, rgb
-from npend_gym.render.drawing import RADIUS, SAMPLES, draw_scene
+from npend_gym.render.drawing import SAMPLES, draw_scene
 from npend_gym.render.frames import Frame
 from npend_gym.render.scene import Scene
 
@@ -40,11 +38,6 @@ class Painter:
         self.size = _checks.picture_size("size", size)
         self.plain = _checks.truth("plain", plain)
         pygame_module()
-
-    def place(self, pixel: Sequence[float]) -> FloatArray:
-        """Return what the pixel (column, row) shows, over the reach: (x, y)."""
-        middle = 0.5 * self.size
-        return np.array([pixel[0] - middle, middle - pixel[1]]) * (1e3 / RADIUS / self.size)
 
     def paint(self, scene: Scene) -> Frame:
         """Return the picture of `scene`, a new array of shape (size, size, 3)."""

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, SKY, rgb
+from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, RAMP, SKY
 from npend_gym._version import __version__
 
 _SHARED = "common.js", "stage.js"
-_PALETTE = {"ramp": [rgb(color) for color in (BLUE, GREEN, AMBER)], "tip": ORANGE}
+_PALETTE = {"ramp": RAMP, "tip": ORANGE}
 _DECIMALS = 4  # kept of the places, in units of the chain's length
 # Name of a colour in the page: colour on light and on dark paper
 _COLORS = {

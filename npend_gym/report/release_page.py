@@ -17,17 +17,10 @@ from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
 from npend_gym.recording import Recording
 from npend_gym.report import player
-from npend_gym.report.release_tables import LEGEND
+from npend_gym.report.release_tables import COLUMNS, LEGEND, summary_cells
 
 SUFFIXES = (".html",)
 _SCRIPTS = "player.js", "diagram.js", "periods.js", "page.js"
-_COLUMNS = {
-    "n": "N", "measured_s": "measured [s]", "bob_spread_s": "over bobs [s]",
-    "trial_spread_s": "over trials [s]", "completed": "completed",
-    "ideal_s": "T0 [s]", "corrected_s": "T0+a [s]", "fundamental_s": "T1 [s]",
-    "ideal_error": "e(T0)", "corrected_error": "e(T0+a)", "fundamental_error": "e(T1)",
-    "com_s": "com [s]", "law_s": "T(N,a) [s]", "law_error": "e",
-}  # fmt: skip
 
 
 def write(
@@ -158,19 +151,9 @@ def _law(
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the rows of the summary as an HTML table."""
-
-    def cell(row: Mapping[str, Any], name: str) -> str:
-        value = row[name]
-        if name == "completed":
-            return f"{value}/{row['bobs']}"
-        if math.isnan(value):
-            return "-"
-        if isinstance(value, int):
-            return str(value)
-        return f"{100 * value:.1f}%" if name.endswith("error") else f"{value:.4f}"
-
-    heads = "".join(f'<th scope="col">{html.escape(title)}</th>' for title in _COLUMNS.values())
+    titles = (f"{title} [{unit}]" if unit else title for title, unit, _ in COLUMNS)
+    heads = "".join(f'<th scope="col">{html.escape(title)}</th>' for title in titles)
     body = "".join(
-        f"<tr>{''.join(f'<td>{cell(row, name)}</td>' for name in _COLUMNS)}</tr>\n" for row in rows
+        f"<tr>{''.join(f'<td>{cell}</td>' for cell in summary_cells(row))}</tr>\n" for row in rows
     )
     return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>"

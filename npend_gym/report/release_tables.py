@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +21,10 @@ from npend_gym.report.outputs import (
     write_manifest,
 )
 
-_COLUMNS = (
-    ("N", 4), ("measured", 9), ("over bobs", 10), ("over trials", 12), ("completed", 10),
-    ("T0", 8), ("T0+a", 8), ("T1", 8), ("e(T0)", 7), ("e(T0+a)", 8), ("e(T1)", 6),
-    ("com", 9), ("T(N,a)", 8), ("e", 7),
+COLUMNS = (  # of the summary: title, unit, width as text
+    ("N", "", 4), ("measured", "s", 9), ("over bobs", "s", 10), ("over trials", "s", 12),
+    ("completed", "", 10), ("T0", "s", 8), ("T0+a", "s", 8), ("T1", "s", 8), ("e(T0)", "", 7),
+    ("e(T0+a)", "", 8), ("e(T1)", "", 6), ("com", "s", 9), ("T(N,a)", "s", 8), ("e", "", 7),
 )  # fmt: skip
 
 
@@ -38,25 +39,30 @@ series (unequal rods: the exact period of small swings times it); e: between the
 
 def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
     """Return the table of `summary_rows` as text, with a legend."""
-    lines = ["".join(f"{name:>{width}}" for name, width in _COLUMNS)]
-    for row in summary_rows(experiment, runs):
-        cells = (
-            f"{row['n']}",
-            _seconds(row["measured_s"]),
-            _spread(row["bob_spread_s"]),
-            _spread(row["trial_spread_s"]),
-            f"{row['completed']}/{row['bobs']}",
-            _seconds(row["ideal_s"]),
-            _seconds(row["corrected_s"]),
-            _seconds(row["fundamental_s"]),
-            *(_percent(row[f"{key}_error"]) for key in ("ideal", "corrected", "fundamental")),
-            _seconds(row["com_s"]),
-            _seconds(row["law_s"]),
-            _percent(row["law_error"], 2),
-        )
-        lines.append("".join(f"{c:>{w}}" for c, (_, w) in zip(cells, _COLUMNS, strict=True)))
+    titles = [title for title, _, _ in COLUMNS]
+    table = [titles, *map(summary_cells, summary_rows(experiment, runs))]
+    widths = [width for _, _, width in COLUMNS]
+    lines = ["".join(f"{c:>{w}}" for c, w in zip(row, widths, strict=True)) for row in table]
     lines += ["", LEGEND.format(reading=experiment.reading, seed=experiment.seed)]
     return "\n".join(lines)
+
+
+def summary_cells(row: Mapping[str, Any]) -> list[str]:
+    """Return a row of `summary_rows` as texts, one for each of `COLUMNS`."""
+    return [
+        f"{row['n']}",
+        _seconds(row["measured_s"]),
+        _spread(row["bob_spread_s"]),
+        _spread(row["trial_spread_s"]),
+        f"{row['completed']}/{row['bobs']}",
+        _seconds(row["ideal_s"]),
+        _seconds(row["corrected_s"]),
+        _seconds(row["fundamental_s"]),
+        *(_percent(row[f"{key}_error"]) for key in ("ideal", "corrected", "fundamental")),
+        _seconds(row["com_s"]),
+        _seconds(row["law_s"]),
+        _percent(row["law_error"], 2),
+    ]
 
 
 def summary_json(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
