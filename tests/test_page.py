@@ -13,6 +13,7 @@ from npend_gym import __version__, theory
 from npend_gym.cli import main
 from npend_gym.experiments import ReleaseExperiment, run_release
 from npend_gym.recording import record_first_trials, record_release
+from npend_gym.report import player
 from npend_gym.report import release_page as report
 from npend_gym.report import release_tables as results
 
@@ -30,7 +31,9 @@ def path(runs, tmp_path_factory):
 
 
 def written(plan, runs, folder):
-    return report.write(plan, runs, record_first_trials(plan, runs), folder / "release.html")
+    path = folder / "release.html"
+    player.write(path, report.page(plan, runs, record_first_trials(plan, runs)))
+    return path
 
 
 def data_of(path):

@@ -48,11 +48,11 @@ def run(options: dict[str, Any]) -> int:
 
 def _write_release(out: Path, options: dict[str, Any]) -> None:
     from npend_gym.recording import record_first_trials
-    from npend_gym.report import release_page
+    from npend_gym.report import player, release_page
 
     experiment, runs = _measured(out, options)
     recordings = record_first_trials(experiment, runs, progress("recording"))
-    release_page.write(experiment, runs, recordings, out)
+    player.write(out, release_page.page(experiment, runs, recordings))
 
 
 def _measured(out: Path, options: dict[str, Any]) -> tuple[ReleaseExperiment, list[Run]]:

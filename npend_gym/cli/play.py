@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--n", type=int, help="number of pendulums at first (default 5)")
     option, field, kind, placeholder, text = CHAIN_OPTION
     parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
-    text = "angle of the first release, 0.09 to 3.05; 60deg are degrees (default pi/4)"
+    text = "angle of the first release, 0.09 to 3.05, to a degree; 60deg are degrees (default pi/4)"
     parser.add_argument("--amplitude", type=angle, metavar="RAD", help=text)
     text = f"only write the page, to this .html file (default: open {_PAGE})"
     parser.add_argument("--out", type=Path, metavar="FILE", help=text)
@@ -62,15 +62,15 @@ def write(
     from npend_gym.envs import EnvConfig
     from npend_gym.envs.wasm import step_chain, step_constants, step_layout, step_module
     from npend_gym.experiments import ReleaseExperiment
-    from npend_gym.report import live_page
+    from npend_gym.report import live_page, player
     from npend_gym.rl import Policy
 
     if n is not None and chain is not None:
         raise ValueError(f"n must be left out where chain is given, got {_checks.show(n)}")
     count = 5 if n is None else n
-    start = ReleaseExperiment().amplitude if amplitude is None else amplitude
+    angle = ReleaseExperiment().amplitude if amplitude is None else amplitude
     given = None if chain is None else as_chain(chain)
-    live_page.check(start, count, given)
+    start = live_page.Start(angle, count, given)
     prepare_file(out, live_page.SUFFIXES)
     policies = [Policy.pretrained(f"swingup-{rods}") for rods in _POLICIES]
     networks = [
@@ -83,4 +83,4 @@ def write(
     engine = live_page.Engine(
         step_module(moving), step_layout(moving), constants, step_chain(moving)
     )
-    live_page.write(out, engine, networks, start, count, given)
+    player.write(out, live_page.page(engine, networks, start))

@@ -6,13 +6,13 @@ import base64
 import math
 import zlib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from npend_gym import _checks, _files, theory
+from npend_gym import _checks, theory
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.report import player
 
@@ -54,65 +54,54 @@ class Engine(NamedTuple):
     chain: Mapping[str, Any]  # the parameters of the chain that it is for
 
 
-def write(
-    path: Path,
-    engine: Engine,
-    networks: Sequence[Network],
-    angle: float,
-    n: int = 5,
-    chain: Chain | None = None,
-) -> Path:
-    """Write `page` to `path`, whole or not at all."""
-    text = page(engine, networks, angle, n, chain)
-    with _files.replacing(path) as file:
-        file.write(text)
-    return path
+@dataclass(frozen=True)
+class Start:
+    """What the page shows at first.
 
-
-def check(angle: float, n: int = 5, chain: Chain | None = None) -> None:
-    """Refuse what no page shows.
+    Parameters
+    ----------
+    angle : float
+        Of the release [rad], 0.09 to 3.05; the page rounds it to a degree.
+    n : int
+        Number of equal rods, 1 to 100.
+    chain : Chain, optional
+        What moves, in place of rods that the reader chooses: at most 200 links.
 
     Raises
     ------
     ValueError
-        If the slider for the angle [rad], or that for the number of rods, does not reach so far; or
-        if the chain has a cart, springs or more than 200 links.
+        If an argument breaks its rule, or the chain has a cart or springs.
     """
-    if not _DEGREES[0] <= math.degrees(_checks.number("amplitude", angle)) <= _DEGREES[1]:
-        low, high = (math.radians(end) for end in _DEGREES)
-        raise ValueError(
-            f"amplitude must be {_checks.in_radians(f'{low:.2f} to {high:.2f}', angle)}"
-        )
-    _checks.count("n", n, high=MAX_N)
-    if chain is not None:
-        _checks.count("number of links", chain.n, high=_MOST_LINKS)
-        if chain.base is not None or chain.stiffness is not None:
+
+    angle: float
+    n: int = 5
+    chain: Chain | None = None
+
+    def __post_init__(self) -> None:
+        if not _DEGREES[0] <= math.degrees(_checks.number("amplitude", self.angle)) <= _DEGREES[1]:
+            low, high = (math.radians(end) for end in _DEGREES)
+            rule = _checks.in_radians(f"{low:.2f} to {high:.2f}", self.angle)
+            raise ValueError(f"amplitude must be {rule}")
+        _checks.count("n", self.n, high=MAX_N)
+        if self.chain is None:
+            return
+        _checks.count("number of links", self.chain.n, high=_MOST_LINKS)
+        if self.chain.base is not None or self.chain.stiffness is not None:
             raise ValueError("chain must have its pivot at rest and no springs, to be played with")
 
 
-def page(
-    engine: Engine,
-    networks: Sequence[Network],
-    angle: float,
-    n: int = 5,
-    chain: Chain | None = None,
-) -> str:
+def page(engine: Engine, networks: Sequence[Network], start: Start) -> str:
     """Return the page as text.
 
     Parameters
     ----------
     engine : Engine
-        What computes: for `chain`, where one is given.
+        What computes: for the chain of `start`, where it has one.
     networks : sequence of Network
-        What the reader may let swing up rods; they are not shown with a `chain`.
-    angle : float
-        Of the first release [rad], 0.09 to 3.05.
-    n : int
-        Number of equal rods at first, 1 to 100.
-    chain : Chain, optional
-        What moves, in place of rods that the reader chooses.
+        What the reader may let swing up rods; they are not shown beside a chain.
+    start : Start
     """
-    check(angle, n, chain)
+    chain = start.chain
     packed = [part for network in networks for part in _packed(network)]
     data = {
         "layout": engine.layout,
@@ -140,8 +129,8 @@ def page(
         by_hand="" if chain is None else " hidden",
         chain=about,
         most=MAX_N,
-        n=n,
-        angle=round(math.degrees(angle)),
+        n=start.n,
+        angle=round(math.degrees(start.angle)),
         least_angle=_DEGREES[0],
         most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
@@ -155,9 +144,8 @@ def _models(chain: Chain | None) -> dict[str, Any]:
     The limits for small angles [s] are those of every number of equal rods, or of the chain alone.
     Models that depend on the angle are to be multiplied by the factor of that angle [degree].
     """
-    chains = [Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1)]
-    if chain is not None:
-        chains = [chain]
+    uniform = (Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1))
+    chains = list(uniform) if chain is None else [chain]
     models = [theory.models(one, 0.0) for one in chains]
     limits = {
         name: [

@@ -6,11 +6,13 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from pathlib import Path
 from string import Template
 from typing import Any
 
 import numpy as np
 
+from npend_gym import _files
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, RAMP, SKY
 from npend_gym._version import __version__
@@ -92,6 +94,12 @@ def page(
         data=as_json({**data, "palette": _PALETTE}),
         script="".join(map(_read, (*_SHARED, *scripts))),
     )
+
+
+def write(path: Path, text: str) -> None:
+    """Write a page to `path`, whole or not at all."""
+    with _files.replacing(path) as file:
+        file.write(text)
 
 
 def playback(choice: str, *, hidden: bool = False) -> str:

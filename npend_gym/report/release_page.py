@@ -6,12 +6,11 @@ import html
 import math
 import shlex
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from npend_gym import _files, theory
+from npend_gym import theory
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
@@ -21,16 +20,6 @@ from npend_gym.report.release_tables import COLUMNS, LEGEND, summary_cells
 
 SUFFIXES = (".html",)
 _SCRIPTS = "player.js", "diagram.js", "periods.js", "page.js"
-
-
-def write(
-    experiment: ReleaseExperiment, runs: Sequence[Run], recordings: Sequence[Recording], path: Path
-) -> Path:
-    """Write `page` to `path`, whole or not at all."""
-    text = page(experiment, runs, recordings)
-    with _files.replacing(path) as file:
-        file.write(text)
-    return path
 
 
 def page(
