@@ -7,7 +7,7 @@ import pytest
 from test_derivatives import TINY
 from test_derivatives import dense_step as complex_step
 
-from npend_gym import Chain
+from npend_gym import Cart, Chain
 from npend_gym.envs import NPendulumVectorEnv, ResetNeeded
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 
@@ -310,18 +310,114 @@ def test_a_horizon_that_is_detached_has_no_gradient_by_what_came_before():
     assert torch.all(actions.grad[2:] != 0.0)
 
 
-BAD_ENVIRONMENTS = [
-    ({"base": "cart"}, "base must be"),
-    ({"mode": "transition", "goal_env": True, "reward_type": "sparse"}, "goal_env must be False"),
-    ({"angle_noise": 0.1}, "angle_noise must be left out"),
-    ({"randomize": {"action_delay": {"low": 0.0, "high": 2.0}}}, "action_delay must be left out"),
-]
+STRONG = {
+    "action_delay": 1.4, "motor_lag": 0.03, "torque_noise": 0.4, "torque_ripple": 0.3,
+    "push_rate": 4.0, "push_force": 2.0, "observation_delay": 2.6, "angle_noise": 0.05,
+    "velocity_noise": 0.2, "angle_resolution": 0.01, "velocity_resolution": 0.02,
+}  # fmt: skip
+UNIDEAL = {
+    "cart": {"n": 2, "base": "cart", "mode": "balance", "observation": "scaled"},
+    "elbow on a cart": {"n": 2, "base": "cart", "actuated": (1,), "rail": 0.2},
+    "links on a cart": {
+        "chain": Chain([1.0], [0.8], centres=0.4, inertias=0.05, base=Cart(1.5, 0.1)),
+        "mode": "calm", "observe_velocities": False,
+    },
+    "all errors": {"n": 2, "observation": "sincos"} | STRONG,
+    "all errors on a cart": {"n": 1, "base": "cart", "actuated": (0,), "rail": 1.0} | STRONG,
+    "whole delays": {"n": 2, "action_delay": 2, "observation_delay": 1},
+    "pushes of a passive chain": {
+        "n": 3, "mode": "passive", "push_rate": 9.0, "push_force": 3.0, "velocity_noise": 0.1,
+    },
+    "errors that are drawn": {
+        "n": 1,
+        "randomize": {
+            "action_delay": {"low": 0.0, "high": 3.0}, "motor_lag": {"low": 0.0, "high": 0.1},
+            "observation_delay": {"low": 0.0, "high": 3.0}, "masses": (0.5, 1.5),
+            "angle_noise": {"low": 0.0, "high": 0.1}, "max_torque": (0.5, 1.0),
+        },
+    },
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(("keywords", "text"), BAD_ENVIRONMENTS)
-def test_what_has_no_gradient_is_refused_by_the_environment(keywords, text):
-    with pytest.raises(ValueError, match=text):
-        DifferentiableVectorEnv(2, **keywords)
+@pytest.mark.parametrize("autoreset", ["NEXT_STEP", "SAME_STEP"])
+@pytest.mark.parametrize("task", UNIDEAL)
+def test_carts_motors_and_sensors_are_those_of_the_native_environment(task, autoreset):
+    keywords = {"num_envs": 5, "max_episode_steps": 25, "autoreset_mode": autoreset}
+    keywords |= UNIDEAL[task]
+    native, ours = NPendulumVectorEnv(**keywords), DifferentiableVectorEnv(**keywords)
+    assert ours.observation_space == native.observation_space
+    assert ours.action_space == native.action_space
+    native.action_space.seed(0)
+    (expected, _), (got, _) = native.reset(seed=4), ours.reset(seed=4)
+    ended = 0
+    for k in range(60):
+        np.testing.assert_allclose(got, expected, rtol=1e-5, atol=2e-5)
+        if k == 30:  # some lanes again
+            mask = {"reset_mask": np.array([True, False, True, False, False])}
+            expected, got = (env.reset(options=mask)[0] for env in (native, ours))
+        action = native.action_space.sample()
+        tensor = torch.from_numpy(action)
+        tensor = tensor.double() if tensor.is_floating_point() else tensor
+        expected, reward, *flags, info = native.step(action)
+        got, rewards, *ends, infos = ours.step(tensor)
+        np.testing.assert_allclose(rewards, reward, rtol=1e-8, atol=1e-9)
+        for mine, theirs in zip(ends, flags, strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+        if autoreset == "NEXT_STEP":
+            for key in infos:
+                np.testing.assert_allclose(infos[key], info[key], rtol=1e-7, atol=1e-8)
+        ended += int((flags[0] | flags[1]).sum())
+    assert ended >= 8
+    ours.close()
+
+
+def test_observations_with_goals_are_those_of_the_native_environment():
+    keywords = {"n": 2, "mode": "transition", "goal_env": True, "reward_type": "sparse"}
+    native, ours = NPendulumVectorEnv(3, **keywords), DifferentiableVectorEnv(3, **keywords)
+    native.action_space.seed(0)
+    expected, got = native.reset(seed=1)[0], ours.reset(seed=1)[0]
+    for _ in range(5):
+        assert set(got) == set(expected)
+        for key in expected:
+            np.testing.assert_allclose(got[key], expected[key], rtol=1e-6, atol=1e-6)
+        action = native.action_space.sample()
+        expected, got = native.step(action)[0], ours.step(torch.from_numpy(action).double())[0]
+
+
+@pytest.mark.parametrize("task", ["elbow on a cart", "all errors", "all errors on a cart"])
+def test_gradients_through_motors_and_sensors_are_those_of_differences(task):
+    """Rounding is left out: it has the gradient of the identity, which differences have not."""
+    smooth = {"angle_resolution": 0.0, "velocity_resolution": 0.0, "push_force": 0.5}
+    chosen = {key: value for key, value in smooth.items() if key in UNIDEAL[task]}
+    env = DifferentiableVectorEnv(2, **UNIDEAL[task] | chosen)
+
+    def total(actions):
+        env.reset(seed=2)
+        value = 0.0
+        for k, action in enumerate(actions):
+            observation, reward, *_ = env.step(action)
+            value = value + reward.sum() + (0.1 + 0.01 * k) * observation.sum()
+        return value
+
+    rng = np.random.default_rng(0)
+    given = rng.uniform(-0.5, 0.5, (6, 2, env.action_size))
+    actions = torch.from_numpy(given).requires_grad_()
+    (gradient,) = torch.autograd.grad(total(actions), actions)
+    h = 1e-5
+    for place in ((0, 0, 0), (2, 1, env.action_size - 1), (4, 0, 0)):
+        ends = []
+        for sign in (h, -h):
+            moved = torch.from_numpy(given.copy())
+            moved[place] += sign
+            with torch.no_grad():
+                ends.append(float(total(moved)))
+        slope = (ends[0] - ends[1]) / (2.0 * h)
+        assert abs(slope - float(gradient[place])) < 1e-6 * max(1.0, abs(slope))
+
+
+def test_what_tensors_cannot_be_is_refused_by_the_environment():
+    with pytest.raises(ValueError, match="randomize must leave cart_mass out"):
+        DifferentiableVectorEnv(2, base="cart", randomize={"cart_mass": (0.5, 1.5)})
 
 
 def test_bad_actions_change_nothing():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from npend_gym.envs.hardware import fit_hardware
 from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.options import CART_STATE, EQUILIBRIA, KeptOptions
-from npend_gym.envs.outputs import Outputs
+from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.settings import OF_CART
 from npend_gym.envs.snapshots import Snapshots, States, seeds_of
@@ -30,16 +30,6 @@ from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory, Plan
 
 STATE = Rod.THETA, Rod.OMEGA
-
-
-class Beginnings(NamedTuple):
-    """How the present episodes of B lanes began, new arrays."""
-
-    state: FloatArray  # as `Episodes.angles` has it, (B, 2n)
-    chains: ChainParameters  # (B, n)
-    limits: FloatArray  # torque, or force on a cart, of the action 1, (B, joints)
-    goals: FloatArray  # cosines, +-1, of the equilibrium to reach, (B, n), or (B, 0) without goals
-    context: FloatArray  # the numbers drawn, (B, k)
 
 
 class Episodes:
@@ -60,6 +50,10 @@ class Episodes:
     ----------
     seeds : sequence of int
         The seed of every lane.
+    keys : ndarray, uint64, shape (2, lanes)
+        Of the seeds.
+    motors, sensors : Motors, Sensors or None
+        None where they are ideal.
     outputs : Outputs
         What is told of the last step or start.
     snapshots : Snapshots
@@ -84,7 +78,7 @@ class Episodes:
             for name in OF_CART:
                 members[getattr(Setting, name)] = getattr(config, name)
         self.seeds: Sequence[int] = [0] * count
-        self._keys: Keys = np.zeros((2, lanes), np.uint64)
+        self.keys: Keys = np.zeros((2, lanes), np.uint64)
         nominal = config.chain.repeated(1).stacked()[0]
         self._context = np.zeros((lanes, len(random.names)))
         self._start = start_plan(config.mode, config.spread)
@@ -95,20 +89,20 @@ class Episodes:
         self._wiring[Wiring.PER_SPEED, :n] = 1.0 / config.speed_scale
         self._actions = aligned_zeros(joints.size, lanes)  # of the next step
         self._beginning = (
-            self._keys, nominal, random.draws, self._start, self._context, self._actions
+            self.keys, nominal, random.draws, self._start, self._context, self._actions
         )  # fmt: skip
         timing = config.dt, config.min_substeps, config.max_rotation
         self._stepping, self._looking = (
             self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
         )  # fmt: skip
         self._commands = self._actions  # what the step kernel turns into torques
-        self._motors, self._sensors = fit_hardware(config, self._memory)
-        if self._motors is not None:
-            self._stepping = self._motors.plan
-            self._commands = self._motors.no_actions
-        self.snapshots = Snapshots(config, self._memory, self._keys, self._kept_arrays)
+        self.motors, self.sensors = fit_hardware(config, self._memory)
+        if self.motors is not None:
+            self._stepping = self.motors.plan
+            self._commands = self.motors.no_actions
+        self.snapshots = Snapshots(config, self._memory, self.keys, self._kept_arrays)
         self.outputs = Outputs(
-            config, self._memory, self._motors, self._context, with_quantities=self._judge == 0
+            config, self._memory, self.motors, self._context, with_quantities=self._judge == 0
         )
         self._kept = KeptOptions(count)
         # lanes that are not as made, by options or a state, and whether there are any
@@ -119,14 +113,14 @@ class Episodes:
     def _kept_arrays(self) -> dict[str, FloatArray]:
         """Return views (lanes, ...) of what belongs to the state beside the memory."""
         kept = {"actions": self._actions.T, "context": self._context}
-        for part in (self._motors, self._sensors):
+        for part in (self.motors, self.sensors):
             kept |= part.kept if part is not None else {}
         return kept
 
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
         fresh = Episodes(self.config, self.count, self._memory.threads, self._max_steps)
-        fresh.seeds, fresh._keys[:] = self.seeds, self._keys
+        fresh.seeds, fresh.keys[:] = self.seeds, self.keys
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
         fresh._kept, fresh.some_altered = self._kept, True
         return fresh
@@ -136,7 +130,7 @@ class Episodes:
     def seed(self, lanes: NDArray[np.int64], seeds: Sequence[int], keys: Keys) -> None:
         """Give `lanes` new keys (2, k), `seeds` being those of all: their next episode is 0."""
         self.seeds = seeds
-        self._keys[:, lanes] = keys
+        self.keys[:, lanes] = keys
         self._memory.members[Episode.EPISODE, lanes] = -1.0
 
     def start(self, mask: BoolArray, options: Mapping[str, Any] | None = None) -> None:
@@ -146,8 +140,8 @@ class Episodes:
         """
         memory, by_python = self._memory, self._start[0] == BY_PYTHON
         memory.arrays[0][Episode.STARTING, : self.count] = mask
-        if self._motors is not None:
-            self._motors.torques[:, : self.count][:, mask] = 0.0
+        if self.motors is not None:
+            self.motors.torques[:, : self.count][:, mask] = 0.0
         given = self._take_options(mask, options) if options or self.some_altered else ()
         begin_episodes(*memory.arrays, *self._beginning)
         if by_python:
@@ -224,13 +218,7 @@ class Episodes:
 
     def beginnings(self) -> Beginnings:
         """Return how the episodes began, after `start` and before a step."""
-        members, config = self._memory.members, self.config
-        limits = np.tile(members[Setting.max_torque], (config.joints.size, 1)).T
-        limits[:, config.joints == config.n] = members[Setting.max_force][:, None]
-        none = np.zeros((self.count, 0))
-        goals = self._memory.read(Pose.GOAL) if config.mode.has_goals else none
-        context = self._context[: self.count].copy()
-        return Beginnings(self.angles, self._memory.parameters, limits, goals, context)
+        return self.outputs.beginnings(self.angles)
 
     @property
     def angles(self) -> FloatArray:
@@ -276,20 +264,20 @@ class Episodes:
         if starting is not None:
             self.start(starting)
         self.outputs.renew()
-        if self._motors is not None:
-            self._motors.drive(self._keys, self._actions)
+        if self.motors is not None:
+            self.motors.drive(self.keys, self._actions)
         self._run(self._stepping)
         if self._judge == 0:
             self._judge_by_python(observes=False)
 
     def _run(self, plan: Plan) -> None:
         """Call the step kernel, and then the sensors."""
-        outputs, sensors = self.outputs, self._sensors
+        outputs, sensors = self.outputs, self.sensors
         shown = outputs.observations if sensors is None else sensors.no_observation
         arrays = self._commands, shown, outputs.rows, outputs.flags, self._task, self._wiring
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
-            sensors.observe(self._keys, outputs.observations, self._task, self._wiring, plan)
+            sensors.observe(self.keys, outputs.observations, self._task, self._wiring, plan)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
@@ -336,9 +324,9 @@ class Episodes:
 
     def pushes(self) -> FloatArray:
         """Return the forces at the tips in the last step, over the largest, (B,)."""
-        if self._motors is None or self.config.largest["push_force"] == 0.0:
+        if self.motors is None or self.config.largest["push_force"] == 0.0:
             return np.zeros(self.count)
-        return self._motors.pushes[: self.count] / self.config.largest["push_force"]
+        return self.motors.pushes[: self.count] / self.config.largest["push_force"]
 
     def chain_length(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""

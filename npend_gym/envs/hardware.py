@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys
 from npend_gym.envs.modes import Mode
-from npend_gym.envs.motors import Command, apply_many, apply_one
-from npend_gym.envs.rows import Setting
-from npend_gym.envs.sensors import sense_many, sense_one
+from npend_gym.envs.motors import Command, apply_many, apply_one, draw_disturbances
+from npend_gym.envs.rows import Episode, Setting
+from npend_gym.envs.sensors import draw_sensor_noise, sense_many, sense_one
 from npend_gym.envs.settings import FIELDS, HARDWARE, Limit, SensorSettings
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.memory import Memory, Plan
@@ -119,6 +119,24 @@ class Motors:
         """The force at the tip of each lane in the last step [N], (lanes,)."""
         return self._commands[Command.PUSH, 0]
 
+    @property
+    def pieces(self) -> int:
+        """Into how many equal pieces a step is divided."""
+        return self._pieces
+
+    def disturbances(
+        self, keys: Keys, steps: NDArray[Any], dt: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the noise of the torques [N m], (B, joints), and the forces at the tips [N], (B,).
+
+        They are those that `drive` draws for the lanes in these steps of their episodes, (B,).
+        """
+        memory, motors = self._memory, self._joints.size
+        memory.members[Episode.STEPS] = steps
+        draw_disturbances(memory.arrays[0], keys, dt, motors, self._commands)
+        noise, push = self._commands[Command.NOISE, :motors], self.pushes
+        return noise[:, : memory.size].T.copy(), push[: memory.size].copy()
+
     def drive(self, keys: Keys, actions: FloatArray) -> None:
         """Set the torques of a step, and take all of its pieces but the last."""
         run, arrays = self._memory.run, (keys, actions, self._joints, self._past, self._commands)
@@ -149,6 +167,17 @@ class Sensors:
     def kept(self) -> dict[str, FloatArray]:
         """Arrays (lanes, ...) that belong to the state of an environment."""
         return {"past_states": self._history} if self._history.shape[1] > 0 else {}
+
+    def noise(self, keys: Keys, steps: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
+        """Return the noise of angles and velocities over its deviations, (B, n) each.
+
+        It is that which `observe` draws for the lanes in these steps of their episodes, (B,).
+        """
+        memory = self._memory
+        memory.members[Episode.STEPS] = steps
+        first, second = np.zeros((2, memory.size, memory.n))
+        draw_sensor_noise(memory.arrays[0], keys, first, second)
+        return first, second
 
     def observe(
         self, keys: Keys, observation: NDArray[np.float32], task: FloatArray,

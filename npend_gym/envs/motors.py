@@ -89,6 +89,16 @@ def _disturb(
                 push[lane] = members[Setting.push_force, lane] * (2.0 * unit(words[1]) - 1.0)
 
 
+@kernel
+def draw_disturbances(
+    members: FloatArray, keys: Keys, dt: float, motors: int, commands: FloatArray
+) -> None:
+    """Write NOISE and PUSH of a step of `dt` [s] into `commands`, of all lanes."""
+    members, keys, commands = bare(members), bare(keys), bare(commands)
+    for lane in range(keys.shape[1]):
+        _disturb(members, lane, 1, dt, keys, motors, commands)
+
+
 # These three are no part of their caller, where the compiler would compute most of them in advance,
 # needed or not
 

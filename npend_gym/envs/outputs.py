@@ -6,17 +6,19 @@ import copy
 import math
 from collections.abc import Callable
 from operator import attrgetter
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import ChainParameters
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.goals import of_lane, with_goals
 from npend_gym.envs.hardware import Motors
 from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, TRUTHS, BatchInfo, Info
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, first_row
+from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, Setting, first_row
+from npend_gym.envs.settings import HARDWARE
 from npend_gym.physics.kernels.layout import Rod
 from npend_gym.physics.memory import Memory
 
@@ -49,6 +51,17 @@ def _info_maker(keys: tuple[str, ...], n: int) -> Callable[..., Info[float, int,
             value = f"outputs.{TABLE[name][1].read}(0)"
         entries.append(f"{name!r}: {value}")
     return eval(f"lambda outputs, lane, numbers, flags: {{{', '.join(entries)}}}")  # noqa: S307
+
+
+class Beginnings(NamedTuple):
+    """How the present episodes of B lanes began, new arrays."""
+
+    state: FloatArray  # as `Episodes.angles` has it, (B, 2c)
+    chains: ChainParameters  # (B, n)
+    limits: FloatArray  # torque, or force on a cart, of the action 1, (B, joints)
+    goals: FloatArray  # cosines, +-1, of the equilibrium to reach, (B, n), or (B, 0) without goals
+    context: FloatArray  # the numbers drawn, (B, k)
+    settings: dict[str, FloatArray]  # of motors and sensors, by their keyword, (B,)
 
 
 class Outputs:
@@ -127,6 +140,16 @@ class Outputs:
         observations, rows, flags = self._shapes
         self.observations, self.rows = np.empty(observations, np.float32), np.empty(rows)
         self.flags = np.empty(flags, np.bool_)
+
+    def beginnings(self, state: FloatArray) -> Beginnings:
+        """Return how the present episodes began, in these states."""
+        members, config, count = self._memory.members, self.config, self.count
+        limits = np.tile(members[Setting.max_torque], (config.joints.size, 1)).T
+        limits[:, config.joints == config.n] = members[Setting.max_force][:, None]
+        goals = self._memory.read(Pose.GOAL) if config.mode.has_goals else np.zeros((count, 0))
+        settings = {name: members[getattr(Setting, name)].copy() for name in HARDWARE}
+        chains, context = self._memory.parameters, self._context[:count].copy()
+        return Beginnings(state, chains, limits, goals, context, settings)
 
     @property
     def observation(self) -> Any:

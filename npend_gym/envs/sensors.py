@@ -30,21 +30,24 @@ _THETA, _OMEGA = Scratch.THETA, Scratch.OMEGA
 _FIRST_NOISE, _SECOND_NOISE = Scratch.STEP_THETA, Scratch.STEP_OMEGA
 
 
-@inlined_kernel
-def _interpolate(
-    older: FloatArray, newer: FloatArray, fraction: float, dt: float, i: int
-) -> tuple[float, float]:
-    """Return angle and angular velocity of rod i, a `fraction` of a step before `newer`.
+def interpolate(
+    older: tuple[Any, Any], newer: tuple[Any, Any], fraction: Any, dt: float
+) -> tuple[Any, Any]:
+    """Return angle and angular velocity a `fraction` of a step before `newer`.
 
-    The cubic that has the angles and angular velocities of both states, and its derivative.
+    The cubic that has the angles and angular velocities of both states, and its derivative; numbers
+    or tensors.
     """
-    size, s = older.size // 2, 1.0 - fraction
-    turned = newer[i] - older[i]
-    first, last = dt * older[size + i], dt * newer[size + i]
+    s = 1.0 - fraction
+    turned = newer[0] - older[0]
+    first, last = dt * older[1], dt * newer[1]
     # theta = older + s (first + s (bend + s twist)), s from 0 at `older` to 1 at `newer`
     bend, twist = 3.0 * turned - 2.0 * first - last, first + last - 2.0 * turned
-    theta = older[i] + s * (first + s * (bend + s * twist))
+    theta = older[0] + s * (first + s * (bend + s * twist))
     return theta, (first + s * (2.0 * bend + s * (3.0 * twist))) / dt
+
+
+_interpolate = inlined_kernel(interpolate)
 
 
 @inlined_kernel
@@ -69,7 +72,8 @@ def _look_back(
         for i in range(size):
             angle, speed = newer[i], newer[size + i]
             if delay > whole:
-                angle, speed = _interpolate(older, newer, delay - whole, dt, i)
+                before, now = (older[i], older[size + i]), (angle, speed)
+                angle, speed = _interpolate(before, now, delay - whole, dt)
             theta[i * width + k], omega[i * width + k] = angle, speed
 
 
@@ -88,6 +92,17 @@ def _draw_noise(
             if i + 1 < n:
                 j = (i + 1) * width + k
                 first[j], second[j] = unit(words[2]), unit(words[3])
+
+
+@kernel
+def draw_sensor_noise(
+    members: FloatArray, keys: Keys, first: FloatArray, second: FloatArray
+) -> None:
+    """Write the noise of a step over its deviations: of angles and of velocities, (lanes, n)."""
+    members, keys, first, second = bare(members), bare(keys), bare(first), bare(second)
+    for k in range(first.shape[0]):
+        _draw_noise(members, k, 1, first.shape[1], keys, first[k], second[k])
+        make_normal(first[k], second[k])
 
 
 @inlined_kernel

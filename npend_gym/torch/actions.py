@@ -9,7 +9,6 @@ from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.settings import COUNTED, HARDWARE
 from npend_gym.torch.steps import check_tensor
 
 
@@ -22,19 +21,22 @@ class Receiver(Protocol):
     device: torch.device
 
 
-def check_config(config: EnvConfig) -> EnvConfig:
-    """Return the settings, refused where they ask for what has no gradient here."""
-    if config.has_cart:
-        raise ValueError('base must be "pivot" in an environment of tensors, got "cart"')
-    if config.goal_env:
-        raise ValueError("goal_env must be False in an environment of tensors, got True")
-    for name in HARDWARE:
-        if name not in COUNTED and config.largest[name] > 0.0:
+def check_config(config: EnvConfig, device: torch.device, *, is_ideal: bool) -> None:
+    """Refuse settings that these environments cannot take.
+
+    `is_ideal` says whether motors and sensors are.
+    """
+    for name in ("cart_mass", "rail_damping"):
+        if name in config.randomization.names:
             raise ValueError(
-                f"{name} must be left out in an environment of tensors, whose motors and sensors "
-                f"are ideal; got {config.largest[name]:g}"
+                f"randomize must leave {name} out in an environment of tensors, whose carts are "
+                "all alike"
             )
-    return config
+    if device.type != "cpu" and (config.has_cart or not is_ideal):
+        raise ValueError(
+            'device must be "cpu" for a cart, or for motors and sensors that are not ideal; got '
+            f'"{device}"'
+        )
 
 
 def check_place(name: str, given: Tensor, device: torch.device) -> None:
@@ -44,6 +46,17 @@ def check_place(name: str, given: Tensor, device: torch.device) -> None:
             f"{name} must be on the environment's device {device}, got {given.device}: make the "
             "environment with device=..., or convert with .to(...)"
         )
+
+
+def checked_coordinates(
+    name: str, given: Tensor, shape: tuple[int, ...], device: torch.device
+) -> Tensor:
+    """Return coordinates or rates as float64, or say what is wrong with them."""
+    tensor = check_tensor(name, given).to(torch.float64)
+    check_place(name, tensor, device)
+    if tensor.shape != shape:
+        raise ValueError(f"{name} must have the shape {shape}, got {tuple(tensor.shape)}")
+    return tensor
 
 
 def clipped_action(action: Any, env: Receiver) -> Tensor:

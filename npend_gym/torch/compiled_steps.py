@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain, ChainParameters, check_parameter
+from npend_gym.chain import Cart, Chain, ChainParameters, check_parameter
 from npend_gym.compiled.sincos import MAX_ANGLE
+from npend_gym.envs.config import EnvConfig
 from npend_gym.physics import DifferentiableEnsemble, StepGradient
 from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
 from npend_gym.physics.memory import Plan
+from npend_gym.physics.substeps import chain_of
 from npend_gym.torch.divergence import DivergedError, check_bars
 
 _MAX_ENSEMBLES = 16  # of different sizes, that are kept
@@ -53,6 +55,22 @@ class _Lanes(DifferentiableEnsemble):
             return states
         first, second = (np.column_stack(pair) for pair in zip(states, self.cart, strict=True))
         return first, second
+
+
+def env_steps(config: EnvConfig, threads: int, pieces: int | None) -> CompiledSteps:
+    """Return the steps of an environment, or of the `pieces` into which its motors divide one.
+
+    Loads are on the joints with a motor, or on all with `pieces`, and on the cart.
+    """
+    chain, n = chain_of(config.randomization.richest, 0), config.n
+    if config.cart_mass is not None:
+        base = Cart(config.cart_mass, config.rail_damping)
+        chain = Chain.from_dict(chain.as_dict() | {"base": base})
+    joints: list[int] = config.joints[config.joints < n].tolist() or [0]
+    if pieces is not None:
+        joints = list(range(n))
+    timing = config.min_substeps // (pieces or 1), config.max_rotation
+    return CompiledSteps(chain, joints, threads, timing)
 
 
 class CompiledSteps:
@@ -181,6 +199,11 @@ class CompiledSteps:
             ensemble.rows = rows
         ensemble.put(theta, omega)
         return ensemble
+
+    def close(self) -> None:
+        """End the threads of all ensembles."""
+        while self._ensembles:
+            self._ensembles.popitem()[1].close()
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_ensembles": {}}

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
 from torch import Tensor
 from typing_extensions import Unpack
 
@@ -24,13 +25,13 @@ from npend_gym.envs.keywords import with_config_keywords
 from npend_gym.envs.options import checked_options, given_options
 from npend_gym.envs.progress import Progress, lanes_are_done
 from npend_gym.envs.seeds import Seeds
-from npend_gym.physics.substeps import chain_of
-from npend_gym.torch.actions import check_config, check_place, clipped_action
+from npend_gym.torch.actions import check_config, checked_coordinates, clipped_action
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
-from npend_gym.torch.compiled_steps import CompiledSteps
+from npend_gym.torch.compiled_steps import env_steps
 from npend_gym.torch.divergence import DivergedError
-from npend_gym.torch.judging import Lanes, State, judge, observe, quantities
-from npend_gym.torch.steps import check_device, check_tensor
+from npend_gym.torch.hardware import IdealMotors, Motors, Sensors
+from npend_gym.torch.judging import Lanes, State, judge, observe, quantities, with_goals
+from npend_gym.torch.steps import check_device
 
 
 @with_config_keywords
@@ -57,8 +58,13 @@ class DifferentiableVectorEnv:
     device : torch.device or str
         Where all tensors are: "cpu", or "cuda" for steps on a GPU, which need the extra "cuda".
     **keywords
-        As for `NPendulumEnv`, but for carts, `goal_env` and what makes motors and sensors less than
-        ideal.
+        As for `NPendulumEnv`. On "cuda" motors and sensors are ideal and the pivot is at rest, and
+        nowhere does `randomize` draw the mass or the damping of a cart.
+
+    Attributes
+    ----------
+    single_observation_space, single_action_space, observation_space, action_space : Space
+        As those of `NPendulumVectorEnv`; tensors take the place of arrays.
 
     Notes
     -----
@@ -85,24 +91,30 @@ class DifferentiableVectorEnv:
         device: str | torch.device = "cpu",
         **keywords: Unpack[EnvKeywords],
     ) -> None:
-        config = check_config(make_config(DifferentiableVectorEnv, keywords))
+        config = make_config(DifferentiableVectorEnv, keywords)
         self.num_envs = checked_num_envs(num_envs, config.chain.n)
         self.max_episode_steps = checked_episode_steps(max_episode_steps)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         if dtype not in (torch.float64, torch.float32):
             raise TypeError(f"dtype must be torch.float64 or torch.float32, got {dtype}")
         self.config, self.dtype, self.device = config, dtype, check_device(device)
+        self.single_observation_space = config.observation_space
+        self.single_action_space = config.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_size = config.observed
         self.action_size = config.joints.size
-        self._episodes = Episodes(config, self.num_envs, 1, self.max_episode_steps)
+        self._episodes = episodes = Episodes(config, self.num_envs, 1, self.max_episode_steps)
         self._seeds = Seeds(self.num_envs)
-        richest = chain_of(config.randomization.richest, 0)
-        timing = config.min_substeps, config.max_rotation
-        joints: list[int] = config.joints.tolist() or [0]
-        self._steps = CompiledSteps(richest, joints, threads, timing)
+        motors, sensors, keys = episodes.motors, episodes.sensors, episodes.keys
+        self._motors = IdealMotors(config) if motors is None else Motors(config, motors, keys)
+        self._sensors = None if sensors is None else Sensors(config, sensors, keys)
+        is_ideal = motors is None and sensors is None
+        check_config(config, self.device, is_ideal=is_ideal)
+        self._steps = env_steps(config, threads, None if motors is None else motors.pieces)
         self._progress = Progress.NEW
         size = self.num_envs
-        self._theta: Tensor = self._zeros(size, config.n)
+        self._theta: Tensor = self._zeros(size, config.state_size // 2)  # and the place of a cart
         self._omega: Tensor = self._theta
         self._start_energy = self._zeros(size)
         self._age = self._held = self._zeros(size, dtype=torch.int64)
@@ -160,24 +172,30 @@ class DifferentiableVectorEnv:
         began = self._episodes.beginnings()
         alike = not config.randomization.names and not self._episodes.some_altered
         self._lanes = lanes = Lanes.of(began, config, self.device, alike=alike)
+        self._settings = {name: torch.from_numpy(x) for name, x in began.settings.items()}
         self._theta, self._omega = self._replaced(
             mask, torch.from_numpy(began.state).to(self.device)
         )
+        self._motors.begin(mask)
+        if self._sensors is not None:
+            self._sensors.begin(mask, self._theta, self._omega)
         state = State.of(self._theta, self._omega, lanes)
         energy = state.energy.detach()
         energy = torch.where(energy > 0.0, energy, lanes.lifting_energy)
         self._start_energy = torch.where(mask, energy, self._start_energy)
         with torch.no_grad():
-            judged = quantities(state, lanes, self._start_energy, torch.zeros_like(energy))
-            achieved = judge(config.mode, judged, sparse=False)[2]
+            none = torch.zeros_like(energy)
+            judged = quantities(state, lanes, self._start_energy, none, config.rail)
+            achieved = judge(config.mode, judged, sparse=False, on_cart=config.has_cart)[2]
         self._age = torch.where(mask, 0, self._age)
         self._held = torch.where(mask, achieved.to(torch.int64), self._held)
         return state
 
     def _replaced(self, mask: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
-        """Return theta and omega with new ones, (B, 2n), in the lanes of `mask`."""
-        n = self.config.n
-        theta, omega = start[:, :n], start[:, n:]
+        """Return q and u with new ones, as `Episodes.angles` has them, in the lanes of `mask`."""
+        n = self.config.n  # and of a cart two columns more
+        theta, omega, place, velocity = start.tensor_split((n, 2 * n, 2 * n + 1), dim=1)
+        theta, omega = torch.cat([theta, place], 1), torch.cat([omega, velocity], 1)
         if mask.all():  # what came before is no part of the graph then
             return theta, omega
         column = mask[:, None]
@@ -234,16 +252,17 @@ class DifferentiableVectorEnv:
         return result
 
     def _advance(self, clipped: Tensor) -> None:
-        torque = clipped * self._lanes.limits
-        if self.config.joints.size == 0:
-            torque = self._zeros(self.num_envs, 1)
         self._taken += 1
-        try:
-            call = Call(self._steps, self.config.dt, rows=self._lanes.rows)
-            after = applied(Step, call, self._theta, self._omega, torque)
-        except DivergedError as error:
-            raise error.in_step(self._taken) from None
-        self._theta, self._omega = after
+        motors = self._motors
+        motors.act(clipped, self._age, self._settings)
+        call = Call(self._steps, self.config.dt / motors.pieces, rows=self._lanes.rows)
+        for piece in range(motors.pieces):
+            state = self._theta, self._omega
+            loads = motors.loads(piece, *state, self._lanes, self._settings)
+            try:
+                self._theta, self._omega = applied(Step, call, *state, loads)
+            except DivergedError as error:
+                raise error.in_step(self._taken) from None
 
     def _outcome(
         self, clipped: Tensor, fresh: Tensor | None
@@ -252,9 +271,9 @@ class DifferentiableVectorEnv:
         config, lanes = self.config, self._lanes
         state = State.of(self._theta, self._omega, lanes)
         squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._zeros(self.num_envs)
-        judged = quantities(state, lanes, self._start_energy, squares)
+        judged = quantities(state, lanes, self._start_energy, squares, config.rail)
         reward, terminated, achieved = judge(
-            config.mode, judged, sparse=config.reward_type == "sparse"
+            config.mode, judged, sparse=config.reward_type == "sparse", on_cart=config.has_cart
         )
         self._age, held = self._age + 1, self._held + 1
         if fresh is not None:
@@ -265,6 +284,8 @@ class DifferentiableVectorEnv:
         if self.max_episode_steps is not None:
             truncated = self._age >= self.max_episode_steps
         self._done = terminated | truncated
+        if self._sensors is not None:
+            self._sensors.see(self._theta, self._omega)
         info, observation = self._info(state), self._observation(state)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             info["final_obs"] = observation
@@ -273,8 +294,14 @@ class DifferentiableVectorEnv:
                 self._done = torch.zeros_like(terminated)
         return observation, reward.to(self.dtype), terminated, truncated, info
 
-    def _observation(self, state: State) -> Tensor:
-        return observe(self.config, state, self._lanes).to(self.dtype)
+    def _observation(self, state: State) -> Any:
+        sensed = state
+        if self._sensors is not None:
+            sensed = State.of(*self._sensors.sensed(self._age, self._settings), self._lanes)
+        observation = observe(self.config, sensed, self._lanes).to(self.dtype)
+        if self.config.goal_env:
+            return with_goals(observation, state, self._lanes)
+        return observation
 
     def _info(self, state: State) -> dict[str, Tensor]:
         info = {
@@ -284,6 +311,8 @@ class DifferentiableVectorEnv:
             "time": self._age * self.config.dt,
             "success": self._held > self.config.hold_steps,
         }
+        if state.place is not None and state.velocity is not None:
+            info |= {"cart_position": state.place, "cart_velocity": state.velocity}
         if self.config.mode.has_goals:
             info["goal"] = torch.where(self._lanes.goals < 0.0, np.pi, 0.0)
         return info
@@ -291,14 +320,22 @@ class DifferentiableVectorEnv:
     # -- states -----------------------------------------------------------------------------
 
     def detach(self) -> None:
-        """Cut the graph: gradients of what comes later end here, and its memory is given back."""
+        """Cut the graph: gradients of what comes later end here."""
         self._theta, self._omega = self._theta.detach(), self._omega.detach()
+        self._motors.detach()
+        if self._sensors is not None:
+            self._sensors.detach()
+
+    def close(self) -> None:
+        """End the threads."""
+        self._steps.close()
 
     @property
     def state(self) -> tuple[Tensor, Tensor]:
-        """Angles [rad] and angular velocities [rad/s], (B, n) each, float64, with their graph.
+        """Angles [rad] and angular velocities [rad/s], float64, with their graph.
 
-        They can be set, to tensors with gradients too. Nothing else changes with them.
+        (B, n) each; with a cart (B, n + 1), its position [m] and velocity [m/s] last. They can be
+        set, to tensors with gradients too. Nothing else changes with them.
         """
         if self._progress is not Progress.READY:
             raise self._progress.refuse("state")
@@ -308,11 +345,8 @@ class DifferentiableVectorEnv:
     def state(self, value: tuple[Tensor, Tensor]) -> None:
         if self._progress is not Progress.READY:
             raise self._progress.refuse("state")
-        wanted, checked = (self.num_envs, self.config.n), []
-        for name, given in zip(("theta", "omega"), value, strict=True):
-            tensor = check_tensor(name, given).to(torch.float64)
-            check_place(name, tensor, self.device)
-            if tensor.shape != wanted:
-                raise ValueError(f"{name} must have the shape {wanted}, got {tuple(tensor.shape)}")
-            checked.append(tensor)
-        self._theta, self._omega = checked
+        shape = tuple(self._theta.shape)
+        self._theta, self._omega = (
+            checked_coordinates(name, given, shape, self.device)
+            for name, given in zip(("theta", "omega"), value, strict=True)
+        )

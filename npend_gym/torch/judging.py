@@ -12,8 +12,12 @@ from torch import Tensor
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig, Mode, Quantities
-from npend_gym.envs.episodes import Beginnings
-from npend_gym.physics.energy import kinetic_from, lift_from
+from npend_gym.envs.cart import cart_speed_factor
+from npend_gym.envs.goals import MAX_KINETIC_ENERGY
+from npend_gym.envs.modes import left_rail, rail_factor
+from npend_gym.envs.outputs import Beginnings
+from npend_gym.envs.rows import MAX_CART_ENTRY
+from npend_gym.physics.energy import kinetic_from, kinetic_on_cart, lift_from
 from npend_gym.torch.autograd import SinCos, applied
 
 
@@ -27,7 +31,8 @@ class Lanes(NamedTuple):
     height_per_lift: Tensor  # 1/(kg m), (B,)
     tip_weights: Tensor  # what the cosine of each rod adds to the height of the tip, (B, n)
     lifting_energy: Tensor  # J, (B,)
-    limits: Tensor  # of the torque, (B, joints)
+    mass: Tensor  # of chain and cart [kg], (B,)
+    limits: Tensor  # of the torques, and of the force on a cart, (B, joints)
     goals: Tensor  # (B, n), or (B, 0)
     context: Tensor  # (B, k), within -1 to 1
 
@@ -53,6 +58,7 @@ class Lanes(NamedTuple):
             0.5 / lift.sum(-1),
             put(-chains.lengths / chains.lengths.sum(-1, keepdims=True)),
             put(chains.lifting_energy),
+            put(chains.masses.sum(-1) + (config.cart_mass or 0.0)),
             put(limits),
             put(began.goals),
             put(config.randomization.normalised(began.context)),
@@ -64,6 +70,8 @@ class State(NamedTuple):
 
     theta: Tensor
     omega: Tensor
+    place: Tensor | None  # of a cart [m], (B,)
+    velocity: Tensor | None  # m/s
     sin: Tensor
     cos: Tensor
     kinetic_energy: Tensor  # J, (B,)
@@ -71,18 +79,26 @@ class State(NamedTuple):
     energy: Tensor  # J, (B,)
 
     @classmethod
-    def of(cls, theta: Tensor, omega: Tensor, lanes: Lanes) -> State:
-        """Return the states of chains."""
+    def of(cls, q: Tensor, u: Tensor, lanes: Lanes) -> State:
+        """Return the states of chains, from angles and the place of a cart, (B, c), and rates."""
+        n = lanes.lift.shape[1]
+        theta, omega, place, velocity = q, u, None, None
+        if q.shape[1] > n:
+            theta, omega = q[:, :n].contiguous(), u[:, :n]
+            place, velocity = q[:, n], u[:, n]
         sines, cosines = applied(SinCos, theta)
         half_sines = applied(SinCos, 0.5 * theta)[0]
         kinetic = kinetic_from(lanes.chains, sines, cosines, omega, bobs=lanes.bobs)
+        if velocity is not None:
+            momentum = (lanes.lift * cosines * omega).sum(-1)
+            kinetic = kinetic_on_cart(kinetic, momentum, lanes.mass, velocity)
         lift = lift_from(lanes.lift, half_sines)
         energy = kinetic + lanes.chains.gravity * lift
-        return cls(theta, omega, sines, cosines, kinetic, lift, energy)
+        return cls(theta, omega, place, velocity, sines, cosines, kinetic, lift, energy)
 
 
 def quantities(
-    state: State, lanes: Lanes, start_energy: Tensor, squares: Tensor
+    state: State, lanes: Lanes, start_energy: Tensor, squares: Tensor, rail: float | None
 ) -> Quantities[Any]:
     """Return what a mode judges by.
 
@@ -103,13 +119,15 @@ def quantities(
         mean_squared_action=squares,
         closeness=closeness,
         goal_distance=distance,
-        rail_position=none,
+        rail_position=none if rail is None or state.place is None else state.place / rail,
         theta=cast("Any", state.theta),
         omega=cast("Any", state.omega),
     )
 
 
-def judge(mode: Mode, judged: Quantities[Any], *, sparse: bool) -> tuple[Tensor, Tensor, Tensor]:
+def judge(
+    mode: Mode, judged: Quantities[Any], *, sparse: bool, on_cart: bool
+) -> tuple[Tensor, Tensor, Tensor]:
     """Return reward, failed and achieved by the formulas of a mode, (B,) each."""
     shape = judged.height.shape
     with torch.no_grad():
@@ -118,8 +136,13 @@ def judge(mode: Mode, judged: Quantities[Any], *, sparse: bool) -> tuple[Tensor,
             torch.as_tensor(x, dtype=torch.bool).expand(shape)
             for x in (mode.failed(plain), mode.achieved(plain))
         )
-    reward = achieved.to(torch.float64) if sparse else mode.reward(judged)
-    return torch.as_tensor(reward).expand(shape), failed, achieved
+        left: Any = left_rail(plain.rail_position) if on_cart else None
+        if on_cart:
+            achieved, failed = achieved & ~left, failed | left
+    reward = achieved.to(torch.float64) if sparse else torch.as_tensor(mode.reward(judged))
+    if on_cart and not sparse:
+        reward = torch.where(left, 0.0, reward * rail_factor(judged.rail_position))
+    return reward.expand(shape), failed, achieved
 
 
 def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
@@ -131,12 +154,33 @@ def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
             speeds = (speeds * factors).clamp(-limit, limit)
         parts = [state.sin, state.cos, speeds]
     else:
-        turns = torch.floor((state.theta.detach() + math.pi) / (2.0 * math.pi))
-        parts = [state.theta - 2.0 * math.pi * turns, state.omega]
+        parts = [wrapped(state.theta), state.omega]
+    of_cart = []
+    if config.rail is not None and state.place is not None and state.velocity is not None:
+        entries = state.place / config.rail, state.velocity * cart_speed_factor(config)
+        of_cart = [x.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY)[:, None] for x in entries]
     if not config.observe_velocities:
-        parts.pop()
+        parts, of_cart = parts[:-1], of_cart[:1]
+    parts += of_cart
     if config.observes_goals:
         parts.append(lanes.goals)
     if config.observe_context:
         parts.append(lanes.context)
     return torch.cat(parts, dim=-1)
+
+
+def with_goals(observation: Tensor, state: State, lanes: Lanes) -> dict[str, Tensor]:
+    """Return observations with what has been achieved, and what is desired, as a `goal_env`."""
+    kinetic = (state.kinetic_energy / lanes.lifting_energy).clamp(max=MAX_KINETIC_ENERGY)
+    at_rest = torch.zeros_like(kinetic)[:, None]
+    return {
+        "observation": observation,
+        "achieved_goal": torch.cat([state.cos, kinetic[:, None]], dim=-1),
+        "desired_goal": torch.cat([lanes.goals, at_rest], dim=-1),
+    }
+
+
+def wrapped(theta: Tensor) -> Tensor:
+    """Return angles in [-pi, pi), with the gradient of the angles."""
+    turns = torch.floor((theta.detach() + math.pi) / (2.0 * math.pi))
+    return theta - 2.0 * math.pi * turns
