@@ -71,10 +71,12 @@ class IdealMotors:
         """Return torques on joints, one at least, then the force on a cart, (B, inputs)."""
         del piece, q, u, settings
         loads = self._action * lanes.limits
+        if loads.shape[1] > 0 and not self._carts:
+            return loads
         force, torques = loads[:, : self._carts], loads[:, self._carts :]
         if torques.shape[1] == 0:
             torques = loads.new_zeros(len(loads), 1)
-        return torch.cat([torques, force], dim=1) if self._carts else torques
+        return torch.cat([torques, force], dim=1)
 
     def detach(self) -> None:
         """Do nothing."""
