@@ -43,7 +43,7 @@ myst_heading_anchors = 3
 
 
 def benchmark(suite: str) -> str:
-    """Return what `npend bench` has written about a suite as a table in Markdown."""
+    """Return what `python benchmarks/peers.py` has written about a suite as a table in Markdown."""
     lines = ["| | here [1/s] | peer | peer [1/s] | times as fast |", "|---|---:|---|---:|---:|"]
     path = ROOT / "benchmarks" / "results" / f"{suite}.csv"
     with path.open(encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""`npend bench`: that it measures what it says, never how fast."""
+"""`python benchmarks/peers.py`: that it measures what it says, never how fast."""
 
 import csv
 import json
@@ -8,11 +8,11 @@ import time
 
 import numpy as np
 import pytest
+from peers import main
 from suites import accuracy, chaos, derivatives, dynamics, environments, episodes, output, timing
 from suites.timing import Job, Peers, Row
 
 from npend_gym import Chain, simulate
-from npend_gym.cli import bench, main
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_the_command_prints_every_row_and_writes_it_with_the_machine_that_made_i
     rows_of, tmp_path, capsys
 ):
     rows_of([Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan, "a note")])
-    assert main(["bench", "--only", "dynamics", "--out", str(tmp_path)]) == 0
+    assert main(["--only", "dynamics", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "3.00 x  a peer" in printed
     assert "a note" in printed
@@ -136,7 +136,7 @@ def test_the_command_prints_every_row_and_writes_it_with_the_machine_that_made_i
 
 def test_json_goes_alone_to_the_output_and_has_null_where_there_is_no_peer(rows_of, capsys):
     rows_of([Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan)])
-    assert main(["bench", "--only", "dynamics", "--json"]) == 0
+    assert main(["--only", "dynamics", "--json"]) == 0
     captured = capsys.readouterr()
     table = json.loads(captured.out)["dynamics"]
     assert [(row["job"], row["ratio"]) for row in table] == [("a job", 3.0), ("another", None)]
@@ -150,20 +150,9 @@ def test_rows_measured_before_ctrl_c_are_kept(monkeypatch, tmp_path, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(dynamics, "rows", rows)
-    assert main(["bench", "--only", "dynamics", "--out", str(tmp_path)]) == 130
+    assert main(["--only", "dynamics", "--out", str(tmp_path)]) == 130
     assert (tmp_path / "dynamics.csv").exists()
     assert "interrupted" in capsys.readouterr().err
-
-
-def test_the_command_says_what_to_do_where_the_benchmarks_are_not_there(
-    monkeypatch, tmp_path, capsys
-):
-    monkeypatch.setattr(bench, "_FOLDER", tmp_path / "benchmarks")
-    assert main(["bench"]) == 1
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert "come with the source tree only" in captured.err
-    assert 'pip install -e ".[bench]"' in captured.err
 
 
 def test_the_work_precision_diagram_has_a_line_for_each_method(tmp_path):

@@ -93,6 +93,7 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
     [
         ("", "COMMAND"),
         ("fly", "invalid choice: 'fly'"),
+        ("bench --only gpu", "run `python benchmarks/peers.py` in a clone"),
         ("paper --list", "paper is not in the package: run `python -m paper` in a clone"),
         (
             "law --full",

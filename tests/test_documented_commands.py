@@ -137,7 +137,7 @@ def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setattr("webbrowser.open", lambda _url: True)  # of `npend play`
-    monkeypatch.setattr(timing, "SECONDS", 1e-4)  # of a round of `npend bench`
+    monkeypatch.setattr(timing, "SECONDS", 1e-4)  # of a round of `python benchmarks/peers.py`
     for words in in_blocks(page):
         if words[1] != "analyse":  # which reads what the command before has written
             for folder in {"results", "FOLDER"} & set(words):

@@ -122,7 +122,7 @@ def test_the_page_of_the_command_line_has_every_command():
     [
         ("npend rel", {"release "}),
         ("npend release --am", {"--amplitude "}),
-        ("npend bench --only acc", {"accuracy "}),
+        ("npend chaos m", {"map "}),
     ],
 )
 def test_the_shell_completes_commands_options_and_choices(line, expected, tmp_path):

@@ -176,7 +176,7 @@ LINES = [
         "reading": ("rod", ""),
     }.items()
     for value in values
-] + ["bench --only all", "verify --jsn"]
+] + ["chaos all", "verify --jsn"]
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda line: line[:32])

@@ -58,10 +58,9 @@ def test_a_step_that_takes_for_ever_hears_ctrl_c_and_wants_a_reset(lanes, thread
     assert time.perf_counter() - began < PATIENCE
 
 
-@pytest.mark.parametrize("line", ["release --n 3000", "bench --only dynamics"])
-def test_commands_hear_ctrl_c_and_leave_with_130(line, capsys):
+def test_a_command_hears_ctrl_c_and_leaves_with_130(capsys):
     with Interrupt():
-        assert main(line.split()) == 130
+        assert main(["release", "--n", "3000"]) == 130
     assert "interrupted" in capsys.readouterr().err
 
 

@@ -1,4 +1,4 @@
-"""What `npend bench` measures: how fast and how accurate the package is beside its peers.
+"""What `benchmarks/peers.py` measures: how fast and how accurate the package is.
 
 A suite is a module with a function `rows(peers)` that yields one comparison after another; `peers`
 (`timing.Peers`) leaves out those that are not installed or fail, and says why. The jobs that are

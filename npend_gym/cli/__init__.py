@@ -33,11 +33,14 @@ COMMANDS = {
     "train": "train a policy for a task, by one of several algorithms",
     "evaluate": "evaluate a policy or a controller, and what it survives",
     "examples": "list the examples that come with the package, or copy them",
-    "bench": "measure speed and accuracy beside the peers that are installed",
     "verify": "check that this machine computes the very same bits",
 }
-# Commands that left the package for the study of the paper, which a clone has beside it
-_IN_THE_STUDY = {"law": "python -m paper --only com-law", "paper": "python -m paper"}
+# Former commands, which need what only a clone of the repository has
+_IN_A_CLONE = {
+    "bench": "python benchmarks/peers.py",
+    "law": "python -m paper --only com-law",
+    "paper": "python -m paper",
+}
 _EXAMPLES = """\
 examples:
   npend release                        the paper's experiment as a table
@@ -93,8 +96,8 @@ def _run(argv: Sequence[str] | None) -> int:
     """Parse the arguments, and run the command that they name."""
     parser, commands = parsers()
     first = next(iter(sys.argv[1:] if argv is None else argv), "")
-    if first in _IN_THE_STUDY:
-        parser.error(f"{first} is not in the package: run `{_IN_THE_STUDY[first]}` in a clone")
+    if first in _IN_A_CLONE:
+        parser.error(f"{first} is not in the package: run `{_IN_A_CLONE[first]}` in a clone")
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how the line may go on
         from argcomplete import autocomplete
 
