@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 import io
 import pickle
-import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matrices import Matrix
 
 from npend_gym import (
     Cart,
@@ -532,37 +532,16 @@ REASONS = {
 }
 
 
-def outcome(row: str, column: str) -> str:
-    """Return "" where a cell works, or the reason why it is refused; an error is raised."""
-    try:
-        ROWS[row](COLUMNS[column])
-    except (ValueError, TypeError) as error:
-        for reason, texts in REASONS.items():
-            if any(text in str(error) for text in texts):
-                return reason
-        raise
-    return ""
-
-
-def table(outcomes: dict[tuple[str, str], str]) -> str:
-    """Return the page with the table of what works with what."""
-    marks = {reason: str(k) for k, reason in enumerate(REASONS, start=1)}
-    lines = ["| |" + "|".join(COLUMNS) + "|", "|---|" + ":-:|" * len(COLUMNS)]
-    for row in ROWS:
-        cells = [marks.get(outcomes[row, column], "yes") for column in COLUMNS]
-        lines.append(f"| {row} | " + " | ".join(cells) + " |")
-    works = sum(not each for each in outcomes.values())
-    notes = [f"{mark}. {reason}" for reason, mark in marks.items()]
-    text = (
-        "Every ability of the physics was run with every kind of mechanism. "
-        f"{works} of {len(outcomes)} combinations work; a number says why one is refused. "
-        "`python tests/composition.py` runs all of them and writes this page."
-    )
-    return "\n".join(["# What works with what", "", text, "", *lines, "", *notes, ""])
-
+MATRIX = Matrix(
+    "composition.md",
+    "What works with what",
+    "Every ability of the physics was run with every kind of mechanism. "
+    "{works} of {cells} combinations work; a number says why one is refused. "
+    "`python tests/composition.py` runs all of them and writes this page.",
+    ROWS,
+    COLUMNS,
+    REASONS,
+)
 
 if __name__ == "__main__":
-    found = {(row, column): outcome(row, column) for row in ROWS for column in COLUMNS}
-    page = Path(__file__).parent.parent / "docs" / "reference" / "composition.md"
-    page.write_text(table(found), encoding="utf-8")
-    sys.stdout.write(f"{page}\n")
+    MATRIX.write()

@@ -319,12 +319,20 @@ def _train(trainer: str, keywords: Keywords, **settings: Any) -> None:
 
 
 def _imitation(keywords: Keywords) -> None:
-    small = {"seconds": 4.0, "guesses": 1, "rounds": 3, "num_envs": 8, "standing": 10}
-    _train("imitation", keywords, **small)
+    small = {"guesses": 4, "rounds": 2, "num_envs": 8, "standing": 10, "first_updates": 20}
+    seconds = 8.0 if keywords.get("n") == 3 else 6.0
+    _train("imitation", keywords, **small, seconds=seconds, updates=20)
 
 
 def _shac(keywords: Keywords) -> None:
-    _train("shac", keywords, total_timesteps=640, num_envs=8, updates=2, batch_size=8)
+    small = {"total_timesteps": 640, "num_envs": 8, "updates": 2, "batch_size": 8}
+    _train("robust_shac" if "randomize" in keywords else "shac", keywords, **small)
+
+
+def _drawn(keywords: Keywords) -> None:
+    """Every episode has a chain and sensors of its own."""
+    drawn = {"masses": (0.95, 1.05), "velocity_noise": {"low": 0.0, "high": 0.1}}
+    _imitation(keywords | {"randomize": drawn | keywords.get("randomize", {})})
 
 
 def _robust(keywords: Keywords) -> None:
@@ -351,10 +359,27 @@ ROWS = {
     "recovery": _recovery,
     "imitation": _imitation,
     "SHAC": _shac,
+    "imitation with drawn chains": _drawn,
     "robust training": _robust,
 }
 
-REASONS: dict[str, tuple[str, ...]] = {}
+# Why a cell is refused, by what the error says
+REASONS = {
+    "The number of a discrete action has no gradient, and no network here chooses one.": (
+        "must be a tensor of integers",
+        "imitation does not use torque_levels",
+        "shac does not use torque_levels",
+    ),
+    "SHAC learns one goal at a time.": ("mode must be one that shac learns",),
+    "SHAC trains motors and sensors that are ideal, or drawn by `randomize`.": (
+        "shac does not use torque_noise",
+    ),
+    "Robust training is written for a swing-up of point masses by a motor at the pivot.": (
+        "the chain must be point masses",
+        "robust_imitation does not use",
+        'mode must be "swingup" for robust_imitation',
+    ),
+}
 
 MATRIX = Matrix(
     "env_composition.md",

@@ -1,49 +1,40 @@
-"""What works with what: every ability of the physics with every kind of mechanism."""
+"""What works with what: every ability with every kind of mechanism, or of environment."""
 
-from pathlib import Path
-
+import composition
+import env_composition
 import pytest
-from composition import COLUMNS, REASONS, ROWS, outcome, table
+from matrices import REFERENCE
 
-PAGE = Path(__file__).parent.parent / "docs" / "reference" / "composition.md"
-SAMPLE = [("simulate, dop853", "ideal"), ("torque as an array (n,)", "uneven"),
-          ("accelerations", "cart"), ("mass_matrix", "springs, cart")]  # fmt: skip
-
-
-def published():
-    """Return the cells of the page, by row and column: "yes", or the number of a reason."""
-    lines = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    columns = rows[0][1:]
-    return {
-        (row[0], column): cell
-        for row in rows[2:]
-        for column, cell in zip(columns, row[1:], strict=True)
-    }
+MATRICES = {"mechanisms": composition.MATRIX, "environments": env_composition.MATRIX}
+SAMPLE = [
+    ("mechanisms", "simulate, dop853", "ideal"),
+    ("mechanisms", "torque as an array (n,)", "uneven"),
+    ("mechanisms", "accelerations", "cart"),
+    ("mechanisms", "mass_matrix", "springs, cart"),
+    ("environments", "single", "pivot"),
+    ("environments", "LQR, single and vector", "cart, 2 rods"),
+]
+LONG = [(name, row) for name, matrix in MATRICES.items() for row in matrix.rows]
 
 
-@pytest.mark.parametrize(("row", "column"), SAMPLE)
-def test_a_sample_of_abilities_works(row, column):
-    assert outcome(row, column) == ""
+@pytest.mark.parametrize(("name", "row", "column"), SAMPLE)
+def test_a_sample_of_abilities_works(name, row, column):
+    assert MATRICES[name].outcome(row, column) == ""
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("row", ROWS)
-def test_an_ability_works_with_every_mechanism_or_is_refused_for_a_stated_reason(row):
-    cells = published()
-    for column in COLUMNS:
-        found = outcome(row, column)
-        expected = cells[row, column]
-        assert (found == "") == (expected == "yes"), (row, column, found)
-        if found:
-            assert list(REASONS).index(found) + 1 == int(expected)
+@pytest.mark.parametrize(("name", "row"), LONG)
+def test_an_ability_works_with_everything_or_is_refused_for_a_stated_reason(name, row):
+    matrix = MATRICES[name]
+    cells = matrix.published()
+    for column in matrix.columns:
+        assert matrix.outcome(row, column) == cells[row, column], column
 
 
-def test_the_page_has_all_combinations_and_at_least_95_percent_work():
-    cells = published()
-    assert set(cells) == {(row, column) for row in ROWS for column in COLUMNS}
-    works = sum(cell == "yes" for cell in cells.values())
-    assert works >= 0.95 * len(cells)
-    reasons = list(REASONS)
-    again = {key: "" if cell == "yes" else reasons[int(cell) - 1] for key, cell in cells.items()}
-    assert table(again) == PAGE.read_text(encoding="utf-8")
+@pytest.mark.parametrize(("name", "least"), [("mechanisms", 0.95), ("environments", 0.92)])
+def test_the_page_has_all_combinations_and_nearly_all_work(name, least):
+    matrix = MATRICES[name]
+    cells = matrix.published()
+    assert set(cells) == {(row, column) for row in matrix.rows for column in matrix.columns}
+    assert sum(not reason for reason in cells.values()) >= least * len(cells)
+    assert matrix.table(cells) == (REFERENCE / matrix.page).read_text(encoding="utf-8")

@@ -1,5 +1,6 @@
 """What every trainer promises: which episodes it sees, and that it uses what it is given."""
 
+import json
 import os
 from dataclasses import replace
 
@@ -8,6 +9,8 @@ import numpy as np
 import pytest
 from scripts import run_python
 
+from npend_gym import Chain
+from npend_gym.envs import EnvConfig
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.rl import HELD_OUT
 from npend_gym.rl.controllers.planning import Tracking
@@ -17,6 +20,7 @@ torch = pytest.importorskip("torch")
 
 from npend_gym.cli import main  # noqa: E402
 from npend_gym.rl.training import es, imitation, ppo  # noqa: E402
+from npend_gym.rl.training.tasks import env_around  # noqa: E402
 
 VALIDATION = 900_000
 
@@ -266,3 +270,21 @@ def test_shac_takes_the_substeps_that_it_is_given():
     assert any(
         (one != other).any() for one, other in zip(*(p.weights for p in policies), strict=True)
     )
+
+
+def test_training_around_an_identified_chain_draws_within_two_standard_errors(tmp_path):
+    chain = Chain([0.5, 0.4], [0.3, 0.25], centres=[0.2, 0.15], inertias=0.004, damping=0.001)
+    errors = {"damping": [0.001, 0.0002], "inertias": [0.0, 0.0], "centres": [0.01, None]}
+    about = {"chain": chain.as_dict(), "chain_standard_errors": errors}
+    (tmp_path / "identification.json").write_text(json.dumps(about), encoding="utf-8")
+    (tmp_path / "fit.json").write_text(json.dumps(chain.as_dict()), encoding="utf-8")
+    env = env_around(tmp_path / "fit.json")
+    assert env == env_around(tmp_path / "identification.json")
+    assert env["chain"] == chain.as_dict()
+    assert set(env["randomize"]) == {"damping", "centres"}
+    assert env["randomize"]["damping"]["low"] == pytest.approx([0.0, 0.0006])
+    assert env["randomize"]["centres"]["high"] == pytest.approx([0.22, 0.15])
+    assert EnvConfig(mode="swingup", **env).n == 2
+    (tmp_path / "identification.json").unlink()
+    with pytest.raises(ValueError, match=r"what npend identify --out wrote"):
+        env_around(tmp_path / "fit.json")

@@ -46,6 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--algorithm", metavar="NAME", help=text)
     parser.add_argument("--seed", type=int, help="from 0 to 2^31 - 1 (default 0)")
     add_env_option(parser)
+    text = "fit.json of npend identify: train on chains within two standard errors of this one"
+    parser.add_argument("--around", type=Path, metavar="FILE", help=text)
     text = "a setting of the algorithm, such as total_timesteps=300000; may be repeated"
     parser.add_argument("--set", dest="changes", type=setting, action="append",
                         metavar="NAME=VALUE", help=text)  # fmt: skip
@@ -118,6 +120,8 @@ def _trainer(algorithm: str) -> Any:
 
 def _settings(trainer: Any, task: str, options: dict[str, Any]) -> Any:
     """Return the settings of the trainer, with the user's changes."""
+    from npend_gym.rl.training.tasks import env_around
+
     changes = dict(options.get("changes", []))
     names = [field.name for field in fields(trainer.Settings) if field.name not in ("env", "seed")]
     for name in changes:
@@ -126,4 +130,7 @@ def _settings(trainer: Any, task: str, options: dict[str, Any]) -> Any:
     if "seed" in options:
         changes["seed"] = options["seed"]
     settings = trainer.settings_of(task, **changes)
+    if "around" in options:
+        others = {name: value for name, value in settings.env.items() if name != "n"}
+        settings = replace(settings, env=others | env_around(options["around"]))
     return replace(settings, env=with_settings(settings.env, options.get("settings")))

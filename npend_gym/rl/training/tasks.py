@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from npend_gym import _files
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain
 from npend_gym.envs.modes import MODES
@@ -149,3 +153,39 @@ def made_by(algorithm: str, settings: Any, last: dict[str, Any]) -> dict[str, An
     """Return the provenance of a policy that `algorithm` trained with `settings`."""
     about = {"trained_by": algorithm, "clock": "processor time", "training": last}
     return about | provenance(asdict(settings), settings.seed)
+
+
+def env_around(path: Path, deviations: float = 2.0) -> dict[str, Any]:
+    """Return the keywords of an environment of identified chains: "chain" and "randomize".
+
+    Parameters
+    ----------
+    path : Path
+        "identification.json" as `npend identify --out` writes it, or "fit.json" beside it.
+    deviations : float
+        Parameters are drawn within so many standard errors of the fit; those that cannot be
+        negative are cut at zero. What the data do not determine is not drawn.
+
+    Raises
+    ------
+    ValueError
+        If a file is missing or none of these.
+    """
+    try:
+        about = _files.parse_json(_files.read_text(path))
+        if "chain_standard_errors" not in about:
+            about = _files.parse_json(_files.read_text(path.with_name("identification.json")))
+        chain, errors = Chain.from_dict(about["chain"]), about["chain_standard_errors"]
+        spreads = {name: np.array(errors[name], np.float64) for name in errors}
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise ValueError(
+            f"{path} must be what npend identify --out wrote, with identification.json beside it: "
+            f"{error}"
+        ) from error
+    ranges: dict[str, Any] = {}
+    for name, spread in spreads.items():
+        value, away = getattr(chain, name), deviations * np.nan_to_num(spread)
+        low = value - away if name == "centres" else np.maximum(value - away, 0.0)
+        if away.any():
+            ranges[name] = {"low": low.tolist(), "high": (value + away).tolist()}
+    return {"chain": chain.as_dict(), "randomize": ranges}
