@@ -23,7 +23,7 @@ from npend_gym.experiments import (
 )
 from npend_gym.experiments.campaign.parts import read_part
 from npend_gym.recording import record_first_trials, record_release
-from npend_gym.report import release_page, release_tables
+from npend_gym.report import player, release_page, release_tables
 
 NAME = "realaigym A.0"
 CHAIN = Chain.preset(NAME)
@@ -161,7 +161,8 @@ def test_a_bad_chain_on_the_command_line_is_refused_in_a_line(text, message, ref
 
 def test_a_page_has_the_centres_of_mass_of_links(runs, tmp_path):
     recordings = record_first_trials(EXPERIMENT, runs)
-    path = release_page.write(EXPERIMENT, runs, recordings, tmp_path / "links.html")
+    path = tmp_path / "links.html"
+    player.write(path, release_page.page(EXPERIMENT, runs, recordings))
     (release,) = data_of(path)["releases"]
     np.testing.assert_allclose(release["centres"] * CHAIN.lengths, CHAIN.centres)
     assert set(release["models"]) == {"T1", "T(N,a)"}
