@@ -420,6 +420,14 @@ def test_what_tensors_cannot_be_is_refused_by_the_environment():
         DifferentiableVectorEnv(2, base="cart", randomize={"cart_mass": (0.5, 1.5)})
 
 
+def test_torchrl_takes_no_observations_with_goals():
+    pytest.importorskip("torchrl")
+    from npend_gym.torch import TorchRLEnv
+
+    with pytest.raises(ValueError, match="goal_env must be False for TorchRLEnv"):
+        TorchRLEnv(2, mode="transition", goal_env=True, reward_type="sparse")
+
+
 def test_bad_actions_change_nothing():
     env = DifferentiableVectorEnv(2, n=2)
     env.reset(seed=0)

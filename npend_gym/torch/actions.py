@@ -21,10 +21,10 @@ class Receiver(Protocol):
     device: torch.device
 
 
-def check_config(config: EnvConfig, device: torch.device, *, is_ideal: bool) -> None:
+def check_config(config: EnvConfig, device: torch.device, *, errors: bool) -> None:
     """Refuse settings that these environments cannot take.
 
-    `is_ideal` says whether motors and sensors are.
+    `errors` says whether motors or sensors have any.
     """
     for name in ("cart_mass", "rail_damping"):
         if name in config.randomization.names:
@@ -32,7 +32,7 @@ def check_config(config: EnvConfig, device: torch.device, *, is_ideal: bool) -> 
                 f"randomize must leave {name} out in an environment of tensors, whose carts are "
                 "all alike"
             )
-    if device.type != "cpu" and (config.has_cart or not is_ideal):
+    if device.type != "cpu" and (config.has_cart or errors):
         raise ValueError(
             'device must be "cpu" for a cart, or for motors and sensors that are not ideal; got '
             f'"{device}"'

@@ -92,7 +92,7 @@ class DifferentiableVectorEnv:
         **keywords: Unpack[EnvKeywords],
     ) -> None:
         config = make_config(DifferentiableVectorEnv, keywords)
-        self.num_envs = checked_num_envs(num_envs, config.chain.n)
+        size = self.num_envs = checked_num_envs(num_envs, config.chain.n)
         self.max_episode_steps = checked_episode_steps(max_episode_steps)
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         if dtype not in (torch.float64, torch.float32):
@@ -100,20 +100,18 @@ class DifferentiableVectorEnv:
         self.config, self.dtype, self.device = config, dtype, check_device(device)
         self.single_observation_space = config.observation_space
         self.single_action_space = config.action_space
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, size)
+        self.action_space = batch_space(self.single_action_space, size)
         self.observation_size = config.observed
         self.action_size = config.joints.size
-        self._episodes = episodes = Episodes(config, self.num_envs, 1, self.max_episode_steps)
-        self._seeds = Seeds(self.num_envs)
+        self._episodes = episodes = Episodes(config, size, 1, self.max_episode_steps)
+        self._seeds = Seeds(size)
         motors, sensors, keys = episodes.motors, episodes.sensors, episodes.keys
         self._motors = IdealMotors(config) if motors is None else Motors(config, motors, keys)
         self._sensors = None if sensors is None else Sensors(config, sensors, keys)
-        is_ideal = motors is None and sensors is None
-        check_config(config, self.device, is_ideal=is_ideal)
+        check_config(config, self.device, errors=motors is not None or sensors is not None)
         self._steps = env_steps(config, threads, None if motors is None else motors.pieces)
         self._progress = Progress.NEW
-        size = self.num_envs
         self._theta: Tensor = self._zeros(size, config.state_size // 2)  # and the place of a cart
         self._omega: Tensor = self._theta
         self._start_energy = self._zeros(size)

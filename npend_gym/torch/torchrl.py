@@ -46,6 +46,11 @@ class TorchRLEnv(EnvBase):
             num_envs, max_episode_steps=max_episode_steps, dtype=dtype, threads=threads,
             autoreset_mode=AutoresetMode.DISABLED, **keywords,
         )  # fmt: skip
+        if env.config.goal_env:
+            raise ValueError(
+                "goal_env must be False for TorchRLEnv, whose observation is one tensor; "
+                "DifferentiableVectorEnv takes it"
+            )
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([env.num_envs]))
         batch, column = torch.Size([env.num_envs]), torch.Size([env.num_envs, 1])
         space: Any = env.config.observation_space
