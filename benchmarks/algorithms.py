@@ -31,15 +31,15 @@ from npend_gym.rl import (
     evaluate,
     interquartile_mean,
     pretrained_names,
+    robustness,
 )
 from npend_gym.rl.controllers.references import PLANS, reference_controller
-from npend_gym.rl.training import es, imitation, ppo, robust_imitation, shac
+from npend_gym.rl.training import es, imitation, ppo, shac
 from npend_gym.rl.training.tasks import env_of_task
 
 DOCS = Path(__file__).parents[1] / "docs"
-ANGLES = "imitation, angles alone"
-TRAINERS = {"PPO": ppo, "SHAC": shac, "ES": es, "imitation": imitation, ANGLES: robust_imitation}
-STYLES = {"PPO": "-", "SHAC": "-.", "ES": "--", "imitation": ":", ANGLES: ":"}
+TRAINERS = {"PPO": ppo, "SHAC": shac, "ES": es, "imitation": imitation}
+STYLES = {"PPO": "-", "SHAC": "-.", "ES": "--", "imitation": ":"}
 CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "transition", "balance", "calm")
 LABELS = {
@@ -70,8 +70,8 @@ def references(task: str) -> dict[str, Controller]:
 def tasks() -> list[str]:
     """Return all tasks for which there are settings or plans, in order."""
     named = {
-        task for agent, trainer in TRAINERS.items() for task in trainer.TASKS
-        if agent != ANGLES or "robust" not in task  # which robustness.py judges
+        task for trainer in TRAINERS.values() for task in trainer.TASKS
+        if trainer is not imitation or "robust" not in task  # which robustness.py judges
     }  # fmt: skip
     return sorted(named | {f"swingup-{n}" for n in PLANS}, key=place)
 
@@ -271,10 +271,12 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
             best.save(PRETRAINED / f"{task}.npz")
 
 
-def score(policy: Policy, task: str) -> tuple[float, float]:
-    """Return success and return of a policy in validation episodes."""
+def score(policy: Policy, task: str) -> tuple[float, float, float]:
+    """Return success, robustness and return of a policy in validation episodes."""
     evaluation = evaluate(policy, env_of_task(task), episodes=400, seed=VALIDATION)
-    return evaluation.success_rate, float(evaluation.returns.mean())
+    nominal = {name: value for name, value in policy.env.items() if name != "randomize"}
+    survived = robustness(policy, nominal, seed=VALIDATION).score
+    return evaluation.success_rate, survived, float(evaluation.returns.mean())
 
 
 def main() -> None:

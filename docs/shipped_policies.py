@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[1]
 ALGORITHMS = {
     "ppo": "PPO", "train_cleanrl": "PPO", "es": "evolution strategies",
     "train_es": "evolution strategies", "shac": "SHAC, gradients through the simulation",
-    "robust_shac": "SHAC, with errors", "imitation": "imitation of plans",
-    "train_imitation": "imitation of plans", "robust_imitation": "imitation, from angles alone",
+    "imitation": "imitation of plans", "train_imitation": "imitation of plans",
+    "robust_shac": "SHAC, with errors", "robust_imitation": "imitation, from angles alone",
 }  # fmt: skip
 ORDER = ("swingup", "transition", "balance", "calm")
 SWING_UP, TRANSITION = "`npend/SwingUp-v1`, `n=1`", "`npend/Transition-v1`, `n=2`"
@@ -38,12 +38,12 @@ CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MP
 def record(name: str) -> dict[str, Any]:
     """Return what the record of a shipped policy says, under the same names for all."""
     about = Policy.pretrained(name).provenance
-    script = about["trained_by"].startswith("examples/")
+    gone = "note" in about
     seed = about["settings" if "settings" in about else "arguments"]["seed"]  # of older records
     evaluation = about["evaluation"]
     settling = evaluation.get("settling_time", evaluation.get("since"))
     return {
-        "algorithm": ALGORITHMS[Path(about["trained_by"]).stem] + (" (1)" if script else ""),
+        "algorithm": ALGORITHMS[Path(about["trained_by"]).stem] + (" (1)" if gone else ""),
         "seed": str(seed),
         "steps": f"{about['training']['steps'] / 1e6:.2f} M",
         "time": f"{about['training']['seconds']:.0f} s",

@@ -13,8 +13,8 @@ import pytest
 from scripts import run_python
 
 from npend_gym import __version__
-from npend_gym.cli.train import ALGORITHMS
 from npend_gym.rl import Policy, pretrained_names
+from npend_gym.rl.training.trainers import trainer_names
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted(
@@ -146,8 +146,8 @@ def test_a_record_names_a_script_only_where_it_exists_or_says_that_it_is_gone():
     for name in pretrained_names():
         about = Policy.pretrained(name).provenance
         by = about["trained_by"]
-        if by in ALGORITHMS:
+        if by in trainer_names():
             assert "note" not in about
         else:
             assert not (ROOT / by).exists()
-            assert "the package no longer has this script" in about["note"]
+            assert "the package no longer has this trainer" in about["note"]

@@ -47,9 +47,11 @@ def test_without_velocities_all_else_is_observed_as_with_them(keywords):
 
 
 def test_a_controller_that_needs_velocities_says_so():
-    config = EnvConfig(observe_velocities=False)
-    with pytest.raises(ValueError, match=r"observe_velocities must be True .* got False"):
-        Observer(lambda observation, _: observation, config)
+    config, seen = EnvConfig(observe_velocities=False), np.zeros((2, 10), np.float32)
+    told = Observer(lambda _, info: info, config)(seen, {"time": np.zeros(2)})
+    assert set(told) == {"time", "theta"}
+    with pytest.raises(ValueError, match=r"observe_velocities must be True .*'omega'.* got False"):
+        Observer(lambda _, info: info["omega"], config)(seen, {"time": np.zeros(2)})
 
 
 # -- bounded observations -------------------------------------------------------------------

@@ -9,14 +9,7 @@ torch = pytest.importorskip("torch")
 
 from npend_gym import _progress  # noqa: E402
 from npend_gym.cli import main  # noqa: E402
-from npend_gym.rl.training import (  # noqa: E402
-    es,
-    imitation,
-    ppo,
-    robust_imitation,
-    robust_shac,
-    shac,
-)
+from npend_gym.rl.training import es, experts, imitation, ppo, shac  # noqa: E402
 from npend_gym.rl.training.checkpoints import Checkpoint  # noqa: E402
 
 pytestmark = pytest.mark.long
@@ -27,24 +20,18 @@ RUNS = {
     "es": (es, es.settings_of("calm-2", updates=12, pairs=4, num_steps=30)),
     "ppo": (ppo, ppo.settings_of("swingup-1-robust", total_timesteps=16_384, hidden=16)),
     "imitation": (imitation, imitation.Settings(ONE, seconds=3.0, guesses=2, num_envs=8, **SHORT)),
-    "robust_imitation": (
-        robust_imitation,
-        robust_imitation.Settings(
-            ONE, plan_seed=0, seconds=3.0, num_envs=16, num_steps=40, **SHORT
-        ),
+    "imitation with errors": (
+        imitation,
+        imitation.settings_of("swingup-1-robust", seconds=3.0, num_envs=32, **SHORT),
     ),
     "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, updates=2, num_envs=16)),
-    "robust_shac": (
-        robust_shac,
-        robust_shac.settings_of("swingup-2-robust", total_timesteps=960, updates=1, num_envs=32),
-    ),
 }  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
 def few_wrong_chains(monkeypatch):
     few = [{"lengths": np.array([1.1])}, {"damping": np.array([0.05])}]
-    monkeypatch.setattr(robust_imitation, "wrong_chains", lambda *_: few)
+    monkeypatch.setattr(experts, "wrong_chains", lambda *_: few)
 
 
 class StoppedError(Exception):

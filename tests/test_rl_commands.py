@@ -19,7 +19,7 @@ def trained(tmp_path_factory):
     pytest.importorskip("torch")
     out = tmp_path_factory.mktemp("trained")
     arguments = ["--seed", "3", "--set", "total_timesteps=4096", "--env", "damping=0.02"]
-    assert main(["train", "swingup-1", *arguments, "--out", str(out)]) == 0
+    assert main(["train", "swingup-1", "--algorithm", "ppo", *arguments, "--out", str(out)]) == 0
     return out
 
 
@@ -37,7 +37,7 @@ def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
 
 def test_training_is_the_same_again_and_overwrites_nothing_unasked(trained, capsys):
     arguments = ["--seed", "3", "--set", "total_timesteps=4096", "--env", "damping=0.02"]
-    command = ["train", "swingup-1", *arguments, "--out", str(trained)]
+    command = ["train", "swingup-1", "--algorithm", "ppo", *arguments, "--out", str(trained)]
     first = Policy.load(trained / "swingup-1.npz")
     with pytest.raises(SystemExit) as left:
         main(command)
@@ -99,7 +99,7 @@ def test_a_policy_that_never_succeeds_on_the_chain_of_a_file_is_told_why(tmp_pat
         (["train", "swingup-2-fast"], 'task must be like "swingup-2" or "swingup-2-robust"'),
         (["train", "swing-2"], 'task must be like "swingup-2"'),
         (["train", "calm"], 'task must be like "swingup-2"'),
-        (["train", "calm-2", "--algorithm", "dqn"], "algorithm must be one of ppo, es"),
+        (["train", "calm-2", "--algorithm", "dqn"], "algorithm must be one of shac, imitation, ppo, es"),
         (["train", "calm-2", "--set", "gama=0.9"], "--set must name one of total_timesteps"),
     ],
 )
@@ -126,8 +126,8 @@ def test_the_task_chooses_the_algorithm():
     from npend_gym.cli.train import _algorithm
 
     tasks = ("swingup-2", "calm-20", "swingup-3", "swingup-7", "calm-5")
-    assert [_algorithm(task, None) for task in tasks] == ["ppo", "es", "imitation", "ppo", "ppo"]
-    assert _algorithm("swingup-2", "shac") == "shac"
+    assert [_algorithm(task, None) for task in tasks] == ["shac", "es", "imitation", "ppo", "ppo"]
+    assert _algorithm("swingup-2", "ppo") == "ppo"
 
 
 def test_evolution_strategies_find_a_policy_that_calms_better_than_no_torque():

@@ -1,9 +1,12 @@
-"""Imitation of plans: who acts when, and what the student learns from."""
+"""Imitation: who acts when, what the student learns from, and what experts know."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym.rl import evaluate
+from npend_gym import Chain
+from npend_gym.envs import EnvConfig
+from npend_gym.rl import Policy, evaluate
 from npend_gym.rl.controllers.planning import Tracking, planned_swing_up
 from npend_gym.rl.evaluation.settings import setting_of
 
@@ -12,16 +15,37 @@ pytestmark = pytest.mark.long  # plans take seconds
 torch = pytest.importorskip("torch")
 
 from npend_gym.rl.training import imitation  # noqa: E402
+from npend_gym.rl.training.chain_plans import ChainPlans, wrong_chains  # noqa: E402
 from npend_gym.rl.training.dataset import Dataset  # noqa: E402
+from npend_gym.rl.training.error_lanes import ErrorLanes  # noqa: E402
+from npend_gym.rl.training.experts import astray, plan_of, steadied  # noqa: E402
+
+TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
+CHAINS = [
+    {"lengths": np.array([1.0, 1.2])},
+    {"masses": np.array([0.8, 1.0])},
+    {"damping": np.array([0.1, 0.0])},
+]
+
+
+def dagger_of(**changes):
+    settings = imitation.settings_of("swingup-1", seconds=3.0, num_envs=64, hidden=8, **changes)
+    torch.manual_seed(0)
+    config = EnvConfig(**settings.env)
+    return imitation.DAgger(settings, ChainPlans(config, planned_swing_up(config, 3.0, tries=2)))
 
 
 @pytest.fixture(scope="module")
 def dagger():
-    settings = imitation.settings_of("swingup-1", seconds=3.0, num_envs=64, hidden=8)
-    torch.manual_seed(0)
-    envs = setting_of(settings.env).make(64, max_episode_steps=None)
-    expert = planned_swing_up(envs.unwrapped.config, 3.0, tries=2)
-    return imitation.DAgger(settings, envs, expert)
+    return dagger_of()
+
+
+@pytest.fixture(scope="module")
+def plans():
+    config = EnvConfig(**TWO)
+    found = ChainPlans(config, planned_swing_up(config, 4.0, tries=2, guess="mpc"), CHAINS)
+    assert len(found.chains) == 4
+    return found
 
 
 def tracking(rows):
@@ -44,33 +68,66 @@ def test_the_expert_does_not_take_over_from_a_student_that_does_as_it_would(dagg
 
     expert_tracking = dagger.expert.tracking
     with monkeypatch.context() as patch:
-        patch.setattr(imitation.PlannedTransition, "tracking", lambda _, info: as_expert(info))
+        patch.setattr(ChainPlans, "tracking", lambda _, info: as_expert(info))
         score = dagger.play(2)
     assert score["success"] == 1.0
     assert score["taken_over"] < 0.2  # starts that are farther away than others
 
 
 def test_a_fit_comes_nearer_to_the_actions_of_the_expert(dagger):
-    dagger.fit(20)
+    dagger.learn(20)
     before = dagger.fit.distance
-    dagger.fit(200)
+    dagger.learn(200)
     assert dagger.fit.distance < 0.7 * before
 
 
 def test_a_full_dataset_takes_new_states_in_place_of_old_ones():
     dataset, rng = Dataset(10, inputs=3, joints=1), np.random.default_rng(0)
-    shown = np.arange(24.0, dtype=np.float32).reshape(8, 3)
+    shown = torch.arange(24.0).reshape(8, 3)
     chosen = np.array([True, False] * 4)
     for size in (4, 8, 8, 8):
         dataset.add(shown, tracking(8), chosen, rng)
         assert dataset.size == size
     for row in range(dataset.size):
-        k = int(dataset.observations[row, 0]) // 3
+        k = int(dataset.inputs[row, 0]) // 3
         assert chosen[k]
         assert dataset.actions[row, 0] == pytest.approx(
             np.clip(tracking(8).actions[k, 0], -1.5, 1.5)
         )
         assert dataset.weights[row, 0] == 2.0
+
+
+def test_the_student_is_the_mean_of_what_the_learner_was_lately():
+    dagger = dagger_of(averaging=0.9)
+    dagger.play(0)
+    before = dagger.student[0].weight.clone()
+    dagger.learn(20)
+    left = (dagger.student[0].weight - dagger.learner[0].weight) / (
+        before - dagger.learner[0].weight
+    )
+    assert torch.allclose(left, torch.full_like(left, 0.9**20), atol=1e-2)
+    latest = dagger_of()
+    latest.play(0)
+    latest.learn(50)
+    assert all(map(torch.equal, latest.student.parameters(), latest.learner.parameters()))
+
+
+@pytest.mark.parametrize("length", [1, 4])
+def test_the_policy_acts_as_the_student_does(length):
+    dagger = dagger_of(length=length)
+    dagger.play(0)
+    dagger.learn(20)
+    policy = dagger.policy({})
+    assert policy.has_memory == (length > 1)
+    envs = setting_of(policy.env).make(5)
+    observation, info = envs.reset(seed=0)
+    dagger.history.reset(5)
+    for _ in range(8):
+        action = policy(observation, info)
+        expected = dagger.act(dagger.inputs(observation, info)).clip(-1.0, 1.0)
+        np.testing.assert_allclose(action, expected, atol=1e-4)
+        dagger.history.act(action)
+        observation, *_, info = envs.step(action)
 
 
 @pytest.mark.parametrize(
@@ -84,3 +141,175 @@ def test_a_student_learns_from_a_regulator_where_no_plan_is_needed(env):
     policy, curve = imitation.train(settings)
     assert curve[-1]["success"] == 1.0
     assert evaluate(policy, env, episodes=20).success_rate == 1.0
+
+
+def test_a_student_with_a_memory_swings_one_rod_up_with_late_sensors():
+    settings = imitation.settings_of(
+        "swingup-1-robust", seconds=3.0, rounds=12, num_envs=96, hidden=32, updates=200
+    )
+    policy, curve = imitation.train(settings)
+    assert policy.has_memory
+    assert policy.env == {"n": 1, "mode": "swingup", "observation": "sincos"}
+    assert curve[-1]["success"] > curve[0]["success"]
+    assert evaluate(policy, policy.env, episodes=20).success_rate > 0.9
+    late = evaluate(policy, policy.env | {"observation_delay": 0.8}, episodes=20)
+    assert late.success_rate > 0.5
+
+
+def test_the_plan_of_a_chain_is_a_motion_of_this_very_chain(plans):
+    for which, changes in enumerate(plans.chains):
+        chain = Chain(**changes)
+        limit = EnvConfig(**TWO).max_torque
+        envs = gym.make_vec(
+            "NPendulum-v0", num_envs=1, chain=chain, mode="swingup", max_torque=limit
+        )
+        _, info = envs.reset(options={"theta": 0.0, "omega": 0.0})
+        plans.begin(np.array([which]))
+        for _ in range(plans.steps):
+            told = plans.tracking(info)
+            assert told.relative_cost[0] < 1e-3
+            info = envs.step(told.actions)[-1]
+        assert info["tip_height"][0] > 0.999 * chain.total_length
+        envs.close()
+
+
+def test_a_lane_that_is_late_is_near_the_state_of_the_plan_that_it_is_in(plans):
+    def told(states, phase):
+        plans._phase[:] = phase
+        theta, omega = np.split(states, 2, axis=1)
+        return plans.tracking({"theta": theta, "omega": omega, "time": np.ones(5)})
+
+    plans.begin(np.zeros(5, np.int64))
+    states = plans._states[0, 20:25]
+    found = told(states, 22)
+    np.testing.assert_array_equal(plans._phase, np.arange(20, 25))
+    np.testing.assert_allclose(found.actions, plans._actions[0, 20:25], atol=1e-12)
+    turned = states.copy()
+    turned[:, :2] = plans._states[0, -1, :2] + 2.0 * np.pi * np.arange(5)[:, None]
+    turned[:, 2:] = 0.0
+    found = told(turned, plans.steps)
+    np.testing.assert_array_equal(plans._phase, plans.steps)
+    np.testing.assert_allclose(found.relative_cost, 0.0, atol=1e-12)
+
+
+def test_wrong_chains_differ_in_one_rod_in_all_or_in_each():
+    chains = wrong_chains(Chain.uniform(3), 0)
+    whole = [
+        {"masses": np.ones(3), "lengths": np.ones(3), "damping": np.zeros(3)} | c for c in chains
+    ]
+    changed = [sum(np.any(each[k] != (k != "damping")) for k in each) for each in whole]
+    assert set(changed) == {1}
+    lengths = np.array([each["lengths"] for each in whole])
+    assert lengths.min() == 0.75
+    assert lengths.max() == 1.25
+    links = wrong_chains(Chain([1.0], [0.8], centres=0.4, inertias=0.05), 0)
+    assert {name for each in links for name in each} >= {"centres", "inertias"}
+
+
+SHARES = {"nothing": 1.0, "model": 2.0, "velocity_noise": 1.0, "delay": 1.0, "pushes": 1.0}
+
+
+def test_lanes_with_wrong_chains_move_as_these_chains_do(plans):
+    lanes = ErrorLanes(setting_of(TWO), 12, SHARES, 100)
+    rng = np.random.default_rng(0)
+    _, info = lanes.reset(7, plans.chains, rng)
+    wrong = np.flatnonzero(lanes.group == lanes.names.index("model"))
+    assert wrong.size == 4
+    assert not lanes.which[np.setdiff1d(np.arange(12), wrong)].any()
+    begun = {name: info[name].copy() for name in ("theta", "omega")}
+    action = rng.uniform(-1.0, 1.0, (20, 12, 1))
+    for each in action:
+        observation, _, info = lanes.step(each)
+    lanes.close()
+    limit = EnvConfig(**TWO).max_torque
+    for lane in wrong:
+        chain = Chain(**plans.chains[lanes.which[lane]])
+        env = gym.make("NPendulum-v0", **TWO | {"chain": chain, "max_torque": limit})
+        env.reset(options={name: value[lane] for name, value in begun.items()})
+        for each in action:
+            alone, *_ = env.step(each[lane])
+        env.close()
+        np.testing.assert_allclose(observation[lane], alone, atol=1e-6)
+
+
+def test_errors_are_drawn_up_to_what_robustness_tries_times_their_level():
+    lanes = ErrorLanes(setting_of(TWO), 12, SHARES, 100, first_level=0.5)
+    drawn = dict(zip(lanes.names, lanes._envs, strict=True))
+    ends = {name: drawn[name].unwrapped.config.randomize for name in ("velocity_noise", "delay")}
+    assert ends["velocity_noise"] == {"velocity_noise": {"low": 0.0, "high": 0.25}}
+    assert ends["delay"]["observation_delay"]["high"] == pytest.approx(0.4)  # of 0.04 s
+    assert drawn["nothing"].unwrapped.config.randomize is None
+    lanes.close()
+    with pytest.raises(ValueError, match="errors must be"):
+        ErrorLanes(setting_of(TWO), 12, {"noise": 1.0}, 100)
+
+
+def test_pulses_push_a_chain_that_hangs_and_nothing_else_does():
+    lanes = ErrorLanes(setting_of(TWO), 30, {"nothing": 1.0, "pushes": 2.0}, 100)
+    lanes.reset(0, [], np.random.default_rng(0))
+    for _ in range(100):
+        *_, info = lanes.step(np.zeros((30, 1)))
+    pushed = lanes.group == 1
+    moved = np.abs(info["theta"]).max(axis=1) > 0.2  # starts within 0.05 rad and 0.05 rad/s
+    assert moved[pushed].mean() > 0.5
+    assert not moved[~pushed].any()
+    lanes.close()
+
+
+def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
+    lanes = ErrorLanes(setting_of(TWO), 48, dict.fromkeys(SHARES, 1.0), 100, first_level=0.4)
+    noise, delay, pushes = (lanes.names.index(k) for k in ("velocity_noise", "delay", "pushes"))
+    rows = np.flatnonzero(np.isin(lanes.group, [noise, delay, pushes]))
+    kept = rows[(lanes.group[rows] != pushes) | (lanes.rank[rows] < 0.5)]
+    group, rank = lanes.group[kept], lanes.rank[kept]
+    good = (group == pushes) | ((group == noise) & (rank < 0.8))
+    episodes = np.bincount(group)
+    for _ in range(2):
+        lanes.judge(kept, good)
+    assert episodes[noise] < 12 <= 2 * episodes[noise]
+    assert 2 * episodes[pushes] < 12
+    lanes.grow()
+    np.testing.assert_allclose(lanes.levels[[noise, delay, pushes]], [0.5, 0.4, 0.4])
+    high = lanes._envs[noise].unwrapped.config.randomize["velocity_noise"]["high"]
+    assert high == pytest.approx(0.25)
+    lanes.close()
+
+
+def test_the_way_of_a_policy_is_a_plan():
+    config = EnvConfig(n=3, mode="swingup", observation="sincos")
+    policy = Policy.pretrained("swingup-3")
+    plan = plan_of(policy, config, 7.0)
+    env = gym.make("NPendulum-v0", **policy.env)
+    observation, info = env.reset(options={"theta": [0.0] * 3, "omega": [0.0] * 3})
+    for state in plan.nominal.states[:-1]:
+        np.testing.assert_allclose([*info["theta"], *info["omega"]], state, atol=1e-4)
+        observation, *_, info = env.step(policy(observation))
+    env.close()
+    with pytest.raises(ValueError, match="must stand after 2 s"):
+        plan_of(policy, config, 2.0)
+
+
+def test_of_the_variants_of_a_plan_one_is_kept_from_which_noise_leads_less_astray():
+    config = EnvConfig(n=3, mode="swingup")
+    plan = planned_swing_up(config, 4.5, tries=1, seed=1)
+    assert steadied(config, plan, 0, seed=0) is plan
+    better = steadied(config, plan, 12, seed=0)
+    assert astray(config, better) < astray(config, plan)
+    again = steadied(config, plan, 12, seed=0)
+    np.testing.assert_array_equal(better.gains, again.gains)
+    goal = np.cos(better.nominal.states[-1, :3])
+    np.testing.assert_allclose(goal, -1.0)
+    assert np.abs(better.nominal.actions).max() < 0.9
+
+
+def test_what_is_wrong_follows_from_the_task():
+    three = imitation.settings_of("swingup-3-robust")
+    assert "randomize" not in three.env
+    assert not three.env["observe_velocities"]
+    assert three.errors["delay"] > 0.0
+    assert imitation.settings_of("swingup-3").errors == {}
+    assert imitation.settings_of("balance-2-robust").errors == imitation.ERRORS
+    with pytest.raises(ValueError, match="observe_context must be False"):
+        imitation.train(
+            imitation.settings_of("swingup-1-robust", env=TWO | {"observe_context": True})
+        )

@@ -212,7 +212,7 @@ def test_a_robust_policy_holds_over_the_whole_range_of_training(task):
         assert drawn[name] == [0.8, 1.2]
     assert not EnvConfig(**policy.env).observe_context  # it is not told which chain it has
     slow = {"masses": (1.2, 1.2), "lengths": (1.2, 1.2), "max_torque": (0.8, 0.8)}
-    heavy = {"masses": (1.2, 1.2)}
+    heavy = {"gravity": (1.5, 1.5)}
     for randomize in (drawn, slow, heavy):
         keywords = policy.env | {"randomize": randomize}
         assert evaluate(policy, keywords, episodes=40).success_rate >= 0.95

@@ -89,7 +89,7 @@ def test_shac_returns_a_policy_and_its_learning_curve():
     from npend_gym.rl.training.shac import settings_of, train
 
     policy, curve = train(settings_of("swingup-2", total_timesteps=960, seed=3))
-    assert [w.shape for w in policy.weights] == [(64, 6), (64, 64), (1, 64), (1, 1)]
+    assert [w.shape for w in policy.weights] == [(64, 6), (64, 64), (1, 64)]
     assert policy.env == {"n": 2, "mode": "swingup", "observation": "sincos"}
     assert policy.provenance["training"]["steps"] == 960
     assert policy.provenance["trained_by"] == "shac"

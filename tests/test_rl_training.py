@@ -12,14 +12,14 @@ from scripts import run_python
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.registration import ENV_ID
-from npend_gym.rl import HELD_OUT
+from npend_gym.rl import HELD_OUT, Policy
 from npend_gym.rl.controllers.planning import Tracking
 from npend_gym.rl.evaluation.settings import setting_of
 
 torch = pytest.importorskip("torch")
 
 from npend_gym.cli import main  # noqa: E402
-from npend_gym.rl.training import es, imitation, ppo  # noqa: E402
+from npend_gym.rl.training import es, imitation, ppo, trainer, trainer_names  # noqa: E402
 from npend_gym.rl.training.tasks import env_around  # noqa: E402
 
 VALIDATION = 900_000
@@ -37,6 +37,11 @@ def play_with_es(seed):
 class Idle:
     """An expert that never acts."""
 
+    chains = ()
+
+    def begin(self, which):
+        pass
+
     def tracking(self, info):
         lanes = len(info["time"])
         return Tracking(*(np.zeros((lanes, 1)),) * 2, np.zeros(lanes), np.ones((lanes, 1)))
@@ -44,11 +49,10 @@ class Idle:
 
 def play_with_imitation(seed):
     settings = imitation.settings_of("swingup-3", seed=seed, seconds=0.05, standing=0, hidden=4)
-    envs = setting_of(settings.env).make(settings.num_envs, max_episode_steps=None)
-    dagger = imitation.DAgger(settings, envs, Idle())
+    dagger = imitation.DAgger(settings, Idle())
     for round_ in (0, 1, settings.rounds):
         dagger.play(round_)
-    envs.close()
+    dagger.lanes.close()
 
 
 PLAYS = {"ppo": play_with_ppo, "es": play_with_es, "imitation": play_with_imitation}
@@ -103,12 +107,9 @@ def test_small_seeds_train_in_the_episodes_of_the_policies_that_ship(monkeypatch
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**31), str(2**70)])
-@pytest.mark.parametrize(
-    "algorithm", ["ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation"]
-)
+@pytest.mark.parametrize("algorithm", ["ppo", "es", "imitation", "shac"])
 def test_a_seed_out_of_range_is_named_as_it_was_given(algorithm, seed, tmp_path, capsys):
-    task = "swingup-2-robust" if algorithm == "robust_shac" else "swingup-2"
-    command = ["train", task, "--algorithm", algorithm, "--out", str(tmp_path)]
+    command = ["train", "swingup-2", "--algorithm", algorithm, "--out", str(tmp_path)]
     with pytest.raises(SystemExit) as left:
         main([*command, "--seed", seed])
     assert left.value.code == 2
@@ -118,7 +119,7 @@ def test_a_seed_out_of_range_is_named_as_it_was_given(algorithm, seed, tmp_path,
 
 TRAIN_ALL = """
 import hashlib
-from npend_gym.rl.training import es, imitation, ppo, robust_imitation, robust_shac, shac
+from npend_gym.rl.training import es, imitation, ppo, shac
 
 one = {"n": 1, "mode": "swingup", "observation": "sincos"}
 few = {"rounds": 2, "updates": 4, "first_updates": 4}
@@ -126,11 +127,7 @@ runs = {
     "ppo": ppo.settings_of("swingup-1", total_timesteps=8192),
     "es": es.settings_of("calm-20", updates=2, pairs=2, num_steps=5),
     "imitation": imitation.Settings(one, seconds=3.0, guesses=1, num_envs=8, **few),
-    "robust_imitation": robust_imitation.Settings(
-        one, plan_seed=0, seconds=3.0, num_envs=16, num_steps=40, wrong_chains=False, **few
-    ),
     "shac": shac.settings_of("swingup-2", total_timesteps=640),
-    "robust_shac": robust_shac.settings_of("swingup-2-robust", total_timesteps=640, updates=2),
 }
 for name in NAMES:
     policy, _ = globals()[name].train(runs[name])
@@ -150,9 +147,7 @@ def weights_of(names, **variables):
     "names",
     [
         ["shac"],
-        pytest.param(
-            ["ppo", "es", "imitation", "robust_imitation", "robust_shac"], marks=pytest.mark.long
-        ),
+        pytest.param(["ppo", "es", "imitation"], marks=pytest.mark.long),
     ],
 )
 def test_one_seed_gives_the_same_policy_with_any_number_of_threads(names):
@@ -174,18 +169,12 @@ def test_a_training_leaves_the_threads_of_the_program_as_they_were():
         torch.set_num_threads(before)
 
 
-TASK_OF = {"robust_shac": "swingup-2-robust", "es": "calm-2"}
+TASK_OF = {"es": "calm-2"}
 IGNORED = [
     *(("shac", setting) for setting in (
         'randomize={"masses": [0.8, 1.2]}', "velocity_noise=0.5", "observation_delay=1",
         "action_delay=1", "motor_lag=0.05", "torque_noise=0.2",
         "reward_type=sparse", "torque_levels=3", "max_episode_steps=200", "observe_context=true",
-    )),
-    *(("robust_shac", setting) for setting in (
-        "motor_lag=0.05", "action_delay=1", "max_episode_steps=200", "torque_ripple=0.1",
-    )),
-    *(("robust_imitation", setting) for setting in (
-        'randomize={"masses": [0.8, 1.2]}', "velocity_noise=0.5", "observation_delay=1",
     )),
     *(("es", setting) for setting in ("max_episode_steps=200", "observe_context=true")),
     *(("imitation", setting) for setting in ("max_episode_steps=200", "torque_levels=3")),
@@ -216,17 +205,12 @@ def test_a_trainer_refuses_what_it_would_ignore(algorithm, setting, tmp_path, ca
     ("algorithm", "setting", "text"),
     [
         *((name, "observation=angles", f'observation must be "sincos" for {name}') for name in (
-            "ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation",
+            "ppo", "es", "imitation", "shac",
         )),
         ("imitation", "mode=passive", "mode must be one that an expert is known for"),
         ("shac", "mode=transition", "mode must be one that shac learns"),
-        *((name, "mode=calm", f'mode must be "swingup" for {name}') for name in (
-            "robust_shac", "robust_imitation",
-        )),
         ("es", "actuated=[0, 1]", "one motor and no goal"),
         ("es", "mode=transition", "one motor and no goal"),
-        ("robust_shac", "actuated=[1]", "one motor at the base"),
-        ("robust_imitation", "actuated=[1]", "one motor at the base"),
         ("shac", "dampign=1", "did you mean 'damping'"),
     ],
 )  # fmt: skip
@@ -234,15 +218,6 @@ def test_a_trainer_says_which_environments_it_cannot_learn(
     algorithm, setting, text, tmp_path, capsys
 ):
     assert text in refusal(algorithm, setting, tmp_path, capsys)
-
-
-def test_a_policy_of_robust_shac_keeps_the_chain_that_it_was_trained_with():
-    from npend_gym.rl.training import robust_shac
-
-    settings = robust_shac.settings_of("swingup-2-robust", total_timesteps=640, updates=1)
-    env = settings.env | {"gravity": 5.0, "max_torque": 7.0}
-    policy, _ = robust_shac.train(replace(settings, env=env))
-    assert policy.env == {name: value for name, value in env.items() if name != "randomize"}
 
 
 @pytest.mark.parametrize("trainer", [ppo, es])
@@ -288,3 +263,56 @@ def test_training_around_an_identified_chain_draws_within_two_standard_errors(tm
     (tmp_path / "identification.json").unlink()
     with pytest.raises(ValueError, match=r"what npend identify --out wrote"):
         env_around(tmp_path / "fit.json")
+
+
+OWN_TRAINER = """
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from npend_gym.rl import Policy
+
+TASKS = {"balance-1": {"gain": 3.0}}
+
+
+@dataclass(frozen=True)
+class Settings:
+    env: dict = field(default_factory=dict)
+    seed: int = 0
+    gain: float = 1.0
+    rounds: int = 3
+
+
+def settings_of(task, **changes):
+    env = {"n": 1, "mode": "balance", "observation": "sincos"}
+    return Settings(env=env, **(TASKS.get(task, {}) | changes))
+
+
+def train(settings, progress=None, checkpoint=None):
+    weights = {"rows": []}
+    for round_ in checkpoint.rounds(weights, settings.rounds, progress, "round"):
+        weights["rows"].append({"steps": round_})
+    gain = np.array([[-settings.gain, 0.0, 0.0]], np.float32)
+    policy = Policy(np.ones(3, np.float32), [gain], [np.zeros(1, np.float32)], env=settings.env)
+    return policy, weights["rows"]
+"""
+
+
+def test_a_trainer_of_another_package_is_found_by_its_entry_point(tmp_path, monkeypatch, capsys):
+    (tmp_path / "own_trainer.py").write_text(OWN_TRAINER, encoding="utf-8")
+    about = tmp_path / "own_package-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: own-package\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[npend_gym.trainers]\nmine = own_trainer\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert trainer_names() == ["shac", "imitation", "ppo", "es", "mine"]
+    out = tmp_path / "out"
+    command = ["train", "balance-1", "--algorithm", "mine", "--set", "rounds=2", "--out", str(out)]
+    assert main(command) == 0
+    assert "balance-1 by mine, 2 steps" in capsys.readouterr().out
+    policy = Policy.load(out / "balance-1.npz")
+    assert policy.weights[0].tolist() == [[-3.0, 0.0, 0.0]]
+    with pytest.raises(
+        ValueError, match=r"algorithm must be one of shac, imitation, ppo, es, mine"
+    ):
+        trainer("yours")

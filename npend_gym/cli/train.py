@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import fields, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from npend_gym.cli.common import (
     with_settings,
 )
 
-ALGORITHMS = ("ppo", "es", "imitation", "shac", "robust_shac", "robust_imitation")
+_DEFAULT = "ppo"  # for a task that none has settings for
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
 100 held-out episodes, and writes OUT/TASK.npz and its learning curve TASK.csv. On one
@@ -42,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend train`."""
     text = "mode and number of rods, such as swingup-2; swingup-2-robust draws a chain each episode"
     parser.add_argument("task", metavar="TASK", help=text)
-    text = f"one of {', '.join(ALGORITHMS)} (default: the one that has settings for the task)"
+    text = "such as ppo, es, imitation, shac (default: the one that has settings for the task)"
     parser.add_argument("--algorithm", metavar="NAME", help=text)
     parser.add_argument("--seed", type=int, help="from 0 to 2^31 - 1 (default 0)")
     add_env_option(parser)
@@ -64,6 +63,7 @@ def run(options: dict[str, Any]) -> int:
     from npend_gym.report.robustness_report import evaluation_text
     from npend_gym.rl import evaluate
     from npend_gym.rl.training.checkpoints import Checkpoint
+    from npend_gym.rl.training.trainers import trainer
 
     task: str = options["task"]
     algorithm = _algorithm(task, options.get("algorithm"))
@@ -71,12 +71,12 @@ def run(options: dict[str, Any]) -> int:
     outputs.prepare_folder(path.parent)
     if path.exists() and not options.get("overwrite", False):
         raise ValueError(f"{path} exists: give --overwrite to train it again, or another --out")
-    trainer = _trainer(algorithm)
-    settings = _settings(trainer, task, options)
+    chosen = trainer(algorithm)
+    settings = _settings(chosen, task, options)
     kept = path.with_suffix(".checkpoint")
     checkpoint = Checkpoint(settings, kept, resume=options.get("resume", False))
     try:
-        policy, curve = trainer.train(settings, task, checkpoint)
+        policy, curve = chosen.train(settings, task, checkpoint)
     except KeyboardInterrupt:
         if kept.exists():
             warn(f"{kept} holds what was learned: the same command with --resume goes on from it")
@@ -99,23 +99,20 @@ def _algorithm(task: str, name: str | None) -> str:
     from npend_gym import _checks
     from npend_gym._extras import require
     from npend_gym.rl.training.tasks import env_of_task
+    from npend_gym.rl.training.trainers import trainer, trainer_names
 
     env_of_task(task)  # refuses what is no task
     if name is not None:
-        _checks.choice("algorithm", name, ALGORITHMS)
+        _checks.choice("algorithm", name, (*trainer_names(),))
     if name != "es":
         require("torch", "rl", "trainers")
-    known = [each for each in ALGORITHMS if name is None and task in _trainer(each).TASKS]
+    known = [each for each in trainer_names() if name is None and task in trainer(each).TASKS]
     if name is None and not known:
         warn(
-            f"no settings are known for {task}: {ALGORITHMS[0]} with its defaults, which --set "
+            f"no settings are known for {task}: {_DEFAULT} with its defaults, which --set "
             "changes; docs/results.md has what was reached"
         )
-    return name or next(iter(known), ALGORITHMS[0])
-
-
-def _trainer(algorithm: str) -> Any:
-    return import_module(f"npend_gym.rl.training.{algorithm}")
+    return name or next(iter(known), _DEFAULT)
 
 
 def _settings(trainer: Any, task: str, options: dict[str, Any]) -> Any:

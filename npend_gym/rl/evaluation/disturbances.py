@@ -41,7 +41,7 @@ class DisturbedEnvs:
 
     def __init__(self, setting: Setting, num_envs: int, disturbance: Disturbance) -> None:
         config = self.config = setting.config
-        self.num_envs, self._disturbance = num_envs, disturbance
+        self.num_envs, self.disturbance = num_envs, disturbance
         every = {"actuated": tuple(range(config.n)), "max_torque": 2.0 * config.max_torque}
         every |= {"difficulty": None, "torque_levels": None}
         if config.has_cart:
@@ -65,7 +65,7 @@ class DisturbedEnvs:
         """Step all lanes."""
         config, shape = self.config, (self.num_envs, self.config.joints.size)
         taken = np.clip(np.asarray(checked_action(action, shape, config.action_table)), -1.0, 1.0)
-        torque, active = self._disturbance(self._step, self._info)
+        torque, active = self.disturbance(self._step, self._info)
         whole = np.zeros((self.num_envs, self._joints.size))
         whole[:, self._columns] = np.where(active[:, None], taken * self._ratio, 0.0)
         whole[:, self._joints] += torque / self._limit

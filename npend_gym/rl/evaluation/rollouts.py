@@ -106,12 +106,15 @@ def _joined(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {key: np.concatenate([info[key] for info in infos]) for key in common}
 
 
+_OF_VELOCITIES = "omega", "cart_velocity", "energy"  # keys of `info`
+
+
 class Observer:
     """A controller that is told the state as its sensors show it, in place of the exact one.
 
     Noise and delay then reach controllers that read ``info["theta"]`` and ``info["omega"]``. The
     angles observed are joined to a path without jumps; "energy" is that of this state. Of the other
-    keys only "time" and "goal" are passed on.
+    keys only "time" and "goal" are passed on. Velocities that are not observed are not told.
 
     Parameters
     ----------
@@ -121,11 +124,6 @@ class Observer:
     """
 
     def __init__(self, controller: Controller, config: EnvConfig) -> None:
-        if not config.observe_velocities:
-            raise ValueError(
-                "observe_velocities must be True where a controller is given the state that is "
-                "observed, got False"
-            )
         self._controller, self._config = controller, config
         self._theta: FloatArray | None = None
 
@@ -138,22 +136,37 @@ class Observer:
 
     def __call__(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
         """Return the actions of the controller."""
+        told = {key: info[key] for key in ("time", "goal") if key in info}
+        told |= self._state(np.asarray(observation, np.float64))
+        try:
+            return self._controller(observation, told)
+        except KeyError as error:
+            if self._config.observe_velocities or error.args[0] not in _OF_VELOCITIES:
+                raise
+            raise ValueError(
+                f"observe_velocities must be True for a controller that reads info[{error}], got "
+                "False"
+            ) from error
+
+    def _state(self, seen: FloatArray) -> dict[str, Any]:
+        """Return what observations, (B, k), say of the state."""
         config, n = self._config, self._config.n
-        seen = np.asarray(observation, np.float64)
-        theta, omega = seen[:, :n], seen[:, n : 2 * n]
+        theta, rest = seen[:, :n], seen[:, n:]
         if config.with_sines:
-            theta, omega = np.arctan2(theta, omega), seen[:, 2 * n : 3 * n]
+            theta, rest = np.arctan2(theta, seen[:, n : 2 * n]), seen[:, 2 * n :]
         if self._theta is not None:
             theta = self._theta + wrap(theta - self._theta)
         self._theta = theta
-        omega = omega * config.speed_scale
-        told = {key: info[key] for key in ("time", "goal") if key in info}
-        told |= {"theta": theta, "omega": omega}
-        velocity = None
+        told: dict[str, Any] = {"theta": theta}
+        speeds = n if config.observe_velocities else 0
         if config.rail is not None:
-            after = 3 * n if config.with_sines else 2 * n
-            velocity = seen[:, after + 1] / cart_speed_factor(config)
-            told |= {"cart_position": seen[:, after] * config.rail, "cart_velocity": velocity}
+            told["cart_position"] = rest[:, speeds] * config.rail
+        if not config.observe_velocities:
+            return told
+        omega, velocity = rest[:, :n] * config.speed_scale, None
+        if config.rail is not None:
+            velocity = told["cart_velocity"] = rest[:, n + 1] / cart_speed_factor(config)
         kinetic = energy.kinetic_of_motion(config.chain, theta, omega, velocity, None, None)
-        told["energy"] = kinetic + energy.potential_energy(config.chain, theta)
-        return self._controller(observation, told)
+        return told | {
+            "omega": omega, "energy": kinetic + energy.potential_energy(config.chain, theta)
+        }  # fmt: skip

@@ -1,4 +1,4 @@
-"""What imitation learns from: observations, the actions of an expert, and a fit to them."""
+"""What imitation learns from: inputs of the student, actions of the expert, and a fit to them."""
 
 # torch's stubs leave parts unknown
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -18,18 +18,18 @@ _MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
 
 
 class Dataset:
-    """Observations, what the expert would have done there, and how much that matters."""
+    """What a student was given, what the expert would have done, and how much that matters."""
 
     changes = ("size", "filled")
 
     def __init__(self, max_states: int, inputs: int, joints: int) -> None:
         self.size = 0
-        self.observations = torch.empty(max_states, inputs)
+        self.inputs = torch.empty(max_states, inputs)
         self.actions, self.weights = torch.empty(2, max_states, joints)
 
     @property
     def filled(self) -> list[torch.Tensor]:
-        """The rows that are in use, of observations, actions and weights."""
+        """The rows that are in use, of inputs, actions and weights."""
         return [part[: self.size].clone() for part in self._parts()]
 
     @filled.setter
@@ -38,19 +38,19 @@ class Dataset:
             part[: len(saved)] = saved
 
     def _parts(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        return self.observations, self.actions, self.weights
+        return self.inputs, self.actions, self.weights
 
     def add(
-        self, observations: Any, tracking: Tracking, chosen: Any, rng: np.random.Generator
+        self, inputs: torch.Tensor, tracking: Tracking, chosen: Any, rng: np.random.Generator
     ) -> None:
         """Add the states of the `chosen` environments."""
-        count, places = int(chosen.sum()), len(self.observations)
+        count, places = int(chosen.sum()), len(self.inputs)
         rows = np.arange(self.size, self.size + count)
         if self.size + count > places:
             rows = rng.integers(self.size, size=count)
         else:
             self.size += count
-        self.observations[rows] = torch.as_tensor(observations[chosen])
+        self.inputs[rows] = inputs[torch.from_numpy(chosen)]
         labels = tracking.actions[chosen].clip(-_MAX_LABEL, _MAX_LABEL)
         weights: FloatArray = np.sqrt(tracking.action_weight[chosen])
         self.actions[rows] = torch.from_numpy(labels.astype(np.float32))
@@ -64,8 +64,6 @@ class Fit:
     ----------
     student : torch.nn.Module
     dataset : Dataset
-    obs_scale : torch.Tensor
-        What the observations are divided by.
     settings : Settings
         With the fields "seed", "minibatch_size", "learning_rate", "first_updates", "updates" and
         "rounds".
@@ -78,11 +76,8 @@ class Fit:
 
     changes = ("optimizer", "shuffler", "updates", "distance")
 
-    def __init__(
-        self, student: nn.Module, dataset: Dataset, obs_scale: torch.Tensor, settings: Any
-    ) -> None:
+    def __init__(self, student: nn.Module, dataset: Dataset, settings: Any) -> None:
         self.student, self.dataset, self.settings = student, dataset, settings
-        self.obs_scale = obs_scale
         self.optimizer = torch.optim.Adam(student.parameters(), fused=True)
         self.shuffler = torch.Generator().manual_seed(settings.seed)
         self.updates = 0  # so far
@@ -97,7 +92,7 @@ class Fit:
             self.optimizer.param_groups[0]["lr"] = rate
             rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
             actions, weights = dataset.actions[rows], dataset.weights[rows]
-            prediction = self.student(dataset.observations[rows] / self.obs_scale)
+            prediction = self.student(dataset.inputs[rows])
             losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
             loss = (weights * losses).mean() / weights.mean()
             self.optimizer.zero_grad()
@@ -118,3 +113,25 @@ def follow(student: nn.Module, learner: nn.Module, left: float) -> None:
     """
     for mean, latest in zip(student.parameters(), learner.parameters(), strict=True):
         mean.lerp_(latest, 1.0 - left)
+
+
+def differences(
+    length: int, obs_scale: torch.Tensor, change_scale: torch.Tensor, joints: int
+) -> torch.Tensor:
+    """Return the matrix that makes the frames of a `History`, as a row, inputs of a network.
+
+    These are the newest observation over `obs_scale`, (k,), by how much the others changed from
+    each to the next, over `change_scale`, and the actions. Angular velocities are then as easy to
+    find in the angles as in what is observed of them. A `length` of 1 is an observation alone.
+    """
+    if length == 1:
+        return torch.diag(1.0 / obs_scale)
+    size = len(obs_scale)
+    matrix = torch.zeros(length, size + joints, length, size + joints)
+    entries = torch.arange(size)
+    for j in range(length):
+        matrix[j, size:, j, size:] = torch.eye(joints)
+        matrix[j, entries, j, entries] = 1.0 / (change_scale if j > 0 else obs_scale)
+        if j > 0:
+            matrix[j - 1, entries, j, entries] = -1.0 / change_scale
+    return matrix.reshape(length * (size + joints), -1)

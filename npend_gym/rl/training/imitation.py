@@ -1,41 +1,42 @@
-"""Imitation: a network learns swing-ups of three and more rods, and transitions, from plans.
+"""Imitation: a network learns from plans and feedback what to do in every state, with any errors.
 
-The expert (`npend_gym.rl.planned_swing_up`, `planned_transitions`) plans a trajectory, knows the
-clock and tracks the trajectory by time-varying feedback; the student sees the chain alone. In
-DAgger (Ross, Gordon, Bagnell, arXiv:1011.0686) the student acts and the expert says what it would
-have done. A student that has learned little leaves the trajectory at once, and sees nothing of the
-rest. Therefore in most environments the expert takes over where the student has come too far away,
-and hands back when it has led the chain back, as in SafeDAgger (Zhang, Cho, arXiv:1605.06450). How
-far is measured by the cost that the feedback minimises. In some environments the expert alone acts,
-with noise (Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the student alone.
+The expert plans a trajectory and tracks it by time-varying feedback, or knows feedback alone; it
+knows the true state and the true chain. The student is given observations. In DAgger (Ross, Gordon,
+Bagnell, arXiv:1011.0686) the student acts and the expert says what it would have done. A student
+that has learned little leaves the trajectory at once, and sees nothing of the rest. Therefore in
+most environments the expert takes over where the student has come too far away, and hands back when
+it has led the chain back, as in SafeDAgger (Zhang, Cho, arXiv:1605.06450). How far is measured by
+the cost that the feedback minimises. In some environments the expert alone acts, with noise
+(Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the student alone.
+
+With `errors` something is wrong in every environment, see `ErrorLanes`, and the expert has a plan
+for the very chain. A student that is given its last observations and actions learns the mean of
+what experts would do after such a history: it estimates the state and the chain on the way, without
+being told how. To train with what only the simulation knows, and to act on a history, is rapid
+motor adaptation (A. Kumar and others, arXiv:2107.04034) without its two stages.
 """
 
 # torch's stubs leave parts unknown
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+import copy
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 import torch
 
+from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
-from npend_gym.rl.controllers.planning import (
-    PlannedTransition,
-    Tracking,
-    planned_swing_up,
-    track,
-)
-from npend_gym.rl.controllers.step_model import at_rest
-from npend_gym.rl.controllers.transcription import NominalTrajectory
-from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import setting_of
+from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
-from npend_gym.rl.training.dataset import Dataset, Fit
+from npend_gym.rl.training.dataset import Dataset, Fit, differences, follow
+from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, PUSHES, SEVERAL, ErrorLanes
+from npend_gym.rl.training.experts import Expert, expert_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
 from npend_gym.rl.training.tasks import (
     Curve,
@@ -47,6 +48,8 @@ from npend_gym.rl.training.tasks import (
     policy_of,
 )
 
+_AVERAGED = 20  # updates, after which the student follows the learner
+
 
 @dataclass(frozen=True)
 class Settings(TrainingSettings):
@@ -54,6 +57,12 @@ class Settings(TrainingSettings):
 
     seconds: float = 4.5  # of a planned trajectory
     guesses: int = 4  # that may lead to trajectories, each an expert
+    plan_seed: int | None = None  # of the first guess; by default another for each `seed`
+    variants: int = 0  # of a plan that are tried, to keep what noise leads less astray from
+    demonstrator: str = ""  # a policy, of the package or a file, whose way is the plan
+    rescuer: str = ""  # such a policy that acts in place of an expert that has lost the chain
+    errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
+    first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
     rounds: int = 24  # after a first one, in which the expert acts alone
     num_envs: int = 512
     expert_fraction: float = 0.25  # of the environments: the expert acts, with noise
@@ -69,43 +78,49 @@ class Settings(TrainingSettings):
     updates: int = 500  # after every other round
     minibatch_size: int = 1024
     learning_rate: float = 2e-3  # falls to zero along a cosine
+    averaging: float = 0.0  # of the student's parameters: what is left of them after an update
+    length: int = 1  # observations that the student is given
     hidden: int = 192
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
-
-
-TASKS: dict[str, dict[str, Any]] = {
-    "swingup-3": {"rounds": 15},
-    "swingup-4": {"seconds": 7.0, "guesses": 8, "rounds": 90},
-    "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
-}
-
-
-def settings_of(task: str, **changes: Any) -> Settings:
-    """Return the settings for a task such as "swingup-3"."""
-    return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
+    change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
 
 
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
-    changes = ("student", "dataset", "fit")
+    changes = ("student", "learner", "dataset", "fit", "lanes")
 
-    def __init__(self, settings: Settings, envs: Any, expert: Any) -> None:
-        self.settings, self.envs, self.expert = settings, envs, expert
-        config = envs.unwrapped.config
-        episodes = settings.num_envs * (settings.rounds + 1)
-        self.seeds = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
-        self.obs_scale = observation_scale(config, settings.obs_scale)
-        joints = config.joints.size
-        self.student = network(config.observed, joints, settings.hidden, last_gain=0.1)
-        self.dataset = Dataset(settings.max_states, config.observed, joints)
-        self.fit = Fit(self.student, self.dataset, self.obs_scale, settings)
+    def __init__(self, settings: Settings, expert: Expert) -> None:
+        self.settings, self.expert = settings, expert
+        setting, size = setting_of(settings.env), settings.num_envs
+        config = setting.config
         self.episode_steps = round(settings.seconds / config.dt) + settings.standing
+        errors, level = settings.errors, settings.first_level
+        self.lanes = ErrorLanes(setting, size, errors, self.episode_steps, level)
+        episodes = size * (settings.rounds + 1)
+        self.seeds = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
+        scales = settings.obs_scale, settings.change_scale
+        obs_scale, change_scale = (observation_scale(config, each) for each in scales)
+        joints = config.joints.size
+        self.to_inputs = differences(settings.length, obs_scale, change_scale, joints)
+        self.history = History(settings.length, config.observed, joints)
+        inputs = self.to_inputs.shape[1]
+        self.learner = network(inputs, joints, settings.hidden, last_gain=0.1)
+        self.student = copy.deepcopy(self.learner)  # what acts, with averages of its parameters
+        self.dataset = Dataset(settings.max_states, inputs, joints)
+        self.fit = Fit(self.learner, self.dataset, settings)
 
     @torch.no_grad()
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def inputs(self, observation: np.ndarray, info: dict[str, Any]) -> torch.Tensor:
+        """Return what the student is given, (B, inputs), after observations (B, k)."""
+        frames = self.history.observe(observation, info["time"] == 0.0)
+        rows = torch.from_numpy(frames.reshape(len(frames), -1))
+        return rows[:, : len(self.to_inputs)] @ self.to_inputs
+
+    @torch.no_grad()
+    def act(self, inputs: torch.Tensor) -> np.ndarray:
         """Return the student's actions."""
-        return self.student(torch.from_numpy(observation) / self.obs_scale).numpy()
+        return self.student(inputs).numpy()
 
     def play(self, round_: int) -> dict[str, float]:
         """Play an episode in every environment; the expert alone acts in the first round.
@@ -117,82 +132,57 @@ class DAgger:
             "taken_over", the fraction of the steps of the others in which the expert acted.
         """
         settings, rng = self.settings, np.random.default_rng([self.settings.seed, round_])
-        observation, info = self.envs.reset(seed=self.seeds[settings.num_envs * round_])
-        share, returns = (
-            np.arange(settings.num_envs) / settings.num_envs,
-            np.zeros(settings.num_envs),
-        )
-        by_student = (share < settings.student_fraction) & (round_ > 0)
-        by_expert = (share >= 1.0 - settings.expert_fraction) | (round_ == 0)
-        std = (settings.noise_std * by_expert * rng.random(share.size))[:, None]
-        taken, known, steps_taken = by_expert, np.ones(share.size, np.bool_), 0.0
+        size, lanes, expert = settings.num_envs, self.lanes, self.expert
+        observation, info = lanes.reset(self.seeds[size * round_], expert.chains, rng)
+        expert.begin(lanes.which)
+        self.history.reset(size)
+        returns = np.zeros(size)
+        by_student = (lanes.rank < settings.student_fraction) & (round_ > 0)
+        by_expert = (lanes.rank >= 1.0 - settings.expert_fraction) | (round_ == 0)
+        std = (settings.noise_std * by_expert * rng.random(size))[:, None]
+        taken, known, steps_taken = by_expert, np.ones(size, np.bool_), 0.0
         for _ in range(self.episode_steps):
-            tracking: Tracking = self.expert.tracking(info)
+            inputs, tracking = self.inputs(observation, info), expert.tracking(info)
             cost = tracking.relative_cost
             known &= cost < settings.lost
-            self.dataset.add(
-                observation, tracking, known & (rng.random(share.size) < settings.kept), rng
-            )
+            self.dataset.add(inputs, tracking, known & (rng.random(size) < settings.kept), rng)
             limit = np.where(taken, settings.hand_back, settings.take_over)
             taken = ((cost > limit) & ~by_student) | by_expert
             steps_taken += taken[~by_student & ~by_expert].sum()
-            action = np.where(taken[:, None], tracking.actions, self.act(observation))
-            action = action + std * rng.normal(size=action.shape)
-            observation, reward, _, _, info = self.envs.step(action.clip(-1.0, 1.0))
+            action = np.where(taken[:, None], tracking.actions, self.act(inputs))
+            action = (action + std * rng.normal(size=action.shape)).clip(-1.0, 1.0)
+            self.history.act(action.astype(np.float32))
+            observation, reward, info = lanes.step(action)
             returns += reward
         if round_ == 0:
             return {}
+        lanes.judge(np.flatnonzero(by_student), info["success"][by_student])
         steps = self.episode_steps * max(1, np.sum(~by_student & ~by_expert))
         score = {"return": returns, "success": info["success"]}
         means = {name: round(float(value[by_student].mean()), 4) for name, value in score.items()}
         return means | {"taken_over": round(float(steps_taken / steps), 4)}
 
+    def learn(self, updates: int) -> None:
+        """Fit the learner, which the student follows."""
+        distances = list[float]()
+        for begun in range(0, updates, _AVERAGED):
+            count = min(_AVERAGED, updates - begun)
+            self.fit(count)
+            distances.append(self.fit.distance)
+            follow(self.student, self.learner, self.settings.averaging**count)
+        self.fit.distance = float(np.mean(distances))
 
-@dataclass(frozen=True, eq=False)
-class Regulator:
-    """The expert of a task without a plan: LQR about its equilibrium."""
-
-    plan: PlannedTransition
-    start_cost: float  # mean cost at the start of episodes, over that of the plan's own
-
-    def tracking(self, info: dict[str, Any]) -> Tracking:
-        """Return the actions of LQR, and the costs of the states over those at the start."""
-        found = self.plan.tracking(info)
-        return found._replace(relative_cost=found.relative_cost / self.start_cost)
-
-
-def regulator_of(settings: Settings, config: Any) -> Regulator:
-    """Return LQR about the equilibrium in which the mode succeeds: it hangs in "calm"."""
-    rest = at_rest(config, 0.0 if isinstance(config.mode, Calm) else np.pi)
-    idle = NominalTrajectory(np.stack([rest, rest]), np.zeros((1, config.joints.size)))
-    plan = track(config, idle, 0.0)
-    envs = setting_of(settings.env).make(settings.num_envs)
-    seeds = episode_seeds("training", settings.num_envs, run=settings.seed, spacing=100_000)
-    _, info = envs.reset(seed=seeds.start)
-    envs.close()
-    return Regulator(plan, float(plan.tracking(info).relative_cost.mean()))
+    def policy(self, last: dict[str, Any]) -> Policy:
+        """Return the student as a policy, with memory where it is given several observations."""
+        settings = self.settings
+        made = policy_of(self.student, torch.ones(1), "imitation", settings, last)
+        first = torch.from_numpy(made.weights[0]) @ self.to_inputs.T
+        frames = np.ones(self.history.frames.shape[1:], np.float32)
+        scale = frames if settings.length > 1 else frames[0, : len(self.to_inputs)]
+        return replace(made, scale=scale, weights=[first.numpy(), *made.weights[1:]])
 
 
-def expert_of(
-    settings: Settings, config: Any, guess: int
-) -> PlannedTransition | PlannedTransitions | Regulator | None:
-    """Return the plan that a guess leads to, if any; with goals an expert has those of all pairs.
-
-    Tasks that begin where they end have a regulator. Nothing calms the chain before a plan begins:
-    without a clock, holding looks like leaving.
-    """
-    if config.mode.has_goals:
-        options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
-        return planned_transitions(config, settings.seconds, **options) if guess == 0 else None
-    if not isinstance(config.mode, SwingUp):
-        return regulator_of(settings, config) if guess == 0 else None
-    seed = settings.guesses * settings.seed + guess
-    with suppress(RuntimeError):  # this guess leads to no trajectory
-        return planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
-    return None
-
-
-def begin(settings: Settings, envs: Any) -> tuple[DAgger, int, int]:
+def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:
     """Return the student that is nearest to its expert after two rounds.
 
     Some trajectories are much harder to learn than others, and nothing else tells which.
@@ -204,14 +194,14 @@ def begin(settings: Settings, envs: Any) -> tuple[DAgger, int, int]:
     """
     begun: list[tuple[DAgger, int]] = []
     for guess in range(settings.guesses):
-        expert = expert_of(settings, envs.unwrapped.config, guess)
+        expert = expert_of(settings, config, guess)
         if expert is None:
             continue
-        dagger = DAgger(settings, envs, expert)
+        dagger = DAgger(settings, expert)
         dagger.play(0)
-        dagger.fit(settings.first_updates)
+        dagger.learn(settings.first_updates)
         dagger.play(1)
-        dagger.fit(settings.updates)
+        dagger.learn(settings.updates)
         begun.append((dagger, guess))
     if not begun:
         raise RuntimeError("no guess led to a trajectory: give it more seconds or guesses")
@@ -229,22 +219,61 @@ def train(
     config = used_config("imitation", settings.env, OF_ENV)
     if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
         raise ValueError(f"mode must be one that an expert is known for, got {config.mode!r}")
+    if settings.errors and config.observe_context:
+        raise ValueError("observe_context must be False with errors: the student is not told them")
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
-    envs = setting_of(settings.env).make(settings.num_envs, max_episode_steps=None)
     checkpoint = checkpoint or Checkpoint(settings)
+    config = EnvConfig(**settings.env | {"observe_velocities": True})  # experts know the state
     if checkpoint.saved is None:
-        dagger, guess, tried = begin(settings, envs)
+        dagger, guess, tried = begin(settings, config)
     else:  # the others have been tried
         guess, tried = checkpoint.saved["parts"]["choice"]
-        dagger = DAgger(settings, envs, expert_of(settings, envs.unwrapped.config, guess))
+        dagger = DAgger(settings, cast("Expert", expert_of(settings, config, guess)))
     parts = {"dagger": dagger, "choice": [guess, tried], "curve": curve, "clock": clock}
     for round_ in checkpoint.rounds(parts, settings.rounds, progress, "round", first=2):
         score = dagger.play(round_)
-        dagger.fit(settings.updates)
+        dagger.learn(settings.updates)
+        if round_ % 4 == 0:
+            dagger.lanes.grow()
         steps = (2 * (tried - 1) + round_ + 1) * dagger.episode_steps * settings.num_envs
         counts = {"steps": steps, "seconds": round(clock.seconds, 2)}
         curve.append(counts | score | {"distance": round(dagger.fit.distance, 4)})
-    envs.close()
-    student, scale = dagger.student, dagger.obs_scale
-    return policy_of(student, scale, "imitation", settings, curve[-1]), curve
+    dagger.lanes.close()
+    return dagger.policy(curve[-1]), curve
+
+
+# What is wrong in robust training, and in which share of the environments
+ERRORS = {
+    NOTHING: 0.05, CHAIN: 0.35, "velocity_noise": 0.1, "torque_noise": 0.05, "motor_lag": 0.02,
+    "delay": 0.1, PUSHES: 0.28, SEVERAL: 0.05,
+}  # fmt: skip
+_ROBUST: dict[str, Any] = {
+    "errors": ERRORS, "first_level": 0.4, "guesses": 1, "plan_seed": 5, "rounds": 120,
+    "num_envs": 320, "student_fraction": 0.35, "expert_fraction": 0.2, "kept": 0.4,
+    "first_updates": 400, "minibatch_size": 512, "averaging": 0.998, "length": 5, "hidden": 256,
+}  # fmt: skip
+_ANGLES = {NOTHING: 0.05, CHAIN: 0.47, "torque_noise": 0.08, "motor_lag": 0.02, "delay": 0.25,
+           PUSHES: 0.08, SEVERAL: 0.05}  # fmt: skip
+_ANGLES_4 = {NOTHING: 0.16, "torque_noise": 0.22, "motor_lag": 0.1, "delay": 0.3, PUSHES: 0.22}
+_LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
+TASKS: dict[str, dict[str, Any]] = {
+    "swingup-3": {"rounds": 15},
+    "swingup-4": {"seconds": 7.0, "guesses": 8, "rounds": 90},
+    "swingup-5": _LONG | {"errors": {}, "plan_seed": 11, "variants": 300},
+    "swingup-2-robust": {"rescuer": "swingup-2"},
+    "swingup-3-robust": {"rounds": 240, "length": 10, "errors": _ANGLES},
+    "swingup-4-robust": _LONG
+    | {"demonstrator": "swingup-4", "first_level": 0.2, "errors": _ANGLES_4},
+    "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
+}
+_FROM_ANGLES = ("swingup-5", "swingup-3-robust", "swingup-4-robust")  # no velocities are observed
+
+
+def settings_of(task: str, **changes: Any) -> Settings:
+    """Return the settings for a task such as "swingup-3", or "swingup-3-robust" with `errors`."""
+    env = env_of_task(task)
+    robust = _ROBUST if env.pop("randomize", None) else {}  # errors are drawn by `ErrorLanes`
+    if task in _FROM_ANGLES:
+        env["observe_velocities"] = False
+    return Settings(**({"env": env} | robust | TASKS.get(task, {}) | changes))

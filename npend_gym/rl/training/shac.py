@@ -15,7 +15,7 @@ simulation", ICLR 2022. It differs from that paper in three things, all of which
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -180,15 +180,9 @@ class Learner:
         optimizer.step()
 
     def policy(self, last: dict[str, Any]) -> Policy:
-        """Return the actor as a policy: its last tanh is that of a hidden layer there."""
-        last_layer: Any = self.actor[-1]
-        actions: int = last_layer.out_features
-        same = nn.Linear(actions, actions)
-        with torch.no_grad():
-            same.weight.copy_(torch.eye(actions))
-            same.bias.zero_()
-        net = nn.Sequential(*self.actor, nn.Tanh(), same)
-        return policy_of(net, self.task.obs_scale, "shac", self.settings, last)
+        """Return the actor as a policy."""
+        made = policy_of(self.actor, self.task.obs_scale, "shac", self.settings, last)
+        return replace(made, output="tanh")
 
 
 def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:

@@ -1,0 +1,194 @@
+"""Lanes of vector environments, in groups: in each group one thing is wrong, or nothing.
+
+What is wrong is what `robustness` tries, drawn between nothing and the largest that is tried there:
+the chain, sensors and motors, pulses of torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from npend_gym import _checks
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.rl.evaluation.criteria import CRITERIA, Criterion, Pushes
+from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
+from npend_gym.rl.evaluation.settings import Setting
+from npend_gym.rl.training.chain_plans import Changes
+
+NOTHING, CHAIN, PUSHES, SEVERAL = "nothing", "model", "pushes", "several"
+KINDS = (NOTHING, *CRITERIA, SEVERAL)
+_HALF = 0.5  # of the errors in a lane with several, and of those lanes that have a wrong chain
+_GROWTH, _JUDGED = 1.25, 12  # of a level, after at least so many episodes
+# What experts and scores are told of all groups
+_TOLD = ("theta", "omega", "cart_position", "cart_velocity", "time", "goal", "success")
+
+
+def check_errors(errors: Mapping[str, float]) -> None:
+    """Raise a ValueError where the shares of errors are none."""
+    for name, share in errors.items():
+        _checks.choice("errors", name, KINDS)
+        _checks.nonnegative_number(f"errors[{name!r}]", share)
+
+
+class ErrorLanes:
+    """Vector environments side by side, as one, each with an error of its own.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of the environments without errors.
+    size : int
+        Number of lanes.
+    errors : mapping
+        Which share of the lanes has each of `KINDS`, over the sum of all; without any, nothing is
+        wrong.
+    steps : int
+        Of an episode.
+    first_level : float
+        What errors other than the chain's are multiplied by at first.
+
+    Attributes
+    ----------
+    names : list of str
+        What is wrong in each group.
+    group : ndarray, int64, shape (B,)
+        The group of each lane.
+    which : ndarray, int64, shape (B,)
+        The chain of each lane, as a number of the chains given to `reset`.
+    levels : ndarray, shape (groups,)
+        What errors are multiplied by, up to 1.
+    judged : ndarray, int64, shape (2, groups)
+        How many episodes have been judged at this level, and how many were good.
+    """
+
+    changes = ("levels", "judged")
+
+    def __init__(
+        self,
+        setting: Setting,
+        size: int,
+        errors: Mapping[str, float],
+        steps: int,
+        first_level: float = 1.0,
+    ) -> None:
+        check_errors(errors)
+        shares = {name: share for name, share in errors.items() if share > 0.0} or {NOTHING: 1.0}
+        self._setting = setting._replace(keywords=setting.keywords | {"max_episode_steps": None})
+        self.config, self._steps = setting.config, steps
+        ends = np.rint(size * np.cumsum([*shares.values()]) / sum(shares.values())).astype(np.int64)
+        counts = np.diff(ends, prepend=0)
+        self.names = [name for name, count in zip(shares, counts, strict=True) if count > 0]
+        counts = counts[counts > 0]
+        self.group = np.repeat(np.arange(counts.size), counts)
+        self.which = np.zeros(size, np.int64)
+        self._parts = [np.flatnonzero(self.group == k) for k in range(counts.size)]
+        fixed = [name in (NOTHING, CHAIN) for name in self.names]
+        self.levels: FloatArray = np.where(fixed, 1.0, first_level)
+        self.judged = np.zeros((2, counts.size), np.int64)
+        self._envs = [self._make(k) for k in range(counts.size)]
+
+    @property
+    def rank(self) -> FloatArray:
+        """The place of each lane in its group, (B,), from 0 to below 1."""
+        return np.concatenate([np.arange(part.size) / part.size for part in self._parts])
+
+    def _make(self, k: int) -> Any:
+        """Return the environments of a group with the errors of its level."""
+        count, name, level = len(self._parts[k]), self.names[k], self.levels[k]
+        if name == PUSHES:
+            return DisturbedEnvs(self._setting, count, self._pulses(k, 0))
+        errors = CRITERIA if name == SEVERAL else [name]
+        level = _HALF * level if name == SEVERAL else level
+        own = dict(self._setting.keywords.get("randomize") or {})
+        for error in errors:
+            criterion = CRITERIA.get(error)
+            if isinstance(criterion, Criterion):
+                own |= self._drawn(criterion, level)
+        return self._setting.make(count, randomize=own or None)
+
+    def _drawn(self, criterion: Criterion, level: float) -> dict[str, Any]:
+        """Return what is drawn for a criterion, as `randomize` takes it."""
+        largest = criterion.largest
+        end = level * (largest(self.config) if callable(largest) else largest)
+        keywords = criterion.keywords(self.config, end).items()
+        return {name: {"low": 0.0, "high": float(high)} for name, high in keywords if high > 0.0}
+
+    def _pulses(self, k: int, seed: int) -> Pulses:
+        """Return pulses of torque for the lanes of a group."""
+        joints = Pushes().pushed(self.config)
+        pulses = Pulses(self.config, joints, self._steps, len(self._parts[k]), seed)
+        pulses.torques *= self.levels[k]
+        return pulses
+
+    def reset(
+        self, seed: int, chains: Sequence[Changes], rng: np.random.Generator
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode in every lane, where lane k has the seed ``seed + k``.
+
+        Some groups are given other chains, drawn from `chains`; the first of these changes nothing.
+        """
+        self.which[:], begun = 0, list[Any]()
+        for k, (envs, part, name) in enumerate(
+            zip(self._envs, self._parts, self.names, strict=True)
+        ):
+            own_seed = seed + int(part[0])
+            if name == PUSHES:
+                envs.disturbance = self._pulses(k, own_seed)
+            options: dict[str, Any] = {}
+            if name in (CHAIN, SEVERAL) and len(chains) > 1:
+                wrong = rng.random(part.size) < (1.0 if name == CHAIN else _HALF)
+                self.which[part] = np.where(wrong, rng.integers(len(chains), size=part.size), 0)
+                options = {"persist": True}
+                for parameter in chains[0]:
+                    values = np.array([each[parameter] for each in chains])
+                    options[parameter] = values[self.which[part]]
+            begun.append(envs.reset(seed=own_seed, options=options))
+        return self._joined(begun)
+
+    def step(self, action: FloatArray) -> tuple[Any, FloatArray, dict[str, Any]]:
+        """Step all lanes with actions, (B, joints); return observations, rewards and info."""
+        results = [
+            envs.step(action[part]) for envs, part in zip(self._envs, self._parts, strict=True)
+        ]
+        observation, info = self._joined([(each[0], each[-1]) for each in results])
+        return observation, np.concatenate([each[1] for each in results]), info
+
+    def _joined(self, results: list[Any]) -> tuple[Any, dict[str, Any]]:
+        """Return the observations and infos of all lanes."""
+        observations, infos = ([each[k] for each in results] for k in (0, 1))
+        told = [name for name in _TOLD if name in infos[0]]
+        info = {name: np.concatenate([each[name] for each in infos]) for name in told}
+        return np.concatenate(observations), info
+
+    def judge(self, lanes: NDArray[np.int64], good: BoolArray) -> None:
+        """Count episodes that were judged, of these lanes, and those that were good."""
+        groups = self.group[lanes]
+        kinds = len(self.names)
+        self.judged += [np.bincount(rows, minlength=kinds) for rows in (groups, groups[good])]
+
+    def grow(self) -> None:
+        """Raise the levels of the groups in which most episodes were good."""
+        episodes, good = self.judged
+        enough = episodes >= _JUDGED
+        higher = enough & (2 * good > episodes) & (self.levels < 1.0)
+        self.levels[higher] = np.minimum(1.0, _GROWTH * self.levels[higher])
+        self.judged[:, enough] = 0
+        self._remake(np.flatnonzero(higher))
+
+    def restored(self) -> None:
+        """Make the environments of the levels that were restored."""
+        self._remake(np.arange(len(self.names)))
+
+    def _remake(self, groups: NDArray[np.int64]) -> None:
+        for k in groups.tolist():
+            self._envs[k].close()
+            self._envs[k] = self._make(k)
+
+    def close(self) -> None:
+        """Close the environments."""
+        for envs in self._envs:
+            envs.close()

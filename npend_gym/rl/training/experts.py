@@ -1,0 +1,241 @@
+"""Who teaches: plans that are found, or the way of a policy; feedback where none is needed.
+
+A student's actions are never quite the expert's. How far this leads astray differs much from plan
+to plan, so that some cannot be learned. Of a plan that is found, variants can be tried, to keep
+those along which chains with noisy actions come less far away.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from npend_gym._checks import FloatArray
+from npend_gym.envs import EnvConfig
+from npend_gym.envs.modes import Calm, SwingUp
+from npend_gym.rl.controllers.planning import (
+    PlannedTransition,
+    Tracking,
+    planned_swing_up,
+    replanned,
+    track,
+)
+from npend_gym.rl.controllers.step_model import StepModel, at_rest, wrapped
+from npend_gym.rl.controllers.transcription import NominalTrajectory
+from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
+from npend_gym.rl.evaluation.seeds import episode_seeds
+from npend_gym.rl.evaluation.settings import keywords_of, setting_of
+from npend_gym.rl.policies.observations import observation_of
+from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.training.chain_plans import ChainPlans, Changes, wrong_chains
+from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL, ErrorLanes
+
+_START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
+_NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64)  # standard deviation of actions, in each lane
+_LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
+_CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
+_GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
+_WIDTHS, _REACH = (1.0, 2.0, 4.0, 8.0), 15.0  # of changes, in steps
+
+
+class Expert(Protocol):
+    """What is asked of an expert."""
+
+    chains: list[Changes]  # which it knows; the first is the nominal one
+
+    def begin(self, which: NDArray[np.int64]) -> None:
+        """Begin episodes in lanes with the chains of these numbers, (B,)."""
+
+    def tracking(self, info: dict[str, Any]) -> Tracking:
+        """Return the actions, and how far the states are from where they should be."""
+        ...
+
+
+class GoalPlans:
+    """The expert of a mode with goals: a plan for each pair of equilibria, along the clock."""
+
+    def __init__(self, plans: PlannedTransitions) -> None:
+        self._plans, self.chains = plans, list[Changes]()
+
+    def begin(self, which: NDArray[np.int64]) -> None:
+        """Begin episodes in all lanes."""
+        self._plans.reset(which.size)
+
+    def tracking(self, info: dict[str, Any]) -> Tracking:
+        """Return the actions, and how far the states are from the trajectories."""
+        return self._plans.tracking(info)
+
+
+class Rescued:
+    """An expert that leaves a chain that it has lost to a policy, until that brings it back.
+
+    Parameters
+    ----------
+    expert : Expert
+    policy : Policy
+        Without a memory.
+    lost : float
+        From this cost on the policy acts. Costs are told to be less: it always knows what to do.
+    """
+
+    def __init__(self, expert: Expert, policy: Policy, lost: float) -> None:
+        self._expert, self._policy, self._lost = expert, policy, lost
+        self.chains = expert.chains
+
+    def begin(self, which: NDArray[np.int64]) -> None:
+        """Begin episodes in lanes with the chains of these numbers, (B,)."""
+        self._expert.begin(which)
+
+    def tracking(self, info: dict[str, Any]) -> Tracking:
+        """Return the actions, and how far the states are from where they should be."""
+        told, policy = self._expert.tracking(info), self._policy
+        far = told.relative_cost >= self._lost
+        cart = {k: info[k] for k in ("cart_position", "cart_velocity") if k in info}
+        by_policy = policy(observation_of(policy.config, info["theta"], info["omega"], **cart))
+        return told._replace(
+            actions=np.where(far[:, None], by_policy, told.actions),
+            relative_cost=np.minimum(told.relative_cost, np.nextafter(self._lost, 0.0)),
+        )
+
+
+def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
+    """Return the expert that a guess leads to, if any.
+
+    With goals an expert has plans for all pairs. Tasks that begin where they end have feedback
+    about their equilibrium. Nothing calms the chain before a plan begins: without a clock, holding
+    looks like leaving.
+
+    Parameters
+    ----------
+    settings : Settings
+        Those of `imitation`.
+    config : EnvConfig
+    guess : int
+        Its number, from 0.
+    """
+    swings_up = isinstance(config.mode, SwingUp)
+    if guess > 0 and (settings.demonstrator or not swings_up):
+        return None  # it would be the same expert
+    if config.mode.has_goals:
+        options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
+        return GoalPlans(planned_transitions(config, settings.seconds, **options))
+    wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
+    chains = wrong_chains(config.chain, settings.seed) if wrong else []
+    if not swings_up:
+        return _regulator(settings, config, chains)
+    try:
+        plans = ChainPlans(config, _swing_up(settings, config, guess), chains)
+    except RuntimeError:  # this guess leads to no trajectory
+        return None
+    if not settings.rescuer:
+        return plans
+    return Rescued(plans, _policy(settings.rescuer), settings.lost)
+
+
+def _policy(name: str) -> Policy:
+    """Return a policy of the package, or of a file."""
+    return Policy.load(name) if name.endswith((".npz", ".safetensors")) else Policy.pretrained(name)
+
+
+def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition:
+    """Return the plan for the nominal chain."""
+    if settings.demonstrator:
+        return plan_of(_policy(settings.demonstrator), config, settings.seconds)
+    seed = settings.plan_seed
+    seed = guess + (settings.guesses * settings.seed if seed is None else seed)
+    plan = planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
+    return steadied(config, plan, settings.variants, seed)
+
+
+def _regulator(settings: Any, config: EnvConfig, chains: list[Changes]) -> ChainPlans:
+    """Return LQR about the equilibrium in which the mode succeeds: it hangs in "calm"."""
+    rest = at_rest(config, 0.0 if isinstance(config.mode, Calm) else np.pi)
+    idle = NominalTrajectory(np.stack([rest, rest]), np.zeros((1, config.joints.size)))
+    plan = track(config, idle, 0.0)
+    envs = setting_of(settings.env).make(settings.num_envs)
+    seeds = episode_seeds("training", settings.num_envs, run=settings.seed, spacing=100_000)
+    _, info = envs.reset(seed=seeds.start)
+    envs.close()
+    return ChainPlans(config, plan, chains, float(plan.tracking(info).relative_cost.mean()))
+
+
+def steadied(
+    config: EnvConfig, plan: PlannedTransition, variants: int, seed: int
+) -> PlannedTransition:
+    """Return the plan, or that of its variants along which noise leads least far astray.
+
+    Each is the motion to the same end whose actions are most like those of the best one so far with
+    a smooth random change, which grows after a success and else shrinks.
+    """
+    if variants == 0:
+        return plan
+    rng, size, least = np.random.default_rng([seed, 3]), _CHANGE, astray(config, plan)
+    for _ in range(variants):
+        states, actions = plan.nominal
+        change = _smooth_change(rng, len(actions))[:, None]
+        wanted = np.clip(actions + size * change, -1.0, 1.0)
+        variant = replanned(config, plan.nominal, like=NominalTrajectory(states, wanted))
+        if variant is not None and (cost := astray(config, variant)) < least:
+            plan, least, size = variant, cost, min(_LARGEST, _GROWS * size)
+        else:
+            size = _SHRINKS * size if size > _SMALLEST else _LARGEST
+    return plan
+
+
+def _smooth_change(rng: np.random.Generator, steps: int) -> FloatArray:
+    """Return a random change of all actions, or of those about a random step."""
+    change = gaussian_filter1d(rng.normal(size=steps), rng.choice(_WIDTHS))
+    change /= change.std()
+    if rng.random() < 0.5:
+        change *= np.exp(-0.5 * ((np.arange(steps) - rng.uniform(0.0, steps)) / _REACH) ** 2)
+    return change
+
+
+def astray(config: EnvConfig, plan: PlannedTransition) -> float:
+    """Return how far noise of the actions leads from a plan that is tracked: a mean logarithm.
+
+    It is that of the largest cost of the deviation in a lane, over the mean at the start.
+    """
+    plans, rng = ChainPlans(config, plan), np.random.default_rng(0)
+    steps = plans.steps + _AFTER
+    lanes = ErrorLanes(setting_of(keywords_of(config)), _NOISE.size, {}, steps)
+    _, info = lanes.reset(0, plans.chains, rng)
+    plans.begin(lanes.which)
+    worst, lost_at = np.zeros(_NOISE.size), np.full(_NOISE.size, plans.steps)
+    for k in range(steps):
+        tracking = plans.tracking(info)
+        known = worst < _LOST
+        worst[known] = np.maximum(worst, tracking.relative_cost)[known]
+        lost_at[known] = min(k, plans.steps)
+        noise = _NOISE[:, None] * rng.normal(size=tracking.actions.shape)
+        actions = (tracking.actions + noise).clip(-1.0, 1.0)
+        *_, info = lanes.step(np.where(known[:, None], actions, 0.0))
+    lanes.close()
+    lost = worst >= _LOST  # the later, the better
+    worst[lost] = _LOST * np.exp(1.0 - 0.5 * lost_at[lost] / plans.steps)
+    return float(np.log(worst).mean())
+
+
+def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransition:
+    """Return the swing-up of a policy without memory, from hanging nearly at rest, as a plan.
+
+    That a network can follow it is then known already.
+
+    Raises
+    ------
+    ValueError
+        If the chain does not stand after so many seconds.
+    """
+    n, step = config.n, StepModel(config)
+    motion, actions = [np.full((1, config.state_size), _START)], list[FloatArray]()
+    for _ in range(round(seconds / config.dt)):
+        theta, omega = motion[-1][:, :n], motion[-1][:, config.state_size // 2 :][:, :n]
+        actions.append(policy(observation_of(policy.config, theta, omega)).astype(np.float64))
+        motion.append(step(motion[-1], actions[-1]))
+    nominal = NominalTrajectory(np.concatenate(motion), np.concatenate(actions))
+    if np.abs(wrapped(config, nominal.states[-1] - at_rest(config, np.pi))).max() > _STANDS:
+        raise ValueError(f"the demonstrator must stand after {seconds:g} s: give it more seconds")
+    return track(config, nominal, 0.0)
