@@ -99,7 +99,10 @@ def test_a_policy_that_never_succeeds_on_the_chain_of_a_file_is_told_why(tmp_pat
         (["train", "swingup-2-fast"], 'task must be like "swingup-2" or "swingup-2-robust"'),
         (["train", "swing-2"], 'task must be like "swingup-2"'),
         (["train", "calm"], 'task must be like "swingup-2"'),
-        (["train", "calm-2", "--algorithm", "dqn"], "algorithm must be one of shac, imitation, ppo, es"),
+        (
+            ["train", "calm-2", "--algorithm", "dqn"],
+            "algorithm must be one of shac, imitation, ppo, es",
+        ),
         (["train", "calm-2", "--set", "gama=0.9"], "--set must name one of total_timesteps"),
     ],
 )

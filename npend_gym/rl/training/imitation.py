@@ -276,4 +276,5 @@ def settings_of(task: str, **changes: Any) -> Settings:
     robust = _ROBUST if env.pop("randomize", None) else {}  # errors are drawn by `ErrorLanes`
     if task in _FROM_ANGLES:
         env["observe_velocities"] = False
-    return Settings(**({"env": env} | robust | TASKS.get(task, {}) | changes))
+    fields: dict[str, Any] = {"env": env, **robust, **TASKS.get(task, {}), **changes}
+    return Settings(**fields)
