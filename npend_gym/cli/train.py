@@ -26,9 +26,9 @@ OUT/TASK.checkpoint, from which --resume goes on, to the same policy. Needs the 
 """
 EXAMPLES = """\
 examples:
-  npend train swingup-1                       half a minute
+  npend train swingup-1                       ten seconds
   npend train swingup-2 --seed 3 --out runs
-  npend train swingup-2 --algorithm shac
+  npend train swingup-2 --algorithm ppo
   npend train swingup-2-robust                survives wrong chains, noise, delay, pushes
   npend train calm-2 --env damping=0.02 --set total_timesteps=100000
   npend train swingup-1 --env "randomize={\\"masses\\": [0.8, 1.2]}" --out heavy

@@ -224,7 +224,8 @@ def train(
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     checkpoint = checkpoint or Checkpoint(settings)
-    config = EnvConfig(**settings.env | {"observe_velocities": True})  # experts know the state
+    known: dict[str, Any] = settings.env | {"observe_velocities": True}  # experts know the state
+    config = EnvConfig(**known)
     if checkpoint.saved is None:
         dagger, guess, tried = begin(settings, config)
     else:  # the others have been tried
