@@ -88,9 +88,9 @@ def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     if path.exists() or task not in trainer.TASKS:
         return
     policy, curve = trainer.train(trainer.settings_of(task, seed=seed), path.stem)
-    held_out = evaluate(policy, env_of_task(task)).as_row()
-    policy.provenance["evaluation"] = held_out
     write_csv(path.with_suffix(".csv"), curve)
+    held_out = evaluate(policy, policy.env).as_row()
+    policy.provenance["evaluation"] = held_out
     policy.save(path)
     print(f"{path.stem}: {held_out}", flush=True)
 
@@ -112,8 +112,9 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
             settings = policy.provenance.get("settings", policy.provenance)  # of older files
             known[task, name, settings["seed"]] = policy
     keys = [(row["task"], row["agent"], row["seed"]) for row in rows]
+    envs = {key: getattr(agent, "env", env_of_task(key[0])) for key, agent in known.items()}
     return [
-        row | evaluate(known[key], env_of_task(key[0])).as_row() if key in known else row
+        row | evaluate(known[key], envs[key]).as_row() if key in known else row
         for key, row in zip(keys, rows, strict=True)
     ]
 
@@ -171,7 +172,7 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
             policy = Policy.load(path)
             end = {"steps": int(curve[-1]["steps"]), "seconds": float(curve[-1]["seconds"])}
             end["clock"] = policy.provenance["clock"].removesuffix(" time")
-            rows.append(run | end | evaluate(policy, env_of_task(task)).as_row())
+            rows.append(run | end | evaluate(policy, policy.env).as_row())
     return rows, curves
 
 
@@ -266,14 +267,14 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
         policies = [Policy.load(out / f"{task}-{r['agent']}-seed{r['seed']}.npz") for r in trained]
         shipped = Policy.pretrained(task) if task in pretrained_names() else None
         candidates = [shipped, *policies] if shipped else policies
-        best = max(candidates, key=lambda policy: score(policy, task), default=None)
+        best = max(candidates, key=score, default=None)
         if best and best is not shipped and best.provenance["evaluation"]["success"] > 0.9:
             best.save(PRETRAINED / f"{task}.npz")
 
 
-def score(policy: Policy, task: str) -> tuple[float, float, float]:
+def score(policy: Policy) -> tuple[float, float, float]:
     """Return success, robustness and return of a policy in validation episodes."""
-    evaluation = evaluate(policy, env_of_task(task), episodes=400, seed=VALIDATION)
+    evaluation = evaluate(policy, policy.env, episodes=400, seed=VALIDATION)
     nominal = {name: value for name, value in policy.env.items() if name != "randomize"}
     survived = robustness(policy, nominal, seed=VALIDATION).score
     return evaluation.success_rate, survived, float(evaluation.returns.mean())

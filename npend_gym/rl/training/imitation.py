@@ -261,7 +261,7 @@ _LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-3": {"rounds": 15},
     "swingup-4": {"seconds": 7.0, "guesses": 8, "rounds": 90},
-    "swingup-5": _LONG | {"errors": {}, "plan_seed": 11, "variants": 300},
+    "swingup-5": _LONG | {"errors": {}, "plan_seed": 11, "variants": 300, "rounds": 300},
     "swingup-2-robust": {"rescuer": "swingup-2"},
     "swingup-3-robust": {"rounds": 240, "length": 10, "errors": _ANGLES},
     "swingup-4-robust": _LONG

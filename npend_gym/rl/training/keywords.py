@@ -11,7 +11,7 @@ from dataclasses import fields
 from typing import Any
 
 from npend_gym import _checks
-from npend_gym.envs import EnvConfig, EnvKeywords, NPendulumVectorEnv, SwingUp
+from npend_gym.envs import EnvConfig, EnvKeywords, NPendulumVectorEnv
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, DEFAULTS, check_names
 from npend_gym.envs.settings import CartSettings
 
@@ -62,9 +62,3 @@ def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -
             f'observation must be "sincos" for {algorithm}, got {_checks.show(config.observation)}'
         )
     return config
-
-
-def check_swing_up(algorithm: str, config: EnvConfig) -> None:
-    """Raise a ValueError where the task is not to swing up."""
-    if not isinstance(config.mode, SwingUp):
-        raise ValueError(f'mode must be "swingup" for {algorithm}, got {config.mode!r}')
