@@ -20,8 +20,8 @@ plan = CampaignPlan(n=[3, 5, 10, 20], amplitude=[0.1, 0.3, 0.5, 0.7, 0.9, 1.1], 
 
 if __name__ == "__main__":  # worker processes import this file, but must not start campaigns
     with Campaign(plan, folder) as campaign:
-        print(campaign.status.text() or f"{len(campaign.status.records)} tasks were done before")
-        bar = tqdm(total=plan.task_count, initial=len(campaign.status.records), unit="task")
+        print(campaign.status.text() or f"{len(campaign.status.done)} tasks were done before")
+        bar = tqdm(total=plan.task_count, initial=len(campaign.status.done), unit="task")
         for _task, record in campaign.run():  # on all cores; campaign.run("ray") on a cluster
             bar.update()
             if record.error:

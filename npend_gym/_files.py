@@ -39,14 +39,11 @@ disk = Disk()
 
 
 @contextmanager
-def replacing(
-    path: Path, *, binary: bool = False, inside: Path | None = None
-) -> Generator[IO[Any], None, None]:
+def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, None]:
     """Open a file that takes the place of `path` when the block ends without an error.
 
     Until then, and after an error, what stood at `path` stays untouched. Text is UTF-8 with the
-    same line ends on every system. The file is written beside `path`, or `inside` another folder
-    of the same file system.
+    same line ends on every system. The file is written beside `path`.
 
     Raises
     ------
@@ -55,7 +52,7 @@ def replacing(
     """
     if path.exists() and not path.is_file():
         raise FileExistsError(errno.EEXIST, "exists and is not a regular file", str(path))
-    temporary = (inside or path.parent) / f".{path.name}.{secrets.token_hex(4)}.part"
+    temporary = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
     try:
         with _opened(temporary, "x", binary=binary) as file:
             yield file
@@ -74,25 +71,10 @@ def _opened(path: Path, mode: str, *, binary: bool = False) -> IO[Any]:
     return file if binary else io.TextIOWrapper(file, encoding="utf-8", newline="")
 
 
-def appending(path: Path) -> IO[str]:
-    """Open the text file at `path` to write at its end."""
-    return _opened(path, "a")
-
-
 def sync(file: IO[Any]) -> None:
     """Put on the disk what has been written to `file`."""
     file.flush()
     disk.sync(file.fileno())
-
-
-def sync_names(folder: Path) -> None:
-    """Put on the disk which files are in `folder`, where the system can do that."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            disk.sync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def make_folder(path: Path) -> None:

@@ -1,7 +1,7 @@
 """Mutated files for every reader of files: whether each is taken, or refused as documented.
 
     python stress/fuzz_readers.py --inputs 1000000
-    python stress/fuzz_readers.py --inputs 100000 --readers part,journal --corpus corpus
+    python stress/fuzz_readers.py --inputs 100000 --readers part,plan --corpus corpus
 
 Good files of each kind are changed, byte by byte and inside their containers
 (`tests/mutations.py`), and read (`tests/readers.py`). An exception other than the documented ones,
@@ -39,8 +39,7 @@ MOST = 300.0  # MiB that an input may take more than all before it
 _GUIDED = (  # modules whose lines guide; compiled kernels must not be instrumented
     "npend_gym._files", "npend_gym._checks", "npend_gym.rl.policies.files",
     "npend_gym.rl.policies.checks", "npend_gym.physics.trajectory_file",
-    "npend_gym.experiments.campaign.pages", "npend_gym.experiments.campaign.parts",
-    "npend_gym.experiments.campaign.journal", "npend_gym.experiments.campaign.folder",
+    "npend_gym.experiments.campaign.parts", "npend_gym.experiments.campaign.campaign",
     "npend_gym.experiments.campaign.plan", "npend_gym.experiments.campaign.plan_file",
     "npend_gym.experiments.release", "npend_gym.identification.recordings",
     "npend_gym.identification.motion", "npend_gym.report.release_tables", "npend_gym.envs.config",

@@ -4,11 +4,11 @@
 
 Why: "nothing is lost and nothing is done twice" is a claim about moments that no test chooses. Here
 a small campaign runs while drivers and workers are killed with SIGKILL at random moments, from the
-start of the interpreter to the last line of the journal; between two drivers a part or the journal
-is sometimes damaged as well. The same command is repeated until it reports that everything is done;
-then every part must have the bytes that an undisturbed run wrote. Further campaigns follow until
-the number of kills is reached. No process of a killed driver may be alive ten seconds later, and a
-driver that is left alone must come to its end. Linux only.
+start of the interpreter to the last part; between two drivers a part is sometimes damaged as well.
+The same command is repeated until it reports that everything is done; then every part must have the
+bytes that an undisturbed run wrote. Further campaigns follow until the number of kills is reached.
+No process of a killed driver may be alive ten seconds later, and a driver that is left alone must
+come to its end. Linux only.
 """
 
 from __future__ import annotations
@@ -101,19 +101,17 @@ def wait(process: subprocess.Popen[bytes], out: Path, rng: random.Random, longes
     if rng.random() < 0.5:
         process.wait(rng.uniform(0.0, longest))
         return
-    wanted, began = lines(out) + rng.randrange(40), time.monotonic()
-    while lines(out) < wanted and time.monotonic() - began < HANGS:
+    wanted, began = written(out) + rng.randrange(40), time.monotonic()
+    while written(out) < wanted and time.monotonic() - began < HANGS:
         with suppress(subprocess.TimeoutExpired):
             process.wait(0.01)
             return
     process.wait(rng.uniform(0.0, 0.05))
 
 
-def lines(out: Path) -> int:
-    """Return how many lines the journal has."""
-    with suppress(FileNotFoundError):
-        return (out / "journal.jsonl").read_bytes().count(b"\n")
-    return 0
+def written(out: Path) -> int:
+    """Return how many tasks are written."""
+    return len(list(out.glob("releases/*/*.parquet")))
 
 
 def disturb(
@@ -147,7 +145,7 @@ def disturb(
 
 
 def damage(out: Path, rng: random.Random) -> str:
-    """Truncate or change a part, or tear the journal."""
+    """Truncate, change, remove or double a part."""
     parts = sorted((out / "bobs").rglob("*.parquet")) + sorted(
         (out / "releases").rglob("*.parquet")
     )
@@ -165,12 +163,8 @@ def damage(out: Path, rng: random.Random) -> str:
     if kind == 2:
         part.unlink()
         return "part removed"
-    journal = out / "journal.jsonl"
-    if journal.exists():
-        text = journal.read_bytes()
-        journal.write_bytes(text[: rng.randrange(len(text) + 1)])
-        return "journal torn"
-    return ""
+    part.with_name(f"{part.name[:8]}{rng.randbytes(8).hex()}.parquet").write_bytes(data)
+    return "part with a wrong name"
 
 
 def undisturbed(folder: Path) -> tuple[dict[int, float], str]:

@@ -8,16 +8,22 @@ import pyarrow as pa
 from npend_gym.experiments.campaign.parts import read_part
 
 
+def part_of(out, table, task):
+    """Return the path of a task's part of a table."""
+    (path,) = (out / table).glob(f"{task.place}-*.parquet")
+    return path
+
+
 def read_table(out, table, tasks):
     """Return the parts of `tasks` as one pyarrow table, sorted by cell, trial and bob."""
-    return pa.concat_tables([read_part(out / table / task.part) for task in tasks])
+    return pa.concat_tables([read_part(part_of(out, table, task)) for task in tasks])
 
 
 def table_digest(out, table, tasks):
     """Return a SHA-256 of the sorted table, however it is divided into parts."""
     digests = {}
     for task in tasks:
-        part = read_part(out / table / task.part)
+        part = read_part(part_of(out, table, task))
         for name, column in zip(part.column_names, part.columns, strict=True):
             for what, values in (("null", column.is_null()), ("value", column.fill_null(0))):
                 digest = digests.setdefault(f"{name} {what}", hashlib.sha256(name.encode()))

@@ -15,14 +15,14 @@ from typing import Any
 
 import mutations
 import numpy as np
+from campaign_tables import part_of
 
 from npend_gym import Chain, Trajectory, simulate
 from npend_gym.chain import as_chain
 from npend_gym.cli.common import chain_argument
 from npend_gym.envs import EnvConfig
 from npend_gym.experiments import Campaign, CampaignPlan, ReleaseExperiment, run_release
-from npend_gym.experiments.campaign.folder import read_plan
-from npend_gym.experiments.campaign.journal import read_journal
+from npend_gym.experiments.campaign.campaign import read_plan
 from npend_gym.experiments.campaign.parts import RELEASES, read_releases
 from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.identification import read_motion
@@ -157,15 +157,11 @@ def _campaign(folder: Path) -> dict[str, Reader]:
         for _ in running.run("threading", 1):
             pass
     task = next(PLAN.tasks())
-    part, journal, plan = out / RELEASES / task.part, out / "journal.jsonl", out / "plan.json"
+    part, plan = part_of(out, RELEASES, task), out / "plan.json"
     return {
         "part": Reader(
-            part, lambda: read_releases(PLAN, out, task), mutations.of_bytes, FILES,
+            part, lambda: read_releases(PLAN, part, task), mutations.of_bytes, FILES,
             [part.read_bytes()],
-        ),
-        "journal": Reader(
-            journal, lambda: read_journal(journal, PLAN.digest), mutations.of_lines, FILES,
-            [journal.read_bytes()],
         ),
         "plan": Reader(plan, lambda: read_plan(out), mutations.of_json, FILES, [plan.read_bytes()]),
     }  # fmt: skip

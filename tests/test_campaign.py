@@ -14,18 +14,16 @@ import deadly
 import numpy as np
 import psutil
 import pytest
-from campaign_tables import read_table, table_digest
+from campaign_tables import part_of, read_table, table_digest
 
 from npend_gym import Chain, _progress, pseudo_periods
-from npend_gym._files import replacing
 from npend_gym.cli import main
-from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError
+from npend_gym.experiments import BusyError, Campaign, CampaignPlan
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.estimate import duration, estimate, relative_time
-from npend_gym.experiments.campaign.lease import remove_ended, take_lease
-from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, read_part, write_parts
+from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, part_digest, read_part
 from npend_gym.experiments.campaign.plan_file import read_plan_file
-from npend_gym.experiments.campaign.task import WriteFailed, measure_task, run_task
+from npend_gym.experiments.campaign.task import measure_task
 
 SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
 
@@ -38,6 +36,11 @@ def completed(plan, out, **workers):
 
 def digests(plan, out):
     return [table_digest(out, name, plan.tasks()) for name in TABLES]
+
+
+def contents(out):
+    """Return the bytes of all tables by their paths."""
+    return {path.relative_to(out): path.read_bytes() for path in out.rglob("*.parquet")}
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +163,8 @@ def test_plans_of_absurd_size_are_refused_at_once(values, message):
 
 def test_an_estimate_is_what_a_campaign_takes_within_a_factor(tmp_path):
     plan = CampaignPlan(n=[2, 20], amplitude=[0.3, 0.7], trials=200)
+    estimate(plan)  # compiles
+    measure_task(plan, list(plan.tasks())[-1])
     campaign, records = completed(plan, tmp_path, backend="threading")
     expected = estimate(plan)
     assert (expected.cells, expected.releases, expected.tasks) == (4, 800, plan.task_count)
@@ -256,7 +261,7 @@ def test_the_folder_is_a_partitioned_data_set_with_its_provenance(undisturbed):
     assert len(bobs) == 500
     cells = read_part(undisturbed / "cells.parquet").to_pylist()
     assert [(c["n"], c["amplitude_rad"]) for c in cells] == [(2, 0.3), (2, 0.7), (3, 0.3), (3, 0.7)]
-    part = undisturbed / RELEASES / next(SMALL.tasks()).part
+    part = part_of(undisturbed, RELEASES, next(SMALL.tasks()))
     record = json.loads(pq.read_schema(part).metadata[b"npend_gym"])
     assert record["arguments"] == {"plan": SMALL.digest, "task": "n2-0000000"}
     assert record["seed"] == 4
@@ -282,7 +287,7 @@ def test_a_campaign_continues_where_it_stopped(undisturbed, tmp_path):
     again = Campaign(None, tmp_path)
     assert again.plan == SMALL
     with again as campaign:
-        assert sorted(campaign.status.records) == sorted(before)
+        assert sorted(campaign.status.done) == sorted(before)
         assert campaign.status.text() == ""
         after = [task.id for task, _ in campaign.run(count=1)]
     assert sorted(before + after) == sorted(task.id for task in SMALL.tasks())
@@ -291,33 +296,47 @@ def test_a_campaign_continues_where_it_stopped(undisturbed, tmp_path):
 
 def test_damage_is_found_reported_and_repaired(undisturbed, tmp_path):
     completed(SMALL, tmp_path)
-    truncated, flipped, gone, unrecorded = [task.part for task in SMALL.tasks()][:4]
-    data = (tmp_path / BOBS / truncated).read_bytes()
-    (tmp_path / BOBS / truncated).write_bytes(data[:-20])
-    data = bytearray((tmp_path / RELEASES / flipped).read_bytes())
+    truncated, flipped, gone, renamed = list(SMALL.tasks())[:4]
+    part = part_of(tmp_path, BOBS, truncated)
+    part.write_bytes(part.read_bytes()[:-20])
+    part = part_of(tmp_path, RELEASES, flipped)
+    data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
-    (tmp_path / RELEASES / flipped).write_bytes(data)
-    (tmp_path / BOBS / gone).unlink()
+    part.write_bytes(data)
+    part_of(tmp_path, BOBS, gone).unlink()
+    part = part_of(tmp_path, BOBS, renamed)
+    part.rename(part.with_name(part.name.replace(part.name[:7], "9999999")))
     (tmp_path / BOBS / "n=2" / ".0000009.parquet.abcd.part").write_bytes(b"half")
-    journal = (tmp_path / "journal.jsonl").read_text().splitlines(keepends=True)
-    kept = [line for line in journal if unrecorded[4:-8] not in line or '"n2-' not in line]
-    (tmp_path / "journal.jsonl").write_text("".join(kept) + '{"plan": "torn')
     with Campaign(SMALL, tmp_path) as campaign:
         assert campaign.status.text() == (
-            "found 2 part(s) damaged, 1 part(s) missing, 2 part(s) not recorded, "
-            "1 half-written file(s), 1 line(s) of the journal unreadable; "
-            "these releases are measured again"
+            "found 2 part(s) damaged, 4 task(s) half done, 2 half-written or foreign file(s); "
+            "what is missing is measured again"
         )
         assert len(list(campaign.run(count=1))) == 4
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
+    assert contents(tmp_path) == contents(undisturbed)
     assert not list(tmp_path.rglob("*.part"))
+
+
+def test_of_two_parts_of_a_task_one_is_kept(undisturbed, tmp_path):
+    import pyarrow.parquet as pq
+
+    completed(SMALL, tmp_path)
+    task = next(SMALL.tasks())
+    part = part_of(tmp_path, RELEASES, task)
+    pq.write_table(pq.ParquetFile(part).read(), tmp_path / "other", compression="gzip")
+    digest = part_digest(SMALL, (tmp_path / "other").read_bytes())
+    (tmp_path / "other").rename(part.with_name(f"{task.number:07d}-{digest}.parquet"))
+    with Campaign(SMALL, tmp_path) as campaign:
+        assert len(campaign.status.done) == SMALL.task_count
+    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
 
 def test_a_second_driver_on_a_folder_is_refused(tmp_path):
     with Campaign(SMALL, tmp_path), pytest.raises(BusyError, match="another driver is at work"):
         Campaign(None, tmp_path).__enter__()
     with Campaign(SMALL, tmp_path) as campaign:  # released
-        assert not campaign.status.records
+        assert not campaign.status.done
 
 
 def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
@@ -331,7 +350,7 @@ def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="is damaged"):
         Campaign(None, tmp_path)
     (tmp_path / "plan.json").write_text(text)
-    monkeypatch.setattr("npend_gym.experiments.campaign.folder.__version__", "9.0")
+    monkeypatch.setattr("npend_gym.experiments.campaign.campaign.__version__", "9.0")
     with pytest.raises(ValueError, match="another folder"):
         Campaign(None, tmp_path)
 
@@ -376,18 +395,6 @@ except DiskError as error:
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
 
-def test_a_full_disk_in_the_journal_stops_the_campaign(tmp_path, monkeypatch):
-    with Campaign(SMALL, tmp_path) as campaign:
-        running = campaign.run(count=1)
-        next(running)
-        monkeypatch.setattr(
-            "npend_gym.experiments.campaign.journal.Journal.append",
-            lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
-        )
-        with pytest.raises(DiskError, match="No space left on device"):
-            next(running)
-
-
 def test_a_task_that_kills_its_workers_is_given_up_and_the_others_are_done(monkeypatch):
     monkeypatch.setattr(engine, "_MAX_ATTEMPTS", 2)  # each costs new workers
     with engine.workers("loky", 2):
@@ -430,7 +437,7 @@ def test_folders_may_have_any_name(tmp_path):
     link.symlink_to(real, target_is_directory=True)
     with Campaign(None, link / ".." / "link") as campaign:
         assert campaign.out == real
-        assert len(campaign.status.records) == 1
+        assert len(campaign.status.done) == 1
         with pytest.raises(BusyError):
             Campaign(None, real).__enter__()
     loop = tmp_path / "loop"
@@ -487,14 +494,13 @@ def command(out, *arguments):
     return [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *arguments]
 
 
-def wait_for_records(out, count, process):
+def wait_for_parts(out, count, process):
     deadline = time.monotonic() + 120.0
     while time.monotonic() < deadline and process.poll() is None:
-        journal = out / "journal.jsonl"
-        if journal.exists() and journal.read_bytes().count(b"\n") >= count:
+        if len(list(out.glob("releases/*/*.parquet"))) >= count:
             return
         time.sleep(0.02)
-    raise AssertionError("nothing was recorded")
+    raise AssertionError("nothing was written")
 
 
 @pytest.mark.long
@@ -507,7 +513,7 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
         command(tmp_path, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
     )  # fmt: skip
-    wait_for_records(tmp_path, 200, process)  # both workers are at work
+    wait_for_parts(tmp_path, 200, process)  # both workers are at work
     os.killpg(process.pid, number)  # workers too, as a terminal does
     out, error = process.communicate(timeout=60)
     assert process.returncode == 130, error
@@ -518,23 +524,23 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("records", [[40], pytest.param([0, 40, 120], marks=pytest.mark.long)])
+@pytest.mark.parametrize("parts", [[40], pytest.param([0, 40, 120], marks=pytest.mark.long)])
 def test_a_campaign_whose_driver_and_workers_are_killed_ends_with_the_same_bytes(
-    records, undisturbed, tmp_path, capsys
+    parts, undisturbed, tmp_path, capsys
 ):
     plan = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "50", "--seed", "4", "--batch", "1"]
-    for count in records:
+    for count in parts:
         process = subprocess.Popen(
             command(tmp_path, *plan, "--workers", "2"), stdout=subprocess.DEVNULL
         )
-        wait_for_records(tmp_path, count, process)
+        wait_for_parts(tmp_path, count, process)
         if count == 40:  # a worker: the driver goes on by itself
             tree = Path(f"/proc/{process.pid}/task/{process.pid}/children")
             children = tree.read_text().split() if tree.exists() else []
             lines = {pid: Path(f"/proc/{pid}/cmdline").read_text() for pid in children}
             for pid in [pid for pid, line in lines.items() if "LokyProcess" in line][:1]:
                 os.kill(int(pid), signal.SIGKILL)
-            wait_for_records(tmp_path, 60, process)
+            wait_for_parts(tmp_path, 60, process)
         process.kill()
         process.wait()
     capsys.readouterr()
@@ -547,38 +553,17 @@ def test_a_campaign_whose_driver_and_workers_are_killed_ends_with_the_same_bytes
 # Workers that have lost their driver
 
 
-def test_nothing_is_written_under_a_lease_that_has_ended(tmp_path):
-    plan = CampaignPlan(n=[2], trials=4)
-    (task,) = plan.tasks()
-    first = take_lease(tmp_path)
-    part = tmp_path / BOBS / task.part
-    values = measure_task(plan, task)
-    write_parts(plan, tmp_path, task, *values, first)
-    whole = part.read_bytes()
-    late = replacing(part, binary=True, inside=first)
-    late.__enter__().write(b"of an earlier campaign")  # by a worker that was stopped here
-    second = take_lease(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        late.__exit__(None, None, None)
-    assert part.read_bytes() == whole
-    assert isinstance(run_task(plan, tmp_path / "elsewhere", task, first), WriteFailed)
-    assert not (tmp_path / "elsewhere").exists()
-    assert not run_task(plan, tmp_path, task, second).error
-    remove_ended(tmp_path)
-    assert [path.name for path in tmp_path.glob(".*")] == [second.name]
-
-
-def test_a_campaign_leaves_no_lease_behind(undisturbed):
+def test_a_campaign_leaves_nothing_but_its_files(undisturbed):
     assert sorted(path.name for path in undisturbed.iterdir()) == [
-        ".lock", "bobs", "cells.parquet", "journal.jsonl", "plan.json", "releases",
+        ".lock", "bobs", "cells.parquet", "plan.json", "releases",
     ]  # fmt: skip
 
 
 @pytest.mark.long
-def test_workers_whose_driver_was_killed_end_and_write_nothing_more(undisturbed, tmp_path):
+def test_workers_whose_driver_was_killed_end_and_spoil_nothing(undisturbed, tmp_path):
     arguments = ["--n", "2", "--trials", "1000000", "--batch", "16", "--workers", "2"]
     process = subprocess.Popen(command(tmp_path, *arguments), stdout=subprocess.DEVNULL)
-    wait_for_records(tmp_path, 20, process)
+    wait_for_parts(tmp_path, 20, process)
     below = psutil.Process(process.pid).children(recursive=True)
     workers = [each for each in below if any("popen_loky" in word for word in each.cmdline())]
     assert len(workers) == 2
@@ -587,9 +572,8 @@ def test_workers_whose_driver_was_killed_end_and_write_nothing_more(undisturbed,
     process.wait()
     try:
         assert psutil.wait_procs(workers[1:], timeout=10.0)[1] == []
-        for name in ("plan.json", "journal.jsonl"):
-            (tmp_path / name).unlink()
-        completed(SMALL, tmp_path)  # another plan, whose parts have the same names
+        (tmp_path / "plan.json").unlink()
+        completed(SMALL, tmp_path)  # another plan in the same folder
         workers[0].resume()
         assert psutil.wait_procs(below, timeout=10.0)[1] == []  # helpers of the workers too
     finally:
@@ -599,4 +583,6 @@ def test_workers_whose_driver_was_killed_end_and_write_nothing_more(undisturbed,
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
     with Campaign(SMALL, tmp_path) as campaign:
         assert campaign.status.damaged == 0
-        assert len(campaign.status.records) == SMALL.task_count
+        assert campaign.status.leftovers <= 2  # parts that the worker was about to write
+        assert len(campaign.status.done) == SMALL.task_count
+    assert contents(tmp_path) == contents(undisturbed)

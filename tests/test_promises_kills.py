@@ -51,17 +51,16 @@ def test_a_driver_that_is_left_alone_and_hangs_is_a_finding(monkeypatch, orphans
 
 
 def test_a_driver_is_killed_once_it_has_done_some_tasks(orphans, tmp_path):
-    journal = tmp_path / "journal.jsonl"
     code = f"""
-import time
-with open({str(journal)!r}, "a") as file:
-    for _ in range(1000):
-        file.write("\\n")
-        file.flush()
-        time.sleep(0.005)
+import pathlib, time
+folder = pathlib.Path({str(tmp_path)!r}, "releases", "n=2")
+folder.mkdir(parents=True)
+for k in range(1000):
+    (folder / f"{{k}}.parquet").touch()
+    time.sleep(0.005)
 """
     assert disturb(code, 0.9, 60.0, orphans, tmp_path) == "driver killed"
-    assert 10 <= kill_campaign.lines(tmp_path) < 300
+    assert 10 <= kill_campaign.written(tmp_path) < 300
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the harness is of Linux")
@@ -80,11 +79,11 @@ def test_every_damage_changes_the_folder_and_is_named(tmp_path):
     (tmp_path / "bobs").mkdir()
     rng, seen = random.Random(0), set()
     for _ in range(100):
-        files = {tmp_path / "bobs" / "a.parquet": b"12345", tmp_path / "journal.jsonl": b"{}\n"}
-        for file, data in files.items():
-            file.write_bytes(data)
+        for file in (tmp_path / "bobs").iterdir():
+            file.unlink()
+        (tmp_path / "bobs" / "0000001-00.parquet").write_bytes(b"12345")
         name = kill_campaign.damage(tmp_path, rng)
-        same = all(file.exists() and file.read_bytes() == data for file, data in files.items())
-        assert not same or name in ("", "journal torn")
+        found = {file.name: file.read_bytes() for file in (tmp_path / "bobs").iterdir()}
+        assert (found == {"0000001-00.parquet": b"12345"}) == (name == "")
         seen.add(name)
     assert len(seen) == 5

@@ -12,7 +12,7 @@ import pytest
 from readers import CORPUS, make_readers, mutants
 
 NAMES = (
-    "policy_npz", "policy_json", "policy_safetensors", "trajectory", "part", "journal", "plan",
+    "policy_npz", "policy_json", "policy_safetensors", "trajectory", "part", "plan",
     "plan_toml", "plan_yaml", "plan_json", "manifest", "release", "periods", "motion",
     "chain", "transitions",
 )  # fmt: skip

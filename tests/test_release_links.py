@@ -6,6 +6,7 @@ import shlex
 
 import numpy as np
 import pytest
+from campaign_tables import part_of
 from scipy.special import ellipk
 from test_page import data_of
 
@@ -118,7 +119,7 @@ def test_a_campaign_of_a_chain_measures_it_and_keeps_it(tmp_path):
     with Campaign(plan, tmp_path) as campaign:
         assert all(record.done for _, record in campaign.run("threading", 1))
     (task,) = plan.tasks()
-    rows = read_part(tmp_path / "releases" / task.part)
+    rows = read_part(part_of(tmp_path, "releases", task))
     for start, tip in zip(rows["start_rad"].to_pylist(), rows["tip_s"].to_pylist(), strict=True):
         assert tip == pseudo_periods(CHAIN, start)[-1]
     cells = read_part(tmp_path / "cells.parquet")

@@ -141,7 +141,7 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
     from npend_gym.report.campaign_report import finish
 
     plan, status = campaign.plan, campaign.status
-    before = sum(task.releases for task in plan.tasks() if task.id in status.records)
+    before = sum(task.releases for task in plan.tasks() if task.id in status.done)
     print(
         f"{plan.releases} releases of {plan.cells} cells in {plan.task_count} tasks, "
         f"{before} releases done before"

@@ -13,8 +13,7 @@ import numpy as np
 from npend_gym import _files
 from npend_gym._version import __version__
 from npend_gym.experiments import AmplitudeLaw, Analysis, Campaign, CellGroup, PowerFit
-from npend_gym.experiments.campaign.folder import CELLS, JOURNAL, PLAN
-from npend_gym.experiments.campaign.journal import read_journal
+from npend_gym.experiments.campaign.campaign import CELLS, PLAN
 from npend_gym.experiments.campaign.parts import finite_or_none
 from npend_gym.experiments.campaign.statistics import FAR
 from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
@@ -25,20 +24,15 @@ _DRAWN = 12  # groups that get figures
 def finish(campaign: Campaign) -> tuple[str, bool]:
     """Write the manifest; return what to say, and whether every task is done.
 
-    The journal has the digests of all parts, the manifest that of the journal.
+    Parts have their digests in their names.
     """
-    plan, out = campaign.plan, campaign.out
-    records, _ = read_journal(out / JOURNAL, plan.digest)
-    done = {key for key, record in records.items() if record.done}
-    tasks = [task for task in plan.tasks() if task.id in done]
-    failed = len(records) - len(done)
-    complete = len(tasks) == plan.task_count
-    written = [out / name for name in (PLAN, CELLS, JOURNAL)]
+    plan, out, status = campaign.plan, campaign.out, campaign.status
+    complete = len(status.done) == plan.task_count
+    written = [out / name for name in (PLAN, CELLS)]
     write_manifest(out, "campaign", plan.as_dict(), written, complete=complete)
-    cpu = sum(records[key].cpu_s for key in done)
-    releases = sum(task.releases for task in tasks)
-    text = f"{releases} of {plan.releases} releases done in {cpu:.1f} s of CPU time"
-    text += f", {failed} task(s) failed" if failed else ""
+    releases = sum(task.releases for task in plan.tasks() if task.id in status.done)
+    text = f"{releases} of {plan.releases} releases done"
+    text += f", {len(status.failed)} task(s) failed" if status.failed else ""
     return f"{text}: {out}", complete
 
 
@@ -132,7 +126,7 @@ def _text(value: Any) -> Any:
 
 def failure_rows(analysis: Analysis) -> list[dict[str, Any]]:
     """Return a row for every failed task, with its error."""
-    return [{"task": key, "error": r.error} for key, r in analysis.status.failed.items()]
+    return [{"task": key, "error": text} for key, text in analysis.status.failed.items()]
 
 
 def tables(analysis: Analysis) -> dict[str, list[dict[str, Any]]]:
@@ -155,7 +149,7 @@ def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path
     with _files.replacing(out / "report.html") as file:
         file.write(page(analysis, contents, pictures))
     written += [*pictures, out / "report.html"]
-    complete = len(analysis.status.records) == analysis.plan.task_count
+    complete = len(analysis.status.done) == analysis.plan.task_count
     arguments = analysis.plan.as_dict()
     return [*written, write_manifest(out, "analyse", arguments, written, complete=complete)]
 
@@ -186,7 +180,7 @@ def page(analysis: Analysis, rows: dict[str, list[dict[str, Any]]], pictures: li
         analysis=analysis,
         version=__version__,
         measured=int(analysis.statistics.releases.sum()),
-        missing=analysis.plan.task_count - len(status.records) - len(status.failed),
+        missing=analysis.plan.task_count - len(status.done) - len(status.failed),
         far=f"{FAR:g}",
         **rows,
         pictures={p.stem: base64.b64encode(p.read_bytes()).decode() for p in pictures},

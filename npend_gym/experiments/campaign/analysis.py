@@ -25,7 +25,12 @@ from scipy.optimize import OptimizeWarning, curve_fit
 from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, preset_name
-from npend_gym.experiments.campaign.folder import FolderStatus, check_folder, read_plan, resolved
+from npend_gym.experiments.campaign.campaign import (
+    FolderStatus,
+    check_folder,
+    read_plan,
+    resolved,
+)
 from npend_gym.experiments.campaign.plan import CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
 from npend_gym.experiments.fits import (
@@ -150,11 +155,10 @@ def analyse(out: Path | str) -> Analysis:
     if plan is None:
         raise ValueError(f"there is no campaign in {out}: npend campaign --out {out} makes one")
     status = check_folder(plan, out)
-    tasks = [task for task in plan.tasks() if task.id in status.records]
-    if not tasks:
+    if not status.done:
         raise ValueError(f"nothing is done yet in {out}: npend campaign --out {out} continues it")
     with np.errstate(all="ignore"):  # what is not finite is left out of the fits
-        stats = statistics(plan, out, tasks)
+        stats = statistics(plan, status.done)
         groups = tuple(_groups(plan, stats))
     return Analysis(plan, out, status, stats, groups)
 

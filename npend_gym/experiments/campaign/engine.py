@@ -9,7 +9,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
@@ -24,6 +23,8 @@ BACKENDS = ("loky", "threading", "ray", "dask")
 CLUSTERS = ("ray", "dask")
 _MAX_ATTEMPTS = 3  # lost workers while a task was running, after which it is run alone
 _MAX_NO_PROGRESS = 5  # losses in a row without any result, after which something else is wrong
+# The end of a process, however it ends, closes its end of the pipe, on every system
+_driver_is_alive, _kept_open = multiprocessing.Pipe(duplex=False)
 
 
 class WorkersLostError(RuntimeError):
@@ -61,14 +62,14 @@ def workers(
     """
     check_workers(backend, count, address)
     with ExitStack() as stack:
-        count = count or -1
+        count, own = count or -1, dict[str, Any]()
         if backend == "ray":
             _ray(stack, count, address)
         elif backend == "dask":
             _dask(stack, count, address)
         elif backend == "loky":
-            backend = _loky()
-        stack.enter_context(joblib.parallel_config(backend=backend, n_jobs=count))
+            own = {"initializer": end_with_the_driver, "initargs": (_driver_is_alive,)}
+        stack.enter_context(joblib.parallel_config(backend=backend, n_jobs=count, **own))
         yield
 
 
@@ -82,29 +83,6 @@ def check_workers(backend: str, count: int | None, address: str | None) -> None:
             f"address must be left out where backend is {backend}: it is that of a Ray or Dask "
             f"cluster, got {_checks.show(address)}"
         )
-
-
-@cache
-def _loky() -> str:
-    """Register loky's backend with workers that end with this process; return its name."""
-    # the class has no public name
-    loky: Any = _extras.require("joblib._parallel_backends", "campaign", "campaigns").LokyBackend
-
-    # The end of a process, however it ends, closes its end of the pipe, on every system
-    driver_is_alive, kept_open = multiprocessing.Pipe(duplex=False)
-    own: Any = {"initializer": end_with_the_driver, "initargs": (driver_is_alive,)}
-
-    class EndingLoky(loky):
-        """Loky with an initializer for its workers."""
-
-        lifeline = kept_open
-
-        def configure(self, *arguments: Any, **options: Any) -> Any:
-            """Start the workers, or take those that wait."""
-            return super().configure(*arguments, **(options | own))  # pyright: ignore[reportUnknownVariableType]
-
-    joblib.register_parallel_backend("npend-loky", EndingLoky)
-    return "npend-loky"
 
 
 def end_with_the_driver(driver_is_alive: Connection) -> None:

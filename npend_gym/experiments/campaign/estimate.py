@@ -17,7 +17,7 @@ from npend_gym.period import pseudo_periods
 _RODS, _TIMES = (1, 2, 5, 10, 20, 50, 100), (0.22, 0.37, 1.0, 2.7, 9.2, 59.0, 252.0)
 _SAMPLE, _LONGEST_CHAIN = 16, 20  # releases that are timed; rods of their chain, at most
 # Bytes of a release, of a bob, and of the two parts of a task, measured
-_OF_RELEASE, _OF_BOB, _OF_TASK = 30.0, 8.0, 4600.0
+_OF_RELEASE, _OF_BOB, _OF_TASK = 32.0, 8.5, 5000.0
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,8 @@
-"""The tables of a campaign: Parquet parts, written whole, each known by its SHA-256."""
+"""The tables of a campaign: Parquet parts, written whole, each named by what is in it.
+
+The name of a part ends in a digest of the plan and of the part's bytes. So a part that exists and
+has the right name is done; nothing else needs to be recorded, and it does not matter who wrote it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,6 @@ from numpy.typing import NDArray
 from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.experiments.campaign.pages import unpacked_sizes
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
@@ -31,27 +34,31 @@ _TYPES = {
     "completed": "int32",
     **dict.fromkeys(_PERIODS, "double"),
 }
+# Numbers that repeat or count are packed as differences. Nothing is compressed: a file of a source
+# not trusted cannot expand.
+_PACKED = dict.fromkeys(("cell", "trial", "completed", "bob"), "DELTA_BINARY_PACKED")
 # The description of a file that is not trusted may take so much memory
 _THRIFT = {"thrift_string_size_limit": 1_000_000, "thrift_container_size_limit": 10_000}
 
 
 def write_parts(
-    plan: CampaignPlan,
-    out: Path,
-    task: Task,
-    starts: FloatArray,
-    periods: FloatArray,
-    lease: Path | None = None,
-) -> dict[str, str]:
-    """Write the parts of a task, whole or not at all, under a lease; return table -> SHA-256."""
+    plan: CampaignPlan, out: Path, task: Task, starts: FloatArray, periods: FloatArray
+) -> None:
+    """Write the parts of a task below `out`, each whole or not at all."""
     about = provenance({"plan": plan.digest, "task": task.id}, plan.seed)
-    tables = {
-        RELEASES: _releases(plan, task, starts, periods),
-        BOBS: _bobs(plan, task, periods),
-    }
-    return {
-        name: _write(table, out / name / task.part, about, lease) for name, table in tables.items()
-    }
+    for name, table in (
+        (BOBS, _bobs(plan, task, periods)),
+        (RELEASES, _releases(plan, task, starts, periods)),
+    ):
+        data = _parquet(table, about)
+        path = out / name / f"{task.place}-{part_digest(plan, data)}.parquet"
+        _files.make_folder(path.parent)
+        _write(path, data)
+
+
+def part_digest(plan: CampaignPlan, data: bytes) -> str:
+    """Return what the name of a part with these bytes ends in."""
+    return hashlib.sha256(plan.digest.encode() + data).hexdigest()[:16]
 
 
 def _releases(plan: CampaignPlan, task: Task, starts: FloatArray, periods: FloatArray) -> Any:
@@ -100,18 +107,20 @@ def _nullable(values: FloatArray) -> Any:
     return pa.array(values, mask=np.isnan(values))
 
 
-def _write(table: Any, path: Path, about: dict[str, Any], lease: Path | None = None) -> str:
-    """Write `table` to `path` and return the SHA-256 of the file."""
+def _parquet(table: Any, about: dict[str, Any]) -> bytes:
+    """Return a table as the bytes of a Parquet file."""
     sink = pa.BufferOutputStream()
     table = table.replace_schema_metadata({"npend_gym": json.dumps(about, sort_keys=True)})
-    pq.write_table(table, sink, compression="zstd", use_dictionary=False)
-    data = sink.getvalue().to_pybytes()
-    if lease is None:
-        _files.make_folder(path.parent)
-    with _files.replacing(path, binary=True, inside=lease) as file:
+    packed = {name: how for name, how in _PACKED.items() if name in table.column_names}
+    pq.write_table(
+        table, sink, compression="none", use_dictionary=False, column_encoding=packed or None
+    )
+    return sink.getvalue().to_pybytes()
+
+
+def _write(path: Path, data: bytes) -> None:
+    with _files.replacing(path, binary=True) as file:
         file.write(data)
-        _files.make_folder(path.parent)  # by nobody who has lost the lease
-    return hashlib.sha256(data).hexdigest()
 
 
 def write_cells(plan: CampaignPlan, path: Path) -> None:
@@ -131,7 +140,7 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
         "amplitude_rad": [cell["amplitude"] for cell in cells],
         "spread_rad": [cell["spread"] for cell in cells],
     }
-    _write(pa.table(columns), path, provenance({"plan": plan.digest}, plan.seed))
+    _write(path, _parquet(pa.table(columns), provenance({"plan": plan.digest}, plan.seed)))
 
 
 _CHAIN = ("n", "masses", "lengths", "gravity", "damping")
@@ -159,7 +168,7 @@ def finite_or_none(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def read_releases(plan: CampaignPlan, out: Path, task: Task) -> dict[str, NDArray[Any]]:
+def read_releases(plan: CampaignPlan, path: Path, task: Task) -> dict[str, NDArray[Any]]:
     """Return the columns of a task's part of RELEASES by name; NaN stands for null.
 
     Raises
@@ -167,9 +176,8 @@ def read_releases(plan: CampaignPlan, out: Path, task: Task) -> dict[str, NDArra
     ValueError
         With the path, if it is not such a part: sizes, names, types and values are checked.
     """
-    path = out / RELEASES / task.part
     try:
-        table = _read_bounded(path, task.releases)
+        table = _read_bounded(plan, path, task.releases)
         columns = {name: table[name].to_numpy() for name in _TYPES}
         for name, values in columns.items():
             if np.isnan(values).sum() != table[name].null_count:
@@ -181,14 +189,13 @@ def read_releases(plan: CampaignPlan, out: Path, task: Task) -> dict[str, NDArra
     return columns
 
 
-def _read_bounded(path: Path, rows: int) -> Any:
+def _read_bounded(plan: CampaignPlan, path: Path, rows: int) -> Any:
     """Return a part as a table, having seen that it takes no more memory than so many rows do."""
-    if not path.is_file() or path.stat().st_size > len(_TYPES) * _most_bytes(rows):
+    if not path.is_file() or path.stat().st_size > len(_TYPES) * (16 * rows + 4096):
         raise ValueError("it is no file of such a size")
     data = path.read_bytes()
-    sizes = unpacked_sizes(data)
-    if max(sizes, default=0) > _most_bytes(rows):
-        raise ValueError(f"a column has {max(sizes)} bytes, at most {_most_bytes(rows)}")
+    if not path.stem.endswith(part_digest(plan, data)):  # pyarrow may end the process on damage
+        raise ValueError("its bytes are not those that its name says")
     file = pq.ParquetFile(pa.BufferReader(data), **_THRIFT)
     kinds = {each.name: str(each.type) for each in file.schema_arrow}
     if list(kinds) != list(_TYPES) or len(kinds) < len(file.schema_arrow):
@@ -198,14 +205,13 @@ def _read_bounded(path: Path, rows: int) -> Any:
     for name, kind in kinds.items():
         if kind != _TYPES[name]:
             raise ValueError(f"its {name} must have the type {_TYPES[name]}, got {kind}")
-    if file.metadata.num_rows != rows:
-        raise ValueError(f"it must have {rows} rows, got {file.metadata.num_rows}")
+    about = file.metadata
+    if about.num_rows != rows or about.num_row_groups != 1:
+        raise ValueError(f"it must have {rows} rows in one group, got {about.num_rows}")
+    columns = map(about.row_group(0).column, range(len(_TYPES)))
+    if any(column.compression != "UNCOMPRESSED" for column in columns):
+        raise ValueError("its columns must not be compressed")
     return file.read(use_threads=False)
-
-
-def _most_bytes(rows: int) -> int:
-    """Return the most bytes that a column takes: its numbers, which of them are null, headers."""
-    return 16 * rows + 4096
 
 
 def _check_releases(plan: CampaignPlan, task: Task, columns: dict[str, NDArray[Any]]) -> None:

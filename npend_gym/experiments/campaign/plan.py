@@ -239,9 +239,9 @@ class Task:
         return f"n{self.n}-{self.number:07d}"
 
     @property
-    def part(self) -> str:
-        """Path of the task's part inside the folder of a table."""
-        return f"n={self.n}/{self.number:07d}.parquet"
+    def place(self) -> str:
+        """What the path of the task's part begins with inside the folder of a table."""
+        return f"n={self.n}/{self.number:07d}"
 
     @property
     def releases(self) -> int:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym.experiments.campaign.parts import read_releases
-from npend_gym.experiments.campaign.plan import CampaignPlan, Task
+from npend_gym.experiments.campaign.plan import CampaignPlan
 
 FAR = 6.0  # standard deviations, beyond which a release is an outlier
 EDGES = np.linspace(-8.0, 8.0, 65)  # of the histogram of residuals, in standard deviations
@@ -93,9 +93,11 @@ class _CellRows:
         return np.vander(self.place[some], 3, increasing=True), self.columns["median_s"][some]
 
 
-def _cell_rows(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Iterator[_CellRows]:
-    for task in tasks:
-        part = read_releases(plan, out, task)
+def _cell_rows(plan: CampaignPlan, parts: dict[str, Path]) -> Iterator[_CellRows]:
+    for task in plan.tasks():
+        if task.id not in parts:
+            continue
+        part = read_releases(plan, parts[task.id], task)
         cells = part["cell"]
         columns = {name: part[name] for name in _COLUMNS}
         present, firsts = np.unique(cells, return_index=True)
@@ -108,12 +110,12 @@ def _cell_rows(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Iterator[_Ce
             yield _CellRows(int(cell), trial, done, own, place)
 
 
-def statistics(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Statistics:
-    """Return the statistics of the releases of `tasks`, in three passes over their parts."""
+def statistics(plan: CampaignPlan, parts: dict[str, Path]) -> Statistics:
+    """Return the statistics of the releases in parts, by their tasks, in three passes over them."""
     releases, completed = np.zeros((2, plan.cells), np.int64)
     sums, counts = np.zeros((2, plan.cells, len(_COLUMNS)))
     normal, right = np.zeros((plan.cells, 3, 3)), np.zeros((plan.cells, 3))
-    for rows in _cell_rows(plan, out, tasks):
+    for rows in _cell_rows(plan, parts):
         k = rows.cell
         releases[k] += len(rows.trial)
         completed[k] += int(rows.completed.sum())
@@ -128,12 +130,12 @@ def statistics(plan: CampaignPlan, out: Path, tasks: list[Task]) -> Statistics:
     # by the pseudo-inverse: without a spread, or with few releases, there is no parabola to find
     parabola = np.einsum("kij,kj->ki", np.linalg.pinv(normal, hermitian=True), right)
     squares = np.zeros(plan.cells)
-    for rows in _cell_rows(plan, out, tasks):
+    for rows in _cell_rows(plan, parts):
         powers, median = rows.median()
         squares[rows.cell] += np.sum((median - powers @ parabola[rows.cell]) ** 2)
     count = counts[:, _COLUMNS.index("median_s")]
     scatter = np.sqrt(squares / np.where(count > 3, count - 3, np.nan))
-    far = _far(_cell_rows(plan, out, tasks), parabola, scatter, count)
+    far = _far(_cell_rows(plan, parts), parabola, scatter, count)
     start, mean, median, tip = means.T
     return Statistics(releases, completed, start, mean, median, tip, parabola, scatter, *far)
 

@@ -13,38 +13,54 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.experiments import draws
-from npend_gym.experiments.campaign.journal import Record
 from npend_gym.experiments.campaign.parts import write_parts
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 from npend_gym.period import pseudo_periods
 
 
 @dataclass(frozen=True)
-class WriteFailed:
-    """In place of a record: the results could not be written, which is no fault of the task."""
+class Record:
+    """What became of a task.
 
-    reason: str
+    Attributes
+    ----------
+    task : str
+        Id of the task.
+    error : str
+        What went wrong in it, empty where nothing did.
+    cpu_s : float
+        CPU time that it took [s].
+    disk_error : str
+        Why the results could not be written, which is no fault of the task.
+    """
+
+    task: str
+    error: str = ""
+    cpu_s: float = 0.0
+    disk_error: str = ""
+
+    @property
+    def done(self) -> bool:
+        """Whether the task was measured."""
+        return not self.error
 
 
-def run_task(
-    plan: CampaignPlan, out: Path, task: Task, lease: Path | None = None
-) -> Record | WriteFailed:
-    """Measure the releases of `task` and write them below `out`; return what to record.
+def run_task(plan: CampaignPlan, out: Path, task: Task) -> Record:
+    """Measure the releases of `task` and write them below `out`; return what became of it.
 
-    They are written under the `lease` of the driver, see `npend_gym.experiments.campaign.lease`.
-
-    An error in the measurement is recorded, and the other tasks can continue.
+    An error in the measurement is returned, and the other tasks can continue.
     """
     started = time.process_time()
     try:
         starts, periods = measure_task(plan, task)
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is recorded
-        return Record(plan.digest, task.id, error=f"{type(error).__name__}: {error}")
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is told
+        return Record(task.id, f"{type(error).__name__}: {error}")
     try:
-        digests = write_parts(plan, out, task, starts, periods, lease)
+        write_parts(plan, out, task, starts, periods)
     except OSError as error:
-        return WriteFailed(f"{error.strerror or error}: {error.filename or out}")
-    return Record(plan.digest, task.id, digests, cpu_s=round(time.process_time() - started, 6))
+        reason = f"{error.strerror or error}: {error.filename or out}"
+        return Record(task.id, disk_error=reason)
+    return Record(task.id, cpu_s=round(time.process_time() - started, 6))
 
 
 def measure_task(plan: CampaignPlan, task: Task) -> tuple[FloatArray, FloatArray]:
