@@ -34,12 +34,13 @@ from npend_gym.rl import (
     robustness,
 )
 from npend_gym.rl.controllers.references import PLANS, reference_controller
-from npend_gym.rl.training import es, imitation, ppo, shac
+from npend_gym.rl.training import imitation, shac
 from npend_gym.rl.training.tasks import env_of_task
 
 DOCS = Path(__file__).parents[1] / "docs"
-TRAINERS = {"PPO": ppo, "SHAC": shac, "ES": es, "imitation": imitation}
-STYLES = {"PPO": "-", "SHAC": "-.", "ES": "--", "imitation": ":"}
+TRAINERS = {"SHAC": shac, "imitation": imitation}
+LEARNED = (*TRAINERS, "ES")  # by examples/evolution_strategies.py
+STYLES = {"SHAC": "-", "ES": "--", "imitation": ":"}
 CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "transition", "balance", "calm")
 LABELS = {
@@ -120,10 +121,9 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
 
 
 def trainer_of(policy: Policy) -> str:
-    """Return which of `TRAINERS` a policy comes from; older ones name a script."""
-    own = Path(policy.provenance["trained_by"]).stem.removeprefix("train_")
-    names = {trainer.__name__.rpartition(".")[2]: name for name, trainer in TRAINERS.items()}
-    return names.get(own.replace("cleanrl", "ppo"), own)
+    """Return which of `LEARNED` a policy comes from."""
+    names = {name.lower(): name for name in LEARNED}
+    return names.get(policy.provenance["trained_by"], "")
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:
@@ -147,7 +147,7 @@ def recorded(name: str = "learning") -> list[dict[str, Any]]:
 
 def merged(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
     """Return new rows together with those that `docs/` has of others and other seeds, in order."""
-    order = ["random", *REFERENCES, *sorted(TRAINERS)]
+    order = ["random", *REFERENCES, *sorted(LEARNED)]
 
     def rank(row: dict[str, Any]) -> tuple[Any, ...]:
         return *place(row["task"]), order.index(row["agent"]), row["seed"] or 0
@@ -188,7 +188,7 @@ def table(rows: list[dict[str, Any]]) -> str:
             for row in here if row["agent"] in REFERENCES
         ]  # fmt: skip
         cells = [task, ", ".join(known)]
-        agents = dict.fromkeys(row["agent"] for row in here if row["agent"] in TRAINERS)
+        agents = dict.fromkeys(row["agent"] for row in here if row["agent"] in LEARNED)
         for agent in agents:
             cells += learned([row for row in here if row["agent"] == agent])
             lines.append("| " + " | ".join(cells) + " |")

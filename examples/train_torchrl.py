@@ -8,7 +8,9 @@ plain numbers for `npend evaluate`, and `swingup-1.csv`, its learning curve. It 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import torch
@@ -31,8 +33,37 @@ from tqdm import tqdm
 
 from npend_gym.report import write_csv
 from npend_gym.rl import Policy, episode_seeds
-from npend_gym.rl.training.ppo import Settings, settings_of
-from npend_gym.rl.training.tasks import Curve, network, policy_of
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    network,
+    policy_of,
+)
+
+
+@dataclass(frozen=True)
+class Settings(TrainingSettings):
+    """The settings of a training run, with the names of CleanRL."""
+
+    total_timesteps: int = 200_000
+    num_envs: int = 32
+    num_steps: int = 128  # of every environment between two updates
+    update_epochs: int = 10
+    minibatch_size: int = 256
+    learning_rate: float = 1e-3  # falls linearly to zero
+    gamma: float = 0.98
+    gae_lambda: float = 0.95
+    clip_coef: float = 0.2
+    vf_coef: float = 0.5
+    max_grad_norm: float = 0.5
+    hidden: int = 64
+    obs_scale: tuple[float, float, float] = (1.0, 1.0, 5.0)  # of sines, cosines, speeds [rad/s]
+
+
+def settings_of(task: str, **changes: Any) -> Settings:
+    """Return the settings for a task such as "swingup-1": episodes of 10 s, to see more starts."""
+    return Settings(env=env_of_task(task) | {"max_episode_steps": 200}, **changes)
 
 
 def make_env(settings: Settings) -> TransformedEnv:

@@ -377,8 +377,7 @@ REASONS = {
         "imitation does not use torque_levels",
         "shac does not use torque_levels",
     ),
-    "SHAC learns one goal at a time.": ("mode must be one that shac learns",),
-    "SHAC learns one chain, with motors and sensors that are ideal.": (
+    "SHAC learns with motors and sensors that are ideal.": (
         "shac does not use torque_noise",
         "shac does not use randomize",
     ),

@@ -9,22 +9,31 @@ torch = pytest.importorskip("torch")
 
 from npend_gym import _progress  # noqa: E402
 from npend_gym.cli import main  # noqa: E402
-from npend_gym.rl.training import es, experts, imitation, ppo, shac  # noqa: E402
+from npend_gym.rl.training import experts, imitation, shac  # noqa: E402
 from npend_gym.rl.training.checkpoints import Checkpoint  # noqa: E402
 
 pytestmark = pytest.mark.long
 
 ONE = {"n": 1, "mode": "swingup", "observation": "sincos"}
 SHORT = {"rounds": 5, "updates": 20, "first_updates": 40, "hidden": 16}
+FEW = {"updates": 2, "num_envs": 16}
 RUNS = {
-    "es": (es, es.settings_of("calm-2", updates=12, pairs=4, num_steps=30)),
-    "ppo": (ppo, ppo.settings_of("swingup-1-robust", total_timesteps=16_384, hidden=16)),
     "imitation": (imitation, imitation.Settings(ONE, seconds=3.0, guesses=2, num_envs=8, **SHORT)),
     "imitation with errors": (
         imitation,
         imitation.settings_of("swingup-1-robust", seconds=3.0, num_envs=32, **SHORT),
     ),
-    "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, updates=2, num_envs=16)),
+    "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, **FEW)),
+    "shac with chains that differ": (
+        shac,
+        shac.settings_of("swingup-1-robust", total_timesteps=800, episode=20, **FEW),
+    ),
+    "shac with goals on a cart": (
+        shac, shac.Settings(
+            {"n": 1, "mode": "transition", "base": "cart", "observation": "sincos"},
+            total_timesteps=800, episode=20, **FEW,
+        ),
+    ),
 }  # fmt: skip
 
 
@@ -65,14 +74,14 @@ def test_a_run_that_was_stopped_ends_as_one_that_was_not(name, tmp_path):
 
 
 def test_a_checkpoint_of_other_settings_or_none_is_refused(tmp_path):
-    trainer, settings = RUNS["es"]
+    trainer, settings = RUNS["shac"]
     path = tmp_path / "run.checkpoint"
     with pytest.raises(ValueError, match="there is no checkpoint"):
         Checkpoint(settings, path, resume=True)
     with pytest.raises(StoppedError):
         trainer.train(settings, None, StoppedCheckpoint(settings, path, seconds=0.0))
     with pytest.raises(ValueError, match="has the settings"):
-        Checkpoint(es.settings_of("calm-2", seed=1), path, resume=True)
+        Checkpoint(shac.settings_of("swingup-2", seed=1), path, resume=True)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(ValueError, match="is no checkpoint"):
         Checkpoint(settings, path, resume=True)
@@ -88,26 +97,25 @@ def test_a_checkpoint_runs_no_code(tmp_path):
     path = tmp_path / "run.checkpoint"
     torch.save({"about": Evil()}, path)
     with pytest.raises(ValueError, match="is no checkpoint"):
-        Checkpoint(RUNS["es"][1], path, resume=True)
+        Checkpoint(RUNS["shac"][1], path, resume=True)
     path.write_bytes(pickle.dumps(Evil()))
     with pytest.raises(ValueError, match="is no checkpoint"):
-        Checkpoint(RUNS["es"][1], path, resume=True)
+        Checkpoint(RUNS["shac"][1], path, resume=True)
     assert not tmp_path.joinpath("was_run").exists()
 
 
 def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
-    common = ["train", "calm-1", "--algorithm", "es", "--set", "updates=6", "--set", "pairs=2",
-              "--set", "num_steps=20"]  # fmt: skip
+    common = ["train", "calm-1", "--set", "updates=1", "--set", "total_timesteps=1920"]
     assert main([*common, "--out", str(tmp_path / "whole")]) == 0
-    play, calls = es.play, []
+    update, calls = shac.Learner.update, []
 
     def interrupted(*arguments):
         calls.append(1)
         if len(calls) == 4:
             raise KeyboardInterrupt
-        return play(*arguments)
+        return update(*arguments)
 
-    monkeypatch.setattr(es, "play", interrupted)
+    monkeypatch.setattr(shac.Learner, "update", interrupted)
     monkeypatch.setattr(Checkpoint.__init__, "__kwdefaults__", {"resume": False, "seconds": 0.0})
     out = ["--out", str(tmp_path / "two")]
     assert main([*common, *out]) == 130
@@ -128,7 +136,7 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
 
 def test_where_the_error_stream_is_no_terminal_lines_tell_how_far_training_is(monkeypatch, capsys):
     monkeypatch.setattr(_progress, "SECONDS", 0.0)
-    kept = Checkpoint(es.settings_of("calm-2"))
+    kept = Checkpoint(shac.settings_of("calm-2"))
     assert list(kept.rounds({}, 3, "calm-2", "update")) == [1, 2, 3]
     assert capsys.readouterr().err == "calm-2: update 1 of 3\ncalm-2: update 2 of 3\n"
     assert list(kept.rounds({}, 3, None, "update")) == [1, 2, 3]

@@ -17,7 +17,7 @@ from npend_gym.cli.common import (
     with_settings,
 )
 
-_DEFAULT = "ppo"  # for a task that none has settings for
+_DEFAULT = "shac"  # for a task that none has settings for
 ABOUT = """\
 Trains a policy for a task such as swingup-2, balance-3, calm-5 or swingup-1-robust, evaluates it in
 100 held-out episodes, and writes OUT/TASK.npz and its learning curve TASK.csv. On one
@@ -28,7 +28,6 @@ EXAMPLES = """\
 examples:
   npend train swingup-1                       ten seconds
   npend train swingup-2 --seed 3 --out runs
-  npend train swingup-2 --algorithm ppo
   npend train swingup-2-robust                survives wrong chains, noise, delay, pushes
   npend train calm-2 --env damping=0.02 --set total_timesteps=100000
   npend train swingup-1 --env "randomize={\\"masses\\": [0.8, 1.2]}" --out heavy
@@ -41,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `npend train`."""
     text = "mode and number of rods, such as swingup-2; swingup-2-robust draws a chain each episode"
     parser.add_argument("task", metavar="TASK", help=text)
-    text = "such as ppo, es, imitation, shac (default: the one that has settings for the task)"
+    text = (
+        "shac, imitation, or of another package (default: the one that has settings for the task)"
+    )
     parser.add_argument("--algorithm", metavar="NAME", help=text)
     parser.add_argument("--seed", type=int, help="from 0 to 2^31 - 1 (default 0)")
     add_env_option(parser)
@@ -104,8 +105,7 @@ def _algorithm(task: str, name: str | None) -> str:
     env_of_task(task)  # refuses what is no task
     if name is not None:
         _checks.choice("algorithm", name, (*trainer_names(),))
-    if name != "es":
-        require("torch", "rl", "trainers")
+    require("torch", "rl", "trainers")
     known = [each for each in trainer_names() if name is None and task in trainer(each).TASKS]
     if name is None and not known:
         warn(

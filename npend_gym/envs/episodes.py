@@ -133,6 +133,15 @@ class Episodes:
         self.keys[:, lanes] = keys
         self._memory.members[Episode.EPISODE, lanes] = -1.0
 
+    @property
+    def numbers(self) -> FloatArray:
+        """The number of each lane's episode of its seed, (B,), from 0; -1 before the first."""
+        return self._memory.members[Episode.EPISODE, : self.count].copy()
+
+    @numbers.setter
+    def numbers(self, values: FloatArray) -> None:
+        self._memory.members[Episode.EPISODE, : self.count] = values
+
     def start(self, mask: BoolArray, options: Mapping[str, Any] | None = None) -> None:
         """Begin a new episode in the lanes of `mask`, with the options of `checked_options`.
 

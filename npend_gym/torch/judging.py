@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -65,36 +68,63 @@ class Lanes(NamedTuple):
         )
 
 
-class State(NamedTuple):
-    """Angles and velocities with what follows from them, (B, n)."""
+def exact_sincos(angles: Tensor) -> tuple[Tensor, Tensor]:
+    """Return sines and cosines with the bits of the kernels, of float64."""
+    return applied(SinCos, angles)
 
+
+@dataclass(frozen=True)
+class State:
+    """Angles and velocities, (..., n), with what follows from them."""
+
+    lanes: Lanes
     theta: Tensor
     omega: Tensor
-    place: Tensor | None  # of a cart [m], (B,)
+    place: Tensor | None  # of a cart [m], (...)
     velocity: Tensor | None  # m/s
-    sin: Tensor
-    cos: Tensor
-    kinetic_energy: Tensor  # J, (B,)
-    lift: Tensor  # potential energy over gravity [kg m], (B,)
-    energy: Tensor  # J, (B,)
+    sincos: Callable[[Tensor], tuple[Tensor, Tensor]]
 
     @classmethod
-    def of(cls, q: Tensor, u: Tensor, lanes: Lanes) -> State:
-        """Return the states of chains, from angles and the place of a cart, (B, c), and rates."""
-        n = lanes.lift.shape[1]
-        theta, omega, place, velocity = q, u, None, None
-        if q.shape[1] > n:
-            theta, omega = q[:, :n].contiguous(), u[:, :n]
-            place, velocity = q[:, n], u[:, n]
-        sines, cosines = applied(SinCos, theta)
-        half_sines = applied(SinCos, 0.5 * theta)[0]
-        kinetic = kinetic_from(lanes.chains, sines, cosines, omega, bobs=lanes.bobs)
-        if velocity is not None:
-            momentum = (lanes.lift * cosines * omega).sum(-1)
-            kinetic = kinetic_on_cart(kinetic, momentum, lanes.mass, velocity)
-        lift = lift_from(lanes.lift, half_sines)
-        energy = kinetic + lanes.chains.gravity * lift
-        return cls(theta, omega, place, velocity, sines, cosines, kinetic, lift, energy)
+    def of(
+        cls, q: Tensor, u: Tensor, lanes: Lanes,
+        sincos: Callable[[Tensor], tuple[Tensor, Tensor]] = exact_sincos,
+    ) -> State:  # fmt: skip
+        """Return the states of chains, from angles and the place of a cart, (..., c), and rates."""
+        n = lanes.lift.shape[-1]
+        if q.shape[-1] == n:
+            return cls(lanes, q, u, None, None, sincos)
+        theta, omega = q[..., :n].contiguous(), u[..., :n]
+        return cls(lanes, theta, omega, q[..., n], u[..., n], sincos)
+
+    @cached_property
+    def sines(self) -> tuple[Tensor, Tensor]:
+        """Sines and cosines of the angles."""
+        return self.sincos(self.theta)
+
+    @property
+    def cos(self) -> Tensor:
+        """Cosines of the angles."""
+        return self.sines[1]
+
+    @cached_property
+    def kinetic_energy(self) -> Tensor:
+        """Kinetic energy [J], (...)."""
+        lanes, (sines, cosines) = self.lanes, self.sines
+        kinetic = kinetic_from(lanes.chains, sines, cosines, self.omega, bobs=lanes.bobs)
+        if self.velocity is None:
+            return kinetic
+        momentum = (lanes.lift * cosines * self.omega).sum(-1)
+        return kinetic_on_cart(kinetic, momentum, lanes.mass, self.velocity)
+
+    @cached_property
+    def lift(self) -> Tensor:
+        """Potential energy over gravity [kg m], (...)."""
+        return lift_from(self.lanes.lift, self.sincos(0.5 * self.theta)[0])
+
+    @cached_property
+    def energy(self) -> Tensor:
+        """Energy [J], (...)."""
+        return self.kinetic_energy + self.lanes.chains.gravity * self.lift
 
 
 def quantities(
@@ -106,7 +136,7 @@ def quantities(
     """
     none = torch.zeros_like(start_energy)
     closeness = distance = none
-    if lanes.goals.shape[1] > 0:
+    if lanes.goals.shape[-1] > 0:
         away, weights = (state.cos - lanes.goals).abs(), lanes.lift.abs()
         closeness = 1.0 - 0.5 * (weights * away).sum(-1) / weights.sum(-1)
         distance = away.amax(-1)
@@ -146,19 +176,19 @@ def judge(
 
 
 def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
-    """Return the observations of an environment, (B, numbers), float64."""
+    """Return the observations of an environment, (..., numbers)."""
     if config.with_sines:
         speeds, limit = state.omega, config.speed_limit
         if config.observation == "scaled":
             factors = torch.from_numpy(1.0 / config.speed_scale).to(speeds.device)
             speeds = (speeds * factors).clamp(-limit, limit)
-        parts = [state.sin, state.cos, speeds]
+        parts = [*state.sines, speeds]
     else:
         parts = [wrapped(state.theta), state.omega]
     of_cart = []
     if config.rail is not None and state.place is not None and state.velocity is not None:
         entries = state.place / config.rail, state.velocity * cart_speed_factor(config)
-        of_cart = [x.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY)[:, None] for x in entries]
+        of_cart = [x.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY)[..., None] for x in entries]
     if not config.observe_velocities:
         parts, of_cart = parts[:-1], of_cart[:1]
     parts += of_cart

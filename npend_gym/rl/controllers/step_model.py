@@ -79,13 +79,17 @@ def beyond(config: EnvConfig, states: FloatArray, share: float) -> FloatArray:
     return place - np.clip(place, -free, free)
 
 
-def of_actions(config: EnvConfig, loads: FloatArray) -> FloatArray:
+def of_actions(
+    config: EnvConfig, loads: FloatArray, limits: FloatArray | None = None
+) -> FloatArray:
     """Return the derivatives by the actions, from those by the torques of `motors`, then the force.
 
-    Both have a column for each input.
+    Both have a column for each input. `limits`, (B, joints), are those of the lanes where they
+    differ.
     """
     places = [*motors(config), config.n]
-    return loads[..., [places.index(joint) for joint in config.joints]] * config.action_limits
+    by = config.action_limits if limits is None else limits[:, None]
+    return loads[..., [places.index(joint) for joint in config.joints]] * by
 
 
 def motors(config: EnvConfig) -> list[int]:
@@ -93,9 +97,12 @@ def motors(config: EnvConfig) -> list[int]:
     return [joint for joint in config.joints.tolist() if joint < config.n]
 
 
-def loads_of(config: EnvConfig, actions: FloatArray) -> tuple[FloatArray, FloatArray]:
+def loads_of(
+    config: EnvConfig, actions: FloatArray, limits: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return the torques of the motors, (B, motors), and the force on the cart, (B,)."""
-    loads, on_joint = actions * config.action_limits, config.joints < config.n
+    loads = actions * (config.action_limits if limits is None else limits)
+    on_joint = config.joints < config.n
     return loads[:, on_joint], loads[:, ~on_joint].sum(axis=1)
 
 

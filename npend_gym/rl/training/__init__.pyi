@@ -1,6 +1,4 @@
-from npend_gym.rl.training import es as es
 from npend_gym.rl.training import imitation as imitation
-from npend_gym.rl.training import ppo as ppo
 from npend_gym.rl.training import shac as shac
 from npend_gym.rl.training.trainers import Trainer as Trainer
 from npend_gym.rl.training.trainers import trainer as trainer

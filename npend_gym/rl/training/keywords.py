@@ -24,7 +24,6 @@ OF_CHAIN = (
 OF_CARTS = tuple(each.name for each in fields(CartSettings))
 # Those of an environment whose observations are one array, and whose actions are continuous
 OF_ENV = {*EnvKeywords.__annotations__, "threads"} - {"torque_levels", "goal_env"}
-OF_EPISODES = OF_ENV | {"max_episode_steps"}  # and whose episodes end as the environment ends them
 # Of vector environments, beside those of `EnvConfig`
 _OF_VECTOR_ENV = {"max_episode_steps": None, "threads": 1, "autoreset_mode": None,
                   "render_mode": None}  # fmt: skip
@@ -53,7 +52,7 @@ def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -
     defaults = DEFAULTS | _OF_VECTOR_ENV
     for name, value in env.items():
         if name not in uses and value != defaults[name]:
-            other = ", or train by ppo, which uses it" if name in OF_EPISODES else ""
+            other = ", or train by imitation, which uses it" if name in OF_ENV else ""
             raise ValueError(
                 f"{algorithm} does not use {name}: leave it out{other}; got {_checks.show(value)}"
             )

@@ -21,7 +21,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from npend_gym.envs.modes import Balance, Calm, SwingUp
+from npend_gym.envs.keywords import CHAIN_KEYWORDS
+from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
@@ -36,7 +37,7 @@ from npend_gym.rl.training.tasks import (
     policy_of,
 )
 
-MODES = (SwingUp, Balance, Calm)
+MODES = (SwingUp, Balance, Calm, Transition)
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,7 @@ class Learner:
     def __init__(self, task: Task, actions: int, settings: Settings) -> None:
         self.task, self.settings = task, settings
         self.actor = network(task.inputs, actions, settings.hidden, last_gain=0.1)
-        judged = task.observed + task.contexts
-        self.critic = network(judged, 1, settings.critic_hidden, last_gain=1.0)
+        self.critic = network(task.judged, 1, settings.critic_hidden, last_gain=1.0)
         self.target = copy.deepcopy(self.critic)
         self.memory: Horizons | None = None
         self.discounts = settings.gamma ** torch.arange(settings.horizon + 1.0)
@@ -107,9 +107,10 @@ class Learner:
         """
         deviation = torch.zeros_like(old.states[:, 0]).requires_grad_()
         states, outputs = [old.states[:, 0] + deviation], []
-        near, alive = [torch.ones(len(deviation))], ~self.task.ended(old.states)
+        near = [torch.ones(len(deviation))]
+        alive = ~self.task.ended(old.states, old.context[:, None])
         for t in range(self.settings.horizon):
-            outputs.append(self.actor(self.task.observe(states[-1])))
+            outputs.append(self.actor(self.task.observe(states[-1], old.context)))
             change = outputs[-1].tanh() - old.actions[:, t]
             change = torch.cat([states[-1] - old.states[:, t], change], 1)
             deviation = (old.jacobians[:, t] @ change[..., None])[..., 0]
@@ -127,8 +128,8 @@ class Learner:
         last = taken - nn.functional.pad(near[:, 1:-1], (0, 1))  # the value stands for what follows
         context = horizons.context[:, None].expand(-1, settings.horizon, -1)
         rewards = self.task.reward(reached, outputs.tanh(), context)
-        values = self.target(self.task.judge(reached, context)).squeeze(-1)
-        values = values * ~self.task.ended(reached)
+        values = self.target(self.task.critic_inputs(reached, context)).squeeze(-1)
+        values = values * ~self.task.ended(reached, context)
         gain = (taken * self.discounts[:-1] * rewards + last * self.discounts[1:] * values).sum()
         excess = (outputs.abs() - 1.5).clamp(min=0.0).square().sum()
         gradients = torch.autograd.grad(
@@ -159,7 +160,7 @@ class Learner:
     ) -> float:
         """Fit the critic to returns (B,) and slopes (B, 2c); return its mean squared error."""
         states.requires_grad_()
-        values = self.critic(self.task.judge(states, context)).squeeze(-1)
+        values = self.critic(self.task.critic_inputs(states, context)).squeeze(-1)
         (own,) = torch.autograd.grad(values.sum(), states, create_graph=True)
         away = ((own - slopes) * self.task.state_scale).square().sum(-1)
         error = (values - returns).square().mean()
@@ -198,9 +199,17 @@ def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
     """Return the trained policy and its learning curve, a row for every tenth; see `learn`."""
-    config = used_config("shac", settings.env, (*OF_CHAIN, *OF_CARTS))
+    uses = (*OF_CHAIN, *OF_CARTS, "reward_type", "randomize", "observe_context")
+    config = used_config("shac", settings.env, uses)
     if not isinstance(config.mode, MODES):
         raise ValueError(f"mode must be one that shac learns, got {config.mode!r}")
+    drawn = settings.env.get("randomize") or {}
+    for name in drawn:
+        if name not in (*CHAIN_KEYWORDS, "max_torque"):
+            raise ValueError(
+                f"shac does not use randomize[{name!r}]: it draws parameters of the chain and "
+                "max_torque, leave it out or train by imitation"
+            )
     torch.manual_seed(settings.seed)
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
@@ -247,6 +256,17 @@ def learn(
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 144_000},
+    "swingup-1-robust": {"total_timesteps": 60_000},
+    "transition-2": {"total_timesteps": 200_000},
+    "balance-1": {"total_timesteps": 20_000},
+    "balance-2": {"total_timesteps": 60_000},
+    "balance-3": {"total_timesteps": 144_000},
+    "calm-1": {"total_timesteps": 40_000},
+    "calm-2": {"total_timesteps": 60_000},
+    "calm-2-robust": {"total_timesteps": 60_000},
+    "calm-3": {"total_timesteps": 60_000},
+    "calm-5": {"total_timesteps": 60_000},
+    "calm-10": {"total_timesteps": 144_000},
     # Stronger, and thrown about by `recovery`: speeds are higher, and hesitating costs more
     "swingup-2-pendubot": {
         "total_timesteps": 320_000,
@@ -266,7 +286,4 @@ TASKS: dict[str, dict[str, Any]] = {
 
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "swingup-2"."""
-    env = env_of_task(task)
-    if "randomize" in env:
-        raise ValueError(f'task must be that of one chain, like "swingup-2", got {task!r}')
-    return Settings(env=env, **(TASKS.get(task, {}) | changes))
+    return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))

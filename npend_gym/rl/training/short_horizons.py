@@ -11,14 +11,16 @@ import numpy as np
 import torch
 from torch import nn
 
-from npend_gym._checks import FloatArray
-from npend_gym.chain import ChainParameters
+from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import Chain, ChainParameters
 from npend_gym.envs import EnvConfig
-from npend_gym.envs.cart import cart_speed_factor
-from npend_gym.envs.modes import Calm, Quantities, left_rail, rail_factor
-from npend_gym.envs.rows import MAX_CART_ENTRY
+from npend_gym.envs.episodes import Episodes
+from npend_gym.envs.modes import Calm
+from npend_gym.envs.outputs import Beginnings
+from npend_gym.envs.seeds import Seeds
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
-from npend_gym.physics.energy import kinetic_from, kinetic_on_cart, lift_from, potential_energy
+from npend_gym.physics.energy import lift_from
+from npend_gym.physics.substeps import chain_of
 from npend_gym.rl.angles import wrap
 from npend_gym.rl.controllers.step_model import (
     loads_of,
@@ -27,8 +29,14 @@ from npend_gym.rl.controllers.step_model import (
     set_states,
     states_of,
 )
+from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.training.tasks import observation_scale
+from npend_gym.torch.judging import Lanes, State, judge, observe, quantities
 
+# Of `Lanes`, beside the chains
+_OF_LANES = (
+    "lift", "height_per_lift", "tip_weights", "lifting_energy", "mass", "goals", "context",
+)  # fmt: skip
 _MIDDLE = 0.5  # of half the rail, where carts start
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit
 
@@ -36,109 +44,109 @@ _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the t
 class Task:
     """Observations and rewards of an environment as functions of states and actions, in torch.
 
-    States (q, u), (..., 2c), are angles and the place of a cart, then the rates of these.
+    States (q, u), (..., 2c), are angles and the place of a cart, then the rates of these. Contexts,
+    (..., k), say what differs between episodes: chains that were drawn, and goals; where nothing
+    does, k is 0.
     """
 
     def __init__(
         self, config: EnvConfig, gamma: float, obs_scale: tuple[float, float, float]
     ) -> None:
-        self.n, self.mode, self.gamma = config.n, config.mode, gamma
-        self.bobs, self.rail = config.chain.has_bobs, config.rail
+        self.config, self.gamma = config, gamma
+        self.varied = bool(config.randomization.names) or config.mode.has_goals
         self.obs_scale = observation_scale(config, obs_scale)
         # of the states: near pi a sine is its angle; on a cart a metre is as far as a length
         of_q = torch.ones(config.state_size // 2)
-        of_q[self.n :] = config.chain.total_length
+        of_q[config.n :] = config.chain.total_length
         self.state_scale = torch.cat([of_q, obs_scale[2] * of_q])
-        self.cart_speed = cart_speed_factor(config)
-        self.mass = (config.cart_mass or 0.0) + float(config.chain.masses.sum())
-        chain = config.chain.repeated(1)
-        tensors: list[Any] = [torch.from_numpy(values.copy()).float() for values in chain]
-        self.chain: Any = ChainParameters(*tensors)
-        self.lift = torch.tensor(config.chain.lift).float()
-        self.unit = config.chain.lifting_energy
-        start = config.amplitude + 0.5 * config.spread  # of a release
-        self.release_energy = float(potential_energy(config.chain, np.full(self.n, start)))
-        self.observed = self.inputs = len(self.obs_scale)  # of the actor
-        self.contexts = 0  # of the critic, beside what is observed
+        self.start = config.amplitude + 0.5 * config.spread  # of a release
+        episodes = Episodes(config, 1)
+        episodes.start(np.ones(1, np.bool_))
+        self._own = self._lanes_of(episodes.beginnings())
+        self._parts = [part.float() for part in _parts(self._own)]
+        self._own = self._with(self._parts)
+        self.inputs = len(self.obs_scale)  # of the actor
+        told = 0 if config.observe_context else len(config.randomization.names)
+        self.judged = self.inputs + told  # of the critic
 
-    def observe(self, states: torch.Tensor) -> torch.Tensor:
-        """Return the observations, (..., observed), over their scale."""
+    def _lanes_of(self, began: Beginnings) -> Lanes:
+        return Lanes.of(began, self.config, torch.device("cpu"), alike=not self.varied)
+
+    def context_of(self, began: Beginnings) -> torch.Tensor:
+        """Return the contexts of episodes, (B, k), float32."""
+        if not self.varied:
+            return torch.zeros(len(began.state), 0)
+        parts = _parts(self._lanes_of(began))
+        rows = [part if part.ndim > 1 else part[:, None] for part in parts]
+        return torch.cat(rows, 1).float()
+
+    def _with(self, parts: list[torch.Tensor]) -> Lanes:
+        count = len(self._own.chains)
+        of_lanes = dict(zip(_OF_LANES, parts[count:], strict=True))
+        chains: Any = ChainParameters(*parts[:count])  # pyright: ignore[reportArgumentType]
+        return self._own._replace(chains=chains, **of_lanes)
+
+    def _lanes(self, context: torch.Tensor) -> Lanes:
+        """Return what `context_of` says of episodes."""
+        if not self.varied:
+            return self._own
+        widths = [part.shape[1] if part.ndim > 1 else 1 for part in self._parts]
+        told = zip(context.split(widths, dim=-1), self._parts, strict=True)
+        return self._with([part if like.ndim > 1 else part[..., 0] for part, like in told])
+
+    def _state(self, states: torch.Tensor, context: torch.Tensor) -> State:
         q, u = states.chunk(2, dim=-1)
-        theta, omega = q[..., : self.n], u[..., : self.n]
-        parts = [theta.sin(), theta.cos(), omega]
-        if self.rail is not None:
-            parts += [
-                (part[..., self.n :] * factor).clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY)
-                for part, factor in ((q, 1.0 / self.rail), (u, self.cart_speed))
-            ]
-        return torch.cat(parts, dim=-1) / self.obs_scale
+        return State.of(q, u, self._lanes(context), _sincos)
 
-    def ended(self, states: torch.Tensor) -> torch.Tensor:
+    def observe(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
+        """Return the observations, (..., inputs), over their scale."""
+        state = self._state(states, context)
+        return observe(self.config, state, state.lanes) / self.obs_scale
+
+    def critic_inputs(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
+        """Return what the critic is given, (..., judged): it knows the chain."""
+        state = self._state(states, context)
+        seen = observe(self.config, state, state.lanes) / self.obs_scale
+        return seen if self.judged == self.inputs else torch.cat([seen, state.lanes.context], -1)
+
+    def ended(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return where an episode terminates, (...): off the rail, or where the mode says so."""
-        quantities = self._quantities(self.chain, self.lift, self.unit, states, states[..., :1])
-        failed = torch.as_tensor(self.mode.failed(quantities))
-        over = failed | left_rail(torch.as_tensor(quantities.rail_position))
-        return over.expand(states.shape[:-1])
-
-    def judge(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
-        """Return what the critic is given, (..., observed + contexts)."""
-        return torch.cat([self.observe(states), context], dim=-1)
+        return self._judge(states, torch.zeros_like(states[..., :1]), context)[1]
 
     def reward(
         self, states: torch.Tensor, actions: torch.Tensor, context: torch.Tensor
     ) -> torch.Tensor:
         """Return the rewards (...) of steps to `states`, times 1 - gamma: values are below 1."""
-        del context  # the chain is always the same
-        return self._reward(self.chain, self.lift, self.unit, states, actions)
+        return (1.0 - self.gamma) * self._judge(states, actions, context)[0]
 
-    def _reward(
-        self, chain: Any, lift: Any, unit: Any, states: torch.Tensor, actions: torch.Tensor
-    ) -> torch.Tensor:
-        """Return the rewards of chains with this `Chain.lift` and `Chain.lifting_energy`."""
-        quantities = self._quantities(chain, lift, unit, states, actions)
-        reward, place = (1.0 - self.gamma) * self.mode.reward(quantities), quantities.rail_position
-        return reward if self.rail is None else reward * rail_factor(place) * ~left_rail(place)
+    def _judge(
+        self, states: torch.Tensor, actions: torch.Tensor, context: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        state, config = self._state(states, context), self.config
+        lanes, squares = state.lanes, actions.square().mean(-1)
+        released = torch.full_like(state.theta, self.start)
+        start = lanes.chains.gravity * lift_from(lanes.lift, (0.5 * released).sin())
+        judged = quantities(state, lanes, start, squares, config.rail)
+        sparse = config.reward_type == "sparse"
+        reward, failed, _ = judge(config.mode, judged, sparse=sparse, on_cart=config.has_cart)
+        return reward, failed
 
-    def _quantities(
-        self, chain: Any, lift: Any, unit: Any, states: torch.Tensor, actions: torch.Tensor
-    ) -> Quantities[Any]:
-        q, u = states.chunk(2, dim=-1)
-        theta, omega = q[..., : self.n], u[..., : self.n]
-        lifted = lift_from(lift, (0.5 * theta).sin())
-        cosines, place = theta.cos(), 0.0
-        kinetic = kinetic_from(chain, theta.sin(), cosines, omega, bobs=self.bobs)
-        if self.rail is not None:
-            momentum = (lift * cosines * omega).sum(-1)
-            kinetic = kinetic_on_cart(kinetic, momentum, self.mass, u[..., self.n])
-            place = q[..., self.n] / self.rail
-        energy = kinetic + chain.gravity * lifted
-        total = chain.lengths.sum(-1)
-        return Quantities(
-            height=0.5 * lifted / lift.sum(-1),
-            tip=-(chain.lengths * cosines).sum(-1) / total,
-            energy=energy / unit,
-            kinetic_energy=kinetic / unit,
-            energy_fraction=energy / self.release_energy,
-            mean_squared_action=actions.square().mean(-1),
-            closeness=None,
-            goal_distance=None,
-            rail_position=place,
-            theta=theta,  # pyright: ignore[reportArgumentType] - tensors
-            omega=omega,  # pyright: ignore[reportArgumentType]
-        )
+
+def _parts(lanes: Lanes) -> list[Any]:
+    return [*lanes.chains, *(getattr(lanes, name) for name in _OF_LANES)]
+
+
+def _sincos(angles: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    return angles.sin(), angles.cos()
 
 
 class Horizons(NamedTuple):
-    """Steps that were simulated, float32; the leading axes are horizon and step.
+    """Steps that were simulated, float32; the leading axes are horizon and step."""
 
-    States and actions begin with those of `past` steps before the horizon, for an actor that
-    remembers them; for others `past` is 0.
-    """
-
-    states: torch.Tensor  # (..., 2c), one more than past and steps
-    actions: torch.Tensor  # (..., m), those of past and steps
+    states: torch.Tensor  # (..., 2c), one more than steps
+    actions: torch.Tensor  # (..., m)
     jacobians: torch.Tensor  # of the state after a step by state and action, (..., 2c, 2c + m)
-    context: torch.Tensor  # what was drawn for the episode, (horizons, contexts)
+    context: torch.Tensor  # what was drawn for the episode, (horizons, k)
 
 
 def knocked_down(
@@ -185,84 +193,114 @@ class Collector:
         Those of `shac`.
     """
 
-    changes = ("rng", "lanes", "noise", "age")
+    changes = ("rng", "numbers", "states", "noise", "age")
 
     def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:
         self.config, self.task, self.settings = config, task, settings
         self.rng, size = np.random.default_rng(settings.seed), settings.num_envs
-        self.lanes = DifferentiableEnsemble(config.chain, size, joints=motors(config))
+        self.episodes, seeds = Episodes(config, size), Seeds(size)
+        first = episode_seeds("training", size, run=settings.seed, spacing=1000).start
+        everywhere = np.ones(size, np.bool_)
+        lanes, keys = seeds.choose(first, everywhere)
+        self.episodes.seed(lanes, seeds.values, keys)
+        richest = chain_of(config.randomization.richest, 0)
+        if config.chain.base is not None:
+            richest = Chain.from_dict(richest.as_dict() | {"base": config.chain.base})
+        self.lanes = DifferentiableEnsemble(richest, size, joints=motors(config))
         self.noise = np.zeros((size, config.joints.size))
         self.knocked = np.zeros((0, config.state_size))  # states to start from
         if settings.knocked > 0.0:
             self.knocked = knocked_down(config, self.rng)
-        self.restart(np.arange(size))
+        self.restart(everywhere)
         self.age = self.rng.integers(0, settings.episode, size)
 
-    def restart(self, lanes: np.ndarray) -> None:
+    @property
+    def numbers(self) -> FloatArray:
+        """The numbers of the episodes, from which what was drawn for them follows."""
+        return self.episodes.numbers
+
+    @numbers.setter
+    def numbers(self, values: FloatArray) -> None:
+        self.episodes.numbers = values - 1.0
+        self._begin(np.ones(len(values), np.bool_))
+
+    @property
+    def states(self) -> FloatArray:
+        """The states of all lanes, (lanes, 2c)."""
+        return states_of(self.config, self.lanes)
+
+    @states.setter
+    def states(self, values: FloatArray) -> None:
+        set_states(self.config, self.lanes, slice(None), values)
+
+    def restart(self, mask: BoolArray) -> None:
         """Begin new episodes: a quarter as the task does, a quarter near its goal, half anywhere.
 
         A share of all, `settings.knocked`, begins just after the chain was knocked down instead.
         Where an episode would be over at once, it begins as the task does.
         """
-        for lane in lanes.tolist():
-            state = self._start()
-            if self._ended(state):
-                state = self._state(*self._start_of_task())
-            set_states(self.config, self.lanes, [lane], state[None])
+        began = self._begin(mask)
+        config, rng, settings = self.config, self.rng, self.settings
+        lanes, n = np.flatnonzero(mask), config.n
+        theta, omega, *of_cart = np.split(began.state[lanes], (n, 2 * n, 2 * n + 1), axis=1)
+        shape, kind = theta.shape, rng.integers(4, size=(lanes.size, 1))
+        goal = np.where(began.goals[lanes] < 0.0, math.pi, 0.0)
+        if not config.mode.has_goals:
+            goal = np.full(shape, 0.0 if isinstance(config.mode, Calm) else math.pi)
+        anywhere = rng.uniform(-math.pi, math.pi, shape), rng.normal(0.0, settings.speed, shape)
+        near = rng.normal(goal, 0.3), rng.normal(0.0, 1.0, shape)
+        chosen = [
+            np.where(kind == 0, own, np.where(kind == 1, *pair))
+            for own, *pair in zip((theta, omega), near, anywhere, strict=True)
+        ]
+        parts = theta, omega
+        if config.rail is not None:  # a cart is anywhere on the middle of its rail
+            of_cart[0] = config.rail * rng.uniform(-_MIDDLE, _MIDDLE, (lanes.size, 1))
+            parts, chosen = [theta, of_cart[0], omega, of_cart[1]], [
+                chosen[0], of_cart[0], chosen[1], 0.0 * of_cart[1]]  # fmt: skip
+        states, own = np.hstack(chosen), np.hstack(parts)
+        if len(self.knocked):
+            down = rng.random(lanes.size) < settings.knocked
+            states[down] = self.knocked[rng.integers(len(self.knocked), size=down.sum())]
+        over = self.task.ended(torch.from_numpy(states).float(), self.context[lanes]).numpy()
+        states[over] = own[over]
+        set_states(config, self.lanes, lanes, states)
         self.noise[lanes] = 0.0
 
-    def _start(self) -> FloatArray:
-        """Return a state to start from, (2c,)."""
-        n, rng, settings = self.config.n, self.rng, self.settings
-        theta, omega = rng.uniform(-math.pi, math.pi, n), rng.normal(0.0, settings.speed, n)
-        kind = rng.integers(4)
-        if kind == 0:
-            theta, omega = self._start_of_task()
-        elif kind == 1:
-            goal = 0.0 if isinstance(self.config.mode, Calm) else math.pi
-            theta, omega = rng.normal(goal, 0.3, n), rng.normal(0.0, 1.0, n)
-        if settings.knocked > 0.0 and rng.random() < settings.knocked:
-            return self.knocked[rng.integers(len(self.knocked))]
-        return self._state(theta, omega)
-
-    def _start_of_task(self) -> tuple[FloatArray, FloatArray]:
-        config = self.config
-        return config.mode.start(self.rng, config.n, config.amplitude, config.spread)
-
-    def _state(self, theta: FloatArray, omega: FloatArray) -> FloatArray:
-        """Return the state with these angles; a cart is anywhere on the middle of its rail."""
-        if self.config.rail is None:
-            return np.concatenate([theta, omega])
-        place = self.config.rail * self.rng.uniform(-_MIDDLE, _MIDDLE)
-        return np.concatenate([theta, [place], omega, [0.0]])
-
-    def _ended(self, state: FloatArray) -> bool:
-        return bool(self.task.ended(torch.from_numpy(state[None]).float()))
+    def _begin(self, mask: BoolArray) -> Beginnings:
+        """Draw what belongs to new episodes."""
+        self.episodes.start(mask)
+        began = self.episodes.beginnings()
+        self.context, self.limits = self.task.context_of(began), began.limits
+        if self.config.randomization.names:
+            rows = ChainParameters(*(field[mask] for field in began.chains))
+            self.lanes.set_chain(np.flatnonzero(mask), rows)
+        return began
 
     @torch.no_grad()
     def collect(self, actor: nn.Module, exploration: float) -> Horizons:
         """Return a horizon of every lane; `exploration` is the deviation of the noise."""
-        states, actions, jacobians = [self.states()], [], []
-        config = self.config
+        states, actions, jacobians = [self._tensors()], [], []
+        config, context, limits = self.config, self.context, self.limits
         for _ in range(self.settings.horizon):
             self.noise = 0.8 * self.noise + 0.6 * self.rng.normal(size=self.noise.shape)
-            action = torch.tanh(actor(self.task.observe(states[-1]))).double().numpy()
+            action = torch.tanh(actor(self.task.observe(states[-1], context))).double().numpy()
             action = np.clip(action + exploration * self.noise, -1.0, 1.0)
-            torque, force = loads_of(config, action)
+            torque, force = loads_of(config, action, limits)
             step = self.lanes.step_jacobian(torque, config.dt, config.substeps, force=force)
-            set_states(config, self.lanes, slice(None), np.hstack([step.theta, step.omega]))
-            states.append(self.states())
+            self.states = np.hstack([step.theta, step.omega])
+            states.append(self._tensors())
             actions.append(torch.from_numpy(action).float())
-            jacobian = np.concatenate([step.A, of_actions(config, step.B)], axis=-1)
+            jacobian = np.concatenate([step.A, of_actions(config, step.B, limits)], axis=-1)
             jacobians.append(torch.from_numpy(jacobian).float())
         self.age += self.settings.horizon
+        stacked = torch.stack(states, 1)
         over = self.age >= self.settings.episode
-        over |= self.task.ended(torch.stack(states, 1)).any(1).numpy()
+        over |= self.task.ended(stacked, context[:, None]).any(1).numpy()
         self.age[over] = 0
-        self.restart(np.flatnonzero(over))
-        nothing = torch.zeros(len(self.noise), 0)
-        return Horizons(*(torch.stack(p, 1) for p in (states, actions, jacobians)), context=nothing)
+        if over.any():
+            self.restart(over)
+        return Horizons(stacked, torch.stack(actions, 1), torch.stack(jacobians, 1), context)
 
-    def states(self) -> torch.Tensor:
-        """Return the states of all lanes, (lanes, 2c)."""
-        return torch.from_numpy(states_of(self.config, self.lanes)).float()
+    def _tensors(self) -> torch.Tensor:
+        return torch.from_numpy(self.states).float()

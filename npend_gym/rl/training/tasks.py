@@ -126,7 +126,7 @@ def policy_of(
     obs_scale : torch.Tensor
         The observations are divided by it.
     algorithm : str
-        Name of the algorithm, "ppo" say.
+        Name of the algorithm, "shac" say.
     settings : dataclass
         Settings of the training run, with the fields "env" and "seed".
     last : dict

@@ -12,7 +12,7 @@ from npend_gym.rl.training.checkpoints import Checkpoint
 from npend_gym.rl.training.tasks import Curve
 
 GROUP = "npend_gym.trainers"  # of entry points
-PREFERRED = "shac", "imitation", "ppo", "es"  # where several know a task, the first
+PREFERRED = "shac", "imitation"  # where several know a task, the first
 
 
 class Trainer(Protocol):

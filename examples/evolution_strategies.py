@@ -1,9 +1,13 @@
 """Evolution strategies: a linear policy from the returns of whole episodes, without gradients.
 
+Run it with `python examples/evolution_strategies.py calm-20`: it writes `calm-20.npz`, a policy of
+plain numbers for `npend evaluate`, and `calm-20.csv`, its learning curve. It is also a trainer as a
+package of your own would offer it to `npend train`, see docs/howto/own_trainer.md.
+
 Salimans, Ho, Chen, Sidor, Sutskever, arXiv:1703.03864, with all candidates side by side in one
 vector environment.
 
-A long chain is slow and its motor is strong. Noise that is new in every step, as in PPO, whips the
+A long chain is slow and its motor is strong. Noise that is new in every step whips the
 rods and hides what an action does to the energy seconds later; noise on the weights of the policy
 stays the same for a whole episode. The mirror image of a chain needs the opposite action, so the
 weights of the cosines stay zero: that is a third fewer to find, and no torque remains at rest.
@@ -11,16 +15,18 @@ weights of the cosines stay zero: that is a third fewer to find, and no torque r
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
-from npend_gym.rl.evaluation.seeds import episode_seeds
+from npend_gym.report import write_csv
+from npend_gym.rl import Policy, episode_seeds
 from npend_gym.rl.evaluation.settings import setting_of
-from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_ENV, used_config
 from npend_gym.rl.training.tasks import (
@@ -43,16 +49,10 @@ class Settings(TrainingSettings):
     learning_rate: float = 0.02  # Adam's, falls linearly to zero
 
 
-TASKS: dict[str, dict[str, Any]] = {
-    "calm-5": {},
-    "calm-10": {},
-    "calm-20": {"updates": 80, "noise_std": 0.01, "learning_rate": 0.01},
-}
-
-
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "calm-20"."""
-    return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
+    longest = {"updates": 80, "noise_std": 0.01, "learning_rate": 0.01}
+    return Settings(env=env_of_task(task), **((longest if task == "calm-20" else {}) | changes))
 
 
 class Search:
@@ -138,3 +138,25 @@ def policy_of(weights: FloatArray, settings: Settings, last: dict[str, Any]) -> 
         env=evaluation_env(settings.env),
         provenance=made_by("es", settings, last),
     )
+
+
+def main() -> None:
+    """Train one policy as the command line says, and write it to a file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", help='mode and number of rods, as in "calm-20"')
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--updates", type=int, help="of the weights")
+    parser.add_argument("--out", type=Path, default=Path(), help="folder of the files")
+    arguments = parser.parse_args()
+    changes = {"updates": arguments.updates} if arguments.updates else {}
+    settings = settings_of(arguments.task, seed=arguments.seed, **changes)
+    policy, curve = train(settings, arguments.task)
+    path = arguments.out / f"{arguments.task}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_csv(path.with_suffix(".csv"), curve)
+    policy.save(path)
+    print(f"{path}: {curve[-1]}")
+
+
+if __name__ == "__main__":
+    main()
