@@ -1,6 +1,5 @@
 """Machine code on the disk: damage is noticed, processes and versions can share a folder."""
 
-import inspect
 import os
 import random
 import shutil
@@ -10,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numba.core import caching
+from damage import flipped
 
 import npend_gym
-from npend_gym.compiled.machine_code import CheckedCache, CodeFiles
+from npend_gym.compiled.machine_code import CodeFiles
 
 FILE = "sincos.sincos_all*.code"
 SINES = """
@@ -50,28 +49,13 @@ def hits(process):
     return int(out), error
 
 
-def test_the_internals_of_numba_that_the_cache_uses_are_there():
-    numbas = caching.IndexDataCacheFile
-    for name in ("load", "save", "flush"):
-        ours, theirs = (inspect.signature(getattr(each, name)) for each in (CodeFiles, numbas))
-        assert list(ours.parameters) == list(theirs.parameters)
-    made = inspect.getsource(caching.Cache.__init__)
-    for name in ("self._impl", "locator.get_source_stamp()", "filename_base", "self._cache_path"):
-        assert name in made
-    assert issubclass(CheckedCache, caching.FunctionCache)
-
-
 def damages(whole):
     """Yield a file as a full disk, a kill or a failing disk leaves it."""
     draw = random.Random(0)
     yield from (b"", whole[:1], whole[:32], whole[: len(whole) // 2], whole[:-1], whole + b"\0")
     yield bytes(len(whole))
     yield draw.randbytes(len(whole))
-    for _ in range(200):
-        place = draw.randrange(8 * len(whole))
-        damaged = bytearray(whole)
-        damaged[place // 8] ^= 1 << (place % 8)
-        yield bytes(damaged)
+    yield from flipped(whole, (draw.randrange(8 * len(whole)) for _ in range(200)))
 
 
 def test_no_damage_of_a_file_of_machine_code_is_loaded(tmp_path, capfd):

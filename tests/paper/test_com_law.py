@@ -64,8 +64,12 @@ def test_bad_grids_are_refused_before_a_folder_is_made(arguments, message, capsy
 
 
 @pytest.mark.parametrize(
-    "chain", [Chain.uniform(1), Chain.uniform(4), Chain([1.0, 0.5, 2.0], [1.0, 0.3, 0.7])]
-)
+    "chain",
+    [
+        Chain.uniform(1), Chain.uniform(4), Chain([1.0, 0.5, 2.0], [1.0, 0.3, 0.7]),
+        pytest.param(Chain.rods([1.0, 0.5], [0.5, 0.8]), marks=pytest.mark.long, id="links"),
+    ],
+)  # fmt: skip
 def test_periods_begin_to_grow_as_the_third_order_says(chain):
     angles = np.array([0.02, 0.04])
     starts = np.repeat(angles[:, None], chain.n, axis=1)
@@ -73,15 +77,6 @@ def test_periods_begin_to_grow_as_the_third_order_says(chain):
     b = (measured / theory.com_period(chain) - 1.0) / angles**2
     growth = amplitude_growth(chain)
     assert growth.com == pytest.approx((4.0 * b[0] - b[1]) / 3.0, abs=2e-5)
-
-
-@pytest.mark.long
-def test_links_begin_to_grow_as_the_third_order_says():
-    chain = Chain.rods([1.0, 0.5], [0.5, 0.8])
-    measured = [pseudo_periods(chain, a, reading="com", rtol=1e-12)[0] for a in (0.02, 0.04)]
-    b = (np.array(measured) / theory.com_period(chain) - 1.0) / np.array([4e-4, 16e-4])
-    growth = amplitude_growth(chain).com
-    assert growth == pytest.approx((4.0 * b[0] - b[1]) / 3.0, abs=2e-5)
 
 
 def test_the_growth_of_long_chains_is_near_a_pendulums():

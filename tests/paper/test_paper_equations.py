@@ -17,7 +17,7 @@ from paper.checks.chaos import growth
 from paper.checks.equations import accelerations, lagrange_accelerations
 from paper.findings import groups, outcome
 from paper.kane import sympy_and_mechanics
-from paper.motions import EXACT, compare, lagrangian, samples, slope
+from paper.motions import EXACT, compare, lagrangian, samples
 from paper.printed import dead_functions, function, simulated_counts, undefined_names
 from paper.printed import listings as printed_listings
 from paper.registry import Verdict
@@ -39,19 +39,6 @@ def test_lagrange_by_sympy_and_the_papers_system_with_max_give_the_dense_oracle(
     for ours in (lagrange_accelerations(motion), accelerations(motion, "max"), motion.alpha):
         np.testing.assert_allclose(ours, expected, rtol=0.0, atol=1e-12 * scale)
     assert np.abs(accelerations(motion, "min") - expected).max() > 1e-2 * scale
-
-
-def test_derivatives_by_a_complex_step_are_central_differences():
-    motion = samples(3)[0]
-    step = 1e-6
-    for name in ("theta", "omega"):
-        x = getattr(motion, name)
-        expected = [
-            (lagrangian(motion.moved(**{name: x + step * e}))
-             - lagrangian(motion.moved(**{name: x - step * e}))) / (2 * step)
-            for e in np.eye(3)
-        ]  # fmt: skip
-        np.testing.assert_allclose(slope(lagrangian, motion, name), expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("key", FORMULAS)

@@ -53,12 +53,6 @@ def test_every_axis_says_what_it_shows(name, results):
             assert axes.get_xlabel()
 
 
-def test_units_stand_where_there_are_units(results):
-    axes = DRAWINGS["pseudo_periods"].draw(results["pseudo_periods"]).axes[0]
-    assert axes.get_ylabel() == "pseudo-period [s]"
-    assert DRAWINGS["trajectory"].draw(results["trajectory"]).axes[0].get_xlabel() == "x [m]"
-
-
 def test_the_drawn_points_are_the_measured_ones(results):
     axes = DRAWINGS["pseudo_periods"].draw(results["pseudo_periods"]).axes[1]
     drawn = {line.get_label(): line.get_ydata() for line in axes.lines}

@@ -5,12 +5,11 @@ import hashlib
 import json
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from interrupt import Interrupt
+from scripts import run_python
 from test_package import WITHOUT_EXTRAS
 
 from npend_gym import _progress
@@ -36,11 +35,6 @@ def item(text, key):
     return re.findall(r"\*\* \*(.+?)\*[.\n]", head)[-1]
 
 
-def test_the_audit_yields_every_finding_of_its_modules_once(findings):
-    assert sorted(f.key for f in findings) == sorted(selected(QUICK))
-    assert all(f.place and f.claim and f.printed and f.ours for f in findings)
-
-
 def test_every_claim_has_a_check_and_every_check_a_claim():
     assert set(claims()) == set(CHECKS)
     for claim in claims().values():  # what a note refers to is there
@@ -56,12 +50,6 @@ def test_texts_show_numbers_and_keep_other_braces():
     assert render(text, numbers) == "sum_{k<=j} of {0, 1}: 0.12 for 1, 2, (50%, 100%)"
     with pytest.raises(KeyError, match="other"):
         render("{other}", numbers)
-
-
-def test_a_claim_like_another_differs_where_it_says_so():
-    first, second = claims()["figure-4"], claims()["figure-5"]
-    assert (first.place, second.place) == ("Figure 4", "Figure 5")
-    assert (first.claim, first.ours, first.section) == (second.claim, second.ours, second.section)
 
 
 def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
@@ -88,8 +76,9 @@ def test_the_committed_document_says_what_is_computed_now(findings):
         assert f"`python -m paper --only {key}`" in text
 
 
-def test_findings_come_in_the_papers_order(findings):
+def test_every_finding_of_some_modules_comes_once_and_in_the_papers_order(findings):
     assert [finding.key for finding in findings] == selected(QUICK)
+    assert all(f.place and f.claim and f.printed and f.ours for f in findings)
     shuffled = by_section(reversed(findings))
     keys = [finding.key for some in shuffled.values() for finding in some]
     assert keys == selected(QUICK)
@@ -97,15 +86,11 @@ def test_findings_come_in_the_papers_order(findings):
     assert keys.index("torque") < keys.index("eom") < keys.index("matrices") < keys.index("e-hat")
 
 
-def test_the_text_shows_verdict_place_and_both_values(findings):
+def test_the_text_shows_verdict_place_and_both_values_in_lines_of_100(findings):
     text = report.audit_text(findings)
     assert max(map(len, text.splitlines())) <= 100
-    assert "DOES NOT HOLD: Eq. (28) [series-value]" in text
-    assert "note:    The printed series, with 2^(2 pi)" in text
-    assert "follows from [amplitude-series]" in text
-    assert "printed: 0.049" in text
-    assert "ours:    0.03997" in text
-    assert text.endswith("2 are not decidable")
+    for shown in ("DOES NOT HOLD: Eq. (28) [series-value]", "printed: 0.049", "ours:    0.03997"):
+        assert shown in text
 
 
 def test_markdown_keeps_its_own_characters_out_of_the_text():
@@ -209,19 +194,15 @@ def test_ctrl_c_ends_the_study_with_130(capsys):
     assert "interrupted" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("line", "extra"), [("--only one-radian --out results", "plot"), ("--only eom", "paper")]
-)
-def test_without_its_extras_the_study_works_or_names_the_one_it_needs(line, extra, tmp_path):
+def test_without_its_extras_the_study_works_or_names_the_one_it_needs(tmp_path):
     code = WITHOUT_EXTRAS.replace("npend_gym.cli", "paper.__main__")
-    done = subprocess.run(
-        [sys.executable, "-c", code, line],
-        capture_output=True, text=True, check=True, cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(DOCUMENT.parents[1])},
-    )  # fmt: skip
-    exit_code, error, wrote = json.loads(done.stdout)
-    assert exit_code == (0 if wrote else 1)
-    assert f'pip install "npend-gym[{extra}]"' in error
+    needed = {"--only one-radian --out results": "plot", "--only eom": "paper"}
+    around = os.environ | {"PYTHONPATH": str(DOCUMENT.parents[1])}
+    printed = run_python("-c", code, *needed, cwd=tmp_path, env=around)
+    for line, extra in zip(printed.splitlines(), needed.values(), strict=True):
+        exit_code, error, wrote = json.loads(line)
+        assert exit_code == (0 if wrote else 1)
+        assert f'pip install "npend-gym[{extra}]"' in error
 
 
 def test_the_readme_counts_what_the_document_counts():
