@@ -20,16 +20,6 @@ def short_rounds(monkeypatch):
     monkeypatch.setattr(timing, "SECONDS", 1e-4)
 
 
-@pytest.fixture
-def rows_of(monkeypatch):
-    """A function that makes the suite "dynamics" yield the given rows."""
-
-    def replace(rows):
-        monkeypatch.setattr(dynamics, "rows", lambda _peers: iter(rows))
-
-    return replace
-
-
 def test_a_job_with_twice_the_items_per_call_has_twice_the_rate():
     def wait(calls):
         end = time.process_time() + 1e-4 * calls
@@ -108,9 +98,7 @@ def test_the_suite_of_chaos_measures_the_symmetry_of_the_flow():
 
 @pytest.mark.long
 @pytest.mark.usefixtures("short_rounds")
-@pytest.mark.parametrize(
-    "suite", [dynamics, environments, episodes, pytest.param(derivatives, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("suite", [dynamics, environments, episodes, derivatives])
 def test_suites_compare_positive_rates(suite, monkeypatch):
     monkeypatch.setattr(episodes, "MANY", 64)
     monkeypatch.setattr(episodes, "LANES", 8)
@@ -120,9 +108,10 @@ def test_suites_compare_positive_rates(suite, monkeypatch):
 
 
 def test_the_command_prints_every_row_and_writes_it_with_the_machine_that_made_it(
-    rows_of, tmp_path, capsys
+    monkeypatch, tmp_path, capsys
 ):
-    rows_of([Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan, "a note")])
+    rows = [Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan, "a note")]
+    monkeypatch.setattr(dynamics, "rows", lambda _peers: iter(rows))
     assert main(["--only", "dynamics", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "3.00 x  a peer" in printed
@@ -132,11 +121,7 @@ def test_the_command_prints_every_row_and_writes_it_with_the_machine_that_made_i
     assert [row["job"] for row in written] == ["a job", "another"]
     assert float(written[0]["ratio"]) == 3.0
     assert all("npend_gym" in row["made_by"] for row in written)
-
-
-def test_json_goes_alone_to_the_output_and_has_null_where_there_is_no_peer(rows_of, capsys):
-    rows_of([Row("a job", "a peer", 6.0, 2.0), Row("another", "", 5.0, math.nan)])
-    assert main(["--only", "dynamics", "--json"]) == 0
+    assert main(["--only", "dynamics", "--json"]) == 0  # alone on the output, null without a peer
     captured = capsys.readouterr()
     table = json.loads(captured.out)["dynamics"]
     assert [(row["job"], row["ratio"]) for row in table] == [("a job", 3.0), ("another", None)]

@@ -5,7 +5,7 @@ import oracle
 import pytest
 from interrupt import Interrupt
 
-from npend_gym import Chain, chaos, simulate, theory
+from npend_gym import Cart, Chain, chaos, simulate, theory
 from npend_gym.chaos import ContinuationError, periodic_orbits
 
 
@@ -110,6 +110,10 @@ def test_ctrl_c_ends_a_continuation_at_once():
         ({"chain": Chain.uniform(2, damping=0.1)}, ValueError, "no damping"),
         ({"chain": Chain.uniform(2, gravity=0.0)}, ValueError, "chain must hang"),
         ({"chain": 2}, TypeError, "chain"),
+        *(
+            ({"chain": Chain.uniform(2, **part)}, ValueError, r"pivot at rest.*chain\.hung\(\)")
+            for part in ({"base": Cart(1.0)}, {"stiffness": 100.0})
+        ),
     ],
 )
 def test_bad_input_is_refused_by_name(arguments, error, text):
