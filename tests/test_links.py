@@ -9,7 +9,7 @@ from engines import dm_control_model, mujoco_accelerations, mujoco_motion
 from gymnasium.envs.classic_control.acrobot import rk4
 
 from npend_gym import Chain, chaos, simulate
-from npend_gym.physics import accelerations, linearise, mass_matrix
+from npend_gym.physics import accelerations, mass_matrix
 from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
 from npend_gym.physics.substeps import default_substeps
 
@@ -192,36 +192,9 @@ def test_default_substeps_follow_links_that_stick_and_slip(torque):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("n", [1, 2, 4])
-def test_the_linearisation_of_links_is_the_slope_of_their_accelerations(n):
-    for chain, theta, omega, torque in cases(n, 10):
-        system = linearise(chain, theta, omega, torque, joints=range(n))
-        state, h = np.concatenate([theta, omega, torque]), 1e-3
-
-        def rates(x, chain=chain):
-            return accelerations(chain, *np.split(x, 3))
-
-        expected = np.array([  # of order six
-            sum(w * (rates(state + k * h * e) - rates(state - k * h * e))
-                for k, w in ((1, 45.0), (2, -9.0), (3, 1.0))) / (60.0 * h)
-            for e in np.eye(3 * n)
-        ]).T  # fmt: skip
-        found = np.hstack([system.A[n:], system.B[n:]])
-        assert difference(found, expected) <= 1e-8
-        np.testing.assert_array_equal(system.A[:n], np.eye(n, 2 * n, k=n))
-
-
-@pytest.mark.long
 def test_a_motion_of_links_without_losses_keeps_the_volume_in_phase_space():
     assert abs(chaos.volume_change(LOSSLESS)) < 1e-6
     assert chaos.volume_change(MACHINE) < -0.9
-
-
-def test_states_with_leading_axes_are_linearised_one_by_one():
-    theta, omega = np.random.default_rng(0).normal(size=(2, 5, 2, 3))
-    together = linearise(MACHINE, theta, omega)
-    alone = linearise(MACHINE, theta[3, 1], omega[3, 1])
-    np.testing.assert_allclose(together.A[3, 1], alone.A, rtol=1e-13)
 
 
 def test_the_ends_of_links_are_their_joints():
