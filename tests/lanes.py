@@ -2,6 +2,16 @@
 
 import numpy as np
 
+from npend_gym.envs import SwingUp
+
+
+class Own(SwingUp):
+    """A task of one's own, which is judged in Python."""
+
+    def reward(self, quantities):
+        """Return the height of the centre of mass."""
+        return 0.0 + quantities.height
+
 
 def actions_for(env, steps, seed=0):
     env.action_space.seed(seed)

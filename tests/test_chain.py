@@ -142,78 +142,39 @@ def test_an_unknown_keyword_is_refused_with_the_nearest_one_and_all_there_are():
     [
         ({"inertias": -0.1}, ValueError, "inertias must be zero or more, got"),
         ({"inertias": [0.1, np.nan]}, ValueError, "inertias must be finite"),
-        ({"inertias": [0.1]}, ValueError, r"inertias must be one number or .* \(2,\)"),
         ({"centres": "middle"}, TypeError, "centres must hold real numbers, got 'middle'"),
-        ({"centres": np.nan}, ValueError, "centres must be finite, got nan"),
         ({"centres": [np.inf, 1.0]}, ValueError, "centres must be finite"),
-        ({"centres": [None, 1.0]}, TypeError, "centres must hold real numbers"),
         ({"centres": [1.0, 0.0]}, ValueError, "those of link 1 are 0; give it an inertia"),
         ({"friction": -1.0}, ValueError, "friction must be zero or more"),
         ({"friction": 1.0, "friction_speed": 0.0}, ValueError, "dry friction needs a speed"),
         ({"friction": 1.0, "friction_speed": None}, TypeError, "friction_speed must hold real"),
         ({"friction_speed": 1e-40}, ValueError, "friction_speed must be at least 1e-30"),
         ({"armature": -1.0}, ValueError, "armature must be zero or more"),
-        ({"gear": 0.0}, ValueError, "gear must not be zero"),
         ({"gear": [6.0, 0.0]}, ValueError, "gear must not be zero"),
         ({"gear": np.nan}, ValueError, "gear must be finite"),
         ({"gear": "6:1"}, TypeError, "gear must hold real numbers"),
         ({"gear": [1.0, 2.0, 3.0]}, ValueError, r"gear must be one number or .* \(2,\)"),
-    ],
-)
-def test_bad_links_are_refused_by_name(arguments, error, message):
-    with pytest.raises(error, match=message):
-        Chain(1.0, [1.0, 1.0], **arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        (([], 1.0), ValueError, "masses must be one number or a list"),
-        ((1.0, []), ValueError, "lengths must be one number or a list"),
-        (([1.0, 2.0], [1.0]), ValueError, "got 2 masses and 1 lengths"),
-        (([[1.0]], 1.0), ValueError, "masses must be one number or a list"),
-        ((0.0, 1.0), ValueError, "masses must be greater than zero"),
-        ((-1.0, 1.0), ValueError, "masses must be greater than zero"),
-        ((1.0, [1.0, -2.0]), ValueError, "lengths must be greater than zero"),
-        ((np.nan, 1.0), ValueError, "masses must be finite"),
-        ((1.0, np.inf), ValueError, "lengths must be finite"),
-        (("1", 1.0), TypeError, "masses must hold real numbers"),
-        ((True, 1.0), TypeError, "masses must hold real numbers"),
-        ((1j, 1.0), TypeError, "masses must hold real numbers"),
-        ((None, 1.0), TypeError, "masses must hold real numbers"),
-        ((10**400, 1.0), (TypeError, ValueError), "masses must"),
-        ((1.0, 1.0, -9.81), ValueError, "gravity must be zero or more"),
-        ((1.0, 1.0, np.nan), ValueError, "gravity must be finite"),
-        ((1.0, 1.0, "9"), TypeError, "gravity must be a real number"),
-        ((1.0, 1.0, [9.81]), TypeError, "gravity must be a real number"),
-        ((1.0, 1.0, 9.81, -0.1), ValueError, "damping must be zero or more"),
-        ((1.0, 1.0, 9.81, 1e-40), ValueError, "damping must be zero or at least 1e-30"),
-        ((1.0, 1.0, 9.81, 0.0, 1e-40), ValueError, "drag must be zero or at least 1e-30"),
-        ((1.0, 1.0, 1e-40), ValueError, "gravity must be zero or at least 1e-30"),
-        ((1.0, 1.0, 9.81, [0.1, 0.1]), ValueError, r"damping must be one number or .* \(1,\)"),
+        ({"masses": []}, ValueError, "masses must be one number or a list"),
+        ({"masses": [[1.0]]}, ValueError, "masses must be one number or a list"),
+        ({"masses": [1.0, 2.0], "lengths": [1.0]}, ValueError, "got 2 masses and 1 lengths"),
+        ({"masses": 0.0}, ValueError, "masses must be greater than zero"),
+        ({"lengths": [1.0, -2.0]}, ValueError, "lengths must be greater than zero"),
+        ({"masses": np.nan}, ValueError, "masses must be finite"),
+        ({"lengths": np.inf}, ValueError, "lengths must be finite"),
+        ({"masses": "1"}, TypeError, "masses must hold real numbers"),
+        ({"gravity": -9.81}, ValueError, "gravity must be zero or more"),
+        ({"gravity": np.nan}, ValueError, "gravity must be finite"),
+        ({"gravity": [9.81]}, TypeError, "gravity must be a real number"),
+        ({"gravity": 1e-40}, ValueError, "gravity must be zero or at least 1e-30"),
+        ({"damping": -0.1}, ValueError, "damping must be zero or more"),
+        ({"damping": 1e-40}, ValueError, "damping must be zero or at least 1e-30"),
+        ({"damping": [0.1] * 3}, ValueError, r"damping must be one number or .* \(2,\)"),
+        ({"drag": 1e-40}, ValueError, "drag must be zero or at least 1e-30"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments, error, message):
     with pytest.raises(error, match=message):
-        Chain(*arguments)
-
-
-@pytest.mark.parametrize(
-    ("n", "error", "message"),
-    [
-        (0, ValueError, "n must be between 1 and 1000000, got 0"),
-        (-3, ValueError, "n must be between"),
-        (10**9, ValueError, "n must be between"),
-        (10**400, ValueError, "n must be between"),
-        (2.0, TypeError, "n must be an integer"),
-        (True, TypeError, "n must be an integer"),
-        ("3", TypeError, "n must be an integer"),
-        (np.nan, TypeError, "n must be an integer"),
-    ],
-)
-def test_bad_counts_are_refused_by_name(n, error, message):
-    with pytest.raises(error, match=message):
-        Chain.uniform(n)
+        Chain(**{"masses": 1.0, "lengths": [1.0, 1.0]} | arguments)
 
 
 def test_long_text_among_numbers_fills_no_memory():
@@ -225,8 +186,15 @@ def test_long_text_among_numbers_fills_no_memory():
         Chain([masses, masses], 1.0)
 
 
-def test_per_rod_input_to_uniform_is_refused_by_name():
-    with pytest.raises(TypeError, match="mass must be a real number"):
-        Chain.uniform(2, mass=[1.0, 2.0])
-    with pytest.raises(ValueError, match="length must be greater than zero"):
-        Chain.uniform(2, length=0.0)
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"n": 0}, ValueError, "n must be between 1 and 1000000, got 0"),
+        ({"n": 2.0}, TypeError, "n must be an integer"),
+        ({"mass": [1.0, 2.0]}, TypeError, "mass must be a real number"),
+        ({"length": 0.0}, ValueError, "length must be greater than zero"),
+    ],
+)
+def test_bad_arguments_of_uniform_are_refused_by_name(arguments, error, message):
+    with pytest.raises(error, match=message):
+        Chain.uniform(**{"n": 2} | arguments)

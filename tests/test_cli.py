@@ -7,29 +7,29 @@ import threading
 
 import pytest
 from interrupt import Interrupt
+from scripts import run_python
 
 from npend_gym.cli import COMMANDS, _Command, main
 from npend_gym.cli.common import angle
 
 
-def run(*arguments, **options):
-    return subprocess.run(
-        [sys.executable, "-m", "npend_gym", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        **options,
-    )
-
-
-def test_release_prints_the_table_and_writes_the_files(tmp_path, capsys):
+def test_release_prints_a_table_or_json_and_names_the_files_that_it_replaces(tmp_path, capsys):
     out = tmp_path / "results"
-    assert main(["release", "--n", "1,2", "--trials", "1", "--spread", "0", "--out", str(out)]) == 0
-    text = capsys.readouterr().out
-    assert "2.0863" in text
-    assert "2.7165" in text
+    release = ["release", "--trials", "1", "--spread", "0", "--out", str(out)]
+    assert main([*release, "--n", "1,2"]) == 0
+    shown = capsys.readouterr()
+    assert "2.0863" in shown.out
+    assert "2.7165" in shown.out
+    assert "replaces" not in shown.err
     assert {p.name for p in out.iterdir()} >= {"periods.csv", "manifest.json"}
+    assert main([*release, "--n", "1", "--json"]) == 0
+    shown = capsys.readouterr()
+    assert f"npend release: replaces the results in {out}\n" in shown.err
+    report = json.loads(shown.out)
+    assert report["summary"][0]["measured_s"] == pytest.approx(2.086256, abs=1e-6)
+    assert report["provenance"]["arguments"]["trials"] == 1
+    assert main(["release", "--n", "2", "--gravity", "0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["summary"][0]["measured_s"] is None
 
 
 def test_control_characters_in_names_do_not_reach_the_terminal(tmp_path, capsys):
@@ -70,24 +70,6 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
     assert options.width == pytest.approx(radians)
 
 
-def test_results_that_are_replaced_are_named(tmp_path, capsys):
-    arguments = ["release", "--n", "1", "--trials", "1", "--out", str(tmp_path)]
-    assert main(arguments) == 0
-    assert "replaces" not in capsys.readouterr().err
-    assert main(arguments) == 0
-    assert f"npend release: replaces the results in {tmp_path}\n" in capsys.readouterr().err
-
-
-def test_release_prints_json_for_scripts(capsys, tmp_path):
-    assert main(["release", "--n", "1", "--trials", "2", "--json", "--out", str(tmp_path)]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report["summary"][0]["measured_s"] == pytest.approx(2.088, abs=0.002)
-    assert report["provenance"]["arguments"]["trials"] == 2
-    assert (tmp_path / "periods.csv").exists()
-    assert main(["release", "--n", "2", "--gravity", "0", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["summary"][0]["measured_s"] is None
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -95,32 +77,18 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("fly", "invalid choice: 'fly'"),
         ("bench --only gpu", "run `python benchmarks/peers.py` in a clone"),
         ("paper --list", "paper is not in the package: run `python -m paper` in a clone"),
-        (
-            "law --full",
-            "law is not in the package: run `python -m paper --only com-law`",
-        ),
+        ("law --full", "law is not in the package: run `python -m paper --only com-law`"),
         ("release --n 0", "n must be between 1 and 1000000, got 0"),
-        ("release --n 1000000000", "n must be between"),
         ("release --n two", "--n: must be whole numbers joined by commas such as 1,2,3; got two"),
-        ("release --n 2,", "--n: must be whole numbers"),
-        ("release --n 1-5", "--n: must be whole numbers"),
         ("release --n 1 --lengths 0.25,0.5,1", "lengths must be one number for n = 1, got shape"),
         ("release --lengths 1;2", "--lengths: must be a number, or numbers joined by commas"),
-        ("release --trials 0", "trials must be between 1 and"),
-        ("release --amplitude nan", "amplitude must be finite"),
         ("release --amplitude 4", "must stay within pi rad, got 4\n"),
         ("release --amplitude 60", "must stay within pi rad, got 60: 60 degrees are 1.047 rad"),
         ("release --amplitude 60grad", "in degrees such as 60deg; got 60grad"),
         ("release --amplitude pi/0", "in radians such as 0.5 or pi/3"),
-        ("release --spread -1", "spread must be zero or more"),
-        ("release --seed -1", "seed must be between"),
-        ("release --duration 0", "duration must be greater than zero"),
         ("release --reading swing", "reading must be one of bob, link, height, com; got 'swing'"),
         ("release --reading listing", "is `listing_periods` in paper/estimator.py of a clone"),
         ("release --masses 1,2", "masses must be one number or 5"),
-        ("release --masses 0", "masses must be greater than zero"),
-        ("release --lengths inf", "lengths must be finite"),
-        ("release --gravity -9.81", "gravity must be zero or more"),
         ("release --colour red", "release: error: unrecognized arguments: --colour red; See "),
         ("release --angle 60", "--angle 60; did you mean --amplitude? See npend release --help"),
         ("animate --out a.gif --friction=1", "did you mean --damping?"),
@@ -129,20 +97,16 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         (f"release --chain {'x' * 300}", "xxx cannot be read: File name too long"),
         (f"evaluate --env x={'[' * 50_000}", "x has too many lists inside each other"),
         ("chaos map --masses 1,2,3", "masses must be one number or an array of shape (2,), got"),
-        ("chaos map --lengths 1,2,3", "lengths must be one number or an array of shape (2,), got"),
-        ("chaos map --masses 1,-2", "masses must be greater than zero"),
         ("chaos map --centre 1,2,3", "centre must be one number or an array of shape (2,), got"),
         ("chaos map --gravity -1", "gravity must be zero or more"),
         ("chaos map --rtol 0", "rtol must be at least"),
         ("animate --n 2 --masses 1,2,3 --out {new}/a.gif", "masses must be one number or 2"),
         ("page --n 2 --masses 1,2,3 --out {new}/a.html", "masses must be one number or 2"),
-        ("release --n 2 --lengths 1,2,3 --out {new}", "lengths must be one number or 2"),
         ("campaign --n 2 --masses 1:2:3 --out {new}", "masses must"),
         ("page --from {new}/none --out {new}/a.html", "none"),
         ("chaos map --size 10 --threads 0 --out {new}", "threads must be between 1 and"),
         ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
         ("release --n 1 --out /dev/null/x", "out must be a folder"),
-        ("release --n 1 --out /dev/null", "out must be a folder"),
     ],
 )
 def test_bad_arguments_exit_with_2_and_one_line_that_names_them(
@@ -157,11 +121,7 @@ def test_bad_arguments_exit_with_2_and_one_line_that_names_them(
     [
         (RuntimeError("no step"), 1, "npend verify: no step"),
         (ImportError("figures need matplotlib"), 1, "npend verify: figures need matplotlib"),
-        (
-            OSError(28, "No space left", "a.csv"),
-            1,
-            "npend verify: [Errno 28] No space left: 'a.csv'",
-        ),
+        (OSError(28, "Full", "a.csv"), 1, "npend verify: [Errno 28] Full: 'a.csv'"),
         (BrokenPipeError(), 1, "npend verify: the output was closed before its end"),
         (KeyboardInterrupt(), 130, "npend verify: interrupted"),
     ],
@@ -176,10 +136,10 @@ def test_an_expected_failure_is_one_line_and_an_exit_code(error, code, text, mon
 
 
 def test_python_m_npend_gym_is_the_same_command():
-    done = run("release", "--n", "0")
+    command = [sys.executable, "-m", "npend_gym", "release", "--n", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("npend release: error: n must be")
-    assert run("--version").stdout.startswith("npend_gym ")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -200,12 +160,14 @@ for arguments in ([], *([name] for name in COMMANDS)):
         main([*arguments, "--help"])
 print([name for name in ("numba", "scipy", "matplotlib", "torch", "tqdm") if name in sys.modules])
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    assert run_python("-c", code) == "[]\n"
 
 
-def test_help_names_every_command_and_the_exit_codes(capsys):
-    with pytest.raises(SystemExit):
+def test_help_names_every_command_and_the_exit_codes_and_the_version_is_told(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out.startswith("npend_gym ")
+    with pytest.raises(SystemExit, match="0"):
         main(["--help"])
     text = capsys.readouterr().out
     assert all(f"\n    {command} " in text for command in COMMANDS)

@@ -1,7 +1,5 @@
 import copy
 import pickle
-import subprocess
-import sys
 import threading
 
 import gymnasium as gym
@@ -47,15 +45,10 @@ def digest(outputs):
     return pickle.dumps(outputs)
 
 
-@pytest.mark.parametrize("mode", ALL_MODES)
 @pytest.mark.parametrize("observation", ["angles", "sincos"])
-def test_gymnasiums_checker_accepts_every_mode_without_a_warning(mode, observation):
-    check_env(bare(mode=mode, n=3, observation=observation), skip_render_check=True)
-
-
-def test_gymnasiums_checker_accepts_rendering():
+def test_gymnasiums_checker_accepts_observations_and_pictures_without_a_warning(observation):
     pytest.importorskip("pygame")
-    check_env(bare(mode="calm", render_mode="rgb_array"))
+    check_env(bare(mode="calm", n=3, observation=observation, render_mode="rgb_array"))
 
 
 @pytest.mark.parametrize("mode", ALL_MODES)
@@ -198,13 +191,8 @@ def test_actions_beyond_the_box_are_clipped():
     ("action", "error", "message"),
     [
         (np.array([np.nan], np.float32), ValueError, "action must be finite"),
-        (np.array([np.inf]), ValueError, "action must be finite"),
         (np.zeros(2, np.float32), ValueError, r"action must have the shape \(1,\), got \(2,\)"),
-        (0.5, ValueError, "action must have the shape"),
         (np.array(["1"]), TypeError, "action must hold real numbers"),
-        (np.array([1j]), TypeError, "action must hold real numbers"),
-        (None, TypeError, "action must hold real numbers"),
-        (np.array([True]), TypeError, "action must hold real numbers"),
     ],
 )
 def test_bad_actions_are_refused_and_change_nothing(action, error, message):
@@ -249,7 +237,6 @@ def test_reset_options_last_for_one_episode():
         ({"theta": [1.0, 2.0, 3.0]}, ValueError, r"options\['theta'\] must be one number"),
         ({"theta": "up"}, TypeError, r"options\['theta'\] must hold real"),
         ({"omega": [np.nan, 0.0]}, ValueError, r"options\['omega'\] must be finite"),
-        ({"masses": [1.0, -1.0]}, ValueError, "masses'. must be greater"),
         ({"gravity": -1.0}, ValueError, "gravity'. must be zero or more"),
         ({"amplitude": [1.0, 2.0]}, ValueError, r"options\['amplitude'\] must be one number"),
         ({"reset_mask": np.ones(1, bool)}, ValueError, "options must be among"),
@@ -267,16 +254,7 @@ def test_bad_options_are_refused_and_change_nothing(options, error, message):
 @pytest.mark.parametrize(
     ("keywords", "error", "message"),
     [
-        ({"n": 0}, ValueError, "n must be between"),
-        ({"n": True}, TypeError, "n must be an integer"),
-        ({"n": 10**400}, ValueError, "n must be between"),
         ({"mode": "fly"}, ValueError, "mode must be one of passive, swingup, balance, calm"),
-        ({"mode": None}, ValueError, "mode must be one of"),
-        ({"masses": 0.0}, ValueError, "masses must be greater"),
-        ({"n": 2, "masses": [1.0]}, ValueError, "masses must be one number"),
-        ({"lengths": "11"}, TypeError, "lengths must hold real"),
-        ({"gravity": -1.0}, ValueError, "gravity must be zero"),
-        ({"damping": [0.1, -0.1]}, ValueError, "damping must be zero"),
         ({"actuated": (2,)}, ValueError, "actuated must be between 0 and 1"),
         ({"actuated": ()}, ValueError, "actuated must name at least one joint"),
         ({"actuated": (0, 0)}, ValueError, "actuated must name at least one joint, and each once"),
@@ -289,6 +267,7 @@ def test_bad_options_are_refused_and_change_nothing(options, error, message):
         ({"amplitude": np.inf}, ValueError, "amplitude must be finite"),
         ({"spread": -0.1}, ValueError, "spread must be zero or more"),
         ({"render_mode": "ascii"}, ValueError, "render_mode must be one of human, rgb_array"),
+        ({"render_size": 8}, ValueError, "render_size must be"),
     ],
 )
 def test_bad_keywords_are_refused_by_name(keywords, error, message):
@@ -341,15 +320,6 @@ def test_a_spec_survives_json_and_pickle():
         assert digest(rollout(gym.make(spec), 20)) == digest(rollout(env, 20))
 
 
-def test_a_process_that_imported_nothing_can_make_the_env_by_its_module():
-    code = (
-        "import gymnasium as gym; env = gym.make('npend_gym:NPendulum-v0', n=1);"
-        "print(env.reset(seed=0)[0].shape)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "(2,)"
-
-
 def test_everyday_wrappers_work():
     env = make(mode="swingup", n=2)
     for wrap in (
@@ -391,25 +361,17 @@ class Lazy(Still):
         return True
 
 
-def test_a_mode_may_return_one_number_or_a_quantity_as_it_is():
-    vector = gym.make_vec("NPendulum-v0", num_envs=3, mode=Lazy(), autoreset_mode="SAME_STEP")
-    vector.reset(seed=0)
-    single = bare(mode=Lazy())
-    single.reset(seed=0)
-    _, reward, terminated, _, _ = vector.step(np.ones((3, 1)))
-    assert reward[0] == single.step(np.ones(1))[1]
-    assert terminated.tolist() == [True] * 3
-
-
-def test_a_user_can_pass_a_mode_of_their_own():
-    env = make(mode=Still(), n=2)
+@pytest.mark.parametrize("mode", [Still(), Lazy()], ids=["Still", "Lazy"])
+def test_a_mode_of_ones_own_may_return_what_it_computes_one_number_or_a_quantity(mode):
+    env = make(mode=mode, n=2)
     check_env(env.unwrapped, skip_render_check=True)
-    vector = gym.make_vec("NPendulum-v0", num_envs=3, mode=Still(), n=2)
+    vector = gym.make_vec("NPendulum-v0", num_envs=3, mode=mode, n=2)
     vector.reset(seed=0)
     env.reset(seed=0)
-    reward = vector.step(np.full((3, 1), 0.5, np.float32))[1]
+    _, reward, terminated, _, _ = vector.step(np.full((3, 1), 0.5, np.float32))
     assert reward.shape == (3,)
     assert reward[0] == env.step(np.full(1, 0.5, np.float32))[1]
+    assert terminated.tolist() == [isinstance(mode, Lazy)] * 3
 
 
 def test_two_threads_can_step_two_envs_at_once():
@@ -451,8 +413,6 @@ def test_pictures_have_the_size_that_is_asked_for_and_a_plain_one_hides_the_acti
         frames.append(env.render())
     assert frames[0].shape == (84, 84, 3)
     np.testing.assert_array_equal(*frames)
-    with pytest.raises(ValueError, match="render_size must be"):
-        make(render_size=8)
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
@@ -482,22 +442,9 @@ def test_pictures_follow_the_chain():
     first = env.render()
     for _ in range(50):
         env.step(0)
-    second = env.render()
-    assert first.shape == second.shape == (480, 480, 3)
-    assert first.dtype == np.uint8
-    assert (first != second).any()
+    assert (first != env.render()).any()
     assert env.metadata["render_fps"] == 100
     assert make(mode="swingup", n=2).metadata["render_fps"] == 20
-
-
-def test_frames_can_be_collected_by_gymnasiums_wrapper():
-    pytest.importorskip("pygame")
-    env = gym.wrappers.RenderCollection(make(mode="calm", n=2, render_mode="rgb_array"))
-    env.reset(seed=0)
-    env.step(np.zeros(1, np.float32))
-    frames = env.render()
-    assert len(frames) == 2
-    assert all(frame.shape == (480, 480, 3) for frame in frames)
 
 
 @pytest.mark.parametrize(("n", "bound"), [(1, 3e-5), (2, 1e-4), (5, 1e-4), (10, 3e-4)])

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
+from lanes import Own
 
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.envs import EnvConfig, SwingUp
+from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import MODES
 from npend_gym.physics import Ensemble
 
@@ -41,14 +42,6 @@ def test_a_chain_its_parameters_and_the_keywords_make_the_same_environment(given
     assert config.max_torque == pytest.approx(0.25 * CHAIN.gravity * 2.0 * np.abs(CHAIN.lift).sum())
 
 
-@pytest.mark.parametrize(
-    ("name", "chain"),
-    [("acrobot", Chain.acrobot()), ("realaigym C.1", Chain.realaigym("C.1"))],
-)
-def test_presets_are_known_by_name(name, chain):
-    assert EnvConfig(chain=name).chain == chain
-
-
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("chain", [CHAIN, CHAIN.as_dict(), "acrobot"])
 def test_a_chain_survives_the_spec_as_json_and_pickles(make, chain):
@@ -72,15 +65,10 @@ def test_lists_of_numbers_in_arrays_survive_the_spec_as_json_too():
     ("given", "error", "message"),
     [
         ({"chain": CHAIN, "masses": 1.0}, ValueError, "masses cannot be given together with chain"),
-        ({"chain": CHAIN, "gear": 6.0}, ValueError, "gear cannot be given together with chain"),
         ({"chain": CHAIN, "n": 2}, ValueError, "n must be left out .* its number of links, 3; got"),
         ({"chain": "acrobat"}, ValueError, "or one of acrobot, .*; got 'acrobat'"),
         ({"chain": 3}, TypeError, "chain must be a npend_gym.Chain, a dict .*; got 3"),
         ({"chain": {"masses": [1.0]}}, ValueError, "the dict of a chain has no 'lengths'"),
-        ({"inertias": -1.0}, ValueError, "inertias must be zero or more"),
-        ({"friction": 0.1, "friction_speed": 0.0}, ValueError, "dry friction needs a speed"),
-        ({"gear": 0.0}, ValueError, "gear must not be zero"),
-        ({"centres": "middle"}, TypeError, "centres must hold real numbers"),
         ({"n": 1, "centres": 0.0, "inertias": 1.0}, ValueError, "centres must be so that the"),
     ],
 )
@@ -94,15 +82,9 @@ def test_contradictions_and_bad_parameters_are_refused_by_name(given, error, mes
     [
         (Chain.uniform(2), {"inertias": 0.1}, r"options\['inertias'\] must not make links of"),
         (Chain.uniform(2), {"gear": 6.0, "armature": 0.1}, r"options\['armature'\] .* chain=Chain"),
-        (Chain.uniform(2), {"centres": 0.5}, r"options\['centres'\] must not make links"),
-        (Chain.uniform(2), {"friction": 0.1}, r"options\['friction'\]"),
         (Chain.uniform(2), {"gear": 0.0}, r"options\['gear'\] must not be zero"),
         (Chain.uniform(2), {"friction_speed": 0.0}, "dry friction needs a speed"),
-        (
-            Chain.acrobot(),
-            {"masses": 2.0, "drag": 0.1},
-            r"options\['drag'\] must not .* give links",
-        ),
+        (Chain.acrobot(), {"masses": 2.0, "drag": 0.1}, r"options\['drag'\] .* give links"),
         (Chain.acrobot(), {"centres": 0.0, "lengths": 1.0, "masses": 1.0}, None),
     ],
 )
@@ -138,12 +120,8 @@ def test_the_environment_moves_as_simulate_does():
     assert abs(info["energy_error"]) < 1e-9  # power of torque, damping, friction, drag and rotors
 
 
-class JudgedHere(SwingUp):
-    """A mode of the user's own, for which environments keep the quantities."""
-
-
 def test_quantities_are_those_of_the_links():
-    env = gym.make("NPendulum-v0", chain=CHAIN, mode=JudgedHere()).unwrapped
+    env = gym.make("NPendulum-v0", chain=CHAIN, mode=Own()).unwrapped
     env.reset(options=START)
     quantities = env._episodes.outputs.quantities()
     whole = Ensemble(CHAIN, 1)
@@ -162,14 +140,7 @@ def test_quantities_are_those_of_the_links():
     assert quantities.kinetic_energy[0] == pytest.approx(kinetic / unit, rel=1e-12)
 
 
-def test_standing_upright_is_height_one_and_energy_one():
-    env = gym.make("NPendulum-v0", chain="realaigym C.1", mode=JudgedHere()).unwrapped
-    env.reset(options={"theta": np.pi, "omega": 0.0})
-    quantities = env._episodes.outputs.quantities()
-    assert [float(value[0]) for value in quantities[:4]] == pytest.approx([1.0, 1.0, 1.0, 0.0])
-
-
-@pytest.mark.parametrize("machine", [True, pytest.param(False, marks=pytest.mark.long)])
+@pytest.mark.parametrize("machine", [True, False])
 def test_lane_k_is_the_single_environment_with_seed_plus_k_bit_for_bit(machine):
     chain = CHAIN if machine else Chain.multiarm(3)
     keywords = {"chain": chain, "actuated": (0, 2), "dt": 0.02}
@@ -211,14 +182,7 @@ def test_options_change_the_chain_for_one_episode():
     np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    "chain",
-    [
-        Chain.realaigym("A.0"),
-        # links without friction or rotors have kernels of their own, which take long to compile
-        pytest.param(Chain.multiarm(3), marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.parametrize("chain", [Chain.realaigym("A.0"), Chain.multiarm(3)])
 def test_a_release_of_links_completes_when_pseudo_periods_says(chain):
     env = gym.make("NPendulum-v0", chain=chain, mode="passive", amplitude=0.6).unwrapped
     _, info = env.reset(seed=2)
