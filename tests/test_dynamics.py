@@ -2,62 +2,13 @@ import math
 
 import mpmath
 import numpy as np
-import pytest
-from conftest import chains_in_motion
 from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from npend_gym import Chain
 from npend_gym.compiled.arrays import packs
 from npend_gym.compiled.packs import WIDTH, any_of, where
 from npend_gym.compiled.sincos import MAX_ANGLE, sincos
-from npend_gym.physics import equations
-from npend_gym.physics.kernels.dynamics import (
-    WORK_ROWS,
-    accelerations,
-    arrays_of,
-)
-
-
-@njit(error_model="numpy")
-def accelerate_packs(theta, omega, torque, chain, work, alpha):
-    accelerations(
-        packs(theta), packs(omega), packs(torque), packs(chain), packs(work), packs(alpha)
-    )
-
-
-@pytest.mark.parametrize(
-    "parts",
-    [
-        {},
-        {"inertias": 0.2, "centres": 0.3},
-        {"inertias": 0.2, "friction": 0.1, "armature": 0.02, "gear": -6.0, "drag": 0.1},
-    ],
-    ids=["point masses", "links", "machine"],
-)
-@given(chains_in_motion(max_n=9))
-def test_every_lane_of_a_pack_has_the_bits_of_one_chain(parts, motion):
-    chain, theta, omega, torque = motion
-    chain = Chain(**chain.as_dict() | parts)
-    n = chain.n
-    rng = np.random.default_rng(n)
-    thetas, omegas, torques = (
-        np.ascontiguousarray(x[:, None] * rng.uniform(0.5, 1.0, WIDTH))
-        for x in (theta, omega, torque)
-    )
-    alpha = np.empty(n * WIDTH)
-    accelerate_packs(
-        thetas.ravel(),
-        omegas.ravel(),
-        torques.ravel(),
-        arrays_of(chain.repeated(WIDTH)),
-        np.zeros((WORK_ROWS, (n + 2) * WIDTH)),
-        alpha,
-    )
-    for k in range(WIDTH):
-        alone = equations.accelerations(chain, *(x[:, k] for x in (thetas, omegas, torques)))
-        np.testing.assert_array_equal(alpha.reshape(n, WIDTH)[:, k], alone)
 
 
 @given(st.floats(-MAX_ANGLE, MAX_ANGLE))

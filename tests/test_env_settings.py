@@ -5,7 +5,6 @@ import os
 import pickle
 import re
 import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
+from scripts import run_python
 
 from npend_gym import Chain
 from npend_gym.envs import (
@@ -96,11 +96,7 @@ def test_a_task_of_ones_own_is_found_by_name_and_survives_json(make):
         (f"{__name__}:Impatient", ValueError, "cannot be imported: .*Impatient"),
         (f"{__name__}:NAMED", TypeError, "must name a class derived from npend_gym.envs.Mode"),
         (":Patient", ValueError, 'the name of a class, "package.module:Class"'),
-        (
-            Patient,
-            ValueError,
-            "mode must be one of passive, swingup, balance, calm, transition, an instance",
-        ),
+        (Patient, ValueError, "passive, swingup, balance, calm, transition, an instance"),
     ],
 )
 def test_a_task_that_cannot_be_found_is_refused_with_the_reason(mode, error, message):
@@ -123,14 +119,6 @@ def test_a_task_without_failure_or_reward_of_its_own_may_return_plain_values():
     assert reward.tolist() == [1.0] * 3
     assert terminated.tolist() == [False] * 3
     assert info["success"].tolist() == [True] * 3
-
-
-def test_the_registry_lists_the_environments_under_their_own_name():
-    groups = gym.pprint_registry(disable_print=True).split("=====")
-    listed = {
-        name.strip(): ids.split() for name, ids in zip(groups[1::2], groups[2::2], strict=True)
-    }
-    assert listed["NPendulum"] == ["NPendulum-v0"]
 
 
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
@@ -160,15 +148,6 @@ def test_without_pygame_an_environment_with_pictures_names_the_extra(env, caught
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(caught, match=r'pip install "npend-gym\[render\]"'):
         env(render_mode="rgb_array")
-
-
-def test_importing_the_package_and_its_settings_names_compiles_nothing():
-    code = (
-        "import sys, npend_gym, npend_gym.envs; dir(npend_gym.envs);"
-        "print(sorted({'numba', 'scipy', 'matplotlib', 'torch'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_the_number_of_rods_is_that_of_the_masses_where_it_is_not_given():
@@ -271,8 +250,4 @@ def test_the_changes_that_contributing_describes_give_what_it_says(tmp_path, com
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
     }  # fmt: skip
     script = WALKED.replace("LANES", "20" if compiled else "1")  # packs need a compiler
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=environment, cwd=tmp_path, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    run_python("-c", script, env=environment, cwd=tmp_path)

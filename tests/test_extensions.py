@@ -8,7 +8,7 @@ import pytest
 from lagrangian import system
 from scipy.interpolate import CubicSpline
 
-from npend_gym import Cart, Chain, Trajectory, pseudo_periods, simulate
+from npend_gym import Cart, Chain, pseudo_periods, simulate
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import velocities
 
@@ -139,7 +139,7 @@ def test_the_velocity_of_the_cart_is_the_change_of_its_position(uneven):
     assert np.ptp(path.velocity) > 1.0
 
 
-def test_a_cart_in_segments_is_a_cart_in_one_and_survives_saving(uneven, tmp_path):
+def test_a_cart_in_segments_is_a_cart_in_one(uneven):
     chain = with_parts(uneven, base=Cart(2.0))
     whole = simulate(chain, 0.8, 0.1, [0.0, 1.0, 2.0], force=1.0)
     first = simulate(chain, 0.8, 0.1, [0.0, 1.0], force=1.0)
@@ -147,13 +147,9 @@ def test_a_cart_in_segments_is_a_cart_in_one_and_survives_saving(uneven, tmp_pat
         chain, first.theta[-1], first.omega[-1], [1.0, 2.0], position=first.position[-1],
         velocity=first.velocity[-1], force=1.0,
     )  # fmt: skip
-    then.save(tmp_path / "then.npz")
-    again = Trajectory.load(tmp_path / "then.npz")
-    assert again.chain == chain
     for name in ("theta", "omega", "position", "velocity"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(then, name))
         expected = getattr(whole, name)[1:]
-        np.testing.assert_allclose(getattr(again, name), expected, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(getattr(then, name), expected, rtol=0, atol=1e-8)
 
 
 def test_a_shaken_pivot_in_segments_follows_the_equations_with_time_in_them(uneven):

@@ -57,29 +57,22 @@ def arguments_of(chain, q, u):
 # -- the value --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mechanism", PARTS)
-def test_a_chain_with_all_its_parts_comes_back_from_json(mechanism):
-    chain = chain_of(mechanism, damping=0.1, drag=0.2)
+@pytest.mark.parametrize(
+    ("mechanism", "links"),
+    [*((mechanism, {}) for mechanism in PARTS), ("cart", {"centres": 0.3, "inertias": 0.1})],
+)
+def test_a_chain_with_all_its_parts_comes_back_from_json(mechanism, links):
+    chain = chain_of(mechanism, damping=0.1, drag=0.2, **links)
     again = Chain.from_dict(json.loads(json.dumps(chain.as_dict())))
     assert again == chain
     assert hash(again) == hash(chain)
     assert repr(again) == repr(chain)
+    assert ("base=Cart(mass=1.7" in repr(chain)) == ("cart" in mechanism)
+    assert ("stiffness=" in repr(chain)) == ("springs" in mechanism)
     assert pickle.loads(pickle.dumps(chain)) == chain
     assert copy.deepcopy(chain) == chain
     assert again.base == PARTS[mechanism].get("base")
     assert (again.stiffness is None) == ("springs" not in mechanism)
-
-
-def test_links_on_a_cart_come_back_from_json():
-    chain = next(cases(3, 1, base=Cart(2.0)))[0]
-    assert Chain.from_dict(json.loads(json.dumps(chain.as_dict()))) == chain
-
-
-def test_a_chain_without_parts_describes_itself_as_ever():
-    assert set(Chain.uniform(2).as_dict()) == {
-        "masses", "lengths", "gravity", "damping", "drag", "quadratic_drag"
-    }  # fmt: skip
-    assert repr(Chain.uniform(2)).endswith("gravity=9.81, damping=0)")
 
 
 def test_coordinates_are_angles_then_a_cart_then_springs():
@@ -92,79 +85,54 @@ def test_chains_with_other_parts_differ_and_hung_alike_are_equal():
     chains += [chain_of("cart", damping=0.1), Chain(**chains[0].as_dict(), base=Cart(1.7, 0.5))]
     assert len({*chains}) == len(chains)
     assert {chain.hung() for chain in chains[:4]} == {chains[0]}
-    assert chains[0].hung() == chains[0]
     assert chains[4].hung() == Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], damping=0.1)
-
-
-def test_a_chain_says_in_words_what_it_hangs_from_and_that_it_stretches():
-    text = repr(Chain.uniform(2, stiffness=100.0, axial_damping=0.5, base=Cart(2.0)))
-    assert text.endswith("stiffness=100, axial_damping=0.5, base=Cart(mass=2.0, damping=0.0))")
 
 
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda: Cart(0.0), ValueError, "mass of a cart must be greater than zero"),
         (lambda: Cart("1"), TypeError, "mass of a cart must be a real number"),
         (lambda: Cart(1.0, -1.0), ValueError, "damping of a cart must be zero or more"),
-        (lambda: Cart(np.inf), ValueError, "mass of a cart must be finite"),
         (lambda: Chain.uniform(2, base=1.0), TypeError, "base must be None or a Cart"),
-        (
-            lambda: Chain.uniform(2, base={"weight": 1.0}),
-            ValueError,
-            "base must have the keys",
-        ),
-        (
-            lambda: Chain.uniform(2, base={"mass": -1.0}),
-            ValueError,
-            "mass of a cart must be greater",
-        ),
+        (lambda: Chain.uniform(2, base={"weight": 1.0}), ValueError, "base must have the keys"),
+        (lambda: Chain.uniform(2, base={"mass": -1.0}), ValueError, "a cart must be greater than"),
         (lambda: Chain.uniform(2, stifness=1.0), TypeError, "stiffness"),
+        (
+            lambda: accelerations(Chain.uniform(1, base=Cart(1.0)), 0.1, 0.0, velocty=1.0),
+            TypeError, "no keyword 'velocty'; did you mean 'velocity'",
+        ),
     ],
-)
+)  # fmt: skip
 def test_bad_parts_are_refused_by_name(make, error, message):
     with pytest.raises(error, match=message):
         make()
 
 
-def release(**keyword):
-    return simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], **keyword)
-
-
-def periods(**keyword):
-    return pseudo_periods(Chain.uniform(2), 0.1, **keyword)
-
-
-def ensemble(**keyword):
-    return Ensemble(Chain.uniform(2), 2, **keyword)
+CALLS = {
+    "simulate": lambda **old: simulate(Chain.uniform(2), 0.1, 0.0, [0.0, 1.0], **old),
+    "pseudo_periods": lambda **old: pseudo_periods(Chain.uniform(2), 0.1, **old),
+    "Ensemble": lambda **old: Ensemble(Chain.uniform(2), 2, **old),
+}
 
 
 @pytest.mark.parametrize(
     ("call", "keyword", "place"),
     [
-        (release, "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
-        (release, "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
-        (release, "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
-        (release, "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
-        (release, "pivot_velocity", "velocity"),
-        (release, "device", r"npend_gym\.physics\.simulate_on_device"),
-        (periods, "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
-        (periods, "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
-        (ensemble, "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
-        (ensemble, "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
+        ("simulate", "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
+        ("simulate", "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
+        ("simulate", "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
+        ("simulate", "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
+        ("simulate", "pivot_velocity", "velocity"),
+        ("simulate", "device", r"npend_gym\.physics\.simulate_on_device"),
+        ("pseudo_periods", "stiffness", r"Chain\(\.\.\., stiffness=\.\.\.\)"),
+        ("pseudo_periods", "axial_damping", r"Chain\(\.\.\., axial_damping=\.\.\.\)"),
+        ("Ensemble", "cart_mass", r"Chain\(\.\.\., base=Cart\(mass\)\)"),
+        ("Ensemble", "rail_damping", r"Chain\(\.\.\., base=Cart\(mass, damping\)\)"),
     ],
 )
 def test_a_keyword_of_the_past_is_refused_with_its_new_place(call, keyword, place):
     with pytest.raises(TypeError, match=rf"takes no keyword '{keyword}': it is .*{place}"):
-        call(**{keyword: 1.0})
-
-
-@pytest.mark.parametrize("mechanism", ["cart", "springs", "springs on a cart"])
-def test_what_is_defined_for_rigid_rods_on_a_pivot_at_rest_says_so(mechanism):
-    chain = chain_of(mechanism)
-    for call in (lambda: chaos.periodic_orbits(chain, 0, amplitudes=[0.1]),):
-        with pytest.raises(ValueError, match=r"rigid rods on a pivot at rest.*chain\.hung\(\)"):
-            call()
+        CALLS[call](**{keyword: 1.0})
 
 
 # -- the equations ----------------------------------------------------------------------------
@@ -381,8 +349,22 @@ def same(one, other):
     np.testing.assert_array_equal(one.energy(), other.energy())
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.02}], ids=["dop853", "rk4"])
-@pytest.mark.parametrize("kind", DRIVEN)
+METHODS = {"dop853": {}, "rk4": {"method": "rk4", "dt": 0.02}}
+# by fixed steps these compile loops that no other test needs
+COMPILING = ("a force", "samples", "samples for springs", "a function of the module", "a lambda")
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        pytest.param(
+            kind, options, id=f"{kind}, {method}",
+            marks=pytest.mark.long if options and kind in COMPILING else (),
+        )
+        for kind in DRIVEN
+        for method, options in METHODS.items()
+    ],
+)  # fmt: skip
 def test_a_trajectory_pickles_copies_and_saves_whatever_drove_it(kind, options, tmp_path):
     motion = motion_of(kind, **options)
     inside = 0.37 * motion.times[-1]
@@ -436,19 +418,6 @@ def test_text_has_the_cart_and_the_springs_too(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("mechanism", ["cart", "springs", "springs on a cart"])
-def test_exponents_of_a_motion_without_losses_add_up_to_zero_with_carts_and_springs(mechanism):
-    chain = Chain.uniform(
-        2, base=Cart(1.5) if "cart" in mechanism else None,
-        stiffness=300.0 if "springs" in mechanism else None,
-    )  # fmt: skip
-    found = chaos.lyapunov_spectrum(chain, [1.5, 1.0], 0.0, duration=4.0)
-    assert found.exponents.shape == (2 * chain.coordinates,)
-    assert np.abs(found.history.sum(axis=1)).max() < 1e-6
-    assert found.exponents[0] > 0.1
-
-
-@pytest.mark.long
 def test_a_section_of_a_cart_is_made_of_states_of_its_motion():
     chain = Chain.uniform(2, base=Cart(2.0))
     section = chaos.poincare_section(chain, 1.0, 0.0, duration=10.0)
@@ -476,8 +445,3 @@ def test_kapitzas_pendulum_stands_up_where_its_pivot_is_shaken_fast_enough():
     assert np.diff(times[crossings]).mean() == pytest.approx(np.pi / slow, rel=0.05)
     falling = simulate(pendulum, np.pi - 0.2, 0.0, times)
     assert np.abs(falling.theta - np.pi).max() > 3.0
-
-
-def test_an_unknown_keyword_of_a_state_is_named_with_the_nearest_one():
-    with pytest.raises(TypeError, match="no keyword 'velocty'; did you mean 'velocity'"):
-        accelerations(Chain.uniform(1, base=Cart(1.0)), 0.1, 0.0, velocty=1.0)
