@@ -7,7 +7,7 @@ import pytest
 
 from npend_gym import Cart, Chain, pseudo_periods, simulate
 from npend_gym.chain import ChainParameters
-from npend_gym.physics import Ensemble, substeps
+from npend_gym.physics import Ensemble
 from npend_gym.physics.substeps import MAX_PHASE, chain_of, default_substeps, substeps_of
 
 RNG = np.random.default_rng(5)
@@ -290,18 +290,6 @@ def test_chains_at_the_edge_of_one_more_substep_get_it():
         for dt in k * edge * (1.0 + np.linspace(-2e-12, 2e-12, 9)):
             expected = max(default_substeps(chain_of(chains, j), dt) for j in range(7))
             assert substeps_of(chains, dt) == expected
-
-
-def test_the_substeps_of_many_chains_are_found_without_computing_each(monkeypatch):
-    computed = []
-    monkeypatch.setattr(
-        substeps, "default_substeps", lambda *args: computed.append(1) or default_substeps(*args)
-    )
-    rng = np.random.default_rng(0)
-    for kind in ("wide", "narrow", "braked", "machines", "mixed"):
-        computed.clear()
-        substeps_of(drawn_chains(kind, 5000, 3, rng), 0.05)
-        assert len(computed) < 30
 
 
 def test_default_substeps_resolve_the_motion_of_a_chain_on_a_light_cart():

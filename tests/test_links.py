@@ -9,7 +9,7 @@ from engines import dm_control_model, mujoco_accelerations, mujoco_motion
 from gymnasium.envs.classic_control.acrobot import rk4
 
 from npend_gym import Chain, chaos, simulate
-from npend_gym.physics import accelerations, mass_matrix
+from npend_gym.physics import accelerations, linearise, mass_matrix
 from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
 from npend_gym.physics.substeps import default_substeps
 
@@ -195,6 +195,13 @@ def test_default_substeps_follow_links_that_stick_and_slip(torque):
 def test_a_motion_of_links_without_losses_keeps_the_volume_in_phase_space():
     assert abs(chaos.volume_change(LOSSLESS)) < 1e-6
     assert chaos.volume_change(MACHINE) < -0.9
+
+
+def test_states_with_leading_axes_are_linearised_one_by_one():
+    theta, omega = np.random.default_rng(0).normal(size=(2, 5, 2, 3))
+    together = linearise(MACHINE, theta, omega)
+    alone = linearise(MACHINE, theta[3, 1], omega[3, 1])
+    np.testing.assert_allclose(together.A[3, 1], alone.A, rtol=1e-13)
 
 
 def test_the_ends_of_links_are_their_joints():
