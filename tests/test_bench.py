@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 from peers import main
-from suites import accuracy, chaos, derivatives, dynamics, environments, episodes, output, timing
+from suites import accuracy, chaos, derivatives, dynamics, environments, episodes, timing
 from suites.timing import Job, Peers, Row
 
 from npend_gym import Chain, simulate
@@ -29,13 +29,6 @@ def test_a_job_with_twice_the_items_per_call_has_twice_the_rate():
     best = timing.rates({"one": Job(wait), "two": Job(wait, items_per_call=2.0)}, rounds=2)
     assert best["one"] == pytest.approx(1e4, rel=0.3)
     assert best["two"] == pytest.approx(2.0 * best["one"], rel=0.3)
-
-
-@pytest.mark.usefixtures("short_rounds")
-def test_the_number_of_timed_calls_is_a_multiple_of_repeat():
-    calls = []
-    timing.rates({"": Job(calls.append, repeat=7)}, rounds=3)
-    assert [count % 7 for count in calls[-3:]] == [0, 0, 0]
 
 
 def test_a_peer_whose_import_fails_is_left_out_and_the_reason_is_reported_once(
@@ -138,15 +131,3 @@ def test_rows_measured_before_ctrl_c_are_kept(monkeypatch, tmp_path, capsys):
     assert main(["--only", "dynamics", "--out", str(tmp_path)]) == 130
     assert (tmp_path / "dynamics.csv").exists()
     assert "interrupted" in capsys.readouterr().err
-
-
-def test_the_work_precision_diagram_has_a_line_for_each_method(tmp_path):
-    measured = [
-        accuracy.Measurement(f"method {k}", f"{j}", 10.0**-j, 10.0 ** -(j + k))
-        for k in range(3)
-        for j in range(3)
-    ]
-    written = output.write("accuracy", measured, tmp_path, figures=True)
-    assert [path.name for path in written] == ["accuracy.csv", "accuracy.png", "accuracy.pdf"]
-    axes = output.work_precision(measured).axes[0]
-    assert [line.get_label() for line in axes.lines] == ["method 0", "method 1", "method 2"]

@@ -30,15 +30,6 @@ def test_a_hundred_thousand_draws_are_those_of_numpy():
         assert found[k] == 0.7 + 0.017 * numpys(5 + k)
 
 
-def test_draws_are_uniform_and_unrelated():
-    draws = starts(0, 0, 100_000, 0.0, 1.0)
-    assert 0.0 <= draws.min() < draws.max() < 1.0
-    # Kolmogorov-Smirnov at 1e-3, and the correlation of neighbours at 4 sigma
-    order = np.abs(np.sort(draws) - np.linspace(0.0, 1.0, draws.size)).max()
-    assert order < 1.95 / np.sqrt(draws.size)
-    assert abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 4.0 / np.sqrt(draws.size)
-
-
 @pytest.mark.parametrize("n", [1, 3])
 def test_release_campaign_and_environments_start_every_trial_alike(n):
     seed, trials = 40, 4

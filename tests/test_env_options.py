@@ -21,7 +21,14 @@ IN_PART = {
 }
 
 
-@pytest.mark.parametrize("keywords", IN_PART.values(), ids=IN_PART)
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        # sensors have kernels of their own, which take long to compile
+        pytest.param(keywords, id=name, marks=pytest.mark.long if name == "sensors" else ())
+        for name, keywords in IN_PART.items()
+    ],
+)
 def test_without_velocities_all_else_is_observed_as_with_them(keywords):
     n = 2
     angles = n if keywords["observation"] == "angles" else 2 * n
