@@ -16,7 +16,7 @@ from npend_gym import _progress
 from paper import __main__ as command
 from paper import report
 from paper.__main__ import main
-from paper.claims import claims, render
+from paper.claims import claims
 from paper.findings import CHECKS, Finding, audit, by_section, groups, selected
 from paper.registry import Verdict
 
@@ -42,14 +42,6 @@ def test_every_claim_has_a_check_and_every_check_a_claim():
         assert set(named) <= set(claims()), claim.key
     assert not set(claims()) & set(groups().values())
     assert all(claim.section and claim.place and claim.claim for claim in claims().values())
-
-
-def test_texts_show_numbers_and_keep_other_braces():
-    text = "sum_{k<=j} of {0, 1}: {ratio:.2f} for {counts}, {pairs:.0%}"
-    numbers = {"ratio": 0.123, "counts": [1, 2], "pairs": [(0.5, 1.0)]}
-    assert render(text, numbers) == "sum_{k<=j} of {0, 1}: 0.12 for 1, 2, (50%, 100%)"
-    with pytest.raises(KeyError, match="other"):
-        render("{other}", numbers)
 
 
 def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
