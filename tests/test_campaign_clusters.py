@@ -4,11 +4,10 @@ Both stand in an environment of their own, with the versions that they pin; else
 """
 
 import os
-import subprocess
-import sys
 
 import pytest
 from campaign_tables import table_digest
+from scripts import run_python
 
 from npend_gym.experiments import Campaign, CampaignPlan
 from npend_gym.experiments.campaign.parts import TABLES
@@ -29,15 +28,8 @@ def expected(tmp_path_factory):
 def test_a_cluster_of_two_workers_writes_the_same_bytes(backend, expected, tmp_path):
     pytest.importorskip(MODULES[backend])
     arguments = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "100", "--batch", "16"]
-    done = subprocess.run(
-        [
-            sys.executable, "-W", "ignore", "-m", "npend_gym", "campaign", "--out", str(tmp_path),
-            *arguments, "--backend", backend, "--workers", "2",
-        ],
-        capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "400 of 400 releases done" in done.stdout
+    command = ["-m", "npend_gym", "campaign", "--out", tmp_path, "--backend", backend, *arguments]
+    assert "400 of 400 releases done" in run_python("-W", "ignore", *command, "--workers", "2")
     assert [table_digest(tmp_path, name, PLAN.tasks()) for name in TABLES] == expected
 
 
@@ -46,7 +38,7 @@ import os, signal, sys, time
 from npend_gym.experiments.campaign import engine
 
 def work(task):
-    mark = os.path.join(sys.argv[2] if len(sys.argv) > 2 else OUT, "killed")
+    mark = os.path.join(OUT, "killed")
     if task == 4 and not os.path.exists(mark):
         open(mark, "w").close()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -67,13 +59,9 @@ if __name__ == "__main__":
 def test_a_killed_worker_of_a_cluster_costs_only_time(backend, tmp_path):
     pytest.importorskip(MODULES[backend])
     script = tmp_path / "killer.py"
-    script.write_text(_KILLER.replace("sys.argv[2] if len(sys.argv) > 2 else OUT", "OUT"))
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", str(script), backend],
-        capture_output=True, text=True, check=False, timeout=300,
-        env=os.environ | {"OUT": str(tmp_path)},
-    )  # fmt: skip
-    assert "all done" in done.stdout, done.stderr
+    script.write_text(_KILLER)
+    around = os.environ | {"OUT": str(tmp_path)}
+    assert "all done" in run_python("-W", "ignore", script, backend, env=around)
 
 
 def test_a_missing_library_is_named_with_the_command_that_installs_it(tmp_path):

@@ -4,6 +4,7 @@ import copy
 import io
 import pickle
 import re
+from itertools import product
 from pathlib import Path
 
 import gymnasium as gym
@@ -151,16 +152,11 @@ def from_other(**keywords):
         (from_other(substeps=3), ValueError, "state must come from .* substeps"),
         (from_other(max_torque=1.0), ValueError, "state must come from .* max_torque"),
         (from_other(randomize=None), ValueError, "state must come from .* randomize"),
-        (
-            from_other(chain=Chain.realaigym("C.1"), randomize=None),
-            ValueError,
-            "the same kind of chain",
-        ),
+        (from_other(chain=Chain.realaigym("C.1"), randomize=None), ValueError, "kind of chain"),
         (lambda state: state[:3], ValueError, "state must hold 5 lanes, got 3"),
         (lambda state: state["rods"], ValueError, "state must come from"),
         (lambda state: state.tolist(), TypeError, r"state must come from get_state\(\)"),
         (lambda _: None, TypeError, r"state must come from get_state\(\), got None"),
-        (lambda _: np.zeros((5, 4)), TypeError, r"state must come from get_state\(\)"),
     ],
 )
 def test_what_is_no_state_of_this_environment_is_refused_and_nothing_has_changed(
@@ -174,14 +170,6 @@ def test_what_is_no_state_of_this_environment_is_refused_and_nothing_has_changed
     assert envs.get_state().tobytes() == before.tobytes()
 
 
-COUNTS = {"completed", "episode", "steps", "steps_held"}
-TRUTHS = {"diverged", "active", "with_com", "has_bobs", "observed", "risen", "done"}
-SIGNS = {"orientation", "start", "goal"}
-NOT_NEGATIVE = COUNTS | TRUTHS | {
-    "time", "threshold", "gravity", "max_torque", "max_force", "period", "zero", "length",
-    "inverse_length", "mass", "inverse_mass", "damping", "drag", "action_delay", "motor_lag",
-    "angle_noise", "per_energy",
-}  # fmt: skip
 KINDS = {
     "links on a cart": {"base": "cart", "inertias": 0.1, "friction": 0.1, "armature": 0.01},
     "motors and sensors": {"action_delay": 1.5, "motor_lag": 0.1, "observation_delay": 2.5},
@@ -196,45 +184,29 @@ def leaves(dtype, path=()):
         yield from leaves(inner, (*path, name)) if inner.names else [(*path, name)]
 
 
-def forgeries(path):
-    """Yield numbers that no state of an environment has at `path`."""
-    name = path[-1]
-    heads = {"key": (), "version": (0, 7), "environment": (0,), "done": (2, 2**63), "sum": (0,)}
-    if path[0] in heads:
-        yield from heads[name]
-        return
-    yield from (np.inf, -np.inf) if name != "joints" else ()  # there the gear may be infinite
-    yield from () if name in ("period", "zero") else (np.nan,)
-    yield from (-1.0, -5e-324) if name in NOT_NEGATIVE else ()
-    yield from (0.5,) if name in COUNTS | TRUTHS | SIGNS else ()
-    yield from (2.0,) if name in TRUTHS | SIGNS else (1e300,) if name in COUNTS else ()
-    yield from (0.0,) if name in SIGNS | {"length", "mass"} else ()
-    yield from {"theta": (2e5,), "omega": (-2e6,), "past_actions": (1.5,)}.get(name, ())
-
-
 @pytest.mark.parametrize("vector", [False, True], ids=["single", "vector"])
 @pytest.mark.parametrize(
     "kind", [{}, *(pytest.param(k, marks=pytest.mark.long, id=n) for n, k in KINDS.items())]
 )
-def test_a_state_with_a_number_that_none_has_is_refused_and_changes_no_bit(kind, vector):
+def test_a_state_with_a_changed_bit_is_refused_whatever_it_is_of_and_changes_nothing(kind, vector):
     env, twin = ((make_vec if vector else make)(**kind) for _ in range(2))
     actions = actions_for(env, 12)
     for each in (env, twin):
         run(each, actions[:8])
     state, refused = env.get_state(), set()
-    for path in leaves(state.dtype):
-        for number in forgeries(path):
-            forged = state.copy()
-            field = forged
-            for name in path:
-                field = field[name]
-            if field.size == 0:
-                continue
-            field.flat[0] = number
-            assert forged.tobytes() != state.tobytes()
-            with pytest.raises(ValueError, match=r"state must"):
-                env.set_state(forged)
-            refused.add(path)
+    for path, bit in product(leaves(state.dtype), (0, 63)):
+        forged = state.copy()
+        field = forged
+        for name in path:
+            field = field[name]
+        if field.size == 0:
+            continue
+        number = np.array(field.flat[0])
+        field.flat[0] = (number.view("u8") ^ np.uint64(1 << bit)).view(number.dtype)
+        assert forged.tobytes() != state.tobytes()
+        with pytest.raises(ValueError, match=r"state must"):
+            env.set_state(forged)
+        refused.add(path)
     assert len(refused) > 50
     for bad in (state.astype(state.dtype.newbyteorder()), state[["version", "done"]], [state]):
         with pytest.raises((TypeError, ValueError), match=r"state must"):
@@ -245,17 +217,11 @@ def test_a_state_with_a_number_that_none_has_is_refused_and_changes_no_bit(kind,
     assert env.get_state().tobytes() == state.tobytes()
 
 
-@pytest.mark.parametrize(
-    "path", [("rods", "theta"), ("members", "time"), ("key",), ("done",)], ids="-".join
-)
-def test_a_state_with_a_number_of_another_state_is_refused_with_its_record_and_a_way_out(path):
+def test_a_changed_state_is_refused_with_its_record_and_a_way_out():
     envs = make_vec()
     envs.reset(seed=0)
     state = envs.get_state()
-    field = state
-    for name in path:
-        field = field[name]
-    field[3] = field[3] + 1
+    state["members"]["time"][3] += 1.0
     with pytest.raises(ValueError, match=r"got changed records \[3\]: set env.state, or"):
         envs.set_state(state)
 
@@ -263,11 +229,8 @@ def test_a_state_with_a_number_of_another_state_is_refused_with_its_record_and_a
 def test_a_diverged_lane_continues_and_no_lanes_at_all_change_nothing():
     envs = make_vec(3, randomize=None, max_torque=1e25, substeps=1, autoreset_mode="DISABLED")
     envs.reset(seed=0)
-    assert envs.step(np.array([[1.0], [0.0], [0.0]]))[4]["diverged"].tolist() == [
-        True,
-        False,
-        False,
-    ]
+    diverged = envs.step(np.array([[1.0], [0.0], [0.0]]))[4]["diverged"]
+    assert diverged.tolist() == [True, False, False]
     state = envs.get_state()
     envs.set_state(state)
     envs.set_state(state[:0], np.zeros(3, np.bool_))

@@ -53,38 +53,15 @@ def test_flips_depend_on_no_neighbour_and_no_threads():
     assert flip_times(DOUBLE, [4.0, 0.0], duration=3.0) == 0.0
 
 
-def test_the_map_goes_on_where_it_was_interrupted(tmp_path):
-    plan = FlipMap(size=25, duration=2.0)
-    whole = plan.run(tmp_path / "whole")
-
-    def interrupted(parts):
-        for k in parts:
-            if k == 2:
-                raise KeyboardInterrupt
-            yield k
-
-    with pytest.raises(KeyboardInterrupt):
-        plan.run(tmp_path / "cut", progress=interrupted)
-    done = next((tmp_path / "cut").glob("parts-*"))
-    assert sorted(path.name for path in done.iterdir()) == ["0.npz", "1.npz"]
-    (done / "1.npz").write_bytes((done / "1.npz").read_bytes()[:100])  # torn
-    np.savez(done / "0.npz", times=np.zeros((10, 25), complex))  # forged
-    again = []
-    plan.run(tmp_path / "cut", progress=lambda parts: again.extend(parts) or again)
-    assert again == [0, 1, 2]
-    with np.load(tmp_path / "cut" / "map.npz") as data:
-        np.testing.assert_array_equal(data["times"], whole)
-        assert json.loads(str(data["about"]))["arguments"]["size"] == 25
-        assert data["first"][0] == pytest.approx(-np.pi * 24 / 25)
-    assert not done.exists()
-
-
 def test_the_command_draws_the_map_with_axes_and_a_scale(tmp_path, capsys):
     image = pytest.importorskip("matplotlib.image")
     arguments = ["chaos", "map", "--size", "20", "--duration", "2", "--out", str(tmp_path / "a")]
     assert main(arguments) == 0
     assert "map.png" in capsys.readouterr().out
     assert image.imread(tmp_path / "a" / "map.png").shape[:2] == (833, 966)
+    with np.load(tmp_path / "a" / "map.npz") as data:
+        assert json.loads(str(data["about"]))["arguments"]["size"] == 20
+        assert data["first"][0] == pytest.approx(-np.pi * 19 / 20)
     with pytest.raises(SystemExit, match="2"):
         main([*arguments, "--centre", "3,3", "--width", "9"])
     assert "centre and width must keep" in capsys.readouterr().err

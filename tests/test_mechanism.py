@@ -306,11 +306,14 @@ def test_tensions_feel_a_pivot_that_is_accelerated():
 # -- motions as data --------------------------------------------------------------------------
 
 
+GAINS = {"omega": 0.1}  # in a dict, so that nothing is compiled for motions that are so short
+
+
 def drive_of_the_module(t, _theta, omega):
-    return np.sin(t) - 0.1 * omega[0]
+    return np.sin(t) - GAINS["omega"] * omega[0]
 
 
-LAMBDA = lambda t, _theta, omega: np.sin(t) - 0.1 * omega[0]  # noqa: E731 - it must not pickle
+LAMBDA = lambda t, _, omega: np.sin(t) - GAINS["omega"] * omega[0]  # noqa: E731 - must not pickle
 SAMPLES = Signal([0.0, 0.55, 1.0], [[1.0, 0.0, 0.0], [-1.0, 0.5, 0.0], [0.0, 0.0, 0.2]], "linear")
 DRIVEN = {
     "constant torques": ("pivot", {"torque": [0.5, 0.0, -0.2]}),
