@@ -7,7 +7,7 @@ from conftest import chains_in_motion
 from hypothesis import given
 
 from npend_gym import Chain, simulate
-from npend_gym.physics import energy
+from npend_gym.physics import energy, linearise
 from npend_gym.physics.equations import accelerations, tensions
 from npend_gym.physics.mass import mass_matrix
 
@@ -161,7 +161,7 @@ def test_arguments_are_left_as_they_were(uneven):
 )
 def test_bad_arguments_are_refused_by_name(change, error, message):
     arguments = {"chain": Chain.uniform(2), "theta": 0.1, "omega": 0.0} | change
-    for solve in (accelerations, tensions):
+    for solve in (accelerations, tensions, linearise):
         with pytest.raises(error, match=message):
             solve(**arguments)
 
