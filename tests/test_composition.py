@@ -12,7 +12,7 @@ SAMPLE = [
     ("mechanisms", "accelerations", "cart"),
     ("mechanisms", "mass_matrix", "springs, cart"),
     ("environments", "single", "pivot"),
-    ("environments", "LQR, single and vector", "cart, 2 rods"),
+    ("environments", "LQR, single and vector", "pivot"),
 ]
 LONG = [(name, row) for name, matrix in MATRICES.items() for row in matrix.rows]
 

@@ -243,21 +243,6 @@ def test_wrong_levels_rewards_and_observations_are_refused(keywords, error, mess
         EnvConfig(**keywords)
 
 
-def test_a_controller_of_discrete_torques_is_evaluated_like_one_of_continuous_ones():
-    def brake(_observation, info):
-        return -np.sign(info["omega"][:, :1])
-
-    def discrete(observation, info):
-        return brake(observation, info)[:, 0].astype(int) + 1
-
-    keywords = {"id": "npend/Calm-v1", "n": 1, "max_episode_steps": 100}
-    one = evaluate(brake, keywords, episodes=5)
-    other = evaluate(discrete, keywords | {"torque_levels": 3}, episodes=5)
-    assert one.returns.min() > 10.0
-    assert np.array_equal(one.returns, other.returns)
-    assert np.array_equal(one.motor_work, other.motor_work)
-
-
 def test_dqn_of_stable_baselines3_trains_on_discrete_torques():
     sb3 = pytest.importorskip("stable_baselines3")
     from npend_gym.rl import SB3VecEnv

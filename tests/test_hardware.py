@@ -295,31 +295,18 @@ def test_every_lane_is_the_single_env_of_its_seed_in_every_autoreset_mode():
         assert_lanes_are_singles(run(ours, actions), run(theirs, actions))
 
 
-def two_episodes(autoreset, actions):
-    """Return the observations of two episodes of four lanes, the first and the last included."""
-    env = NPendulumVectorEnv(4, max_episode_steps=5, autoreset_mode=autoreset, **EVERYTHING)
-    shown = [env.reset(seed=2)[0]]
-    for episode in range(2):
-        for action in actions:
-            observation, *_, info = env.step(action)
-            ended = "final_obs" in info
-            shown.append(np.stack(list(info["final_obs"])) if ended else observation)
-        if episode == 0 and autoreset == "NEXT_STEP":
-            observation = env.step(actions[0])[0]
-        elif episode == 0 and autoreset == "DISABLED":
-            observation = env.reset(options={"reset_mask": np.ones(4, bool)})[0]
-        if episode == 0:
-            shown.append(observation)
-    return np.array(shown)
-
-
-def test_autoreset_modes_show_the_same_episodes():
-    actions = np.repeat(commands(5)[:, None], 4, axis=1)
-    expected = two_episodes("DISABLED", actions)
-    assert expected.shape == (12, 4, 4)
-    assert not np.array_equal(expected[:6], expected[6:])
-    for autoreset in ("NEXT_STEP", "SAME_STEP"):
-        np.testing.assert_array_equal(two_episodes(autoreset, actions), expected)
+def test_a_lane_that_its_caller_resets_is_the_single_env_too():
+    envs = NPendulumVectorEnv(4, autoreset_mode="DISABLED", **EVERYTHING)
+    alone = NPendulumEnv(**EVERYTHING)
+    shown, expected = [envs.reset(seed=2)], [alone.reset(seed=4)]
+    for step, action in enumerate(commands(10)):
+        shown.append(envs.step(np.tile(action, (4, 1))))
+        expected.append(alone.step(action))
+        if step == 4:
+            shown.append(envs.reset(options={"reset_mask": np.ones(4, bool)}))
+            expected.append(alone.reset())
+    for ours, theirs in zip(shown, expected, strict=True):
+        assert_same([lane(each, 2) for each in ours], list(theirs))
 
 
 @pytest.mark.parametrize("threads", [2, 3])

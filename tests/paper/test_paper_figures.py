@@ -42,7 +42,10 @@ def test_every_figure_and_table_belongs_to_a_claim(results):
     assert set(belong) <= set(claims())
 
 
-@pytest.mark.parametrize("name", list(DRAWINGS))
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=() if n == "runge_kutta" else pytest.mark.long) for n in DRAWINGS],
+)
 def test_every_axis_says_what_it_shows(name, results):
     figure = DRAWINGS[name].draw(results[name])
     figure.draw_without_rendering()
