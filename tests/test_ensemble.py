@@ -67,16 +67,6 @@ def test_the_energy_changes_by_the_work_that_is_done():
     assert np.all(many.kinetic_energy <= many.energy)
 
 
-def test_pseudo_periods_are_those_of_the_adaptive_method():
-    starts = np.outer([0.3, -0.7, 1.1], np.ones(4))
-    many = Ensemble(Chain.uniform(4), 3)
-    many.set_state(slice(None), starts)
-    for _ in range(450):
-        many.advance(0.0, 0.01)
-    exact = pseudo_periods(Chain.uniform(4), starts)
-    np.testing.assert_allclose(many.pseudo_periods, exact, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("bob", "turn", "start"),
     [(2, 2.0685330, [0.3287, -0.5525, -1.1017]), (1, 1.3248154, [0.9893, 0.7093, -0.2069])],

@@ -13,7 +13,7 @@ from lanes import Own
 from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import MODES
-from npend_gym.physics import Ensemble
+from npend_gym.physics.energy import centre_of_mass, energy, kinetic_energy, positions
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
 
@@ -124,20 +124,15 @@ def test_quantities_are_those_of_the_links():
     env = gym.make("NPendulum-v0", chain=CHAIN, mode=Own()).unwrapped
     env.reset(options=START)
     quantities = env._episodes.outputs.quantities()
-    whole = Ensemble(CHAIN, 1)
-    places = {}
-    energy = kinetic = tip = np.nan
-    for name, theta in (("now", START["theta"]), ("down", 0.0), ("up", np.pi)):
-        whole.set_state(0, theta, START["omega"])
-        places[name] = whole.centre_of_mass[0, 1]
-        if name == "now":
-            energy, kinetic, tip = whole.energy[0], whole.kinetic_energy[0], whole.tip[0, 1]
+    theta, omega = (np.array(values) for values in START.values())
+    now, down, up = (centre_of_mass(CHAIN, at)[1] for at in (theta, 0.0 * theta, np.full(3, np.pi)))
     unit = CHAIN.lifting_energy
-    height = (places["now"] - places["down"]) / (places["up"] - places["down"])
-    assert quantities.height[0] == pytest.approx(height, rel=1e-12)
-    assert quantities.tip[0] == pytest.approx(tip / CHAIN.total_length, rel=1e-12)
-    assert quantities.energy[0] == pytest.approx(energy / unit, rel=1e-12)
-    assert quantities.kinetic_energy[0] == pytest.approx(kinetic / unit, rel=1e-12)
+    tip = positions(CHAIN, theta)[-1, 1] / CHAIN.total_length
+    assert quantities.height[0] == pytest.approx((now - down) / (up - down), rel=1e-12)
+    assert quantities.tip[0] == pytest.approx(tip, rel=1e-12)
+    assert quantities.energy[0] == pytest.approx(energy(CHAIN, theta, omega) / unit, rel=1e-12)
+    kinetic = kinetic_energy(CHAIN, theta, omega) / unit
+    assert quantities.kinetic_energy[0] == pytest.approx(kinetic, rel=1e-12)
 
 
 @pytest.mark.parametrize("machine", [True, False])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
 from oracle import accelerations
-from scipy import signal, stats
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 from npend_gym._streams import Purpose
@@ -103,27 +103,6 @@ def test_an_action_acts_as_much_later_as_its_delay_says(delay):
     ends = dt * np.arange(1, 21)
     acted = np.clip(ends[:, None] - dt * (np.arange(20) + delay), 0.0, dt)  # for how long, each
     np.testing.assert_allclose(omega[:, 0], 2.0 * acted @ actions[:, 0], atol=1e-13)
-
-
-def test_delays_in_fractions_of_a_step_converge_to_the_exact_motion():
-    actions, dt, delay = commands(12), 0.05, 1.3
-    chain = EnvConfig(n=2).chain
-    limit, times = EnvConfig(n=2).max_torque, dt * np.arange(1, 13)
-    starts = dt * (np.arange(12) + delay)
-
-    def torque(t, _theta):
-        k = np.searchsorted(starts, t, side="right") - 1
-        return np.array([limit * actions[k, 0] if k >= 0 else 0.0, 0.0])
-
-    exact = forced(chain, torque, times, breaks=starts[starts < times[-1]])
-    # with 10 substeps the change at 0.3 of a step falls between two: nothing is left but RK4
-    error = {}
-    for substeps in (4, 8, 16, 30):
-        theta = drive(actions, n=2, action_delay=delay, substeps=substeps)[0]
-        error[substeps] = np.abs(theta - exact).max()
-    assert error[4] < 3e-3
-    assert error[16] < 0.15 * error[4]  # of second order: a sixteenth, if 0.3 fell alike
-    assert error[30] < 1e-6
 
 
 def test_motors_with_lag_delay_and_ripple_converge_to_the_exact_motion():
@@ -233,23 +212,15 @@ def test_a_delay_in_fractions_of_a_step_shows_the_motion_between_two_steps():
     assert np.all(error[1] < error[0] / 8.0)
 
 
-def test_noise_is_normal_independent_and_that_of_the_stream():
-    count, steps = 2048, 4
-    env = NPendulumVectorEnv(count, n=3, angle_noise=0.02, velocity_noise=0.5)
-    observation, info = env.reset(seed=10)
-    found = []
-    for action in actions_for(env, steps):
+def test_noise_is_that_of_the_stream():
+    env = NPendulumVectorEnv(64, n=3, angle_noise=0.02, velocity_noise=0.5)
+    env.reset(seed=10)
+    for step, action in enumerate(actions_for(env, 4), start=1):
         observation, *_, info = env.step(action)
-        found.append((observation - np.hstack([info["theta"], info["omega"]])) / 0.02)
-    noise = np.array(found)  # (steps, lanes, 6)
-    noise[..., 3:] /= 25.0
-    for one in np.moveaxis(noise, -1, 0):
-        assert stats.kstest(one.ravel(), "norm").pvalue > 1e-3
-    rows = np.moveaxis(noise, 1, -1).reshape(-1, count)
-    assert np.abs(np.corrcoef(rows) - np.eye(len(rows))).max() < 5.0 / np.sqrt(count)
-    for step, k in ((1, 0), (4, 77)):
-        expected = normals(10 + k, step, Purpose.SENSOR, 3).ravel()
-        np.testing.assert_allclose(noise[step - 1, k], expected, atol=1e-4)  # float32 shows it
+        noise = observation - np.hstack([info["theta"], info["omega"]])
+        expected = [normals(10 + k, step, Purpose.SENSOR, 3).ravel() for k in range(64)]
+        shown = noise / np.repeat([0.02, 0.5], 3)
+        np.testing.assert_allclose(shown, expected, atol=1e-4)  # float32 shows it
 
 
 def test_what_is_measured_is_the_nearest_multiple_of_the_resolution():
