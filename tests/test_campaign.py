@@ -63,11 +63,6 @@ def test_every_release_of_every_cell_is_in_one_task():
     assert len(set(cells)) == 8
 
 
-def test_tasks_take_about_the_same_time_whatever_the_chain():
-    plan = CampaignPlan(n=[1, 5, 20, 100, 1000])
-    assert [plan.batch_of(n) for n in (1, 5, 20, 100, 1000)] == [4096, 2048, 128, 16, 16]
-
-
 def test_a_plan_equals_the_plan_that_is_made_from_its_dict():
     plan = CampaignPlan(n=range(2, 4), masses=[1, [1, 2.5]][:1], amplitude=np.array([0.1, 0.2]))
     again = CampaignPlan(**json.loads(json.dumps(plan.as_dict())))
@@ -390,19 +385,6 @@ def test_workers_that_always_die_end_the_run(times, monkeypatch):
         pytest.raises(engine.WorkersLostError, match=f"{times} times in a row"),
     ):
         list(engine.run(deadly.each, range(40)))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("mpi",), "backend must be one of loky"),
-        (("loky", 0), "workers must be at least 1"),
-        (("loky", 1, "auto"), "address must be left out"),
-    ],
-)
-def test_bad_workers_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message), engine.workers(*arguments):
-        pass
 
 
 # Paths
