@@ -231,20 +231,20 @@ ON_CART = Chain.uniform(3, base=Cart(1.0))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "message"),
+    ("arguments", "message"),
     [
-        ({"pivot_acceleration": 1.0}, ValueError, "pivot_acceleration must be two numbers"),
-        ({"force": 1.0}, ValueError, r"force .* must have base=Cart\(mass\)"),
-        ({"force": lambda _t: 1.0}, ValueError, r"force .* must have base=Cart\(mass\)"),
-        ({"velocity": 1.0}, ValueError, r"velocity .* must have base=Cart\(mass\)"),
-        ({"position": 1.0}, ValueError, r"position .* must have base=Cart\(mass\)"),
-        ({"pivot_acceleration": (0, 1), "force": 1.0}, ValueError, r"must have base=Cart\(mass\)"),
-        ({"chain": ON_CART, "velocity": (0, 1)}, ValueError, "velocity must"),
-        ({"chain": ON_CART, "pivot_acceleration": (0, 1)}, ValueError, "must be None for a chain"),
+        ({"pivot_acceleration": 1.0}, "pivot_acceleration must be two numbers"),
+        ({"force": 1.0}, r"force .* must have base=Cart\(mass\)"),
+        ({"force": lambda _t: 1.0}, r"force .* must have base=Cart\(mass\)"),
+        ({"velocity": 1.0}, r"velocity .* must have base=Cart\(mass\)"),
+        ({"position": 1.0}, r"position .* must have base=Cart\(mass\)"),
+        ({"pivot_acceleration": (0, 1), "force": 1.0}, r"must have base=Cart\(mass\)"),
+        ({"chain": ON_CART, "velocity": (0, 1)}, "velocity must"),
+        ({"chain": ON_CART, "pivot_acceleration": (0, 1)}, "must be None for a chain"),
     ],
 )
-def test_bad_motions_of_the_pivot_are_refused_by_name(arguments, error, message):
-    with pytest.raises(error, match=message):
+def test_bad_motions_of_the_pivot_are_refused_by_name(arguments, message):
+    with pytest.raises(ValueError, match=message):
         simulate(
             **{"chain": Chain.uniform(3), "theta": 0.1, "omega": 0.0, "times": [0, 1]} | arguments
         )
