@@ -24,7 +24,6 @@ from npend_gym.rl.training.error_lanes import KINDS
 
 Keywords = dict[str, Any]
 LANES, STEPS = 3, 5
-STRONG = 1000.0  # N m or N: controllers of these checks stay below their limits
 
 _LINKS = Chain([1.0, 0.6], [0.8, 0.5], centres=[0.4, 0.3], inertias=[0.05, 0.02], friction=0.01)
 _ERRORS = {

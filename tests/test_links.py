@@ -46,7 +46,7 @@ BARE = {"drag": 0.0, "quadratic_drag": 0.0, "friction": 0.0, "armature": 0.0}
 @pytest.mark.parametrize("options", [{}, BARE], ids=["machine", "links"])
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
 def test_links_move_as_the_lagrangian_says(n, options):
-    for case in cases(n, 20, **options):
+    for case in cases(n, 10, **options):
         assert difference(accelerations(*case), lagrangian.accelerations(*case)) <= 1e-13
 
 

@@ -353,8 +353,9 @@ def same(one, other):
 
 
 METHODS = {"dop853": {}, "rk4": {"method": "rk4", "dt": 0.02}}
-# by fixed steps these compile loops that no other test needs
-COMPILING = ("a force", "samples", "samples for springs", "a function of the module", "a lambda")
+# these compile loops that no other test needs: by either method, and by fixed steps
+COMPILING = ("samples", "samples for springs")
+COMPILING_STEPS = (*COMPILING, "a force", "a function of the module", "a lambda")
 
 
 @pytest.mark.parametrize(
@@ -362,7 +363,7 @@ COMPILING = ("a force", "samples", "samples for springs", "a function of the mod
     [
         pytest.param(
             kind, options, id=f"{kind}, {method}",
-            marks=pytest.mark.long if options and kind in COMPILING else (),
+            marks=pytest.mark.long if kind in (COMPILING_STEPS if options else COMPILING) else (),
         )
         for kind in DRIVEN
         for method, options in METHODS.items()
