@@ -223,7 +223,7 @@ def recovery(
     >>> from npend_gym.rl import Policy, recovery
     >>> policy = Policy.pretrained("swingup-1")
     >>> round(recovery(policy, policy.env, episodes=2, seconds=20.0).score, 1)
-    0.9
+    0.8
     """
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
     nominal, config, steps = setting_of(env).nominal(seconds)
