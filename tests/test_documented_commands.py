@@ -90,8 +90,10 @@ ELSEWHERE = {  # why a command is not run here
     "--around": "the fit is a reader's own; tests/test_rl_training.py reads one",
     "my-swing-up/": "the policy is a reader's own",
 }
+FEW_ROUNDS = '--set rounds=3 --set num_envs=32 --set updates=20 --set errors={"delay":1.0}'
 SHORTER = {  # with less of what takes minutes
-    "npend train swingup-2-robust": "--set total_timesteps=8192",
+    "npend train swingup-2-robust": FEW_ROUNDS,
+    "npend train balance-2-robust": FEW_ROUNDS,
     "npend train": "--set total_timesteps=4096",
     "npend evaluate": "--episodes 4",
     "npend chaos map": "--size 60",

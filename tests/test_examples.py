@@ -1,4 +1,4 @@
-"""Every example runs, and the table of the README is what the command prints."""
+"""Every example runs, and the table of `npend release` in the pages is what it prints."""
 
 import math
 import re
@@ -35,7 +35,7 @@ def test_environments_reproduce_the_papers_periods_and_draw(tmp_path):
     rows = re.findall(r"(\d+) +(\S+) s +\+- (\S+) s +(\S+) +(\S+)% +(\d+)/(\d+)", out)
     table = {int(n): [float(value) for value in rest] for n, *rest in rows}
     assert sorted(table) == [5, 10, 20, 100]
-    # the means and the spread over trials that `npend release` has, see the README
+    # the means and the spread over trials that `npend release` has, see docs/howto/reproduce.md
     for n, mean, tolerance in (
         (5, 4.03, 0.01),
         (10, 5.333, 0.01),
@@ -63,8 +63,8 @@ def test_nonlinear_modes_are_listed_and_drawn(tmp_path):
         assert film.n_frames > 100
 
 
-def test_table_of_the_readme_is_what_the_command_prints(capsys):
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    shown = re.search(r"```console\n\$ npend release\n(.*?)```", readme, re.DOTALL)[1]
+def test_the_table_of_the_release_in_the_pages_is_what_the_command_prints(capsys):
+    page = (ROOT / "docs" / "howto" / "reproduce.md").read_text(encoding="utf-8")
+    shown = re.search(r"```console\n\$ npend release\n(.*?)```", page, re.DOTALL)[1]
     assert main(["release"]) == 0
     assert capsys.readouterr().out == shown

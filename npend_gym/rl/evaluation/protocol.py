@@ -175,7 +175,7 @@ def robustness(
     >>> policy = Policy.pretrained("swingup-1")
     >>> found = robustness(policy, policy.env, values=3, repetitions=3)
     >>> round(found.outcomes["model"].share, 3)
-    0.833
+    1.0
     """
     _checks.count("values", values, low=2)
     _checks.count("repetitions", repetitions)

@@ -2,7 +2,7 @@
 
 `GlobalPolicyTestingControllerV2` and `leaderboard/pendubot/simulation_v3` of
 dfki-ric-underactuated-lab/double_pendulum have the definition and the numbers, which
-docs/howto/robustness.md tells.
+docs/explanation/scores.md tells.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def recovery(
     ----------
     J. S. B. Choe, B. Choi and J. Kim, arXiv:2505.07516 (2025); `leaderboard/pendubot/simulation_v3`
     and `GlobalPolicyTestingControllerV2` of dfki-ric-underactuated-lab/double_pendulum.
-    `benchmarks/realaigym.py` measures the score in their simulator too; docs/howto/robustness.md
+    `benchmarks/realaigym.py` measures the score in their simulator too; docs/explanation/scores.md
     has both.
 
     Examples
@@ -223,7 +223,7 @@ def recovery(
     >>> from npend_gym.rl import Policy, recovery
     >>> policy = Policy.pretrained("swingup-1")
     >>> round(recovery(policy, policy.env, episodes=2, seconds=20.0).score, 1)
-    0.9
+    0.8
     """
     count, times = _checks.count("episodes", episodes), _checks.count("resets", resets, low=0)
     nominal, config, steps = setting_of(env).nominal(seconds)
