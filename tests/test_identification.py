@@ -344,9 +344,3 @@ def test_bad_arguments_are_refused_with_their_name_and_rule(changes, message):
     good = {"times": times, "theta": np.sin(9.0 * times)[:, None] * [1.0, 2.0], "chain": KNOWN}
     with pytest.raises((ValueError, TypeError), match=message):
         identify(**good | changes)
-
-
-def test_angles_that_are_likely_degrees_bring_a_warning():
-    times = np.arange(40) / 40.0
-    with pytest.warns(UserWarning, match="are these degrees"):
-        check_motion(times, 80.0 * np.sin(9.0 * times))
