@@ -235,7 +235,6 @@ def test_a_wrong_discrete_action_changes_nothing(action, error, message):
             "torque_levels must be left out in mode 'passive', which has no motor; got 3",
         ),
         ({"reward_type": "rare"}, ValueError, "reward_type must be one of dense, sparse; got"),
-        ({"observation": "pixels"}, ValueError, "must be one of angles, sincos, scaled; got"),
     ],
 )
 def test_wrong_levels_rewards_and_observations_are_refused(keywords, error, message):
