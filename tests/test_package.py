@@ -132,24 +132,6 @@ def test_what_the_physics_offers_takes_at_most_twelve_arguments_but_simulate():
     assert {name for name, count in counts.items() if count > 12} == {"simulate"}
 
 
-def test_machine_code_is_kept_apart_for_every_state_of_the_sources(tmp_path):
-    package = tmp_path / "named"
-    (package / "compiled").mkdir(parents=True)
-    (package / "a.py").write_text("TILE = 16")
-    (package / "__init__.pyi").write_text("from named.a import TILE as TILE")
-    kernels = "from named import TILE\nfrom named.compiled.jit import kernel"
-    (package / "compiled" / "b.py").write_text(kernels)
-    (package / "compiled" / "other.py").write_text("")
-    before = cache_folder(package, "")
-    assert before.parent == package / "__pycache__"
-    assert cache_folder(package, "") == before
-    (package / "compiled" / "other.py").write_text("TILE = 32")
-    assert cache_folder(package, "") == before
-    (package / "a.py").write_text("TILE = 32")
-    assert cache_folder(package, "") != before
-    assert cache_folder(package, "/elsewhere").parent == Path("/elsewhere")
-
-
 LOADED = """
 import sys
 import npend_gym

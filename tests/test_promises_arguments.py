@@ -124,7 +124,9 @@ def test_a_bad_value_is_refused_by_name_at_once_and_without_memory(call, name, v
     try:
         for value in values:
             began = time.process_time()
-            with pytest.raises((ValueError, TypeError), match=rf"\b{name}\b"):
+            with pytest.raises(
+                (ValueError, TypeError), match=rf"\b{name}\b.* must|must.*\b{name}\b"
+            ):
                 call(**{name: value})
             assert time.process_time() - began < 5.0
         assert tracemalloc.get_traced_memory()[1] < 100e6

@@ -41,11 +41,6 @@ def write_policy(path, env=None, **arrays):
     return path
 
 
-def test_the_policy_that_the_other_tests_change_is_a_good_one(tmp_path):
-    policy = find_policy(str(write_policy(tmp_path / "a.npz")))
-    assert policy(np.zeros(6, np.float32)).shape == (1,)
-
-
 # What describes a policy
 
 

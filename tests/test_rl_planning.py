@@ -7,7 +7,6 @@ import pytest
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import simulate
 from npend_gym.rl import evaluate, planned_swing_up
-from npend_gym.rl.controllers import transcription
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.controllers.step_model import StepModel, state_of
 from npend_gym.rl.controllers.transcription import MAX_ACTION, MAX_PLACE, Transcription
@@ -136,58 +135,6 @@ def test_the_planner_takes_the_environments_own_steps_bit_for_bit(keywords):
     info = envs.step(actions)[4]
     stepped = StepModel(config)(states, actions)
     np.testing.assert_array_equal(stepped, state_of(config, info))
-
-
-@pytest.mark.parametrize(
-    "keywords", [{}, {"base": "cart"}, {"base": "cart", "actuated": (1,)}, {"actuated": (1,)}]
-)
-def test_the_derivatives_of_a_step_are_its_differences(keywords):
-    config = config_of(n=2, mode="swingup", **keywords)
-    step, rng, h = StepModel(config), np.random.default_rng(1), 1e-5
-    size, joints = config.state_size, config.joints.size
-    at, action = rng.normal(size=size), rng.uniform(-0.5, 0.5, joints)
-    a, b = step.derivatives(at[None], action[None])
-    change = h * np.eye(size + joints)
-    ahead, back = (
-        step(at + sign * change[:, :size], action + sign * change[:, size:]) for sign in (1.0, -1.0)
-    )
-    whole = np.concatenate([a[0], b[0]], axis=1)
-    np.testing.assert_allclose(whole, (ahead - back).T / (2.0 * h), atol=1e-7)
-
-
-@pytest.mark.parametrize(
-    "keywords", [{}, {"actuated": (0, 1)}, {"base": "cart"}, {"base": "cart", "actuated": (1,)}]
-)
-def test_the_band_is_that_of_the_normal_equations_of_the_residuals(keywords, monkeypatch):
-    monkeypatch.setattr(transcription, "MAX_PLACE", 0.0125)  # of 4 m
-    config = config_of(n=2, mode="swingup", **keywords)
-    problem = Transcription(config, 7, np.array([np.pi, 0.0]), np.array([np.pi, np.pi]))
-    problem.end, z = problem.wavy_guess(np.random.default_rng(3))
-    problem.wanted = np.random.default_rng(4).normal(size=problem.wanted.shape)
-    weight = 5.0
-    if config.has_cart:  # some places are beyond the part of the rail that a plan may use
-        z += np.random.default_rng(5).normal(0.0, 0.2, z.size)
-
-    def residuals(z):
-        states, v = problem.rows(z)
-        parts = [weight * problem.defects(z).ravel(), 0.05 * (v - problem.wanted).ravel()]
-        if config.has_cart:
-            away = np.abs(states[:, 2])
-            assert 1 < (away > 0.05).sum() < 7
-            parts.append(weight * np.maximum(away - 0.05, 0.0))
-        return np.concatenate(parts)
-
-    steps = 1e-6 * np.eye(z.size)
-    jacobian = np.column_stack([residuals(z + d) - residuals(z - d) for d in steps]) / 2e-6
-    band, gradient = problem.normal_equations(z, problem.defects(z), weight)
-    full = jacobian.T @ jacobian
-    inside = np.zeros_like(full)
-    for below, diagonal in enumerate(band):
-        length = z.size - below
-        inside += np.diag(diagonal[:length], -below)
-    np.testing.assert_allclose(inside, np.tril(full), atol=1e-6 * np.abs(full).max())
-    np.testing.assert_allclose(gradient, jacobian.T @ residuals(z), rtol=1e-5, atol=1e-5)
-    assert problem.cost(z, problem.defects(z), weight) == pytest.approx(np.sum(residuals(z) ** 2))
 
 
 @pytest.mark.long
