@@ -115,7 +115,14 @@ VARIED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", VARIED)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        # derivatives of steps of links take long to compile
+        pytest.param(kind, marks=pytest.mark.long) if "links" in kind else kind
+        for kind in VARIED
+    ],
+)
 def test_what_differs_between_episodes_is_known_to_rewards_observations_and_steps(kind):
     """Steps of the trainer's own lanes, and those of the tensor environment with the same draws."""
     from npend_gym.rl.training.shac import Settings

@@ -7,8 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
-from lanes import actions_for, assert_lanes_are_singles, assert_same, run
+from lanes import actions_for, assert_same
 
 from npend_gym import Chain
 from npend_gym._streams import Purpose
@@ -60,17 +59,6 @@ def test_starts_and_goals_are_drawn_as_numpy_draws_them_and_starts_stay_what_the
         expected = np.pi * start + deviation["theta"]
         np.testing.assert_allclose(info["theta"], expected, rtol=0.0, atol=1e-15)
         np.testing.assert_array_equal(info["omega"], deviation["omega"])
-
-
-def test_every_pair_of_different_equilibria_is_drawn_about_as_often():
-    envs = NPendulumVectorEnv(4000, n=2, mode="transition")
-    info = envs.reset(seed=0)[1]
-    start, goal = equilibria(info["theta"]), equilibria(info["goal"])
-    pairs, counts = np.unique(np.hstack([start, goal]), axis=0, return_counts=True)
-    assert len(pairs) == 4 * 3
-    assert not np.any(np.all(pairs[:, :2] == pairs[:, 2:], axis=1))
-    expected = 4000 / 12
-    assert np.sum((counts - expected) ** 2 / expected) < 31.3  # chi-square, 11 df: 0.1 %
 
 
 def test_options_choose_start_and_goal_and_what_is_not_chosen_is_drawn():
@@ -196,24 +184,6 @@ def test_a_task_derived_from_it_is_judged_by_the_same_quantities():
 
 
 # -- lanes and states -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("goal_env", [False, True])
-@pytest.mark.parametrize("autoreset", list(AutoresetMode))
-def test_every_lane_is_the_single_env_of_its_seed(goal_env, autoreset):
-    steps = 100 if autoreset is AutoresetMode.DISABLED else 4
-    env_id = "npend/Transition-v1"
-    keywords = {"num_envs": 3, "max_episode_steps": steps, "randomize": {"masses": (0.5, 2.0)}}
-    keywords |= {"observe_context": True} | (GOAL_ENV if goal_env else {})
-    vector = gym.make_vec(env_id, autoreset_mode=autoreset, **keywords)
-    singles = gym.make_vec(
-        env_id, vectorization_mode="sync", vector_kwargs={"autoreset_mode": autoreset}, **keywords
-    )
-    assert vector.observation_space == singles.observation_space
-    actions = actions_for(vector, 10)
-    ours = run(vector, actions)
-    assert_lanes_are_singles(ours, run(singles, actions))
-    assert all(each[0] in vector.observation_space for each in ours)
 
 
 def test_a_state_has_the_goal_and_an_episode_continues_from_it():

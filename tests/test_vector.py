@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
+from test_randomize import RANDOMIZE
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym.envs import NPendulumVectorEnv
 from npend_gym.envs.modes import MODES
-
-ALL_MODES = tuple(MODES)
 
 
 def make_vec(num_envs, **keywords):
@@ -42,20 +40,27 @@ def test_fast_lanes_change_no_bit_of_others_and_are_the_single_env_too(mode):
             assert_same(lane(info, k), mine[4])
 
 
-@pytest.mark.parametrize("mode", ALL_MODES)
-@pytest.mark.parametrize("autoreset", list(AutoresetMode)[:2])
-def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(mode, autoreset):
-    count, n = 5, 3
-    vector = make_vec(count, n=n, mode=mode, max_episode_steps=25, autoreset_mode=autoreset)
+KINDS = {mode: {"n": 3, "mode": mode} for mode in MODES}
+DRAWN = {"n": 3, "randomize": RANDOMIZE, "observe_context": True}
+KINDS |= {f"{mode}, drawn": DRAWN | {"mode": mode} for mode in ("swingup", "balance", "transition")}
+KINDS["goals, drawn"] = KINDS["transition, drawn"] | {"goal_env": True, "reward_type": "sparse"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("autoreset", list(AutoresetMode))
+def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(kind, autoreset):
+    # where nothing resets a lane, no episode ends
+    steps, limit = (80, 25) if autoreset is not AutoresetMode.DISABLED else (10, 100)
+    keywords = KINDS[kind] | {"max_episode_steps": limit}
+    vector = make_vec(5, autoreset_mode=autoreset, **keywords)
     singles = SyncVectorEnv(
-        [
-            lambda: gym.make("NPendulum-v0", n=n, mode=mode, max_episode_steps=25)
-            for _ in range(count)
-        ],
-        autoreset_mode=autoreset,
+        [lambda: gym.make("NPendulum-v0", **keywords)] * 5, autoreset_mode=autoreset
     )
-    actions = actions_for(vector, 80)
-    assert_lanes_are_singles(run(vector, actions), run(singles, actions))
+    assert vector.observation_space == singles.observation_space
+    actions = actions_for(vector, steps)
+    ours = run(vector, actions)
+    assert_lanes_are_singles(ours, run(singles, actions))
+    assert all(each[0] in vector.observation_space for each in ours)
 
 
 @pytest.mark.parametrize("threads", [2, 3])
