@@ -122,32 +122,57 @@ def test_a_motion_forward_and_backward_is_that_of_the_dense_system_to_rounding(k
             assert error <= 1e-11 * scale * weights.size, name
 
 
-def push_in_time(t):
-    return 2.0 * np.sin(3.0 * t)
-
-
 def torque_in_time(t, _theta, _omega):
     return 1.0 + t * t
 
 
+def push_in_time(t):
+    return 2.0 * np.sin(3.0 * t)
+
+
+def shake_in_time(t):
+    return 2.0 * np.cos(4.0 * t), 3.0 * t
+
+
+BUMPS, KNOTS = [1.0, 2.0, -1.0, 0.5, 0.0], [0.0, 0.11, 1.0]
+# of each kind: what `simulate` is given, then torques, force and acceleration of the pivot at t
 DRIVES = {
-    "constants": ({"torque": [0.7, -0.3], "force": 1.5}, lambda _t: [0.7, -0.3, 1.5]),
+    "constants": (
+        {"torque": [0.7, -0.3, 0.4], "force": 1.5, "pivot_acceleration": (2.3, -1.4)},
+        lambda _t: [0.7, -0.3, 0.4, 1.5, 2.3, -1.4],
+    ),
     "functions of time": (
-        {"torque": torque_in_time, "force": push_in_time},
-        lambda t: [1.0 + t * t, 0.0, 2.0 * np.sin(3.0 * t)],
+        {"torque": torque_in_time, "force": push_in_time, "pivot_acceleration": shake_in_time},
+        lambda t: [1.0 + t * t, 0.0, 0.0, push_in_time(t), *shake_in_time(t)],
     ),
     "signals": (
         {
-            "torque": Signal(TIMES, np.outer([1.0, 2.0, -1.0, 0.5, 0.0], [1.0, -0.5]), "linear"),
-            "force": Signal([0.0, 0.11, 1.0], [2.0, -1.0, 0.5], "linear"),
+            "torque": Signal(TIMES, np.outer(BUMPS, [1.0, -0.5, 0.2]), "linear"),
+            "force": Signal(KNOTS, [2.0, -1.0, 0.5], "linear"),
+            "pivot_acceleration": Signal(KNOTS, np.outer([2.0, -1.0, 0.5], [1.0, 2.0]), "linear"),
         },
         lambda t: [
-            *(np.interp(t, TIMES, [1.0, 2.0, -1.0, 0.5, 0.0]) * np.array([1.0, -0.5])),
-            np.interp(t, [0.0, 0.11, 1.0], [2.0, -1.0, 0.5]),
+            *(np.interp(t, TIMES, BUMPS) * np.array([1.0, -0.5, 0.2])),
+            *(np.interp(t, KNOTS, [2.0, -1.0, 0.5]) * np.array([1.0, 1.0, 2.0])),
         ],
     ),
 }
-MECHANISMS = ["pivot", "cart", "springs", "springs on a cart"]
+AIR = {"drag": 0.2, "quadratic_drag": 0.15}
+SPRINGS = {"stiffness": [90.0, 60.0, 120.0], "axial_damping": 0.4}
+MACHINE = AIR | {
+    "centres": [0.2, 0.5, 0.3], "inertias": [0.05, 0.1, 0.02], "friction": [0.3, 0.1, 0.2],
+    "friction_speed": 0.5, "armature": [0.1, 0.2, 0.05], "gear": [3.0, -2.0, 5.0],
+}  # fmt: skip
+MECHANISMS = {
+    "pivot": AIR,
+    "cart": AIR | {"base": Cart(1.5, 0.3)},
+    "machine on a cart": MACHINE | {"base": Cart(1.5, 0.3)},
+    "springs": SPRINGS,
+    "springs in air on a cart": AIR | SPRINGS | {"base": Cart(1.5, 0.3)},
+    "accelerated pivot": AIR,
+    "machine on an accelerated pivot": MACHINE,
+    "springs in air on an accelerated pivot": AIR | SPRINGS,
+}
 
 
 def with_clock(rates, size):
@@ -158,40 +183,49 @@ def with_clock(rates, size):
 @pytest.mark.parametrize("drives", DRIVES)
 @pytest.mark.parametrize("mechanism", MECHANISMS)
 @pytest.mark.parametrize("method", METHODS)
-def test_carts_springs_and_drives_in_time_have_the_derivatives_of_the_lagrangian(
+def test_every_mechanism_under_every_drive_has_the_derivatives_of_the_lagrangian(
     method, mechanism, drives
 ):
-    parts = {"stiffness": [90.0, 60.0], "axial_damping": 0.4} if "springs" in mechanism else {}
-    on_cart = "cart" in mechanism
-    parts |= {"base": Cart(1.5, 0.3)} if on_cart else {}
-    chain = Chain([1.0, 0.6], [0.5, 0.8], damping=0.1, drag=0.2, **parts)
+    chain = Chain([1.0, 0.6, 0.8], [0.5, 0.8, 0.4], damping=0.1, **MECHANISMS[mechanism])
+    stretching, on_cart = chain.stiffness is not None, chain.base is not None
+    accelerated = "accelerated" in mechanism
     given, loads_at = DRIVES[drives]
-    given = {name: each for name, each in given.items() if on_cart or name != "force"}
+    used = {"torque": True, "force": on_cart, "pivot_acceleration": accelerated}
+    given = {name: each for name, each in given.items() if used[name]}
     start = {"position": 0.2, "velocity": -0.4} if on_cart else {}
-    start |= {"stretch": [0.1, 0.05], "stretch_rate": 0.2} if "springs" in mechanism else {}
-    made = simulate(chain, [0.9, -0.4], [0.5, 1.0], TIMES, **start, **given, **METHODS[method])
-    m, parameters = chain.coordinates, ("masses", "lengths", "gravity", "drag")
-    parameters += ("stiffness", "axial_damping") if "springs" in mechanism else ()
+    start |= {"velocity": (0.3, -0.2)} if accelerated else {}
+    start |= {"stretch": [0.1, 0.05, -0.02], "stretch_rate": 0.2} if stretching else {}
+    made = simulate(
+        chain, [0.9, -0.4, 0.2], [0.5, 1.0, -0.6], TIMES, **start, **given, **METHODS[method]
+    )
     values = {name: getattr(chain, name) for name in PARAMETERS["machine"]}
-    if "springs" in mechanism:
-        values |= {"stiffness": chain.stiffness, "axial_damping": chain.axial_damping}
-    base = {"cart_mass": 1.5, "rail_damping": 0.3} if on_cart else None
+    parameters = [name for name in PARAMETERS["bobs"] if np.any(values[name])]
+    if "machine" in mechanism:
+        parameters = [*PARAMETERS["machine"]]
+    if stretching:
+        values |= {name: getattr(chain, name) for name in SPRINGS}
+        parameters += SPRINGS
     motion, state = retaken(made)
-    count = 2 + on_cart
+    m, count = state.size // 2, 3 + on_cart
+
+    def base_at(t):
+        if accelerated:
+            return {"acceleration": loads_at(t)[4:]}
+        return {"cart_mass": 1.5, "rail_damping": 0.3} if on_cart else None
 
     def moved(change, name=None):
         """Return the frames after a change of the state and the loads, or of a parameter."""
         own = dict(values)
         if name is not None:
             own[name] = own[name] + (change[0] if name == "gravity" else change)
-            if name == "lengths":
+            if name == "lengths" and "machine" not in mechanism:
                 own["centres"] = own["lengths"]
             change = np.zeros(2 * m + count)
 
         def rates(t, y):
             q, u = np.split(y, 2)
             loads = np.array(loads_at(t)[:count]) + change[2 * m :]
-            return np.concatenate([u, all_accelerations(own, q, u, loads, base)])
+            return np.concatenate([u, all_accelerations(own, q, u, loads, base_at(t))])
 
         y = np.append(state + change[: 2 * m], TIMES[0])
         clocked = with_clock(rates, 2 * m)
@@ -200,12 +234,12 @@ def test_carts_springs_and_drives_in_time_have_the_derivatives_of_the_lagrangian
         steps = motion.steps(TIMES)
         return dense_dop853(clocked, y, TIMES, steps.end - steps.begin)[:, :-1]
 
-    columns = [made.theta, *([made.position[:, None]] if on_cart else [])]
-    columns += [made.stretch] if "springs" in mechanism else []
+    parts = (made.theta, made.position, made.stretch)
+    columns = [part.reshape(TIMES.size, -1) for part in parts if part is not None]
     found = moved(np.zeros(2 * m + count))[:, :m]
     np.testing.assert_allclose(found, np.hstack(columns), rtol=0, atol=1e-12)
     expected = slopes(moved, 2 * m + count)
-    got = made.sensitivities(joints=range(2))  # and the force
+    got = made.sensitivities(joints=range(3))  # and the force
     both = np.concatenate([got.A, got.B], axis=-1)
     assert np.abs(both - expected).max() <= 1e-11 * np.abs(expected).max()
     bars = np.random.default_rng(0).normal(size=(2, TIMES.size, m))
@@ -215,10 +249,10 @@ def test_carts_springs_and_drives_in_time_have_the_derivatives_of_the_lagrangian
     product = np.tensordot(weights, expected, 2)
     assert np.abs(backward - product).max() <= 1e-11 * np.abs(expected).max() * weights.size
     for name in parameters:
-        size = 1 if name == "gravity" else 2
+        size = 1 if name == "gravity" else 3
         expected = slopes(lambda change, name=name: moved(change, name), size)
         scale = max(np.abs(expected).max(), 1e-3)
-        got = made.sensitivities((), {name: [1.0] if name == "gravity" else np.eye(2)}).C
+        got = made.sensitivities((), {name: [1.0] if name == "gravity" else np.eye(3)}).C
         assert np.abs(got - expected).max() <= 1e-11 * scale, name
         product = np.tensordot(weights, expected, 2)
         error = np.abs(gradient.by_parameters[name] - product).max()
