@@ -39,15 +39,9 @@ def cosines(angles):
 
 
 def test_starts_and_goals_are_drawn_as_numpy_draws_them_and_starts_stay_what_they_are():
-    envs = NPendulumVectorEnv(200, n=2, mode="transition")
-    for seed, episode in ((3, 0), (None, 1)):
-        info = envs.reset(seed=seed)[1]
-        hanging = NPendulumVectorEnv(200, n=2)
-        for _ in range(episode + 1):
-            deviation = hanging.reset(seed=3 if episode == 0 else None)[1]
-            if episode == 1:
-                hanging.reset(seed=3)
-                deviation = hanging.reset()[1]
+    envs, hanging = NPendulumVectorEnv(200, n=2, mode="transition"), NPendulumVectorEnv(200, n=2)
+    for episode, seed in enumerate((3, None)):
+        info, deviation = envs.reset(seed=seed)[1], hanging.reset(seed=seed)[1]
         for lane in range(200):
             rng = generator(3 + lane, 0, Purpose.GOAL, episode)
             start = goal = rng.random(2) >= 0.5
