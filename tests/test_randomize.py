@@ -144,26 +144,26 @@ def test_the_motor_turns_the_rod_by_the_torque_drawn_and_damping_brakes_it():
     np.testing.assert_allclose(info["omega"][:, 0], 2.0 * np.exp(-0.5 * damping), rtol=1e-6)
 
 
+DRAWN = {
+    "bobs": ({"n": 3}, {name: RANDOMIZE[name] for name in RANDOMIZE if name != "max_torque"}),
+    "links": ({"chain": LINKS}, dict.fromkeys(LINKS.repeated(1)._fields, FACTORS)),
+    "bobs that become links": (
+        {"n": 2, "chain": None},
+        {
+            "centres": (0.3, 0.8),
+            "inertias": {"low": 0.01, "high": 0.2},
+            "armature": {"low": 0.0, "high": 0.1},
+            "gear": {"low": [2.0, -9.0], "high": [5.0, -3.0]},
+            "friction": {"low": 0.0, "high": 0.2},
+        },
+    ),
+}
+
+
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("keywords", "randomize"),
-    [
-        ({"n": 3}, {name: RANDOMIZE[name] for name in RANDOMIZE if name != "max_torque"}),
-        ({"chain": LINKS}, dict.fromkeys(LINKS.repeated(1)._fields, FACTORS)),
-        (
-            {"n": 2, "chain": None},
-            {
-                "centres": (0.3, 0.8),
-                "inertias": {"low": 0.01, "high": 0.2},
-                "armature": {"low": 0.0, "high": 0.1},
-                "gear": {"low": [2.0, -9.0], "high": [5.0, -3.0]},
-                "friction": {"low": 0.0, "high": 0.2},
-            },
-        ),
-    ],
-    ids=["bobs", "links", "bobs that become links"],
-)
-def test_every_number_drawn_is_the_moving_chains(keywords, randomize):
+@pytest.mark.parametrize("kind", DRAWN)
+def test_every_number_drawn_is_the_moving_chains(kind):
+    keywords, randomize = DRAWN[kind]
     envs = make_vec(6, mode="passive", amplitude=1.0, randomize=randomize, **keywords)
     info = envs.reset(seed=1)[1]
     chains = [chain_of(envs, context) for context in info["context"]]
@@ -280,34 +280,29 @@ def test_options_that_persist_survive_a_step_that_failed():
 # -- substeps ---------------------------------------------------------------------------------
 
 WIDE = (0.2, 5.0)
+RANGES = {
+    "bobs": ({}, {"masses": WIDE, "lengths": WIDE, "gravity": (0.5, 2.0)}),
+    "damping": ({}, {"masses": WIDE, "lengths": WIDE, "damping": {"low": 0.0, "high": 1.0}}),
+    "friction": (
+        {"friction": 0.1},
+        {"masses": WIDE, "friction": (0.0, 20.0), "friction_speed": {"low": 0.05, "high": 1.0}},
+    ),
+    "centres": (
+        {"inertias": 0.1},
+        {"inertias": {"low": 1e-4, "high": 2.0}, "masses": WIDE,
+         "centres": {"low": 0.01, "high": 1.0}},
+    ),
+    "rotors": (
+        {"armature": 0.1, "inertias": 0.1, "masses": 0.1},
+        {"armature": (0.01, 20.0), "damping": {"low": 0.0, "high": 2.0}},
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
-@pytest.mark.parametrize(
-    ("keywords", "randomize"),
-    [
-        ({}, {"masses": WIDE, "lengths": WIDE, "gravity": (0.5, 2.0)}),
-        ({}, {"masses": WIDE, "lengths": WIDE, "damping": {"low": 0.0, "high": 1.0}}),
-        (
-            {"friction": 0.1},
-            {"masses": WIDE, "friction": (0.0, 20.0), "friction_speed": {"low": 0.05, "high": 1.0}},
-        ),
-        (
-            {"inertias": 0.1},
-            {
-                "inertias": {"low": 1e-4, "high": 2.0},
-                "masses": WIDE,
-                "centres": {"low": 0.01, "high": 1.0},
-            },
-        ),
-        (
-            {"armature": 0.1, "inertias": 0.1, "masses": 0.1},
-            {"armature": (0.01, 20.0), "damping": {"low": 0.0, "high": 2.0}},
-        ),
-    ],
-    ids=["bobs", "damping", "friction", "centres", "rotors"],
-)
-def test_substeps_resolve_every_chain_of_the_range(n, keywords, randomize):
+@pytest.mark.parametrize("kind", RANGES)
+def test_substeps_resolve_every_chain_of_the_range(n, kind):
+    keywords, randomize = RANGES[kind]
     env = gym.make("NPendulum-v0", n=n, randomize=randomize, **keywords)
     config, rng = env.unwrapped.config, np.random.default_rng(n)
     low, high = config.randomization.draws[:, [Draw.LOW, Draw.HIGH]].T
