@@ -195,29 +195,21 @@ def test_a_chain_without_gravity_or_overdamped_never_completes(chain):
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "message"),
+    ("change", "message"),
     [
-        ({"chain": None}, TypeError, "chain must be"),
-        ({"theta": [0.1]}, ValueError, "theta must be"),
-        ({"omega": "0"}, TypeError, "omega must hold"),
-        (
-            {"reading": "swing"},
-            ValueError,
-            "reading must be one of bob, link, height, com; got 'swing'",
-        ),
-        ({"reading": 3}, ValueError, "reading must be one of"),
-        ({"reading": "listing"}, ValueError, "is `listing_periods` in paper/estimator.py"),
-        ({"duration": 0.0}, ValueError, "duration must be greater"),
-        ({"duration": np.inf}, ValueError, "duration must be finite"),
-        ({"rtol": -1.0}, ValueError, "rtol must be at least 1e-14"),
-        ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, ValueError, "duration must be gi"),
-        ({"omega": 1e200}, ValueError, "omega must lie within"),
+        ({"reading": "swing"}, "reading must be one of bob, link, height, com; got 'swing'"),
+        ({"reading": "listing"}, "is `listing_periods` in paper/estimator.py"),
+        ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, "duration must be gi"),
+        ({"omega": 1e200}, "omega must lie within"),
+        ({"theta": np.ones((3, 2)), "omega": np.ones((2, 2))}, "^omega must"),
+        ({"theta": np.ones((3, 3))}, "^theta must"),
+        ({"theta": np.ones((0, 2))}, "^theta must"),
+        ({"theta": np.ones((2, 2, 2))}, "^theta must"),
     ],
 )
-def test_bad_arguments_are_refused_by_name(change, error, message):
-    arguments = {"chain": Chain.uniform(2), "theta": 0.1} | change
-    with pytest.raises(error, match=message):
-        pseudo_periods(**arguments)
+def test_bad_arguments_are_refused_with_their_rule(change, message):
+    with pytest.raises(ValueError, match=message):
+        pseudo_periods(**{"chain": Chain.uniform(2), "theta": 0.1} | change)
 
 
 @pytest.mark.parametrize("reading", ["bob", "link", "height", "com"])
@@ -231,20 +223,6 @@ def test_many_releases_have_the_bits_of_each_alone(uneven, reading, count):
     for k in range(count):
         alone = pseudo_periods(uneven, theta[k], omega[k], **options)
         np.testing.assert_array_equal(together[k], alone)
-
-
-@pytest.mark.parametrize(
-    ("theta", "omega", "name"),
-    [
-        (np.ones((3, 4)), np.ones((2, 4)), "omega"),
-        (np.ones((3, 5)), 0.0, "theta"),
-        (np.ones((0, 4)), 0.0, "theta"),
-        (np.ones((2, 2, 4)), 0.0, "theta"),
-    ],
-)
-def test_releases_of_other_shapes_are_refused_by_name(uneven, theta, omega, name):
-    with pytest.raises(ValueError, match=f"^{name} must"):
-        pseudo_periods(uneven, theta, omega)
 
 
 def test_degrees_are_not_taken_for_radians():
