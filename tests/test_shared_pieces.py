@@ -1,4 +1,4 @@
-"""The small pieces that several rooms share: extras, provenance, colours, fits, models."""
+"""The small pieces that several rooms share: extras, provenance, fits, models."""
 
 import json
 import platform

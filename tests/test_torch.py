@@ -1,4 +1,4 @@
-"""Chains as tensors: gradients against a dense model in torch, environments against the native."""
+"""Chains as tensors: gradients against the dense system, environments against the native one."""
 
 import math
 

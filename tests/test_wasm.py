@@ -1,4 +1,4 @@
-"""Kernels as WebAssembly: the same bits, or an error that says why not."""
+"""Kernels as WebAssembly: made once, and an error where they need more than memory."""
 
 import math
 
