@@ -25,6 +25,7 @@ def made(**changes):
     return settings, config, task, collector, Learner(task, 1, settings)
 
 
+@pytest.mark.long  # the kernels of gradients take long to compile
 def test_the_gradient_along_the_jacobians_is_that_through_the_environment():
     """Taken again by the actor that took it, a horizon and its gradient are the simulated ones."""
     from npend_gym.torch import DifferentiableVectorEnv
@@ -115,14 +116,8 @@ VARIED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        # derivatives of steps of links take long to compile
-        pytest.param(kind, marks=pytest.mark.long) if "links" in kind else kind
-        for kind in VARIED
-    ],
-)
+@pytest.mark.long  # the kernels of tensor environments take long to compile
+@pytest.mark.parametrize("kind", VARIED)
 def test_what_differs_between_episodes_is_known_to_rewards_observations_and_steps(kind):
     """Steps of the trainer's own lanes, and those of the tensor environment with the same draws."""
     from npend_gym.rl.training.shac import Settings
