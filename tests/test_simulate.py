@@ -180,32 +180,19 @@ def test_names_of_files_that_promise_another_form_are_refused(uneven, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "message"),
+    ("change", "message"),
     [
-        ({"chain": 3}, TypeError, "chain must be"),
-        ({"theta": [1.0, 2.0]}, ValueError, r"theta must be one number or .* \(4,\)"),
-        ({"theta": "111"}, TypeError, "theta must hold real numbers"),
-        ({"theta": [1.0, [2.0]]}, ValueError, "theta must be"),
-        ({"omega": np.nan}, ValueError, "omega must be finite"),
-        ({"times": [0.0, 0.0]}, ValueError, "times must be a list of increasing"),
-        ({"times": [1.0, 0.0]}, ValueError, "times must be"),
-        ({"times": []}, ValueError, "times must"),
-        ({"times": 1.0}, ValueError, "times must be"),
-        ({"torque": [1.0]}, ValueError, "torque must be"),
-        ({"torque": True}, TypeError, "torque must hold"),
-        ({"method": "euler"}, ValueError, "method must be one of dop853, rk4"),
-        ({"method": "rk4"}, ValueError, "dt must be given"),
-        ({"method": "rk4", "dt": 0.0}, ValueError, "dt must be greater than zero"),
-        ({"method": "rk4", "dt": True}, TypeError, "dt must be a real number"),
-        ({"dt": 0.0}, ValueError, "dt must be"),
-        ({"rtol": 0.0}, ValueError, "rtol must be at least 1e-14"),
-        ({"rtol": 1e-15}, ValueError, "rtol must be at least 1e-14"),
-        ({"atol": -1.0}, ValueError, "atol must be greater"),
+        ({"method": "rk4"}, "dt must be given"),
+        ({"dt": 0.0}, "dt must be"),
+        ({"method": "euler"}, "method must be one of dop853, rk4"),
+        ({"times": [0.0, 0.0]}, "times must be a list of increasing"),
+        ({"theta": [1.0, 2.0]}, r"theta must be one number or .* \(4,\)"),
+        ({"rtol": 1e-15}, "rtol must be at least 1e-14"),
     ],
 )
-def test_bad_arguments_are_refused_by_name(uneven, change, error, message):
+def test_bad_arguments_are_refused_with_their_rule(uneven, change, message):
     arguments = {"chain": uneven, "theta": 0.1, "omega": 0.0, "times": [0.0, 1.0]} | change
-    with pytest.raises(error, match=message):
+    with pytest.raises(ValueError, match=message):
         simulate(**arguments)
 
 
