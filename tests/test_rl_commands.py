@@ -63,10 +63,14 @@ def test_evaluate_tells_what_evaluate_and_robustness_return(trained, tmp_path, c
     assert json.loads((tmp_path / "evaluation.json").read_text())["evaluation"]["episodes"] == 5
 
 
-def test_evaluate_takes_controllers_by_name_and_prints_the_scores(capsys):
+def test_evaluate_takes_controllers_by_name(capsys):
     arguments = ["--controller", "LQR", "--task", "balance-2", "--episodes", "10"]
     assert main(["evaluate", *arguments, "--env", "max_episode_steps=300"]) == 0
     assert "success  10/10 = 100.0%" in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_evaluate_prints_the_scores(capsys):
     assert main(["evaluate", "swingup-1", "--episodes", "5", "--scores"]) == 0
     printed = capsys.readouterr().out
     assert "performance 0.58" in printed
