@@ -115,7 +115,8 @@ def digest_of_training(name):
 
 
 @pytest.mark.skipif(os.cpu_count() == 1, reason="one core has one thread in any case")
-@pytest.mark.parametrize("name", ["shac", pytest.param("imitation", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", SHORT)
 def test_one_seed_gives_the_same_policy_with_any_number_of_threads(name):
     threads, one = {"OMP_NUM_THREADS": str(os.cpu_count())}, torch.get_num_threads()
     code = f"from test_rl_training import digest_of_training; print(digest_of_training({name!r}))"
