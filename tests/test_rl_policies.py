@@ -146,22 +146,39 @@ def test_a_file_that_would_fill_the_memory_is_refused_before_it_is_unpacked(tmp_
         Policy.load(tmp_path / "a.npz")
 
 
+def filled(value, *shape):
+    return np.full(shape, value, np.float32)
+
+
+HUGE = 3e38
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"scale": None}, "it holds"),
-        ({"extra": np.ones(3, np.float32)}, "it holds"),
-        ({"scale": np.ones(5, np.float32)}, r"for inputs of shape \(5,\)"),
-        ({"bias1": np.ones((4, 1), np.float32)}, "biases of shape"),
+        ({"extra": filled(1.0, 3)}, "it holds"),
+        ({"scale": filled(1.0, 5)}, r"for inputs of shape \(5,\)"),
+        ({"scale": np.float32(1.0)}, r"scale of shape \(\)"),
+        ({"scale": filled(1.0, 0)}, r"scale of shape \(0,\)"),
+        ({"scale": filled(1.0, 1, 1, 6)}, r"scale of shape \(1, 1, 6\)"),
+        ({"bias1": filled(1.0, 4, 1)}, "biases of shape"),
+        ({"bias2": np.float32(0.0)}, r"bias2 of shape \(\)"),
+        ({"bias2": filled(0.0, 0), "weight2": filled(0.5, 0, 4)}, r"shape \(0"),
         ({"bias1": np.ones(4)}, "finite float32"),
-        ({"bias1": np.full(4, np.nan, np.float32)}, "finite float32"),
+        ({"bias1": filled(np.nan, 4)}, "finite float32"),
+        ({"scale": filled(0.0, 6)}, "overflow"),
+        ({"scale": filled(1e-40, 6)}, "overflow"),
+        ({"weight0": filled(HUGE, 4, 6)}, "overflow"),
+        ({"weight2": filled(HUGE, 1, 4)}, "overflow"),
+        ({"bias2": filled(HUGE, 1), "weight2": filled(HUGE / 4.0, 1, 4)}, "overflow"),
         ({"about": np.array(["{}", "{}"])}, "must be one text"),
         ({"about": np.zeros(3, np.uint8)}, "must be one text"),
     ],
 )
-def test_arrays_that_do_not_form_a_network_are_refused(changes, message, tmp_path):
+def test_arrays_that_do_not_form_a_network_or_overflow_are_refused(changes, message, tmp_path):
     save_changed(small_policy(), tmp_path / "a.npz", **changes)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=rf"a\.npz (is no|does not describe a) policy.*{message}"):
         Policy.load(tmp_path / "a.npz")
 
 
