@@ -1,4 +1,4 @@
-"""The small pieces that several rooms share: extras, provenance, fits, models."""
+"""The small pieces that several rooms share: extras, provenance, fits."""
 
 import json
 import platform
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import npend_gym
-from npend_gym import Chain, theory
 from npend_gym._extras import require
 from npend_gym._provenance import provenance
 from npend_gym.experiments import power_law
@@ -47,13 +46,3 @@ def test_confidence_intervals_hold_the_truth_as_often_as_they_say():
     fits = [power_law(x, x**0.5 * np.exp(0.1 * rng.normal(size=8))) for _ in range(400)]
     held = np.mean([abs(fit.value - 0.5) <= fit.error for fit in fits])
     assert held == pytest.approx(0.95, abs=0.03)
-
-
-def test_the_corrected_model_of_several_angles_has_their_mean_correction():
-    chain, angles = Chain.uniform(3), [0.3, -0.6]
-    each = [theory.models(chain, angle).corrected for angle in angles]
-    assert theory.models(chain, angles).corrected == pytest.approx(np.mean(each), rel=1e-14)
-
-
-def test_without_gravity_no_model_has_a_period():
-    assert np.isnan(theory.models(Chain.uniform(2, gravity=0.0), 0.7)).all()
