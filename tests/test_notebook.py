@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from accessibility import grave_findings
 from PIL import Image
-from scripts import run_python
 
 from npend_gym import Chain, simulate
 
@@ -149,11 +148,3 @@ def test_any_chain_draws_itself_within_its_frame(chain):
         assert np.all((values > 0.0) & (values < limit))
     assert shown.count("<circle") <= 202
     assert len(shown) < 60_000
-
-
-def test_physics_loads_nothing_that_draws_before_it_is_asked():
-    code = (
-        "import sys; from npend_gym import Chain, Trajectory; Chain.uniform(2); "
-        "print([m for m in sys.modules if 'matplotlib' in m or m.startswith('npend_gym.report')])"
-    )
-    assert run_python("-c", code) == "[]\n"

@@ -1,7 +1,6 @@
 """The package as a whole: what an import brings in, and the same bits everywhere."""
 
 import ast
-import hashlib
 import inspect
 import json
 import os
@@ -12,12 +11,10 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-import gymnasium as gym
-import numpy as np
 import pytest
+from scripts import run_python
 
 import npend_gym
-from npend_gym import Chain, pseudo_periods, simulate
 from npend_gym.compiled import notice
 from npend_gym.compiled.jit import PACKAGE, cache_folder
 
@@ -29,13 +26,7 @@ HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 
 
 def python(code, **environment):
-    return subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | environment,
-    ).stdout.strip()
+    return run_python("-c", code, env=os.environ | environment).strip()
 
 
 def test_importing_the_faces_imports_nothing_heavy():
@@ -92,6 +83,7 @@ def test_without_the_extras_each_command_works_or_names_the_one_it_needs(
     command, extra, without_extras
 ):
     code, error, wrote = without_extras[command]
+    error = re.sub(r"^release \d+\n", "", error)  # how far a slow machine is
     assert code == (0 if wrote else 1), error
     if extra is None:
         assert error == ""
@@ -132,24 +124,6 @@ def test_what_the_physics_offers_takes_at_most_twelve_arguments_but_simulate():
     assert {name for name, count in counts.items() if count > 12} == {"simulate"}
 
 
-def test_machine_code_is_kept_apart_for_every_state_of_the_sources(tmp_path):
-    package = tmp_path / "named"
-    (package / "compiled").mkdir(parents=True)
-    (package / "a.py").write_text("TILE = 16")
-    (package / "__init__.pyi").write_text("from named.a import TILE as TILE")
-    kernels = "from named import TILE\nfrom named.compiled.jit import kernel"
-    (package / "compiled" / "b.py").write_text(kernels)
-    (package / "compiled" / "other.py").write_text("")
-    before = cache_folder(package, "")
-    assert before.parent == package / "__pycache__"
-    assert cache_folder(package, "") == before
-    (package / "compiled" / "other.py").write_text("TILE = 32")
-    assert cache_folder(package, "") == before
-    (package / "a.py").write_text("TILE = 32")
-    assert cache_folder(package, "") != before
-    assert cache_folder(package, "/elsewhere").parent == Path("/elsewhere")
-
-
 LOADED = """
 import sys
 import npend_gym
@@ -173,7 +147,8 @@ def defines_kernels(file):
     )
 
 
-def test_a_change_of_any_module_that_kernels_can_read_makes_new_machine_code(tmp_path):
+@pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.long)])
+def test_a_change_of_any_module_that_kernels_can_read_makes_new_machine_code(every, tmp_path):
     package = tmp_path / "npend_gym"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__", "pretrained"))
     modules = [
@@ -182,11 +157,10 @@ def test_a_change_of_any_module_that_kernels_can_read_makes_new_machine_code(tmp
         if defines_kernels(file)
     ]
     assert "npend_gym.physics.kernels.dynamics" in modules
-    command = [sys.executable, "-c", LOADED, *modules]
-    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    loaded = run_python("-c", LOADED, *modules).split()
     assert set(modules) < set(loaded)  # what Python imported for them is all that they can read
     before, without_effect = cache_folder(package, ""), []
-    for name in loaded:
+    for name in loaded[::every]:
         file = tmp_path.joinpath(*name.split(".")).with_suffix(".py")
         original = file.read_bytes()
         file.write_bytes(original + b"CHANGED = 1\n")
@@ -194,7 +168,9 @@ def test_a_change_of_any_module_that_kernels_can_read_makes_new_machine_code(tmp
             without_effect.append(name)
         file.write_bytes(original)
     assert without_effect == []
+    (package / "cli" / "train.py").write_text("CHANGED = 1")  # which no kernel can read
     assert cache_folder(package, "") == before
+    assert cache_folder(package, "/elsewhere") == Path("/elsewhere") / before.name
 
 
 def test_a_read_only_installation_compiles_into_the_users_cache(tmp_path, monkeypatch):
@@ -236,44 +212,13 @@ def test_the_announcement_is_for_terminals_and_notebooks_unless_it_is_hidden(mon
     assert not notice.somebody_waits()
 
 
-def fingerprint():
-    """Return a digest of every bit of some motions: both methods, events, torque, damping."""
-    chain = Chain(np.linspace(1.0, 2.0, 7), np.linspace(1.0, 0.5, 7), damping=0.01)
-    times = np.linspace(0.0, 3.0, 31)
-    torque = np.linspace(3.0, -1.0, 7)
-    digest = hashlib.sha256()
-    for options in ({}, {"method": "rk4", "dt": 0.01}):
-        path = simulate(chain, 1.2, 0.3, times, torque=torque, **options)
-        digest.update(path.theta.tobytes() + path.omega.tobytes())
-    for reading in ("bob", "link", "height"):
-        digest.update(pseudo_periods(Chain.uniform(5), 0.7, reading=reading).tobytes())
-    for mode in ("passive", "swingup", "balance", "calm"):
-        env = gym.make_vec("NPendulum-v0", num_envs=3, n=3, mode=mode, max_episode_steps=40)
-        env.reset(seed=1)
-        env.action_space.seed(1)
-        for _ in range(100):
-            seen = env.step(env.action_space.sample())
-            digest.update(seen[0].tobytes() + seen[1].tobytes() + seen[4]["energy"].tobytes())
-    return digest.hexdigest()
-
-
-GOLDEN = "6f4834b5477bcdcaa3aad1f86fec8323fad2c85dcd764f8a3eb9999a946753db"
-
-
-def test_results_are_the_same_bits_on_every_machine():
-    assert fingerprint() == GOLDEN
-
-
 @pytest.mark.long
 def test_results_are_the_same_bits_when_compiled_for_the_plainest_processor(tmp_path):
-    code = "from test_package import fingerprint; print(fingerprint())"
-    environment = {
-        "NUMBA_CPU_NAME": "generic",
-        "NUMBA_CPU_FEATURES": "",
-        "NUMBA_CACHE_DIR": str(tmp_path),
-        "PYTHONPATH": str(Path(__file__).parent),
-    }
-    assert python(code, **environment) == fingerprint()
+    plain = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    plain |= {"NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-m", "npend_gym", "verify"]  # compares with the digests
+    done = subprocess.run(command, env=os.environ | plain, capture_output=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_a_name_that_a_package_lacks_is_answered_with_where_it_stands():

@@ -120,9 +120,9 @@ def test_the_page_of_the_command_line_has_every_command():
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("npend rel", {"release "}),
+        pytest.param("npend rel", {"release "}, marks=pytest.mark.long),
         ("npend release --am", {"--amplitude "}),
-        ("npend chaos m", {"map "}),
+        pytest.param("npend chaos m", {"map "}, marks=pytest.mark.long),
     ],
 )
 def test_the_shell_completes_commands_options_and_choices(line, expected, tmp_path):
@@ -135,11 +135,3 @@ def test_the_shell_completes_commands_options_and_choices(line, expected, tmp_pa
     }  # fmt: skip
     run_python("-m", "npend_gym", env=os.environ | asked)
     assert set(out.read_text().split("\n")) == expected
-
-
-def test_completion_imports_nothing_heavy():
-    code = (
-        "import sys; from npend_gym.cli import parsers; [c.load() for c in parsers()[1].values()]; "
-        "print([m for m in ('numba', 'scipy', 'matplotlib', 'torch') if m in sys.modules])"
-    )
-    assert run_python("-c", code) == "[]\n"

@@ -8,26 +8,21 @@ from npend_gym import Chain, pseudo_periods, simulate, theory
 
 
 @pytest.mark.parametrize(
-    ("theta0", "reading"),
-    [(0.01, "bob"), (np.pi / 4, "bob"), (1.5, "bob"), (-np.pi / 4, "bob"), (0.01, "link"),
-     (-np.pi / 4, "com"), (1.2, "com"),
-     (np.pi / 4, "link"), (-1.5, "link"), (3.0, "link")],
-)  # fmt: skip
-def test_one_pendulum_has_the_period_of_the_elliptic_integral(reading, theta0):
-    expected = theory.pendulum_period(theta0)
+    ("reading", "theta0", "share"),
+    [
+        *(("bob", theta0, 1.0) for theta0 in (0.01, np.pi / 4, 1.5, -np.pi / 4)),
+        *(("link", theta0, 1.0) for theta0 in (0.01, np.pi / 4, -1.5, 3.0)),
+        *(("com", theta0, 1.0) for theta0 in (-np.pi / 4, 1.2)),
+        ("height", np.pi / 4, 0.5),
+        # beyond a right angle it moves outwards first; twice reversed, back outwards, when it
+        # stops on the far side
+        ("bob", 3.0, 0.5),
+    ],
+)
+def test_one_pendulum_has_the_period_of_the_elliptic_integral(reading, theta0, share):
+    expected = share * theory.pendulum_period(theta0)
     measured = pseudo_periods(Chain.uniform(1), theta0, reading=reading)
     np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
-
-
-def test_beyond_a_right_angle_a_bob_reverses_more_often_than_its_rod():
-    # it moves outwards first; twice reversed, back outwards, when it stops on the far side
-    measured = pseudo_periods(Chain.uniform(1), 3.0)
-    np.testing.assert_allclose(measured, theory.pendulum_period(3.0) / 2, atol=1e-8)
-
-
-def test_one_pendulum_is_back_at_its_height_after_half_a_period():
-    measured = pseudo_periods(Chain.uniform(1), np.pi / 4, reading="height")
-    np.testing.assert_allclose(measured, theory.pendulum_period(np.pi / 4) / 2, atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -69,13 +64,18 @@ def by_frames(chain, theta, reading, duration, dt=1e-3):
     return periods
 
 
-@pytest.mark.parametrize("reading", ["bob", "link"])
-@pytest.mark.parametrize("n", [2, 5, 12])
-def test_turning_points_are_those_seen_by_close_frames(n, reading):
-    chain = Chain.uniform(n)
-    expected = by_frames(chain, 0.6, reading, 12.0)
-    measured = pseudo_periods(chain, 0.6, reading=reading, duration=11.9)
+@pytest.mark.parametrize(
+    ("reading", "chain", "start"),
+    [
+        *((reading, Chain.uniform(n), 0.6) for reading in ("bob", "link") for n in (2, 5, 12)),
+        ("bob", Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3]), [0.5, 0.4, 0.6, 0.3]),
+    ],
+)
+def test_turning_points_are_those_seen_by_close_frames(reading, chain, start):
+    expected = by_frames(chain, start, reading, 12.0)
+    measured = pseudo_periods(chain, start, reading=reading, duration=11.9)
     np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
+    assert np.isfinite(measured).sum() >= min(chain.n, 4)
 
 
 def com_by_frames(chain, start, duration, **options):
@@ -92,27 +92,26 @@ def com_by_frames(chain, start, duration, **options):
 
 
 @pytest.mark.parametrize(
-    "chain",
+    ("chain", "start"),
     [
-        Chain([1.0, 0.4, 2.0], [0.6, 1.0, 0.8]),
+        (Chain([1.0, 0.4, 2.0], [0.6, 1.0, 0.8]), [0.5, 0.4, 0.6]),
         pytest.param(
-            Chain.rods([1.0, 0.4, 2.0], [0.6, 1.0, 0.8], friction=0.01), marks=pytest.mark.long
+            Chain.rods([1.0, 0.4, 2.0], [0.6, 1.0, 0.8], friction=0.01),
+            [0.5, 0.4, 0.6],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            Chain([1.0, 0.4], [0.6, 1.0], stiffness=60.0, axial_damping=0.5),
+            0.5,
+            marks=pytest.mark.long,
         ),
     ],
+    ids=["bobs", "links", "springs"],
 )
-def test_the_centre_of_mass_turns_when_its_place_is_extreme(chain):
-    start = np.array([0.5, 0.4, 0.6])
+def test_the_centre_of_mass_turns_when_its_place_is_extreme(chain, start):
     periods = pseudo_periods(chain, start, reading="com")
     assert np.ptp(periods) == 0.0
     assert periods[0] == pytest.approx(com_by_frames(chain, start, 5.0), abs=1e-7)
-
-
-@pytest.mark.long
-def test_the_centre_of_mass_on_springs_turns_when_its_place_is_extreme():
-    chain = Chain([1.0, 0.4], [0.6, 1.0], stiffness=60.0, axial_damping=0.5)
-    period = pseudo_periods(chain, 0.5, reading="com")
-    expected = com_by_frames(chain, 0.5, 5.0)
-    np.testing.assert_allclose(period, expected, rtol=0, atol=1e-7)
 
 
 def test_a_chain_has_one_period_of_its_centre_of_mass_in_every_release():
@@ -122,14 +121,6 @@ def test_a_chain_has_one_period_of_its_centre_of_mass_in_every_release():
     assert not np.ptp(periods, axis=1).any()
     assert np.all(np.diff(periods[:, 0]) > 0.0)
     assert np.isnan(pseudo_periods(Chain.uniform(4), 0.5, reading="com", duration=1.0)).all()
-
-
-def test_unequal_chain_agrees_with_close_frames(uneven):
-    start = np.array([0.5, 0.4, 0.6, 0.3])
-    expected = by_frames(uneven, start, "bob", 10.0)
-    measured = pseudo_periods(uneven, start, duration=9.9)
-    assert np.isfinite(measured).all()
-    np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
 
 
 def test_height_is_reached_again_at_the_reported_instant_and_not_before():
@@ -196,38 +187,29 @@ def test_lengths_and_gravity_scale_time():
     np.testing.assert_allclose(scaled, 2.0 * base, rtol=1e-8)
 
 
-def test_zero_gravity_at_rest_never_completes():
-    assert np.isnan(pseudo_periods(Chain.uniform(3, gravity=0.0), 0.5)).all()
-
-
-def test_overdamped_chain_never_completes():
-    assert np.isnan(pseudo_periods(Chain.uniform(2, damping=100.0), 0.5)).all()
+@pytest.mark.parametrize(
+    "chain", [Chain.uniform(3, gravity=0.0), Chain.uniform(2, damping=100.0)], ids=["free", "stiff"]
+)
+def test_a_chain_without_gravity_or_overdamped_never_completes(chain):
+    assert np.isnan(pseudo_periods(chain, 0.5)).all()
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "message"),
+    ("change", "message"),
     [
-        ({"chain": None}, TypeError, "chain must be"),
-        ({"theta": [0.1]}, ValueError, "theta must be"),
-        ({"omega": "0"}, TypeError, "omega must hold"),
-        (
-            {"reading": "swing"},
-            ValueError,
-            "reading must be one of bob, link, height, com; got 'swing'",
-        ),
-        ({"reading": 3}, ValueError, "reading must be one of"),
-        ({"reading": "listing"}, ValueError, "is `listing_periods` in paper/estimator.py"),
-        ({"duration": 0.0}, ValueError, "duration must be greater"),
-        ({"duration": np.inf}, ValueError, "duration must be finite"),
-        ({"rtol": -1.0}, ValueError, "rtol must be at least 1e-14"),
-        ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, ValueError, "duration must be gi"),
-        ({"omega": 1e200}, ValueError, "omega must lie within"),
+        ({"reading": "swing"}, "reading must be one of bob, link, height, com; got 'swing'"),
+        ({"reading": "listing"}, "is `listing_periods` in paper/estimator.py"),
+        ({"chain": Chain.uniform(2, gravity=0.0), "omega": 1.0}, "duration must be gi"),
+        ({"omega": 1e200}, "omega must lie within"),
+        ({"theta": np.ones((3, 2)), "omega": np.ones((2, 2))}, "^omega must"),
+        ({"theta": np.ones((3, 3))}, "^theta must"),
+        ({"theta": np.ones((0, 2))}, "^theta must"),
+        ({"theta": np.ones((2, 2, 2))}, "^theta must"),
     ],
 )
-def test_bad_arguments_are_refused_by_name(change, error, message):
-    arguments = {"chain": Chain.uniform(2), "theta": 0.1} | change
-    with pytest.raises(error, match=message):
-        pseudo_periods(**arguments)
+def test_bad_arguments_are_refused_with_their_rule(change, message):
+    with pytest.raises(ValueError, match=message):
+        pseudo_periods(**{"chain": Chain.uniform(2), "theta": 0.1} | change)
 
 
 @pytest.mark.parametrize("reading", ["bob", "link", "height", "com"])
@@ -241,27 +223,6 @@ def test_many_releases_have_the_bits_of_each_alone(uneven, reading, count):
     for k in range(count):
         alone = pseudo_periods(uneven, theta[k], omega[k], **options)
         np.testing.assert_array_equal(together[k], alone)
-
-
-def test_one_release_more_or_less_changes_no_other(uneven):
-    theta = np.linspace(0.1, 1.4, 24)[:, None] * np.ones(uneven.n)
-    np.testing.assert_array_equal(
-        pseudo_periods(uneven, theta)[:18], pseudo_periods(uneven, theta[:18])
-    )
-
-
-@pytest.mark.parametrize(
-    ("theta", "omega", "name"),
-    [
-        (np.ones((3, 4)), np.ones((2, 4)), "omega"),
-        (np.ones((3, 5)), 0.0, "theta"),
-        (np.ones((0, 4)), 0.0, "theta"),
-        (np.ones((2, 2, 4)), 0.0, "theta"),
-    ],
-)
-def test_releases_of_other_shapes_are_refused_by_name(uneven, theta, omega, name):
-    with pytest.raises(ValueError, match=f"^{name} must"):
-        pseudo_periods(uneven, theta, omega)
 
 
 def test_degrees_are_not_taken_for_radians():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from scripts import run_uncompiled
 
 from npend_gym._streams import Purpose
 from npend_gym.compiled.jit import kernel
@@ -96,12 +95,3 @@ def test_the_key_of_a_seed_is_the_seed_itself_or_its_pieces_combined():
 def test_a_seed_that_is_none_is_refused_by_name(seed, error):
     with pytest.raises(error, match="seed must be"):
         key_of(seed)
-
-
-def test_the_words_are_the_same_without_compilation():
-    code = (
-        "from npend_gym.compiled.philox import keys_of, first_units\n"
-        "print(*first_units(keys_of(2**64 - 2, 4), 5, 3, 2))"
-    )
-    found = run_uncompiled(code)
-    np.testing.assert_array_equal(found, first_units(keys_of(2**64 - 2, 4), 5, 3, 2))

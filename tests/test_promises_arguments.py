@@ -1,15 +1,14 @@
 """Bad arguments are refused at once, by name, before anything large is made."""
 
-import itertools
 import time
 import tracemalloc
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from lanes import assert_same
 
 from npend_gym import Cart, Chain, physics, pseudo_periods, simulate, theory
-from npend_gym.cli import main
 from npend_gym.envs import NPendulumEnv, NPendulumVectorEnv
 
 ENORMOUS = 10**400
@@ -124,7 +123,9 @@ def test_a_bad_value_is_refused_by_name_at_once_and_without_memory(call, name, v
     try:
         for value in values:
             began = time.process_time()
-            with pytest.raises((ValueError, TypeError), match=rf"\b{name}\b"):
+            with pytest.raises(
+                (ValueError, TypeError), match=rf"\b{name}\b.* must|must.*\b{name}\b"
+            ):
                 call(**{name: value})
             assert time.process_time() - began < 5.0
         assert tracemalloc.get_traced_memory()[1] < 100e6
@@ -135,7 +136,7 @@ def test_a_bad_value_is_refused_by_name_at_once_and_without_memory(call, name, v
 @pytest.mark.parametrize(
     ("make", "name"),
     [
-        (lambda: NPendulumVectorEnv(10**7, n=10**6), "num_envs"),
+        (lambda: NPendulumVectorEnv(10**7, n=10**5), "num_envs"),
         (lambda: trajectory(chain=Chain.uniform(10**6), times=np.arange(1e5)), "times"),
         (lambda: theory.normal_modes(Chain.uniform(10**6)), "n"),
         (lambda: theory.amplitude_correction(0.1, 10**9), "terms"),
@@ -180,13 +181,9 @@ LINES = [
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda line: line[:32])
-def test_the_command_line_refuses_in_one_line(line, capsys):
+def test_the_command_line_refuses_in_one_line(line, refusal):
     arguments = [part.strip('"') for part in line.split(" ")]
-    with pytest.raises(SystemExit) as left:
-        main(arguments)
-    assert left.value.code == 2
-    complaint = capsys.readouterr().err
-    assert len(complaint.strip().splitlines()) == 1
+    complaint = refusal(*arguments)
     named = {"n": r"n_values|\bn\b", "jsn": "jsn"}.get(arguments[1][2:], arguments[1][2:])
     assert any(name in complaint for name in (named, named.replace("-", "_"), " n ", "--n"))
 
@@ -213,8 +210,7 @@ def test_a_bad_action_changes_neither_state_nor_generator_nor_another_lane(bad):
         batched = bad if env.action_space.shape == (2,) else [bad, good[1], good[2]]
         with pytest.raises((ValueError, TypeError), match=r"\baction\b"):
             env.step(batched)
-        for mine, its in itertools.zip_longest(env.step(good)[:4], twin.step(good)[:4]):
-            np.testing.assert_array_equal(mine, its)
+        assert_same(env.step(good)[:4], twin.step(good)[:4])
         np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
 
 
@@ -258,8 +254,7 @@ def test_a_refused_call_makes_no_legal_one_fail_and_changes_no_bit(mode, vector)
         with pytest.raises((TypeError, ValueError), match=r"seed|options|state|action"):
             call()
         action = env.action_space.sample()
-        for mine, its in zip(env.step(action)[:4], twin.step(action)[:4], strict=True):
-            np.testing.assert_array_equal(mine, its)
+        assert_same(env.step(action)[:4], twin.step(action)[:4])
     assert env.get_state().tobytes() == twin.get_state().tobytes()
     for each in (env, twin):
         each.close()

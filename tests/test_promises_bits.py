@@ -4,12 +4,13 @@ import hashlib
 import json
 import multiprocessing
 import os
-import subprocess
 import sys
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from lanes import assert_same
+from scripts import run_python
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, digests, simulate
@@ -60,26 +61,18 @@ def test_a_lane_is_the_single_env_whatever_stands_beside_it(alone, num_envs, thr
     assert episodes(num_envs, threads, first=lane) == alone
 
 
-@pytest.mark.parametrize(
-    ("flags", "environment"),
-    [
-        ([], {"PYTHONHASHSEED": "1", "LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"}),
-        (["-O"], {"PYTHONHASHSEED": "77", "OMP_NUM_THREADS": "8", "NUMBA_NUM_THREADS": "2"}),
-    ],
-)
-def test_another_process_computes_the_same(alone, flags, environment):
+@pytest.mark.parametrize("flags", [[], pytest.param(["-O"], marks=pytest.mark.long)])
+def test_another_process_computes_the_same_whatever_its_settings(alone, flags):
     code = "import test_promises_bits as t; print(t.episodes())"
-    done = subprocess.run(
-        [sys.executable, *flags, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=os.environ | environment | {"PYTHONPATH": os.pathsep.join(["tests", *sys.path])},
-    )
-    assert done.stdout.strip() == alone
+    settings = {"PYTHONHASHSEED": "77", "LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"}
+    settings |= {"OMP_NUM_THREADS": "8", "NUMBA_NUM_THREADS": "2"}
+    settings["PYTHONPATH"] = os.pathsep.join(["tests", *sys.path])
+    assert run_python(*flags, "-c", code, env=os.environ | settings).strip() == alone
 
 
-@pytest.mark.parametrize("way", ["fork", "spawn", "forkserver"])
+@pytest.mark.parametrize(
+    "way", ["fork", "spawn", pytest.param("forkserver", marks=pytest.mark.long)]
+)
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
 def test_however_a_worker_is_begun_it_computes_the_same(alone, way):
     if way not in multiprocessing.get_all_start_methods():
@@ -104,13 +97,22 @@ def test_a_step_taken_in_pieces_is_the_same_step(monkeypatch, mode, threads):
 
     whole = run()
     monkeypatch.setattr(memory, "_RODS_PER_CALL", 2 * 3 * 16)  # two substeps of a group
-    for ours, pieced in zip(whole, run(), strict=True):
-        for a, b in zip(ours, pieced, strict=True):
-            np.testing.assert_array_equal(a, b)
+    assert_same(whole, run())
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.003}])
-@pytest.mark.parametrize("starts", [(4,), (2, 4)], ids=["one motion", "two side by side"])
+RK4 = {"method": "rk4", "dt": 0.003}
+
+
+@pytest.mark.parametrize(
+    ("options", "starts"),
+    [
+        pytest.param({}, (4,), id="one motion"),
+        pytest.param(RK4, (4,), id="one motion of rk4"),
+        pytest.param({}, (2, 4), id="two side by side"),
+        # kernels of their own take long to compile
+        pytest.param(RK4, (2, 4), id="two side by side of rk4", marks=pytest.mark.long),
+    ],
+)
 def test_a_trajectory_computed_in_pieces_is_the_same_trajectory(
     monkeypatch, uneven, options, starts
 ):
@@ -128,8 +130,7 @@ def test_positions_and_energies_do_not_depend_on_numpys_sine(monkeypatch):
     before = path.positions(), path.velocities(), path.energy()
     monkeypatch.setattr(np, "sin", None)
     monkeypatch.setattr(np, "cos", None)
-    for a, b in zip(before, (path.positions(), path.velocities(), path.energy()), strict=True):
-        np.testing.assert_array_equal(a, b)
+    assert_same(before, (path.positions(), path.velocities(), path.energy()))
 
 
 def test_this_machine_meets_the_committed_digests(capsys):

@@ -44,10 +44,10 @@ def test_a_file_cut_anywhere_is_refused_by_its_path(file):
             Trajectory.load(file)
 
 
-def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_read(path, file):
+def test_of_hundreds_of_flipped_bits_each_is_refused_or_changes_nothing_that_is_read(path, file):
     whole, rng = file.read_bytes(), np.random.default_rng(0)
     refused = 0
-    for damaged in flipped(whole, rng.choice(8 * len(whole), 1000, replace=False).tolist()):
+    for damaged in flipped(whole, rng.choice(8 * len(whole), 300, replace=False).tolist()):
         file.write_bytes(damaged)
         try:
             read = Trajectory.load(file)
@@ -55,7 +55,7 @@ def test_of_a_thousand_flipped_bits_each_is_refused_or_changes_nothing_that_is_r
             refused += 1
         else:
             assert same(read, path)  # a date of the archive, say
-    assert refused > 800
+    assert refused > 240
 
 
 def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
@@ -70,7 +70,7 @@ def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
         file.write_bytes(whole[: len(whole) * percent // 100])
         with pytest.raises(ValueError, match=r"a\.npz is no policy"):
             Policy.load(file)
-    for damaged in flipped(whole, rng.choice(8 * len(whole), 300, replace=False).tolist()):
+    for damaged in flipped(whole, rng.choice(8 * len(whole), 150, replace=False).tolist()):
         file.write_bytes(damaged)
         try:
             read = Policy.load(file)
@@ -80,10 +80,6 @@ def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
             read.weights + read.biases, policy.weights + policy.biases, strict=True
         ):
             np.testing.assert_array_equal(mine, its)
-    file.write_bytes(whole)
-    rewritten(file, about=np.array('{"env": '))
-    with pytest.raises(ValueError, match=r"a\.npz does not describe a policy"):
-        Policy.load(file)
 
 
 @pytest.mark.parametrize(
@@ -110,15 +106,22 @@ def rewritten(file, **change):
     np.savez(file, **arrays)
 
 
-ABOUT = {"chain": {"masses": [1, 1], "lengths": 1}, "provenance": {}}
+TWO_RODS = {"masses": [1, 1], "lengths": 1}
 RECIPE = {
     "method": "rk4", "settings": {"dt": 0.1}, "torque": [0.0, 0.0], "force": 0.0,
     "pivot_acceleration": None,
 }  # fmt: skip
 
 
+def about(chain=TWO_RODS, provenance=None, **recipe):
+    """Return the text in an archive, with a recipe that is changed."""
+    described = {"chain": chain, "provenance": {} if provenance is None else provenance}
+    described |= {"recipe": RECIPE | recipe} if recipe else {}
+    return {"about": np.array(json.dumps(described))}
+
+
 def test_an_archive_that_tells_how_it_was_made_is_read(file):
-    rewritten(file, about=np.array(json.dumps(ABOUT | {"recipe": RECIPE})))
+    rewritten(file, **about(force=0.0))
     assert Trajectory.load(file).recipe.settings == {"dt": 0.1}
 
 
@@ -130,38 +133,23 @@ def test_an_archive_that_tells_how_it_was_made_is_read(file):
         {"omega": np.full((30, 2), np.nan)},
         {"theta": np.array([["a"] * 2] * 30)},
         {"theta": np.array([[None] * 2] * 30)},  # pickled
-        {"about": np.array("{}")},
-        {"about": np.array('{"chain": {"masses": [1, -1], "lengths": 1}, "provenance": {}}')},
-        {"about": np.array('{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": 3}')},
-        {"about": np.array('{"chain": {"masses": [1, 1], "lengths": 1}, "provenance": {}}')},
-        {
-            "about": np.array(
-                '{"chain": {"masses": [1, 1], "lengths": 1, "base": {"mass": -1.0}}, '
-                '"provenance": {}}'
-            )
-        },
-        {  # a cart, and no position of it
-            "about": np.array(
-                '{"chain": {"masses": [1, 1], "lengths": 1, "base": {"mass": 1.0}}, '
-                '"provenance": {}}'
-            )
-        },
         {"position": np.zeros(30), "velocity": np.zeros(30)},  # of a pivot: two numbers
         {"counts": np.zeros(2, int)},
         {"status": np.zeros(30, int)},
-        *(
-            {"about": np.array(json.dumps(ABOUT | {"recipe": RECIPE | change}))}
-            for change in (
-                {"method": "euler"},
-                {"settings": {"rtol": 0.0}},
-                {"torque": [0.0, 0.0, 0.0]},
-                {"torque": {"signal": {"times": [1.0, 0.0], "values": [0.0, 1.0]}}},
-                {"torque": {"lambda": "os.mkdir"}},
-                {"force": "strong"},
-                {"pivot_acceleration": [1.0]},
-            )
-        ),
+        {"about": np.array("{}")},
         {"about": np.array("[" * 100_000)},
+        about({"masses": [1, -1], "lengths": 1}),
+        about(provenance=3),
+        about(),
+        about(TWO_RODS | {"base": {"mass": -1.0}}),
+        about(TWO_RODS | {"base": {"mass": 1.0}}),  # a cart, and no position of it
+        about(method="euler"),
+        about(settings={"rtol": 0.0}),
+        about(torque=[0.0, 0.0, 0.0]),
+        about(torque={"signal": {"times": [1.0, 0.0], "values": [0.0, 1.0]}}),
+        about(torque={"lambda": "os.mkdir"}),
+        about(force="strong"),
+        about(pivot_acceleration=[1.0]),
     ],
 )
 def test_a_whole_archive_of_something_else_is_refused(file, change):
@@ -219,12 +207,10 @@ def test_a_fifo_or_a_folder_is_neither_read_nor_replaced(path, tmp_path):
 
 @posix
 @pytest.mark.parametrize("out", ["/dev/full", "/dev/null", "/proc/nothing", "fifo"])
-def test_results_go_to_no_device_and_no_fifo(out, tmp_path, capsys):
+def test_results_go_to_no_device_and_no_fifo(out, tmp_path, refusal):
     os.mkfifo(tmp_path / "fifo")
-    with pytest.raises(SystemExit) as left:
-        main(["release", "--n", "1", "--trials", "1", "--out", str(tmp_path / out)])
-    assert left.value.code == 2
-    assert str(tmp_path / out) in capsys.readouterr().err
+    place = str(tmp_path / out)
+    assert place in refusal("release", "--n", "1", "--trials", "1", "--out", place)
 
 
 def test_an_output_that_is_a_folder_is_a_failure_that_names_it(tmp_path, capsys):
@@ -254,13 +240,8 @@ def test_a_failed_write_names_the_path_and_keeps_what_was_there(tmp_path):
 @posix
 def test_nothing_is_lost_where_the_output_device_is_full():
     with open("/dev/full", "w") as full:  # noqa: PTH123
-        done = subprocess.run(
-            [sys.executable, "-m", "npend_gym", "examples"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
+        command = [sys.executable, "-m", "npend_gym", "examples"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert "No space left" in done.stderr
@@ -294,12 +275,8 @@ def test_a_full_disk_and_a_read_only_one_are_failures_that_keep_the_previous_res
     script = tmp_path / "npend.py"
     script.write_text(code)
     run = f"{sys.executable} {script} release --trials 1"
-    done = subprocess.run(
-        [*mounting, "sh", "-c", FULL_DISK.format(run=run), "sh", folder, manifest, errors],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [*mounting, "sh", "-c", FULL_DISK.format(run=run), "sh", folder, manifest, errors]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert json.loads(manifest.read_text())["provenance"]["arguments"]["n_values"] == [1]
     assert done.stdout.strip() in ("code 1", "code 2")

@@ -12,7 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_s
 import npend_gym  # noqa: F401 - registers the environments
 
 DECLARED = (ValueError, TypeError, RuntimeError, Error)
-CALLS = 20_000
+CALLS = 2_000  # a night makes two million
 
 DTYPES = st.sampled_from(["f2", "f4", "f8", "i1", "i8", "u1", "?", "c16", "U3", "O"])
 ODD = st.sampled_from([None, "x", b"", {}, np.nan, 10**400, [[1], 2], np.zeros((3, 3)), 1j])
@@ -167,7 +167,7 @@ def fuzz(examples, number=0, *, extras=False):
 def test_calls_in_any_order_are_answered_or_refused_as_declared():
     calls = number = 0
     while calls < CALLS:
-        calls += fuzz(50, number)
+        calls += fuzz(10, number)
         number += 1
 
 

@@ -91,22 +91,6 @@ def test_whole_turns_of_a_rod_change_nothing_but_its_angle():
     np.testing.assert_allclose(turned.positions(), path.positions(), rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("power", [-3, 1, 4])
-def test_masses_lengths_and_gravity_scale_as_their_units_do(power):
-    chain, times = uneven_chain(4), np.linspace(0.0, 4.0, 41)
-    path = simulate(chain, 1.0, 0.2, times)
-    s = 4.0**power  # a square, so that its root is exact as well
-    heavy = simulate(Chain(s * chain.masses, chain.lengths), 1.0, 0.2, times)
-    np.testing.assert_array_equal(heavy.theta, path.theta)
-    np.testing.assert_array_equal(heavy.energy(), s * path.energy())
-    both = Chain(chain.masses, s * chain.lengths, gravity=s * chain.gravity)
-    np.testing.assert_allclose(simulate(both, 1.0, 0.2, times).theta, path.theta, atol=1e-11)
-    fast = Chain(chain.masses, chain.lengths, gravity=s * chain.gravity)
-    root = 2.0**power
-    quick = simulate(fast, 1.0, 0.2 * root, times / root, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(quick.theta, path.theta, rtol=0.0, atol=1e-7)
-
-
 @pytest.mark.parametrize("ratio", [1e-12, 1e-3, 1e3, 1e12])
 @pytest.mark.parametrize("what", ["masses", "lengths"])
 def test_enormous_ratios_keep_the_energy(what, ratio):

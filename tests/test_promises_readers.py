@@ -1,6 +1,5 @@
 """Readers of files under mutated files: taken, or refused as documented, without a warning."""
 
-import importlib
 import os
 import shutil
 import subprocess
@@ -57,32 +56,6 @@ def test_mutated_files_are_taken_or_refused_as_documented(name, readers):
         data = source.send(readers[name].attempt(data))
     twin = mutants(readers[name], 0, [])
     assert list(islice(twin, 2)) == list(islice(mutants(readers[name], 0, []), 2))
-
-
-def test_the_fuzzer_finds_a_reader_that_breaks_its_promise(tmp_path, capsys, monkeypatch, readers):
-    fuzzer = importlib.import_module("fuzz_readers")
-    watch = fuzzer.Watch(tmp_path)
-    monkeypatch.setattr(fuzzer, "LONGEST", 0.05)
-    reader = readers["motion"]
-
-    def broken(read):
-        return type(reader)(reader.path, read, reader.mutate, reader.declared, reader.seeds)
-
-    def forever():
-        while True:
-            pass
-
-    assert not watch.attempt("motion", broken(lambda: {}["key"]), b"a")
-    assert not watch.attempt("motion", broken(forever), b"b")
-    monkeypatch.setattr(fuzzer, "LONGEST", 5.0)
-    monkeypatch.setattr(fuzzer, "peak_memory", lambda: watch.peak + 400.0)
-    watch.attempt("motion", broken(lambda: sum(range(2_000_000))), b"d")
-    assert not watch.attempt("motion", reader, b"c")
-    assert watch.attempt("motion", reader, reader.seeds[0])
-    assert {key.split()[1] for key in watch.found} == {"KeyError", "Hang", "MemoryError"}
-    assert len(list((tmp_path / "motion").iterdir())) == 3
-    assert "5 inputs" in watch.text(1.0)
-    assert capsys.readouterr().out.count("FOUND") == 3
 
 
 @pytest.mark.skipif(not shutil.which("bash"), reason="a script of bash")

@@ -121,16 +121,18 @@ def npend(line, *, closed="", **options):
 
 
 LINES = [
-    "--help", "--version", "examples", "release --n 1 --trials 1 --out results",
-    "release --n 1 --json", "page --n 1 --trials 1 --out a.html",
+    "examples", "--version", "--help", *(f"{name} --help" for name in COMMANDS),
+    "release --n 1 --trials 1 --out results", "release --n 1 --json",
+    "page --n 1 --trials 1 --out a.html",
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "line",
-    [*LINES[:3], *(pytest.param(line, marks=pytest.mark.long) for line in LINES[3:])]
-    + [pytest.param(f"{name} --help", marks=pytest.mark.long) for name in COMMANDS],
-)
+def first_of(lines):
+    """Return lines of which all but the first are tried in long runs alone."""
+    return [lines[0], *(pytest.param(line, marks=pytest.mark.long) for line in lines[1:])]
+
+
+@pytest.mark.parametrize("line", first_of(LINES))
 def test_closed_streams_lose_what_is_printed_and_nothing_else(line, tmp_path):
     def in_folder(name, closed):
         (tmp_path / name).mkdir()
@@ -151,7 +153,7 @@ def test_closed_streams_lose_what_is_printed_and_nothing_else(line, tmp_path):
     assert (done.returncode, done.stdout + done.stderr, written) == (1, "", files)
 
 
-@pytest.mark.parametrize("line", ["release --n 0", "fly", "release --colour red"])
+@pytest.mark.parametrize("line", first_of(["fly", "release --n 0", "release --colour red"]))
 def test_bad_arguments_are_refused_with_closed_streams_too(line):
     usual = npend(line)
     assert usual.returncode == 2
@@ -176,7 +178,7 @@ class Telling:
             print(flush=True)
 sys.meta_path.insert(0, Telling())
 """
-MOMENTS = [0.1, *(pytest.param(0.004 * 1.7**k, marks=pytest.mark.long) for k in range(12))]
+MOMENTS = first_of([0.1, *(0.004 * 1.7**k for k in range(12))])
 
 
 @pytest.mark.parametrize("seconds", MOMENTS)

@@ -4,13 +4,12 @@ import os
 import sys
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym._threads import Helpers, each_once
 from npend_gym.envs import EnvInUse, Mode
 
 LANES = 40
@@ -117,20 +116,6 @@ def test_calls_during_a_step_of_another_thread_are_refused_by_name(vector):
     assert np.all(env.reset(seed=0)[1]["time"] == 0.0)
 
 
-def test_a_deque_gives_each_part_to_one_thread():
-    parts, taken = deque(range(20_000)), [[], []]
-
-    def take(place):
-        taken[place].extend(each_once(parts))
-
-    threads = [threading.Thread(target=take, args=(place,)) for place in (0, 1)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(taken[0] + taken[1]) == list(range(20_000))
-
-
 def in_a_fork(work):
     """Return whether `work` returns True in a forked child within 60 s."""
     child = os.fork()
@@ -169,21 +154,3 @@ def test_an_environment_with_live_threads_works_after_a_fork():
 
     assert in_a_fork(step_twice)
     assert step_twice()  # here too
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_after_a_fork_helpers_start_threads_of_their_own():
-    helpers, seen = Helpers(1), []
-
-    def work(worker, _):
-        seen.append(worker)
-        time.sleep(0.3)  # until the other thread is awake
-
-    def both_work():
-        seen.clear()
-        helpers.run(work)
-        return sorted(seen) == [0, 1]
-
-    assert both_work()
-    assert in_a_fork(both_work)

@@ -66,21 +66,25 @@ def test_the_summary_compares_the_mean_with_each_model(runs):
     assert row["ideal_error"] == pytest.approx(abs(measured - row["ideal_s"]) / measured)
 
 
-def test_bobs_that_do_not_complete_are_left_out_of_the_mean():
-    plan = ReleaseExperiment(n_values=(20,), trials=1, duration=5.0)
+@pytest.mark.parametrize(
+    "plan",
+    [
+        ReleaseExperiment(n_values=(20,), trials=1, duration=5.0),
+        ReleaseExperiment(n_values=(2,), trials=1, gravity=0.0),
+    ],
+    ids=["not yet", "never"],
+)
+def test_bobs_that_do_not_complete_are_left_out_of_the_mean(plan):
     (run,) = run_release(plan)
     done = run.periods[np.isfinite(run.periods)]
-    assert 0 < done.size < 20
+    assert (done.size > 0) == (plan.gravity > 0.0)
+    assert done.size < run.n
     (row,) = summary_rows(plan, [run])
-    assert row["measured_s"] == pytest.approx(done.mean())
     assert row["completed"] == done.size
-    assert f"{done.size}/20" in report.summary_text(plan, [run])
-
-
-def test_without_a_completed_bob_the_table_shows_dashes():
-    plan = ReleaseExperiment(n_values=(2,), trials=1, gravity=0.0)
-    text = report.summary_text(plan, run_release(plan))
-    assert "0/2" in text
+    if done.size:
+        assert row["measured_s"] == pytest.approx(done.mean())
+    text = report.summary_text(plan, [run])
+    assert f"{done.size}/{run.n}" in text
     assert "nan" not in text
 
 
@@ -113,26 +117,17 @@ def test_files_hold_the_measured_values_and_the_manifest_their_provenance(runs, 
 
 
 def test_figures_show_every_release(runs):
-    from npend_gym.report import release_figures
+    from npend_gym.report.release_figures import period_against_n, period_of_each_bob
 
-    first = release_figures.period_against_n(SMALL, runs)
-    (axes,) = first.axes
+    (axes,) = period_against_n(SMALL, runs).axes
     drawn = [line.get_ydata() for line in axes.lines if line.get_marker() == "o"]
     assert [run.mean for run in runs] == [y[0] for y in drawn if len(y)]
-    second = release_figures.period_of_each_bob(SMALL, runs)
-    assert [axes.get_title() for axes in second.axes] == [
-        "N = 2: 4 of 4 completed",
-        "N = 5: 10 of 10 completed",
-    ]
-
-
-def test_per_rod_chains_and_many_trials_can_be_drawn():
-    from npend_gym.report import release_figures
-
+    titles = [axes.get_title() for axes in period_of_each_bob(SMALL, runs).axes]
+    assert titles == ["N = 2: 4 of 4 completed", "N = 5: 10 of 10 completed"]
     plan = ReleaseExperiment(n_values=(3,), trials=4, masses=[1, 2, 3], lengths=[1, 0.5, 0.2])
-    runs = run_release(plan)
-    assert len(release_figures.period_of_each_bob(plan, runs).axes) == 1
-    release_figures.period_against_n(plan, runs)
+    several = run_release(plan)
+    assert len(period_of_each_bob(plan, several).axes) == 1
+    period_against_n(plan, several)
 
 
 def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monkeypatch):
@@ -150,27 +145,18 @@ def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monk
 
 
 @pytest.mark.parametrize(
-    ("change", "error", "message"),
+    ("change", "message"),
     [
-        ({"n_values": ()}, ValueError, "n_values must name"),
-        ({"n_values": (0,)}, ValueError, "n must be between"),
-        ({"trials": 0}, ValueError, "trials must be between 1 and"),
-        ({"trials": 1.5}, TypeError, "trials must be an integer"),
-        ({"amplitude": 0.0}, ValueError, "amplitude must not be 0"),
-        ({"amplitude": 3.14}, ValueError, "must stay within pi"),
-        ({"amplitude": np.nan}, ValueError, "amplitude must be finite"),
-        ({"spread": -0.1}, ValueError, "spread must be zero or more"),
-        ({"seed": -1}, ValueError, "seed must be between"),
-        ({"duration": 0.0}, ValueError, "duration must be greater"),
-        ({"reading": "x"}, ValueError, "reading must be one of"),
-        ({"masses": 0.0}, ValueError, "masses must be greater"),
-        ({"lengths": [1.0, 2.0]}, ValueError, "lengths must be one number or 5 of them"),
-        ({"gravity": -1.0}, ValueError, "gravity must be zero or more"),
-        ({"damping": -1.0}, ValueError, "damping must be zero or more"),
+        ({"n_values": ()}, "n_values must name"),
+        ({"amplitude": 0.0}, "amplitude must not be 0"),
+        ({"amplitude": 3.14}, "must stay within pi"),
+        ({"seed": -1}, "seed must be between"),
+        ({"reading": "x"}, "reading must be one of"),
+        ({"lengths": [1.0, 2.0]}, "lengths must be one number or 5 of them"),
     ],
 )
-def test_bad_arguments_are_refused_by_name(change, error, message):
-    with pytest.raises(error, match=message):
+def test_bad_arguments_are_refused_with_their_rule(change, message):
+    with pytest.raises(ValueError, match=message):
         ReleaseExperiment(**change)
 
 

@@ -165,20 +165,3 @@ def test_where_straight_is_no_rest_there_is_no_period():
     for chain in (Chain.uniform(3, gravity=0.0), upright):
         assert np.isnan(theory.small_angle_periods(chain)).all()
         assert np.isnan(theory.com_period(chain, [0.1, 0.2])).all()
-
-
-@pytest.mark.parametrize(
-    ("call", "error", "message"),
-    [
-        (lambda: theory.release_profile(1.1), ValueError, "s must lie between 0"),
-        (lambda: theory.release_profile([0.5, -0.1]), ValueError, "s must lie between 0"),
-        (lambda: theory.com_period(0), ValueError, "chain must be at least 1"),
-        (lambda: theory.com_period(2.5), TypeError, "chain must be an integer"),
-        (lambda: theory.com_period(2, 3.2), ValueError, "amplitude must lie between"),
-        (lambda: theory.large_n_period(3, terms=3), ValueError, "terms must be between 1 and 2"),
-        (lambda: theory.small_angle_periods(Chain.uniform(20_000)), ValueError, "n must be"),
-    ],
-)
-def test_bad_arguments_of_the_law_are_refused(call, error, message):
-    with pytest.raises(error, match=message):
-        call()

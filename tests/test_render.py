@@ -136,15 +136,6 @@ def test_links_are_bars_with_a_dot_at_the_centre_of_mass():
     assert color(0.6, 0.1) == ROD
 
 
-def test_the_trace_fades_with_age():
-    trace = np.stack([np.linspace(-0.9, 0.0, 50), np.full(50, 0.3)], axis=1)
-    frame = Painter(192).paint(Scene([[0.0, 0.3]], 1.0, trace=trace)).astype(int)
-    row = round(192 * (0.5 - 0.44 * 0.3))
-    blue = frame[row - 2 : row + 3, :, 2].min(axis=0)  # the paler, the more blue
-    old, new = (round(192 * (0.5 + 0.44 * x)) for x in (-0.7, -0.3))
-    assert blue[new] < blue[old] < 255
-
-
 def test_text_stands_in_the_corners_and_never_in_the_disc():
     painter = Painter()
     words = hanging_arc(2, time=1e4, energy=1.2e10, pseudo_period=3.2, caption="long " * 500)
@@ -154,28 +145,6 @@ def test_text_stands_in_the_corners_and_never_in_the_disc():
         (False, False), (False, True), (True, False), (True, True),
     }  # fmt: skip
     assert np.hypot(rows - 239.5, columns - 239.5).min() > 0.44 * 480
-
-
-@pytest.mark.parametrize(
-    ("n", "completed", "label"),
-    [
-        (20, 4, "mean of 4 of 20 bobs: 4.291 s"),
-        (20, 0, "mean of 0 of 20 bobs: -"),
-        (1, 1, "pseudo-period: 4.291 s"),
-    ],
-)
-def test_a_mean_over_some_of_the_bobs_is_not_called_the_period(n, completed, label, monkeypatch):
-    import pygame
-
-    class Font(pygame.font.Font):
-        def render(self, text, *arguments):
-            written.append(text)
-            return super().render(text, *arguments)
-
-    written = []
-    monkeypatch.setattr(pygame.font, "Font", Font)
-    Painter().paint(hanging_arc(n, pseudo_period=4.291 * bool(completed), completed=completed))
-    assert label in written
 
 
 def test_small_pictures_have_no_text():
@@ -266,13 +235,6 @@ def test_tiles_fill_a_near_square_row_by_row(count, rows, columns):
         top, left = k // columns * 4, k % columns * 6
         cell = out[top : top + 4, left : left + 6]
         assert (cell == (k if k < count else PAPER)).all()
-
-
-def test_an_empty_tile_has_the_ground_of_a_picture():
-    painter = Painter(200)
-    frame = painter.paint(hanging_arc(1))
-    assert tuple(frame[100, 0]) == PAPER
-    assert tuple(frame[60, 100]) == DISC
 
 
 @pytest.mark.parametrize(

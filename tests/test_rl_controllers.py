@@ -125,32 +125,24 @@ def test_modal_damping_calms_the_chain_faster_than_brakes_of_other_strength(n, k
     assert slowest[1.0] < min(slowest[0.5], slowest[2.0])
 
 
-def test_evaluation_measures_the_work_of_the_motor():
-    # from rest, without gravity, a constant torque: energy = work, all of it positive
-    keywords = {"n": 1, "mode": "swingup", "gravity": 0.0, "max_episode_steps": 40}
-    config = config_of(n=1, gravity=0.0)
-    evaluation = evaluate(lambda o, _: np.full((len(o), 1), 0.5), keywords, episodes=2)
-    torque = 0.5 * config.max_torque
-    omega = 0.05  # at most, at the start
-    angle = 0.5 * torque * 2.0**2
-    work = evaluation.motor_work
-    np.testing.assert_allclose(work, torque * angle, atol=torque * omega * 2.0)
-    assert evaluation.as_row()["success"] == 0.0
-    assert np.isnan(evaluation.settling_time).all()
-
-
-@pytest.mark.parametrize("lag", [0.0, 0.3])
+@pytest.mark.parametrize(
+    "lag",
+    # the kernels of motors take long to compile
+    [0.0, pytest.param(0.3, marks=pytest.mark.long)],
+)
 def test_the_work_of_a_motor_is_that_of_the_torque_that_acted_not_of_the_command(lag):
     # without gravity, all that such a motor does becomes kinetic energy
     keywords = {"n": 1, "mode": "swingup", "gravity": 0.0, "max_episode_steps": 40}
     lagging = keywords | {"motor_lag": lag}
-    work = evaluate(lambda o, _: np.full((len(o), 1), 0.5), lagging, episodes=3).motor_work
+    evaluation = evaluate(lambda o, _: np.full((len(o), 1), 0.5), lagging, episodes=3)
+    assert evaluation.as_row()["success"] == 0.0
+    assert np.isnan(evaluation.settling_time).all()
     envs = gym.make_vec("NPendulum-v0", num_envs=3, **lagging)
     infos = [envs.reset(seed=1_000_000)[1]]
     infos += [envs.step(np.full((3, 1), 0.5))[-1] for _ in range(40)]
     gained = infos[-1]["energy"] - infos[0]["energy"]
     # the start turns the chain a little the other way, or the motor's way, which counts either way
-    np.testing.assert_allclose(work, gained, rtol=0.03)
+    np.testing.assert_allclose(evaluation.motor_work, gained, rtol=0.03)
     limit = config_of(n=1, gravity=0.0).max_torque
     t = 0.05 * np.arange(41)
     acted = np.full(40, 0.5 * limit)  # means over the steps of 1 - exp(-t / lag)
@@ -247,8 +239,6 @@ def test_evaluation_takes_models_with_predict_and_refuses_what_cannot_act():
     task = {"n": 1, "mode": "balance", "max_episode_steps": 20}
     still = evaluate(lambda observation, _: np.zeros((len(observation), 1)), task, episodes=3)
     assert np.array_equal(evaluate(Still(), task, episodes=3).returns, still.returns)
-    with pytest.raises(TypeError, match="model must be callable as"):
-        evaluate("swingup-2", task)
     for other in (None, 3, gym.make_vec("CartPole-v1", num_envs=2)):
         with pytest.raises(TypeError, match=r'env must be an id such as "npend/SwingUp-v1"'):
             evaluate(Still(), other)

@@ -1,7 +1,5 @@
 import json
 import os
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,6 +9,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
+from scripts import run_python
+from test_rl_policies import save_as_version_0_1, save_changed
 
 from npend_gym.rl import Policy, evaluate, write_repository
 from npend_gym.rl.policies.model_card import task_of
@@ -25,17 +25,14 @@ def policy():
     return Policy.pretrained("swingup-1")
 
 
-def test_one_file_of_safetensors_holds_all_of_a_policy(policy, tmp_path):
+def test_one_file_of_safetensors_holds_all_of_a_policy_and_the_library_itself_reads_it(
+    policy, tmp_path
+):
     policy.save(tmp_path / "a.safetensors")
     assert [path.name for path in tmp_path.iterdir()] == ["a.safetensors"]
     again = Policy.load(tmp_path / "a.safetensors")
-    observation = np.random.default_rng(0).normal(size=(20, policy.scale.size)).astype(np.float32)
-    np.testing.assert_array_equal(again(observation), policy(observation))
-    assert (again.env, again.provenance) == (policy.env, policy.provenance)
-
-
-def test_the_library_itself_reads_the_arrays_by_their_names(policy, tmp_path):
-    policy.save(tmp_path / "a.safetensors")
+    assert again == policy
+    assert again.provenance == policy.provenance
     arrays = safetensors.load_file(tmp_path / "a.safetensors")
     np.testing.assert_array_equal(arrays["weight0"], policy.weights[0])
     assert len(arrays) == 1 + 2 * len(policy.weights)
@@ -175,40 +172,12 @@ def stand_in(folder):
         server.server_close()
 
 
-def run_with_hub(folder, code):
-    """Run `code` in a process whose Hub is the folder."""
-    with stand_in(folder) as address:
-        own = {"HF_ENDPOINT": address, "HF_HOME": str(folder / "kept"), "NO_PROXY": "127.0.0.1"}
-        return subprocess.run(
-            [sys.executable, "-c", code], env=os.environ | own, capture_output=True, text=True,
-            check=False,
-        )  # fmt: skip
-
-
-def test_the_example_of_a_card_loads_the_policy_from_a_hub(policy, tmp_path):
-    write_repository(policy, tmp_path / "USER" / "one-rod", "one-rod", episodes=5)
-    card = (tmp_path / "USER" / "one-rod" / "README.md").read_text()
-    code = card.split("```python\n")[1].split("```")[0]
-    code += "try:\n    Policy.from_hub('USER/one-rod', 'another.npz')\n"
-    code += "except OSError as error:\n    print(type(error).__name__)\n"
-    told = run_with_hub(tmp_path, code)
-    assert told.stdout.splitlines()[0] == "1.0", told.stderr
-    assert "NotFound" in told.stdout.splitlines()[1]
-
-
-def test_a_npz_of_a_hub_comes_with_its_environment_or_a_warning(policy, tmp_path):
-    repository = tmp_path / "USER" / "one-rod"
-    (repository / "old").mkdir(parents=True)
-    policy.save(repository / "new.npz")
-    with np.load(repository / "new.npz") as file:
-        arrays = dict(file)
-    about = str(arrays.pop("about"))
-    np.savez_compressed(repository / "old" / "a.npz", **arrays)  # the two files of version 0.1
-    (repository / "old" / "a.json").write_text(about)
-    np.savez_compressed(repository / "bare.npz", **arrays)
-    code = """
+OTHERS = """
+try:
+    Policy.from_hub("USER/one-rod", "another.npz")
+except OSError as error:
+    print(type(error).__name__)
 import warnings
-from npend_gym.rl import Policy
 for name in ("new.npz", "old/a.npz", "bare.npz"):
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
@@ -216,5 +185,21 @@ for name in ("new.npz", "old/a.npz", "bare.npz"):
     told = [w for w in found if "does not say for which environment" in str(w.message)]
     print(env.get("mode"), len(told))
 """
-    told = run_with_hub(tmp_path, code)
-    assert told.stdout.splitlines() == ["swingup 0", "swingup 0", "None 1"], told.stderr
+
+
+def test_the_example_of_a_card_loads_the_policy_from_a_hub_and_a_npz_may_bring_a_warning(
+    policy, tmp_path
+):
+    repository = tmp_path / "USER" / "one-rod"
+    write_repository(policy, repository, "one-rod", episodes=5)
+    (repository / "old").mkdir()
+    policy.save(repository / "new.npz")
+    save_as_version_0_1(policy, repository / "old" / "a.npz")
+    save_changed(policy, repository / "bare.npz", about=None)
+    example = (repository / "README.md").read_text().split("```python\n")[1].split("```")[0]
+    with stand_in(tmp_path) as address:
+        own = {"HF_ENDPOINT": address, "HF_HOME": str(tmp_path / "kept"), "NO_PROXY": "127.0.0.1"}
+        told = run_python("-c", example + OTHERS, env=os.environ | own).splitlines()
+    assert told[0] == "1.0"
+    assert "NotFound" in told[1]
+    assert told[2:] == ["swingup 0", "swingup 0", "None 1"]

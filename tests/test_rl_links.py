@@ -18,15 +18,10 @@ ELBOW = {"chain": "realaigym C.1", "actuated": (1,), "max_torque": 6.0, "dt": 0.
     ("keywords", "seconds"),
     [
         (ELBOW, 3.0),
-        *(
-            pytest.param(*case, marks=pytest.mark.long)
-            for case in (
-                (ELBOW | {"actuated": (0,)}, 3.0),
-                ({"chain": "acrobot", "actuated": (1,)}, 8.0),
-                ({"chain": "dm_control acrobot", "actuated": (1,)}, 8.0),
-                ({"chain": "multiarm 3", "dt": 0.02}, 4.0),
-            )
-        ),
+        (ELBOW | {"actuated": (0,)}, 3.0),
+        ({"chain": "acrobot", "actuated": (1,)}, 8.0),
+        ({"chain": "dm_control acrobot", "actuated": (1,)}, 8.0),
+        ({"chain": "multiarm 3", "dt": 0.02}, 4.0),
     ],
 )
 def test_a_planned_trajectory_and_lqr_stand_links_up_in_held_out_episodes(keywords, seconds):

@@ -1,8 +1,7 @@
-from dataclasses import replace
-
 import gymnasium as gym
 import numpy as np
 import pytest
+from test_rl_policies import save_changed
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.rl import Policy, evaluate
@@ -127,12 +126,9 @@ def test_a_saved_policy_with_memory_remembers_as_long_when_it_is_loaded(tmp_path
 
 @pytest.mark.parametrize("shape", [(LENGTH, 1), (0, K + 1), (LENGTH, K + 2), (1, LENGTH, K + 1)])
 def test_frames_that_do_not_fit_the_network_are_refused(shape, tmp_path):
-    replace(policy_with_memory()).save(tmp_path / "a.npz")
-    with np.load(tmp_path / "a.npz") as file:
-        arrays = dict(file) | {"scale": np.ones(shape, np.float32)}
-    np.savez(tmp_path / "b.npz", **arrays)
+    save_changed(policy_with_memory(), tmp_path / "a.npz", scale=np.ones(shape, np.float32))
     with pytest.raises(ValueError, match="is no policy"):
-        Policy.load(tmp_path / "b.npz")
+        Policy.load(tmp_path / "a.npz")
 
 
 def test_a_policy_without_memory_needs_no_reset():

@@ -9,8 +9,7 @@ import npend_gym  # noqa: F401 - registers the environments
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import MPC, evaluate, lqr
 from npend_gym.rl.controllers.ilqr import ILQR, Cost, _bounded_minimum
-from npend_gym.rl.controllers.regulators import state_weights
-from npend_gym.rl.controllers.step_model import StepModel, at_rest
+from npend_gym.rl.controllers.step_model import StepModel
 
 
 def info_of(states, time=0.0):
@@ -29,26 +28,6 @@ def test_about_upright_the_gains_are_those_of_the_linear_quadratic_regulator():
     gains = method.improve(held._replace(damping=0.0 * begun.damping)).gains
     expected = lqr(config, action_weight=2.0).gain
     np.testing.assert_allclose(gains[0, 0], expected, rtol=1e-4)
-
-
-@pytest.mark.parametrize("keywords", [{}, {"base": "cart", "rail": 3.0}])
-def test_the_slopes_of_the_cost_are_its_derivatives(keywords):
-    config = EnvConfig(n=2, mode="swingup", **keywords)
-    goal = at_rest(config, np.array([np.pi, 0.3]))
-    cost = Cost(config, goal, 0.1, last=7.0)
-    rng = np.random.default_rng(0)
-    states, none = rng.normal(0.0, 2.0, (3, 1, goal.size)), np.zeros((2, 1, 1))
-    gradient, curvature = cost.slopes(states)
-    for at in np.ndindex(states.shape):
-        change = np.zeros(states.shape)
-        change[at] = 1e-5
-        two = [float(cost.total(states + sign * change, none)[0]) for sign in (1.0, -1.0)]
-        assert gradient[at] == pytest.approx((two[0] - two[1]) / 2e-5, abs=1e-6)
-    assert (curvature >= 0.0).all()
-    weights = np.diag(state_weights(config))
-    np.testing.assert_allclose(cost.slopes(np.tile(goal, (3, 1, 1)))[1][0, 0], 2.0 * weights)
-    if config.has_cart:  # one of the places that are drawn is near the end of the rail
-        assert np.sum(np.abs(states[..., 2]) > 0.8 * 3.0) == 1
 
 
 def test_the_bounded_minimum_is_that_of_a_general_method():
@@ -87,10 +66,11 @@ def test_a_plan_is_the_motion_of_the_environment_bit_for_bit():
 @pytest.mark.parametrize(
     ("settled", "keywords"),
     [
-        pytest.param(3.0, {"n": 1}, marks=pytest.mark.long),
+        (3.0, {"n": 1}),
         pytest.param(4.0, {"n": 2}, marks=pytest.mark.long),
         pytest.param(2.0, {"n": 2, "actuated": (0, 1)}, marks=pytest.mark.long),
-        (4.5, {"n": 1, "base": "cart"}),
+        # derivatives of steps on a cart take long to compile
+        pytest.param(4.5, {"n": 1, "base": "cart"}, marks=pytest.mark.long),
         pytest.param(8.0, {"n": 2, "base": "cart"}, marks=pytest.mark.long),
         pytest.param(3.0, {"n": 2, "base": "cart", "actuated": (0, 1)}, marks=pytest.mark.long),
     ],

@@ -1,5 +1,4 @@
 import json
-import pathlib
 import pickle
 import zipfile
 from dataclasses import replace
@@ -44,8 +43,11 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
 
 def test_policies_are_equal_where_their_numbers_and_their_environments_are(tmp_path):
     policy = small_policy()
-    policy.save(tmp_path / "a.npz")
+    policy.save(str(tmp_path / "a.npz"))
+    assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
     loaded = Policy.load(tmp_path / "a.npz")
+    assert loaded.provenance == policy.provenance
+    assert Policy.load(str(tmp_path / "a.npz")) == policy
     assert policy == loaded == replace(policy, provenance={})
     assert hash(policy) == hash(loaded)
     assert loaded in [small_policy(), replace(policy, env={})]
@@ -74,25 +76,18 @@ def test_the_chain_of_a_policys_environment_is_kept_as_numbers(tmp_path):
     assert EnvConfig(**env).chain == chain
 
 
-@pytest.mark.parametrize("kind", [str, pathlib.Path])
-def test_a_saved_policy_is_loaded_with_its_environment_and_provenance(kind, tmp_path):
-    policy, path = small_policy(), kind(tmp_path / "a.npz")
-    policy.save(path)
-    again = Policy.load(path)
-    obs = np.ones((3, 6), np.float32)
-    np.testing.assert_array_equal(policy(obs), again(obs))
-    assert (again.env, again.provenance) == (policy.env, policy.provenance)
-    assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
-
-
-def save_as_version_0_1(policy, path, text=None):
-    """Write the numbers to `path`, and what describes them to a .json file beside it."""
+def save_changed(policy, path, **changes):
+    """Save a policy with other arrays, without those that are None; return its own arrays."""
     policy.save(path)
     with np.load(path) as file:
-        arrays = dict(file)
-    described = str(arrays.pop("about"))
-    np.savez_compressed(path, **arrays)
-    path.with_suffix(".json").write_text(described if text is None else text)
+        own = dict(file)
+    np.savez(path, **{name: x for name, x in (own | changes).items() if x is not None})
+    return own
+
+
+def save_as_version_0_1(policy, path):
+    """Write the numbers to `path`, and what describes them to a .json file beside it."""
+    path.with_suffix(".json").write_text(str(save_changed(policy, path, about=None)["about"]))
 
 
 def test_the_two_files_of_version_0_1_are_read_and_replaced_by_one(tmp_path):
@@ -105,20 +100,14 @@ def test_the_two_files_of_version_0_1_are_read_and_replaced_by_one(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", '{"env": 3}'])
-@pytest.mark.parametrize("beside", [False, True])
-def test_a_description_that_is_no_json_object_is_refused(beside, text, tmp_path):
-    save_as_version_0_1(small_policy(), tmp_path / "a.npz", text)
-    if not beside:
-        with np.load(tmp_path / "a.npz") as file:
-            arrays = dict(file)
-        np.savez(tmp_path / "a.npz", about=np.array(text), **arrays)
+def test_a_description_that_is_no_json_object_is_refused(text, tmp_path):
+    save_changed(small_policy(), tmp_path / "a.npz", about=np.array(text))
     with pytest.raises(ValueError, match="does not describe a policy"):
         Policy.load(tmp_path / "a.npz")
 
 
 def test_a_policy_that_does_not_say_its_environment_is_loaded_with_a_warning(tmp_path):
-    save_as_version_0_1(small_policy(), tmp_path / "a.npz")
-    (tmp_path / "a.json").unlink()
+    save_changed(small_policy(), tmp_path / "a.npz", about=None)
     with pytest.warns(UserWarning, match="does not say for which environment") as told:
         assert Policy.load(tmp_path / "a.npz").env == {}
     assert told[0].filename == __file__
@@ -157,33 +146,46 @@ def test_a_file_that_would_fill_the_memory_is_refused_before_it_is_unpacked(tmp_
         Policy.load(tmp_path / "a.npz")
 
 
+def filled(value, *shape):
+    return np.full(shape, value, np.float32)
+
+
+HUGE = 3e38
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"scale": None}, "it holds"),
-        ({"extra": np.ones(3, np.float32)}, "it holds"),
-        ({"scale": np.ones(5, np.float32)}, r"for inputs of shape \(5,\)"),
-        ({"bias1": np.ones((4, 1), np.float32)}, "biases of shape"),
+        ({"extra": filled(1.0, 3)}, "it holds"),
+        ({"scale": filled(1.0, 5)}, r"for inputs of shape \(5,\)"),
+        ({"scale": np.float32(1.0)}, r"scale of shape \(\)"),
+        ({"scale": filled(1.0, 0)}, r"scale of shape \(0,\)"),
+        ({"scale": filled(1.0, 1, 1, 6)}, r"scale of shape \(1, 1, 6\)"),
+        ({"bias1": filled(1.0, 4, 1)}, "biases of shape"),
+        ({"bias2": np.float32(0.0)}, r"bias2 of shape \(\)"),
+        ({"bias2": filled(0.0, 0), "weight2": filled(0.5, 0, 4)}, r"shape \(0"),
         ({"bias1": np.ones(4)}, "finite float32"),
-        ({"bias1": np.full(4, np.nan, np.float32)}, "finite float32"),
+        ({"bias1": filled(np.nan, 4)}, "finite float32"),
+        ({"scale": filled(0.0, 6)}, "overflow"),
+        ({"scale": filled(1e-40, 6)}, "overflow"),
+        ({"weight0": filled(HUGE, 4, 6)}, "overflow"),
+        ({"weight2": filled(HUGE, 1, 4)}, "overflow"),
+        ({"bias2": filled(HUGE, 1), "weight2": filled(HUGE / 4.0, 1, 4)}, "overflow"),
         ({"about": np.array(["{}", "{}"])}, "must be one text"),
         ({"about": np.zeros(3, np.uint8)}, "must be one text"),
     ],
 )
-def test_arrays_that_do_not_form_a_network_are_refused(changes, message, tmp_path):
-    small_policy().save(tmp_path / "a.npz")
-    with np.load(tmp_path / "a.npz") as file:
-        arrays = dict(file) | changes
-    np.savez(tmp_path / "b.npz", **{k: v for k, v in arrays.items() if v is not None})
-    with pytest.raises(ValueError, match=message):
-        Policy.load(tmp_path / "b.npz")
+def test_arrays_that_do_not_form_a_network_or_overflow_are_refused(changes, message, tmp_path):
+    save_changed(small_policy(), tmp_path / "a.npz", **changes)
+    with pytest.raises(ValueError, match=rf"a\.npz (is no|does not describe a) policy.*{message}"):
+        Policy.load(tmp_path / "a.npz")
 
 
 def test_the_error_for_an_unknown_pretrained_policy_lists_the_known_ones():
-    with pytest.raises(ValueError, match="pretrained must be one of"):
-        Policy.pretrained("swingup-99")
-    with pytest.raises(ValueError, match="pretrained must be one of"):
-        Policy.pretrained("../policies")
+    for name in ("swingup-99", "../policies"):
+        with pytest.raises(ValueError, match="pretrained must be one of"):
+            Policy.pretrained(name)
     assert "swingup-99" not in pretrained_names()
 
 
@@ -199,7 +201,7 @@ def test_a_pretrained_policy_is_small_and_succeeds_as_often_as_recorded(name):
     policy = Policy.pretrained(name)
     recorded = policy.provenance["evaluation"]["success"]
     assert (PRETRAINED / f"{name}.npz").stat().st_size < 350_000
-    evaluation = evaluate(policy, policy.env, episodes=30)
+    evaluation = evaluate(policy, policy.env, episodes=20)
     assert evaluation.success_rate == pytest.approx(recorded, abs=0.05)  # tanh is the system's own
     assert evaluation.success_rate > 0.9
 
@@ -215,8 +217,8 @@ def test_a_robust_policy_holds_over_the_whole_range_of_training(task):
     heavy = {"gravity": (1.5, 1.5)}
     for randomize in (drawn, slow, heavy):
         keywords = policy.env | {"randomize": randomize}
-        assert evaluate(policy, keywords, episodes=40).success_rate >= 0.95
-    falls = evaluate(nominal, nominal.env | {"randomize": heavy}, episodes=40).success_rate
+        assert evaluate(policy, keywords, episodes=20).success_rate >= 0.95
+    falls = evaluate(nominal, nominal.env | {"randomize": heavy}, episodes=20).success_rate
     assert falls == (0.0 if task == "swingup-1" else 1.0)  # calming forgives much
 
 
@@ -295,16 +297,14 @@ def test_what_no_environment_can_observe_is_refused():
 )
 def test_a_network_that_no_policy_has_is_refused(changed, text, tmp_path):
     large = [weight * np.float32(1e12) for weight in small_policy().weights]
-    replace(small_policy(), weights=large).save(tmp_path / "a.npz")
-    Policy.load(tmp_path / "a.npz")  # tanh layers keep it from overflowing
-    with np.load(tmp_path / "a.npz") as file:
-        arrays = dict(file)
-    about = json.loads(str(arrays["about"])) | {k: changed[k] for k in changed if k == "network"}
-    arrays |= {"about": np.array(json.dumps(about))}
-    arrays |= {key: changed[key] for key in changed if key != "network"}
-    np.savez(tmp_path / "b.npz", **arrays)
+    policy, path = replace(small_policy(), weights=large), tmp_path / "a.npz"
+    about = json.loads(str(save_changed(policy, path)["about"]))
+    Policy.load(path)  # tanh layers keep it from overflowing
+    if "network" in changed:
+        changed = {"about": np.array(json.dumps(about | changed))}
+    save_changed(policy, path, **changed)
     with pytest.raises(ValueError, match=text):
-        Policy.load(tmp_path / "b.npz")
+        Policy.load(path)
 
 
 def test_an_observation_of_another_environment_is_refused_with_the_way_out():

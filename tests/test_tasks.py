@@ -25,11 +25,6 @@ CONTROLLED = {
     "npend/CartTriplePole-v1": partial(lqr, action_weight=20.0),
     "npend/Transition-v1": partial(planned_transitions, tries=1),
 }
-SOLVED = [
-    env_id
-    for env_id, task in TASKS.items()
-    if task.reward_threshold is not None and env_id not in CONTROLLED
-]
 
 
 def page_of(env_id):
@@ -66,41 +61,34 @@ def test_the_spec_of_a_task_survives_json(env_id):
     assert (again.unwrapped.config.n, again.spec.max_episode_steps) == (5, 7)
 
 
-@pytest.mark.parametrize("env_id", SOLVED)
-def test_a_policy_of_the_package_reaches_the_threshold_and_chance_does_not(env_id):
-    threshold = gym.spec(env_id).reward_threshold
-    policy = Policy.pretrained(f"{TASKS[env_id].keywords['mode']}-2")
+def solution_of(env_id):
+    """Return a model for a task, its environment, and the mean return of random actions."""
+    if env_id in CONTROLLED:
+        rng = np.random.default_rng(0)
+        drawn = evaluate(lambda o, _: rng.uniform(-1.0, 1.0, (len(o), 1)), env_id, episodes=100)
+        return CONTROLLED[env_id](gym.make(env_id).unwrapped.config), env_id, drawn.returns.mean()
+    task = f"{TASKS[env_id].keywords['mode']}-2"
+    policy = Policy.pretrained(task)
     assert EnvConfig(**policy.env).n == gym.make(env_id).unwrapped.config.n
-    mean = evaluate(policy, policy.env | {"id": env_id}, episodes=100).returns.mean()
-    assert threshold < mean < 1.1 * threshold
-    text = " ".join((PAGES / page_of(env_id)).read_text(encoding="utf-8").split())
-    assert f"has a mean return of {mean:.1f} over 100 episodes" in text
     with (PAGES.parent / "results" / "learning.csv").open(encoding="utf-8") as file:
-        task = f"{TASKS[env_id].keywords['mode']}-2"
-        (chance,) = (
-            float(row["return"])
-            for row in csv.DictReader(file)
-            if (row["task"], row["agent"]) == (task, "random")
-        )
-    assert chance < 0.25 * threshold
-    assert f"random actions have {chance:.0f}." in text
+        rows = [row for row in csv.DictReader(file) if row["task"] == task]
+    (chance,) = (float(row["return"]) for row in rows if row["agent"] == "random")
+    return policy, policy.env | {"id": env_id}, chance
 
 
 @pytest.mark.parametrize(
     "env_id",
     [
         pytest.param(env_id, marks=[pytest.mark.long] if "Transition" in env_id else [])
-        for env_id in CONTROLLED
+        for env_id, task in TASKS.items()
+        if task.reward_threshold is not None
     ],
 )
-def test_a_controller_reaches_the_threshold_and_chance_does_not(env_id):
+def test_a_model_reaches_the_threshold_of_its_task_and_chance_does_not(env_id):
     threshold = gym.spec(env_id).reward_threshold
-    controller = CONTROLLED[env_id](gym.make(env_id).unwrapped.config)
-    evaluation = evaluate(controller, env_id, episodes=100)
-    mean, rng = evaluation.returns.mean(), np.random.default_rng(0)
+    model, env, chance = solution_of(env_id)
+    mean = evaluate(model, env, episodes=100).returns.mean()
     assert threshold < mean < 1.1 * threshold
-    drawn = evaluate(lambda o, _: rng.uniform(-1.0, 1.0, (len(o), 1)), env_id, episodes=100)
-    chance = drawn.returns.mean()
     assert chance < 0.25 * threshold
     text = " ".join((PAGES / page_of(env_id)).read_text(encoding="utf-8").split())
     assert f"mean return of {mean:.1f} over 100 episodes" in text
@@ -135,23 +123,19 @@ def test_the_defaults_are_rungs_of_the_ladder():
     ("keywords", "error", "message"),
     [
         ({"difficulty": "harder"}, ValueError, "difficulty must be one of easy, medium, hard, or"),
-        ({"difficulty": 0.0}, ValueError, "difficulty must be greater than zero, got 0.0"),
         ({"difficulty": -0.2}, ValueError, "difficulty must be greater than zero, got -0.2"),
         ({"difficulty": float("nan")}, ValueError, "difficulty must be finite, got nan"),
-        ({"difficulty": True}, TypeError, "difficulty must be a real number, got True"),
         ({"difficulty": ["easy"]}, TypeError, r"difficulty must be a real number, got \['easy'\]"),
         (
-            {"difficulty": "hard", "max_torque": 2.0},
-            ValueError,
+            {"difficulty": "hard", "max_torque": 2.0}, ValueError,
             "difficulty cannot be given together with max_torque.*difficulty='hard' and max",
         ),
         (
-            {"difficulty": "easy", "mode": "passive"},
-            ValueError,
+            {"difficulty": "easy", "mode": "passive"}, ValueError,
             "difficulty must be left out in mode 'passive', which has no motor; got 'easy'",
         ),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_difficulty_is_refused(keywords, error, message):
     with pytest.raises(error, match=message):
         EnvConfig(**keywords)

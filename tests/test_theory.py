@@ -35,6 +35,12 @@ def test_amplitude_series_converges_to_the_elliptic_integral():
     assert theory.amplitude_correction(1.0, 0) == 0.0
 
 
+def test_the_corrected_model_of_several_angles_has_their_mean_correction():
+    chain, angles = Chain.uniform(3), [0.3, -0.6]
+    each = [theory.models(chain, angle).corrected for angle in angles]
+    assert theory.models(chain, angles).corrected == pytest.approx(np.mean(each), rel=1e-14)
+
+
 @pytest.mark.parametrize("theta0", [0.1, 0.785, 2.0, 3.0])
 def test_pendulum_period_is_the_time_after_which_a_pendulum_is_back(theta0):
     chain = Chain.uniform(1, length=0.7)
@@ -84,6 +90,7 @@ def test_without_gravity_a_period_is_not_a_number():
     free = Chain.uniform(3, gravity=0.0)
     assert np.isnan(theory.ideal_period(free))
     assert np.isnan(theory.fundamental_period(free))
+    assert np.isnan(theory.models(free, 0.7)).all()
     np.testing.assert_allclose(theory.normal_modes(free)[0], 0.0)
 
 
@@ -97,6 +104,13 @@ def test_without_gravity_a_period_is_not_a_number():
         (lambda: theory.single_period(0.0), ValueError, "length must be greater"),
         (lambda: theory.uniform_frequencies(0), ValueError, "n must be between 1 and"),
         (lambda: theory.large_n_period(True), TypeError, "n must be an integer"),
+        (lambda: theory.large_n_period(3, terms=3), ValueError, "terms must be between 1 and 2"),
+        (lambda: theory.release_profile([0.5, -0.1]), ValueError, "s must lie between 0"),
+        (lambda: theory.release_profile(1.1), ValueError, "s must lie between 0"),
+        (lambda: theory.com_period(0), ValueError, "chain must be at least 1"),
+        (lambda: theory.com_period(2.5), TypeError, "chain must be an integer"),
+        (lambda: theory.com_period(2, 3.2), ValueError, "amplitude must lie between"),
+        (lambda: theory.small_angle_periods(Chain.uniform(20_000)), ValueError, "n must be"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(call, error, message):

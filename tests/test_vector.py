@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
+from test_randomize import RANDOMIZE
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym.envs import NPendulumVectorEnv
 from npend_gym.envs.modes import MODES
-
-ALL_MODES = tuple(MODES)
 
 
 def make_vec(num_envs, **keywords):
@@ -42,20 +40,27 @@ def test_fast_lanes_change_no_bit_of_others_and_are_the_single_env_too(mode):
             assert_same(lane(info, k), mine[4])
 
 
-@pytest.mark.parametrize("mode", ALL_MODES)
-@pytest.mark.parametrize("autoreset", list(AutoresetMode)[:2])
-def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(mode, autoreset):
-    count, n = 5, 3
-    vector = make_vec(count, n=n, mode=mode, max_episode_steps=25, autoreset_mode=autoreset)
+KINDS = {mode: {"n": 3, "mode": mode} for mode in MODES}
+DRAWN = {"n": 3, "randomize": RANDOMIZE, "observe_context": True}
+KINDS |= {f"{mode}, drawn": DRAWN | {"mode": mode} for mode in ("swingup", "balance", "transition")}
+KINDS["goals, drawn"] = KINDS["transition, drawn"] | {"goal_env": True, "reward_type": "sparse"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("autoreset", list(AutoresetMode))
+def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(kind, autoreset):
+    # where nothing resets a lane, no episode ends
+    steps, limit = (80, 25) if autoreset is not AutoresetMode.DISABLED else (10, 100)
+    keywords = KINDS[kind] | {"max_episode_steps": limit}
+    vector = make_vec(5, autoreset_mode=autoreset, **keywords)
     singles = SyncVectorEnv(
-        [
-            lambda: gym.make("NPendulum-v0", n=n, mode=mode, max_episode_steps=25)
-            for _ in range(count)
-        ],
-        autoreset_mode=autoreset,
+        [lambda: gym.make("NPendulum-v0", **keywords)] * 5, autoreset_mode=autoreset
     )
-    actions = actions_for(vector, 80)
-    assert_lanes_are_singles(run(vector, actions), run(singles, actions))
+    assert vector.observation_space == singles.observation_space
+    actions = actions_for(vector, steps)
+    ours = run(vector, actions)
+    assert_lanes_are_singles(ours, run(singles, actions))
+    assert all(each[0] in vector.observation_space for each in ours)
 
 
 @pytest.mark.parametrize("threads", [2, 3])
@@ -145,64 +150,38 @@ def test_options_have_a_leading_axis_or_are_numbers_for_all():
 
 
 @pytest.mark.parametrize(
-    ("options", "error", "message"),
+    ("call", "given", "error", "message"),
     [
         (
+            "options",
             {"theta": [0.1, 0.2]},
             ValueError,
-            r"options\['theta'\] must be one number or .* \(3, 2\)",
+            r"\['theta'\] must be one number or .* \(3, 2\)",
         ),
-        ({"speed": 1.0}, ValueError, "options must be among"),
-        ({"reset_mask": [True] * 3}, TypeError, r"options\['reset_mask'\] must be a bool array"),
-        ({"reset_mask": np.ones(2, bool)}, ValueError, r"must have the shape \(3,\)"),
-        ({"reset_mask": np.zeros(3, bool)}, ValueError, "be True somewhere"),
+        ("options", {"speed": 1.0}, ValueError, "options must be among"),
+        (
+            "options",
+            {"reset_mask": [True] * 3},
+            TypeError,
+            r"\['reset_mask'\] must be a bool array",
+        ),
+        ("options", {"reset_mask": np.ones(2, bool)}, ValueError, r"must have the shape \(3,\)"),
+        ("options", {"reset_mask": np.zeros(3, bool)}, ValueError, "be True somewhere"),
+        ("action", np.full((3, 1), np.nan), ValueError, "action must be finite"),
+        ("action", np.zeros(3), ValueError, r"action must have the shape \(3, 1\), got \(3,\)"),
+        ("action", [["a"], ["b"], ["c"]], TypeError, "action must hold real numbers"),
+        ("seed", [1, 2], ValueError, "seed must"),
     ],
 )
-def test_bad_options_are_refused_and_change_nothing(options, error, message):
+def test_bad_options_actions_and_seeds_are_refused_and_change_no_lane(call, given, error, message):
     env, twin = make_vec(3, n=2), make_vec(3, n=2)
     env.reset(seed=1)
     twin.reset(seed=1)
     with pytest.raises(error, match=message):
-        env.reset(options=options)
-    assert_same(env.reset(), twin.reset())
-
-
-@pytest.mark.parametrize(
-    ("action", "error", "message"),
-    [
-        (np.full((3, 1), np.nan), ValueError, "action must be finite"),
-        (np.zeros(3), ValueError, r"action must have the shape \(3, 1\), got \(3,\)"),
-        ([["a"], ["b"], ["c"]], TypeError, "action must hold real numbers"),
-    ],
-)
-def test_bad_actions_are_refused_and_change_no_lane(action, error, message):
-    env, twin = make_vec(3, n=2), make_vec(3, n=2)
-    env.reset(seed=1)
-    twin.reset(seed=1)
-    with pytest.raises(error, match=message):
-        env.step(action)
+        env.step(given) if call == "action" else env.reset(**{call: given})
     good = np.full((3, 1), 0.2, np.float32)
     assert_same(env.step(good), twin.step(good))
-
-
-@pytest.mark.parametrize(
-    ("keywords", "message"),
-    [
-        ({"num_envs": 0}, "num_envs must be between"),
-        ({"threads": 0}, "threads must be between"),
-        ({"autoreset_mode": "later"}, "autoreset_mode must be one of"),
-        ({"max_episode_steps": 0}, "max_episode_steps must be between"),
-    ],
-)
-def test_bad_keywords_are_refused_by_name(keywords, message):
-    with pytest.raises(ValueError, match=message):
-        NPendulumVectorEnv(**{"num_envs": 2, **keywords})
-
-
-@pytest.mark.parametrize("seed", [-1, True, "a", [1, 2], 1.5])
-def test_bad_seeds_are_refused_by_name(seed):
-    with pytest.raises((ValueError, TypeError), match="seed must"):
-        make_vec(3).reset(seed=seed)
+    assert_same(env.reset(), twin.reset())
 
 
 def test_masks_of_the_pseudo_period_are_true_where_a_bob_has_completed():
