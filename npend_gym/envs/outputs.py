@@ -172,19 +172,13 @@ class Outputs:
         rewards, flags = self.rows[Output.REWARD], self.flags[:, : self.count]
         return rewards[: self.count], flags[Flag.TERMINATED], flags[Flag.TRUNCATED]
 
-    def quantities(self) -> Quantities[FloatArray]:
-        """Return what a mode judges by, arrays (B, ...)."""
-        outputs = self.rows[:, : self.count]
-        rows: list[FloatArray] = list(outputs[self._judged_by])
+    def quantities(self, *, of_only_lane: bool = False) -> Quantities[Any]:
+        """Return what a mode judges by: arrays (B, ...), or of one lane alone plain numbers."""
+        outputs = self.rows[:, 0] if of_only_lane else self.rows[:, : self.count]
         theta, omega = (outputs[self._per_rod[key]].T for key in ("theta", "omega"))
-        return Quantities(*rows, theta, omega)  # pyright: ignore[reportCallIssue]
-
-    def quantities_of_only_lane(self) -> Quantities[float]:
-        """Return what `quantities` does, of one lane alone, as plain numbers."""
-        outputs = self.rows[:, 0]
-        theta, omega = (outputs[self._per_rod[key]] for key in ("theta", "omega"))
-        plain: list[float] = outputs[self._judged_by].tolist()
-        return Quantities(*plain, theta, omega)  # pyright: ignore[reportCallIssue]
+        rows = outputs[self._judged_by]
+        each: list[Any] = rows.tolist() if of_only_lane else list(rows)
+        return Quantities(*each, theta, omega)  # pyright: ignore[reportCallIssue]
 
     def masked_info(self, present: BoolArray | None = None) -> dict[str, Any]:
         """Return the info of all lanes with its masks, arrays (B,).

@@ -15,7 +15,6 @@ from torch import Tensor
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig, Mode, Quantities
-from npend_gym.envs.cart import cart_speed_factor
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
 from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings
@@ -75,26 +74,37 @@ def exact_sincos(angles: Tensor) -> tuple[Tensor, Tensor]:
 
 @dataclass(frozen=True)
 class State:
-    """Angles and velocities, (..., n), with what follows from them."""
+    """Coordinates and rates, (..., c), of angles and of a cart, with what follows from them."""
 
+    q: Tensor
+    u: Tensor
     lanes: Lanes
-    theta: Tensor
-    omega: Tensor
-    place: Tensor | None  # of a cart [m], (...)
-    velocity: Tensor | None  # m/s
-    sincos: Callable[[Tensor], tuple[Tensor, Tensor]]
+    sincos: Callable[[Tensor], tuple[Tensor, Tensor]] = exact_sincos
 
-    @classmethod
-    def of(
-        cls, q: Tensor, u: Tensor, lanes: Lanes,
-        sincos: Callable[[Tensor], tuple[Tensor, Tensor]] = exact_sincos,
-    ) -> State:  # fmt: skip
-        """Return the states of chains, from angles and the place of a cart, (..., c), and rates."""
-        n = lanes.lift.shape[-1]
-        if q.shape[-1] == n:
-            return cls(lanes, q, u, None, None, sincos)
-        theta, omega = q[..., :n].contiguous(), u[..., :n]
-        return cls(lanes, theta, omega, q[..., n], u[..., n], sincos)
+    @property
+    def n(self) -> int:
+        """Number of rods."""
+        return self.lanes.lift.shape[-1]
+
+    @property
+    def theta(self) -> Tensor:
+        """Angles [rad], (..., n)."""
+        return self.q[..., : self.n]
+
+    @property
+    def omega(self) -> Tensor:
+        """Angular velocities [rad/s], (..., n)."""
+        return self.u[..., : self.n]
+
+    @property
+    def place(self) -> Tensor:
+        """Place of the cart [m], (..., 1), or (..., 0) without one."""
+        return self.q[..., self.n :]
+
+    @property
+    def velocity(self) -> Tensor:
+        """Velocity of the cart [m/s], (..., 1), or (..., 0) without one."""
+        return self.u[..., self.n :]
 
     @cached_property
     def sines(self) -> tuple[Tensor, Tensor]:
@@ -111,10 +121,10 @@ class State:
         """Kinetic energy [J], (...)."""
         lanes, (sines, cosines) = self.lanes, self.sines
         kinetic = kinetic_from(lanes.chains, sines, cosines, self.omega, bobs=lanes.bobs)
-        if self.velocity is None:
+        if self.velocity.shape[-1] == 0:
             return kinetic
         momentum = (lanes.lift * cosines * self.omega).sum(-1)
-        return kinetic_on_cart(kinetic, momentum, lanes.mass, self.velocity)
+        return kinetic_on_cart(kinetic, momentum, lanes.mass, self.velocity[..., 0])
 
     @cached_property
     def lift(self) -> Tensor:
@@ -149,7 +159,7 @@ def quantities(
         mean_squared_action=squares,
         closeness=closeness,
         goal_distance=distance,
-        rail_position=none if rail is None or state.place is None else state.place / rail,
+        rail_position=none if rail is None else state.place[..., 0] / rail,
         theta=cast("Any", state.theta),
         omega=cast("Any", state.omega),
     )
@@ -185,10 +195,8 @@ def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
         parts = [*state.sines, speeds]
     else:
         parts = [wrapped(state.theta), state.omega]
-    of_cart = []
-    if config.rail is not None and state.place is not None and state.velocity is not None:
-        entries = state.place / config.rail, state.velocity * cart_speed_factor(config)
-        of_cart = [x.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY)[..., None] for x in entries]
+    of_cart = state.place / (config.rail or 1.0), state.velocity * config.cart_speed_factor
+    of_cart = [entry.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY) for entry in of_cart]
     if not config.observe_velocities:
         parts, of_cart = parts[:-1], of_cart[:1]
     parts += of_cart
