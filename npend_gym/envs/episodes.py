@@ -22,7 +22,7 @@ from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import Lanes, Seeds
-from npend_gym.envs.settings import OF_CART
+from npend_gym.envs.settings import OF_LANES
 from npend_gym.envs.snapshots import Snapshots, States
 from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
@@ -69,13 +69,11 @@ class Episodes:
             self._memory.arrays[1][:, pose] = 1.0  # of a base too, which stands nowhere
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
-        members[Setting.max_torque] = config.max_torque
+        for name in OF_LANES:
+            self._memory.members[getattr(Setting, name)] = getattr(config, name) or 0.0
         members[Episode.HAS_BOBS] = random.has_bobs
         members[Episode.AMPLITUDE] = config.amplitude
         members[Member.WITH_COM] = config.mode.measures_com
-        if config.has_cart:
-            for name in OF_CART:
-                members[getattr(Setting, name)] = getattr(config, name)
         self.seeds = Seeds(count, lanes)
         nominal = config.chain.repeated(1).stacked()[0]
         self._context = np.zeros((lanes, len(random.names)))

@@ -17,7 +17,7 @@ from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys
 from npend_gym.envs.config import ERRORS_OF_MOTORS, EnvConfig
 from npend_gym.envs.motors import Command, apply_many, apply_one, draw_disturbances
-from npend_gym.envs.rows import Episode, Setting
+from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import draw_sensor_noise, sense_many, sense_one
 from npend_gym.envs.settings import HARDWARE, SensorSettings
 from npend_gym.physics.kernels.advance import advance_many, advance_one
@@ -28,9 +28,7 @@ _OF_MOTORS = (*ERRORS_OF_MOTORS, "push_rate")
 
 
 def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
-    """Write the settings of motors and sensors to `members`; return what is not ideal."""
-    for name in HARDWARE:
-        memory.members[getattr(Setting, name)] = getattr(config, name)
+    """Return motors and sensors where they are not ideal, else None."""
     driven = any(config.largest[name] > 0.0 for name in _OF_MOTORS)
     sensed = any(config.largest[name] > 0.0 for name in _OF_SENSORS)
     return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
