@@ -53,11 +53,8 @@ class _Lanes(DifferentiableEnsemble):
 
     def reached(self) -> tuple[FloatArray, FloatArray]:
         """Return all coordinates and their rates, (B, m) each."""
-        states = self.theta, self.omega
-        if not self._has_cart:
-            return states
-        first, second = (np.column_stack(pair) for pair in zip(states, self.cart, strict=True))
-        return first, second
+        memory, every = self._intact, np.arange(self._coordinates)
+        return memory.read_at(Rod.THETA, every), memory.read_at(Rod.OMEGA, every)
 
 
 class CompiledSteps:

@@ -21,7 +21,7 @@ from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.checks import DivergedError, check_device, check_tensor, clipped_action
 from npend_gym.torch.compiled_steps import CompiledSteps
 from npend_gym.torch.hardware import Motors, Sensors
-from npend_gym.torch.judging import Lanes, State, judge, observe, quantities, with_goals
+from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
 
 
 @with_config_keywords
@@ -177,9 +177,7 @@ class DifferentiableVectorEnv(ManyLanes):
         energy = torch.where(energy > 0.0, energy, lanes.lifting_energy)
         self._start_energy = torch.where(mask, energy, self._start_energy)
         with torch.no_grad():
-            none = torch.zeros_like(energy)
-            judged = quantities(state, lanes, self._start_energy, none, config.rail)
-            achieved = judge(config.mode, judged, sparse=False, on_cart=config.has_cart)[2]
+            achieved = judge(config, state, self._start_energy, torch.zeros_like(energy))[2]
         self._age = torch.where(mask, 0, self._age)
         self._held = torch.where(mask, achieved.to(torch.int64), self._held)
         return state
@@ -260,13 +258,9 @@ class DifferentiableVectorEnv(ManyLanes):
         self, clipped: Tensor, fresh: Tensor | None
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Return what `step` does; lanes that are `fresh` have only begun."""
-        config, lanes = self.config, self._lanes
-        state = State(self._theta, self._omega, lanes)
+        state = State(self._theta, self._omega, self._lanes)
         squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._zeros(self.num_envs)
-        judged = quantities(state, lanes, self._start_energy, squares, config.rail)
-        reward, terminated, achieved = judge(
-            config.mode, judged, sparse=config.reward_type == "sparse", on_cart=config.has_cart
-        )
+        reward, terminated, achieved = judge(self.config, state, self._start_energy, squares)
         self._age, held = self._age + 1, self._held + 1
         if fresh is not None:
             self._age, held = torch.where(fresh, 0, self._age), torch.where(fresh, 1, held)
@@ -287,9 +281,9 @@ class DifferentiableVectorEnv(ManyLanes):
 
     def _observation(self, state: State) -> Any:
         sensed = self._sensors.shown(state, self._age, self._settings)
-        observation = observe(self.config, sensed, self._lanes).to(self.dtype)
+        observation = observe(self.config, sensed).to(self.dtype)
         if self.config.goal_env:
-            return with_goals(observation, state, self._lanes)
+            return with_goals(observation, state)
         return observation
 
     def _info(self, state: State) -> dict[str, Tensor]:

@@ -67,9 +67,9 @@ class Motors:
             self.pieces, self.joints = 1, [joint for joint in acted if joint < n] or [0]
         else:
             self.pieces, self.joints = self._motors.pieces, list(range(n))
-        columns = [*self.joints, n]  # of loads: the force on a cart is the last
-        self._places = torch.tensor([columns.index(joint) for joint in acted], dtype=torch.int64)
-        self._places = self._places.to(device)
+        columns = {joint: k for k, joint in enumerate((*self.joints, n))}  # of loads; n: a cart
+        places = torch.tensor([columns[joint] for joint in acted], dtype=torch.int64)
+        self._places = places.to(device)
         self._past = Past(config.largest["action_delay"])
         self._lagged = torch.zeros(1, len(acted), dtype=torch.float64)
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.envs import EnvConfig, Mode, Quantities
+from npend_gym.envs import EnvConfig, Quantities
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
 from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings
@@ -137,13 +137,33 @@ class State:
         return self.kinetic_energy + self.lanes.chains.gravity * self.lift
 
 
-def quantities(
-    state: State, lanes: Lanes, start_energy: Tensor, squares: Tensor, rail: float | None
-) -> Quantities[Any]:
-    """Return what a mode judges by.
+def judge(
+    config: EnvConfig, state: State, start_energy: Tensor, squares: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return reward, failed and achieved by the formulas of an environment's mode, (...) each.
 
     `start_energy` is what energies are a fraction of [J], `squares` the mean squared action.
     """
+    mode, judged = config.mode, _quantities(state, start_energy, squares, config.rail)
+    shape = judged.height.shape
+    with torch.no_grad():
+        plain = Quantities(*(cast("Any", x).detach() for x in judged))
+        failed, achieved = (
+            torch.as_tensor(x, dtype=torch.bool).expand(shape)
+            for x in (mode.failed(plain), mode.achieved(plain))
+        )
+        left: Any = left_rail(plain.rail_position)
+        failed, achieved = failed | left, achieved & ~left
+    if config.reward_type == "sparse":
+        return achieved.to(torch.float64), failed, achieved
+    reward = torch.as_tensor(mode.reward(judged)) * rail_factor(judged.rail_position)
+    return torch.where(left, 0.0, reward).expand(shape), failed, achieved
+
+
+def _quantities(
+    state: State, start_energy: Tensor, squares: Tensor, rail: float | None
+) -> Quantities[Any]:
+    lanes = state.lanes
     none = torch.zeros_like(start_energy)
     closeness = distance = none
     if lanes.goals.shape[-1] > 0:
@@ -165,27 +185,7 @@ def quantities(
     )
 
 
-def judge(
-    mode: Mode, judged: Quantities[Any], *, sparse: bool, on_cart: bool
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return reward, failed and achieved by the formulas of a mode, (B,) each."""
-    shape = judged.height.shape
-    with torch.no_grad():
-        plain = Quantities(*(cast("Any", x).detach() for x in judged))
-        failed, achieved = (
-            torch.as_tensor(x, dtype=torch.bool).expand(shape)
-            for x in (mode.failed(plain), mode.achieved(plain))
-        )
-        left: Any = left_rail(plain.rail_position) if on_cart else None
-        if on_cart:
-            achieved, failed = achieved & ~left, failed | left
-    reward = achieved.to(torch.float64) if sparse else torch.as_tensor(mode.reward(judged))
-    if on_cart and not sparse:
-        reward = torch.where(left, 0.0, reward * rail_factor(judged.rail_position))
-    return reward.expand(shape), failed, achieved
-
-
-def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
+def observe(config: EnvConfig, state: State) -> Tensor:
     """Return the observations of an environment, (..., numbers)."""
     if config.with_sines:
         speeds, limit = state.omega, config.speed_limit
@@ -201,14 +201,15 @@ def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
         parts, of_cart = parts[:-1], of_cart[:1]
     parts += of_cart
     if config.observes_goals:
-        parts.append(lanes.goals)
+        parts.append(state.lanes.goals)
     if config.observe_context:
-        parts.append(lanes.context)
+        parts.append(state.lanes.context)
     return torch.cat(parts, dim=-1)
 
 
-def with_goals(observation: Tensor, state: State, lanes: Lanes) -> dict[str, Tensor]:
+def with_goals(observation: Tensor, state: State) -> dict[str, Tensor]:
     """Return observations with what has been achieved, and what is desired, as a `goal_env`."""
+    lanes = state.lanes
     kinetic = (state.kinetic_energy / lanes.lifting_energy).clamp(max=MAX_KINETIC_ENERGY)
     at_rest = torch.zeros_like(kinetic)[:, None]
     return {

@@ -29,7 +29,7 @@ from npend_gym.rl.controllers.step_model import (
 )
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.training.tasks import observation_scale
-from npend_gym.torch.judging import Lanes, State, judge, observe, quantities
+from npend_gym.torch.judging import Lanes, State, judge, observe
 
 # Of `Lanes`, beside the chains
 _OF_LANES = (
@@ -99,12 +99,12 @@ class Task:
     def observe(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return the observations, (..., inputs), over their scale."""
         state = self._state(states, context)
-        return observe(self.config, state, state.lanes) / self.obs_scale
+        return observe(self.config, state) / self.obs_scale
 
     def critic_inputs(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return what the critic is given, (..., judged): it knows the chain."""
         state = self._state(states, context)
-        seen = observe(self.config, state, state.lanes) / self.obs_scale
+        seen = observe(self.config, state) / self.obs_scale
         return seen if self.judged == self.inputs else torch.cat([seen, state.lanes.context], -1)
 
     def ended(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
@@ -120,13 +120,11 @@ class Task:
     def _judge(
         self, states: torch.Tensor, actions: torch.Tensor, context: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        state, config = self._state(states, context), self.config
+        state = self._state(states, context)
         lanes, squares = state.lanes, actions.square().mean(-1)
         released = torch.full_like(state.theta, self.start)
         start = lanes.chains.gravity * lift_from(lanes.lift, (0.5 * released).sin())
-        judged = quantities(state, lanes, start, squares, config.rail)
-        sparse = config.reward_type == "sparse"
-        reward, failed, _ = judge(config.mode, judged, sparse=sparse, on_cart=config.has_cart)
+        reward, failed, _ = judge(self.config, state, start, squares)
         return reward, failed
 
 
