@@ -123,12 +123,13 @@ class Sensors:
         self.no_observation = np.zeros((memory.lanes, 0), np.float32)
         delay = config.largest["observation_delay"]
         size = memory.n + 1 if config.has_cart else memory.n
-        self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2 * size))
+        self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2, size))
 
     @property
     def kept(self) -> dict[str, FloatArray]:
         """Arrays (lanes, ...) that belong to the state of an environment."""
-        return {"past_states": self._history} if self._history.shape[1] > 0 else {}
+        lanes, slots = self._history.shape[:2]
+        return {"past_states": self._history.reshape(lanes, slots, -1)} if slots > 0 else {}
 
     def noise(self, keys: Keys, steps: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
         """Return the noise of angles and velocities over its deviations, (B, n) each.
