@@ -60,9 +60,9 @@ def seeds_played(play, seed, monkeypatch):
     """Return the seeds that lanes are given, each time, while a trainer plays."""
     played, give = list[list[int]](), Episodes.seed
 
-    def watched(episodes, lanes, seeds, keys):
-        give(episodes, lanes, seeds, keys)
-        played.append([seeds[lane] for lane in lanes])
+    def watched(episodes, seed, mask):
+        give(episodes, seed, mask)
+        played.append([episodes.seeds.values[lane] for lane in np.flatnonzero(mask)])
 
     with monkeypatch.context() as patch:
         patch.setattr(Episodes, "seed", watched)

@@ -14,34 +14,36 @@ from typing_extensions import Unpack
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Cart, Chain
-from npend_gym.envs.cart import cart_speed_factor, checked_cart, given_cart
+from npend_gym.chain import STANDARD_GRAVITY, Cart, Chain
 from npend_gym.envs.goals import check_goal_env, goal_space
-from npend_gym.envs.hardware import check_limits
 from npend_gym.envs.keywords import (
     DEFAULTS,
     EnvKeywords,
     action_table,
-    chain_of,
     check_names,
     check_weight,
+    checked_cart,
+    described_chain,
     joints_of,
     motor_limit,
     with_config_keywords,
 )
-from npend_gym.envs.modes import find_mode
+from npend_gym.envs.modes import Mode, find_mode
 from npend_gym.envs.randomization import Randomization, check_randomize
 from npend_gym.envs.rows import ANGLES, MAX_CART_ENTRY, SINCOS, Task
-from npend_gym.envs.settings import HARDWARE, OF_CART, OF_LANES, RULES, Settings
+from npend_gym.envs.settings import FIELDS, HARDWARE, OF_CART, OF_LANES, RULES, Limit, Settings
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import (
     MAX_ROTATION,
     MAX_SUBSTEPS,
+    chain_of,
     default_substeps,
     substeps_on_cart,
 )
 
 MAX_SCALED_SPEED = 2.0  # of the observation "scaled", whose faster rods are clipped
+ERRORS_OF_MOTORS = ("action_delay", "motor_lag", "torque_noise", "torque_ripple")
+_OF_TORQUES = ("torque_noise", "torque_ripple")  # which the force on a cart has not
 
 
 @with_config_keywords
@@ -99,9 +101,9 @@ class EnvConfig(Settings):
         check_names(EnvConfig, keywords)
         given: dict[str, Any] = DEFAULTS | keywords
         given |= {name: rule(name, given[name]) for name, rule in RULES.items()}
-        chain = check_weight(chain_of(keywords))
+        chain = check_weight(described_chain(keywords))
         mode = find_mode(given["mode"])
-        given |= checked_cart(given_cart(chain, given, keywords), mode, chain)
+        given |= checked_cart(chain, given, keywords, mode)
         on_cart = given["base"] == "cart"
         if on_cart:
             own = Cart(given["cart_mass"], given["rail_damping"])
@@ -114,7 +116,7 @@ class EnvConfig(Settings):
         settings = {name: given[name] for name in OF_LANES if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
         largest = {name: random.ends(name, given[name])[1] for name in HARDWARE}
-        check_limits(largest, mode, given["dt"], sum(joint < chain.n for joint in joints))
+        _check_limits(largest, mode, given["dt"], sum(joint < chain.n for joint in joints))
         substeps, max_rotation = _substeps(given["substeps"], given["dt"], random, given)
         check_goal_env(mode, given["reward_type"], goal_env=given["goal_env"])
         used: dict[str, Any] = {each.name: given[each.name] for each in fields(Settings)}
@@ -134,6 +136,12 @@ class EnvConfig(Settings):
     def n(self) -> int:
         """Number of rods."""
         return self.chain.n
+
+    @property
+    def richest(self) -> Chain:
+        """The chain, with its cart, that needs the most of the model of all that may be drawn."""
+        drawn = chain_of(self.randomization.richest, 0).as_dict()
+        return Chain.from_dict(drawn | {"base": self.chain.base})
 
     @property
     def with_sines(self) -> bool:
@@ -191,6 +199,16 @@ class EnvConfig(Settings):
         return self.base == "cart"
 
     @property
+    def cart_speed_factor(self) -> float:
+        """What the velocity of a cart is multiplied by in observations [s/m]; 0 without one.
+
+        A cart as fast as what has fallen through half of `rail` has 1 there.
+        """
+        if self.rail is None:
+            return 0.0
+        return 1.0 / math.sqrt((self.chain.gravity or STANDARD_GRAVITY) * self.rail)
+
+    @property
     def state_size(self) -> int:
         """Number of entries of `NPendulumEnv.state`."""
         return 2 * self.n + (2 if self.has_cart else 0)
@@ -236,10 +254,41 @@ def task_numbers(config: EnvConfig, judge: int, max_steps: int | None) -> FloatA
         "GOALS": config.mode.has_goals,
         "OBSERVED_GOALS": config.observes_goals,
         "RAIL": config.rail or 0.0,
-        "PER_CART_SPEED": cart_speed_factor(config),
+        "PER_CART_SPEED": config.cart_speed_factor,
         "VELOCITIES": config.observe_velocities,
     }
     return np.array([task[name] for name in Task._fields], np.float64)
+
+
+def _check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: int) -> None:
+    """Raise a ValueError that names the first setting beyond its limit, for `joints` with a motor.
+
+    `largest` has the settings, or the upper ends of their ranges where they are random.
+    """
+    often = Limit(1.0 / dt, "1/s, one a step; make dt smaller for more")
+    for name in HARDWARE:
+        limit = often if name == "push_rate" else FIELDS[name].metadata["limit"]
+        if limit is not None and largest[name] > limit.value:
+            raise ValueError(
+                f"{name} must be at most {limit.value:g} {limit.why}; got {largest[name]:g}"
+            )
+    if (largest["push_rate"] > 0.0) != (largest["push_force"] > 0.0):
+        raise ValueError(
+            "push_rate and push_force must be given together, because a push needs both; got "
+            f"push_rate={largest['push_rate']:g} and push_force={largest['push_force']:g}"
+        )
+    for name in ERRORS_OF_MOTORS:
+        if mode.torque_share == 0.0 and largest[name] > 0.0:
+            raise ValueError(
+                f"{name} must be left out in mode {mode.name!r}, which has no motor; "
+                f"got {largest[name]:g}"
+            )
+    for name in _OF_TORQUES:
+        if joints == 0 and largest[name] > 0.0:
+            raise ValueError(
+                f"{name} must be left out where no joint has a motor; actuated=(0,) gives one to "
+                f"the joint on the cart; got {largest[name]:g}"
+            )
 
 
 def _substeps(
@@ -250,7 +299,7 @@ def _substeps(
         return _checks.count("substeps", given, high=MAX_SUBSTEPS), math.inf
     most = 1
     for corner in random.corners:
-        chain = Chain(**{name: row[0] for name, row in corner._asdict().items()})
+        chain = chain_of(corner, 0)
         substeps = default_substeps(chain, dt)
         if cart["base"] == "cart":
             mass = random.ends("cart_mass", cart["cart_mass"])[0]

@@ -13,20 +13,21 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym._streams import Purpose
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
-from npend_gym.compiled.philox import Keys, generator
-from npend_gym.envs.cart import base_of
+from npend_gym.compiled.philox import generator
 from npend_gym.envs.config import EnvConfig, task_numbers
 from npend_gym.envs.hardware import fit_hardware
+from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import left_rail, rail_factor
-from npend_gym.envs.options import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
-from npend_gym.envs.settings import OF_CART
-from npend_gym.envs.snapshots import Snapshots, States, seeds_of
+from npend_gym.envs.seeds import Lanes, Seeds
+from npend_gym.envs.settings import OF_LANES
+from npend_gym.envs.snapshots import Snapshots, States
 from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
+from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.memory import Memory, Plan
 
 STATE = Rod.THETA, Rod.OMEGA
@@ -48,10 +49,7 @@ class Episodes:
 
     Attributes
     ----------
-    seeds : sequence of int
-        The seed of every lane.
-    keys : ndarray, uint64, shape (2, lanes)
-        Of the seeds.
+    seeds : Seeds
     motors, sensors : Motors, Sensors or None
         None where they are ideal.
     outputs : Outputs
@@ -65,20 +63,18 @@ class Episodes:
         self.config, self.count, self._max_steps = config, count, max_steps
         n, joints, random = config.chain.n, config.joints, config.randomization
         poses = len(Pose) if config.mode.has_goals else 0
-        self._memory = Memory(random.richest, count, threads, ROWS, base_of(config), poses)
+        base = mechanism_of([config.chain]).base
+        self._memory = Memory(random.richest, count, threads, ROWS, base, poses)
         for pose in Pose[:poses]:
             self._memory.arrays[1][:, pose] = 1.0  # of a base too, which stands nowhere
         self._kernel = step_one if count == 1 else step_many
         members, lanes = self._memory.arrays[0], self._memory.lanes
-        members[Setting.max_torque] = config.max_torque
+        for name in OF_LANES:
+            self._memory.members[getattr(Setting, name)] = getattr(config, name) or 0.0
         members[Episode.HAS_BOBS] = random.has_bobs
         members[Episode.AMPLITUDE] = config.amplitude
         members[Member.WITH_COM] = config.mode.measures_com
-        if config.has_cart:
-            for name in OF_CART:
-                members[getattr(Setting, name)] = getattr(config, name)
-        self.seeds: Sequence[int] = [0] * count
-        self.keys: Keys = np.zeros((2, lanes), np.uint64)
+        self.seeds = Seeds(count, lanes)
         nominal = config.chain.repeated(1).stacked()[0]
         self._context = np.zeros((lanes, len(random.names)))
         self._start = start_plan(config.mode, config.spread)
@@ -89,7 +85,7 @@ class Episodes:
         self._wiring[Wiring.PER_SPEED, :n] = 1.0 / config.speed_scale
         self._actions = aligned_zeros(joints.size, lanes)  # of the next step
         self._beginning = (
-            self.keys, nominal, random.draws, self._start, self._context, self._actions
+            self.seeds.keys, nominal, random.draws, self._start, self._context, self._actions
         )  # fmt: skip
         timing = config.dt, config.min_substeps, config.max_rotation
         self._stepping, self._looking = (
@@ -100,7 +96,7 @@ class Episodes:
         if self.motors is not None:
             self._stepping = self.motors.plan
             self._commands = self.motors.no_actions
-        self.snapshots = Snapshots(config, self._memory, self.keys, self._kept_arrays)
+        self.snapshots = Snapshots(config, self._memory, self.seeds.keys, self._kept_arrays)
         self.outputs = Outputs(
             config, self._memory, self.motors, self._context, with_quantities=self._judge == 0
         )
@@ -120,18 +116,16 @@ class Episodes:
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
         fresh = Episodes(self.config, self.count, self._memory.threads, self._max_steps)
-        fresh.seeds, fresh.keys[:] = self.seeds, self.keys
+        fresh.seeds.take(self.seeds)
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
         fresh._kept, fresh.some_altered = self._kept, True
         return fresh
 
     # -- starting ---------------------------------------------------------------------------
 
-    def seed(self, lanes: NDArray[np.int64], seeds: Sequence[int], keys: Keys) -> None:
-        """Give `lanes` new keys (2, k), `seeds` being those of all: their next episode is 0."""
-        self.seeds = seeds
-        self.keys[:, lanes] = keys
-        self._memory.members[Episode.EPISODE, lanes] = -1.0
+    def seed(self, seed: Any, mask: BoolArray) -> None:
+        """Seed the lanes of `mask` as `Seeds.choose` says: where it is new, episode 0 is next."""
+        self._memory.members[Episode.EPISODE, self.seeds.choose(seed, mask)] = -1.0
 
     @property
     def numbers(self) -> FloatArray:
@@ -211,17 +205,14 @@ class Episodes:
         members, config = self._memory.members, self.config
         for row, k in enumerate(chosen):
             episode, amplitude = members[[Episode.EPISODE, Episode.AMPLITUDE], k].tolist()
-            rng = generator(self.seeds[int(k)], 0, Purpose.START, int(episode))
+            rng = generator(self.seeds.values[int(k)], 0, Purpose.START, int(episode))
             theta[row], omega[row] = config.mode.start(rng, config.n, amplitude, config.spread)
         return theta, omega
 
-    def set_states(self, lanes: NDArray[np.int64], states: States) -> None:
+    def set_states(self, lanes: Lanes, states: States) -> None:
         """Put lanes into the states of records that `snapshots.check` returned, and show them."""
         self.snapshots.put(lanes, states)
-        seeds = list(self.seeds)
-        for lane, seed in zip(lanes.tolist(), seeds_of(states), strict=True):
-            seeds[lane] = seed
-        self.seeds = seeds
+        self.seeds.read_keys(lanes)
         self._altered[lanes] = self.some_altered = True
         self.observe()
 
@@ -274,7 +265,7 @@ class Episodes:
             self.start(starting)
         self.outputs.renew()
         if self.motors is not None:
-            self.motors.drive(self.keys, self._actions)
+            self.motors.drive(self.seeds.keys, self._actions)
         self._run(self._stepping)
         if self._judge == 0:
             self._judge_by_python(observes=False)
@@ -286,13 +277,13 @@ class Episodes:
         arrays = self._commands, shown, outputs.rows, outputs.flags, self._task, self._wiring
         self._memory.run(self._kernel, arrays, plan)
         if sensors is not None:
-            sensors.observe(self.keys, outputs.observations, self._task, self._wiring, plan)
+            sensors.observe(self.seeds.keys, outputs.observations, self._task, self._wiring, plan)
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
         mode, members, told = self.config.mode, self._memory.members, self.outputs
         outputs, flags = told.rows[:, : self.count], told.flags[:, : self.count]
-        quantities = told.quantities() if self.count > 1 else told.quantities_of_only_lane()
+        quantities = told.quantities(of_only_lane=self.count == 1)
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         left = left_rail(quantities.rail_position)

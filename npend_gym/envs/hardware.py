@@ -6,9 +6,8 @@ neither object.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,58 +15,21 @@ from numpy.typing import NDArray
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import Keys
-from npend_gym.envs.modes import Mode
+from npend_gym.envs.config import ERRORS_OF_MOTORS, EnvConfig
 from npend_gym.envs.motors import Command, apply_many, apply_one, draw_disturbances
-from npend_gym.envs.rows import Episode, Setting
+from npend_gym.envs.rows import Episode
 from npend_gym.envs.sensors import draw_sensor_noise, sense_many, sense_one
-from npend_gym.envs.settings import FIELDS, HARDWARE, Limit, SensorSettings
+from npend_gym.envs.settings import HARDWARE, SensorSettings
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.memory import Memory, Plan
 
-if TYPE_CHECKING:
-    from npend_gym.envs.config import EnvConfig  # which imports this module
-
 _OF_SENSORS = [each.name for each in fields(SensorSettings) if each.name in HARDWARE]
-_OF_MOTORS = ("action_delay", "motor_lag", "torque_noise", "torque_ripple")
-_OF_TORQUES = ("torque_noise", "torque_ripple")  # which the force on a cart has not
-
-
-def check_limits(largest: Mapping[str, float], mode: Mode, dt: float, joints: int) -> None:
-    """Raise a ValueError that names the first setting beyond its limit, for `joints` with a motor.
-
-    `largest` has the settings, or the upper ends of their ranges where they are random.
-    """
-    often = Limit(1.0 / dt, "1/s, one a step; make dt smaller for more")
-    for name in HARDWARE:
-        limit = often if name == "push_rate" else FIELDS[name].metadata["limit"]
-        if limit is not None and largest[name] > limit.value:
-            raise ValueError(
-                f"{name} must be at most {limit.value:g} {limit.why}; got {largest[name]:g}"
-            )
-    if (largest["push_rate"] > 0.0) != (largest["push_force"] > 0.0):
-        raise ValueError(
-            "push_rate and push_force must be given together, because a push needs both; got "
-            f"push_rate={largest['push_rate']:g} and push_force={largest['push_force']:g}"
-        )
-    for name in _OF_MOTORS:
-        if mode.torque_share == 0.0 and largest[name] > 0.0:
-            raise ValueError(
-                f"{name} must be left out in mode {mode.name!r}, which has no motor; "
-                f"got {largest[name]:g}"
-            )
-    for name in _OF_TORQUES:
-        if joints == 0 and largest[name] > 0.0:
-            raise ValueError(
-                f"{name} must be left out where no joint has a motor; actuated=(0,) gives one to "
-                f"the joint on the cart; got {largest[name]:g}"
-            )
+_OF_MOTORS = (*ERRORS_OF_MOTORS, "push_rate")
 
 
 def fit_hardware(config: EnvConfig, memory: Memory) -> tuple[Motors | None, Sensors | None]:
-    """Write the settings of motors and sensors to `members`; return what is not ideal."""
-    for name in HARDWARE:
-        memory.members[getattr(Setting, name)] = getattr(config, name)
-    driven = any(config.largest[name] > 0.0 for name in (*_OF_MOTORS, "push_rate"))
+    """Return motors and sensors where they are not ideal, else None."""
+    driven = any(config.largest[name] > 0.0 for name in _OF_MOTORS)
     sensed = any(config.largest[name] > 0.0 for name in _OF_SENSORS)
     return Motors(config, memory) if driven else None, Sensors(config, memory) if sensed else None
 
@@ -161,12 +123,13 @@ class Sensors:
         self.no_observation = np.zeros((memory.lanes, 0), np.float32)
         delay = config.largest["observation_delay"]
         size = memory.n + 1 if config.has_cart else memory.n
-        self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2 * size))
+        self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2, size))
 
     @property
     def kept(self) -> dict[str, FloatArray]:
         """Arrays (lanes, ...) that belong to the state of an environment."""
-        return {"past_states": self._history} if self._history.shape[1] > 0 else {}
+        lanes, slots = self._history.shape[:2]
+        return {"past_states": self._history.reshape(lanes, slots, -1)} if slots > 0 else {}
 
     def noise(self, keys: Keys, steps: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
         """Return the noise of angles and velocities over its deviations, (B, n) each.

@@ -7,6 +7,7 @@ import difflib
 import inspect
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -19,9 +20,10 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain, plain_keywords
 from npend_gym.envs.modes import Mode, described_modes
-from npend_gym.envs.settings import FIELDS
+from npend_gym.envs.settings import FIELDS, CartSettings
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
+CART_KEYWORDS = [each.name for each in fields(CartSettings) if each.name != "base"]
 DIFFICULTIES = {"easy": 0.5, "medium": 0.2, "hard": 0.1}  # torque limit over the static torque
 MAX_ACTIONS = 65_536  # of a discrete action space
 
@@ -170,7 +172,7 @@ def check_names(owner: type, keywords: Mapping[str, Any]) -> None:
             )
 
 
-def chain_of(keywords: Mapping[str, Any]) -> Chain:
+def described_chain(keywords: Mapping[str, Any]) -> Chain:
     """Return the chain that `chain` or the keywords of its parameters describe."""
     own = {name: keywords[name] for name in CHAIN_KEYWORDS if name in keywords}
     given = keywords.get("chain")
@@ -266,6 +268,59 @@ def motor_limit(keywords: Mapping[str, Any], name: str, mode: Mode, whole: float
             f"fraction of the static torque; got {shown}"
         )
     return DIFFICULTIES[difficulty] * whole
+
+
+def checked_cart(
+    chain: Chain, given: Mapping[str, Any], keywords: Mapping[str, Any], mode: Mode
+) -> dict[str, Any]:
+    """Return the keywords of the cart, those that are left out filled in.
+
+    A chain that has a cart of its own brings its mass and damping. Else the cart has by default
+    the mass of the chain. The rail is twice as long as the chain to each side, and the force is the
+    mode's share of the weight of both.
+
+    Parameters
+    ----------
+    chain : Chain
+    given, keywords : mapping
+        All keywords, and those that are not left out.
+    mode : Mode
+
+    Raises
+    ------
+    TypeError, ValueError
+        If one breaks its rule, is given without a cart, or is no cart for a chain that has one; or
+        if rods stretch.
+    """
+    if chain.stiffness is not None:
+        raise ValueError(
+            "chain must have rigid rods in an environment, because equal steps do not resolve the "
+            f"vibrations of springs; chain.hung() has them, got {chain!r}"
+        )
+    if chain.base is not None and keywords.get("base", "cart") != "cart":
+        raise ValueError(
+            'base must be "cart", or left out, for a chain that has a cart of its own, got '
+            f"{_checks.show(keywords['base'])}; chain.hung() has none"
+        )
+    if chain.base is None and given["base"] == "pivot":
+        for name in CART_KEYWORDS:
+            if given[name] is not None and given[name] != DEFAULTS[name]:
+                raise ValueError(
+                    f'{name} belongs to a cart: give base="cart" with it, or leave it out; '
+                    f"got {_checks.show(given[name])}"
+                )
+        return {name: DEFAULTS[name] for name in CART_KEYWORDS}
+    own = {"cart_mass": float(chain.masses.sum()), "rail": 2.0 * chain.total_length}
+    if chain.base is not None:
+        own |= {"cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
+    used = dict(given) | {k: value for k, value in own.items() if keywords.get(k) is None}
+    checked = {name: _checks.positive_number(name, used[name]) for name in ("cart_mass", "rail")}
+    weight = chain.gravity * (checked["cart_mass"] + float(chain.masses.sum()))
+    return checked | {
+        "base": "cart",
+        "rail_damping": _checks.nonnegative_number("rail_damping", used["rail_damping"]),
+        "max_force": motor_limit(given, "max_force", mode, weight),
+    }
 
 
 def action_table(torque_levels: Any, mode: Mode, joints: int) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import attrgetter
 from typing import Any, NamedTuple, cast
 
@@ -24,7 +24,6 @@ from npend_gym.physics.memory import Memory
 
 _ROWS, _REWARD = len(Output), Output.REWARD  # the reward is the last of these rows
 _TERMINATED, _TRUNCATED = int(Flag.TERMINATED), int(Flag.TRUNCATED)
-_KERNEL_KEYS = [*NUMBERS, *TRUTHS]
 
 
 def _rows_of(block: int, n: int) -> slice:
@@ -32,10 +31,11 @@ def _rows_of(block: int, n: int) -> slice:
     return slice(first_row(block, n), first_row(block + 1, n))
 
 
-def _info_maker(keys: tuple[str, ...], n: int) -> Callable[..., Info[float, int, bool]]:
-    """Return a function that makes the info of one lane: from `Outputs`, rows, numbers, flags.
+def _info_maker(keys: Iterable[str], n: int, *, many: bool) -> Callable[..., Any]:
+    """Return a function that makes an info: from `Outputs`, rows, numbers among them, and flags.
 
-    It is written as text, as namedtuples are, because a loop over the keys takes twice as long.
+    It makes that of all lanes, or, where these are not `many`, of the only one as plain numbers. It
+    is written as text, as namedtuples are, because a loop over the keys takes twice as long.
     """
     entries: list[str] = []
     for name in keys:
@@ -43,14 +43,15 @@ def _info_maker(keys: tuple[str, ...], n: int) -> Callable[..., Info[float, int,
             value = f"flags[{getattr(Flag, name.upper())}]"
         elif name in OF_RODS:
             rods = _rows_of(getattr(Block, name.upper()), n)
-            value = f"lane[{rods.start}:{rods.stop}]"
+            value = f"rows[{rods.start}:{rods.stop}]" + (".T" if many else "")
         elif name in NUMBERS:
             value = f"numbers[{getattr(Output, name.upper())}]"
-            value = f"int({value})" if name in COUNTS else value
+            if name in COUNTS:
+                value = f"{value}.astype(np.int64)" if many else f"int({value})"
         else:
-            value = f"outputs.{TABLE[name][1].read}(0)"
+            value = f"outputs.{TABLE[name][1].read}({'' if many else 0})"
         entries.append(f"{name!r}: {value}")
-    return eval(f"lambda outputs, lane, numbers, flags: {{{', '.join(entries)}}}")  # noqa: S307
+    return eval(f"lambda outputs, rows, numbers, flags: {{{', '.join(entries)}}}")  # noqa: S307
 
 
 class Beginnings(NamedTuple):
@@ -117,23 +118,25 @@ class Outputs:
             if not key.when or attrgetter(key.when)(config)
         }
         self._shown = tuple(shown)
-        self._absent = [name for name in _KERNEL_KEYS if name not in shown]
-        self._read = {name: getattr(self, key.read) for name, key in shown.items() if key.read}
         self._everywhere = np.ones(self.count, np.bool_)
         self._masks = [f"_{name}" for name, key in shown.items() if not key.masked_by]
         self._partial_masks = {
             by: [f"_{name}" for name, key in shown.items() if key.masked_by == by]
             for by in {key.masked_by: None for key in shown.values() if key.masked_by}
         }
-        self._make_info = _info_maker(self._shown, n)
+        self._make_functions()
         self.renew()
 
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_make_info": None}  # a function cannot be pickled
+    def _make_functions(self) -> None:
+        self._info_of_one = _info_maker(self._shown, self.config.n, many=False)
+        self._info_of_all = _info_maker(self._shown, self.config.n, many=True)
+
+    def __getstate__(self) -> dict[str, Any]:  # functions cannot be pickled
+        return self.__dict__ | {"_info_of_one": None, "_info_of_all": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._make_info = _info_maker(self._shown, self.config.n)
+        self._make_functions()
 
     def renew(self) -> None:
         """Make new arrays: those handed out before are not written again."""
@@ -172,19 +175,13 @@ class Outputs:
         rewards, flags = self.rows[Output.REWARD], self.flags[:, : self.count]
         return rewards[: self.count], flags[Flag.TERMINATED], flags[Flag.TRUNCATED]
 
-    def quantities(self) -> Quantities[FloatArray]:
-        """Return what a mode judges by, arrays (B, ...)."""
-        outputs = self.rows[:, : self.count]
-        rows: list[FloatArray] = list(outputs[self._judged_by])
+    def quantities(self, *, of_only_lane: bool = False) -> Quantities[Any]:
+        """Return what a mode judges by: arrays (B, ...), or of one lane alone plain numbers."""
+        outputs = self.rows[:, 0] if of_only_lane else self.rows[:, : self.count]
         theta, omega = (outputs[self._per_rod[key]].T for key in ("theta", "omega"))
-        return Quantities(*rows, theta, omega)  # pyright: ignore[reportCallIssue]
-
-    def quantities_of_only_lane(self) -> Quantities[float]:
-        """Return what `quantities` does, of one lane alone, as plain numbers."""
-        outputs = self.rows[:, 0]
-        theta, omega = (outputs[self._per_rod[key]] for key in ("theta", "omega"))
-        plain: list[float] = outputs[self._judged_by].tolist()
-        return Quantities(*plain, theta, omega)  # pyright: ignore[reportCallIssue]
+        rows = outputs[self._judged_by]
+        each: list[Any] = rows.tolist() if of_only_lane else list(rows)
+        return Quantities(*each, theta, omega)  # pyright: ignore[reportCallIssue]
 
     def masked_info(self, present: BoolArray | None = None) -> dict[str, Any]:
         """Return the info of all lanes with its masks, arrays (B,).
@@ -205,23 +202,14 @@ class Outputs:
 
         They are handed out: the next step does not write to them.
         """
-        outputs, flags = self.rows[:, : self.count], self.flags[:, : self.count]
-        info: dict[str, Any] = dict(zip(_KERNEL_KEYS, (*outputs[:_REWARD], *flags), strict=False))
-        for key in COUNTS:
-            info[key] = info[key].astype(np.int64)
-        for key, rods in self._per_rod.items():
-            info[key] = outputs[rods].T
-        for key, read in self._read.items():
-            info[key] = read()
-        for key in self._absent:
-            del info[key]
-        return cast("BatchInfo", info)
+        rows = self.rows[:, : self.count]
+        return self._info_of_all(self, rows, rows, self.flags[:, : self.count])
 
     def only_lane(self) -> tuple[Any, float, bool, bool, Info[float, int, bool]]:
         """Return what `step` does of the only lane, as plain numbers: the quick way."""
         lane, flags = self.rows[:, 0], self.flags[:, 0].tolist()
         numbers = lane[:_ROWS].tolist()
-        info = self._make_info(self, lane, numbers, flags)
+        info = self._info_of_one(self, lane, numbers, flags)
         observation = self.observations[0] if self._is_plain else of_lane(self.observation, 0)
         return observation, numbers[_REWARD], flags[_TERMINATED], flags[_TRUNCATED], info
 

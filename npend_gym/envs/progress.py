@@ -29,10 +29,6 @@ class Progress(Enum):
     READY = ""
     UNFINISHED = "the last step() or reset() was interrupted: call reset() before {}()"
 
-    def refuse(self, call: str) -> ResetNeeded:
-        """Return the error of a call, by name, that must not be made now."""
-        return ResetNeeded(self.value.format(call))
-
 
 class ResetNeeded(gym.error.ResetNeeded, RuntimeError):  # noqa: N818 - a name of Gymnasium
     """Raised by `step` and `render` where `reset` must be called first."""
@@ -103,7 +99,7 @@ class CallGuard:
         for _ in range(3):
             if _used_elsewhere(env) or self.progress is Progress.READY:
                 return EnvInUse(call)
-        return self.progress.refuse(call)
+        return ResetNeeded(self.progress.value.format(call))
 
 
 def _used_elsewhere(env: Any) -> bool:

@@ -107,8 +107,7 @@ def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> 
         field = getattr(Parameter if of_chain else Setting, name)
         for rod in range(low.size):
             names.append(name if name in _ONE_NUMBER else f"{name}[{rod}]")
-            row = DrawFields(of_chain, field, rod, low[rod], high[rod])
-            rows.append(row)
+            rows.append(DrawFields(of_chain, field, ROD=rod, LOW=low[rod], HIGH=high[rod]))
         if of_chain:
             shape = (1,) if name == "gravity" else (1, chain.n)
             lows[name], highs[name] = low.reshape(shape), high.reshape(shape)

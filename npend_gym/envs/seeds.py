@@ -1,8 +1,7 @@
-"""The seeds of the lanes of a vector environment, and their keys."""
+"""The seeds of the lanes, and their keys."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,15 +29,24 @@ def checked_seed(seed: Any) -> int | None:
 class Seeds:
     """The seed of each lane: lane k of seed s has s + k.
 
+    Parameters
+    ----------
+    count : int
+        Number of lanes B.
+    lanes : int
+        With those that fill up the last group: see `Memory`.
+
     Attributes
     ----------
     values : list of int
         Empty until the first `choose`.
+    keys : ndarray, uint64, shape (2, lanes)
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, lanes: int) -> None:
         self._count = count
         self.values: list[int] = []
+        self.keys: Keys = np.zeros((2, lanes), np.uint64)
         self._generators: tuple[np.random.Generator, ...] | None = None
 
     def checked(self, seed: Any) -> Any:
@@ -52,8 +60,8 @@ class Seeds:
             )
         return [checked_seed(one) for one in listed]
 
-    def choose(self, seed: Any, lanes: BoolArray) -> tuple[Lanes, Keys]:
-        """Seed some lanes (B,); return those whose seed is new, and their keys (2, k).
+    def choose(self, seed: Any, lanes: BoolArray) -> Lanes:
+        """Seed some lanes (B,) as `checked` has it; return those whose seed is new.
 
         A lane without a seed keeps the one it has. The first is drawn from the system where none
         was given.
@@ -78,13 +86,22 @@ class Seeds:
             self._generators = None
         chosen = np.flatnonzero(new)
         if isinstance(seed, int):
-            return chosen, keys_of(seed, self._count)[:, chosen]
-        keys = [key_of(self.values[lane]) for lane in chosen.tolist()]
-        return chosen, np.array(keys, np.uint64).reshape(-1, 2).T
+            self.keys[:, chosen] = keys_of(seed, self._count)[:, chosen]
+        elif chosen.size > 0:
+            keys = [key_of(self.values[lane]) for lane in chosen.tolist()]
+            self.keys[:, chosen] = np.array(keys, np.uint64).T
+        return chosen
 
-    def replace(self, seeds: Sequence[int]) -> None:
+    def take(self, other: Seeds) -> None:
         """Take over the seeds of all lanes."""
-        self.values, self._generators = list(seeds), None
+        self.values, self.keys[:], self._generators = other.values, other.keys, None
+
+    def read_keys(self, lanes: Lanes) -> None:
+        """Give some lanes the seeds of which their keys were made."""
+        self.values = self.values or [0] * self._count
+        for lane, (low, high) in zip(lanes.tolist(), self.keys[:, lanes].T.tolist(), strict=True):
+            self.values[lane] = low + (high << 64)
+        self._generators = None
 
     @property
     def generators(self) -> tuple[np.random.Generator, ...]:

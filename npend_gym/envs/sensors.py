@@ -59,20 +59,20 @@ def _look_back(
 
     Before the start of an episode the state was that of the start.
     """
-    size, mask = history.shape[2] // 2, history.shape[1] - 1
+    size, mask = history.shape[3], history.shape[1] - 1
     theta, omega = scratch[_THETA], scratch[_OMEGA]
     for k in range(width):
         past, step = history[g * width + k], int(members[Episode.STEPS, g * width + k])
         for i in range(size):
-            past[step & mask, i] = rows[Rod.THETA, i * width + k]
-            past[step & mask, size + i] = rows[Rod.OMEGA, i * width + k]
+            past[step & mask, Rod.THETA, i] = rows[Rod.THETA, i * width + k]
+            past[step & mask, Rod.OMEGA, i] = rows[Rod.OMEGA, i * width + k]
         delay = min(members[Setting.observation_delay, g * width + k], step)
         whole = int(delay)
         newer, older = past[(step - whole) & mask], past[(step - whole - 1) & mask]
         for i in range(size):
-            angle, speed = newer[i], newer[size + i]
+            angle, speed = newer[Rod.THETA, i], newer[Rod.OMEGA, i]
             if delay > whole:
-                before, now = (older[i], older[size + i]), (angle, speed)
+                before, now = (older[Rod.THETA, i], older[Rod.OMEGA, i]), (angle, speed)
                 angle, speed = _interpolate(before, now, delay - whole, dt)
             theta[i * width + k], omega[i * width + k] = angle, speed
 
@@ -194,9 +194,9 @@ def sense_many(
     members, rods, model, observation, task, wiring, timing, scratch
         As for `npend_gym.envs.kernels.step_many`.
     keys : ndarray, uint64, shape (2, lanes)
-    history : ndarray, shape (lanes, slots, 2 size)
-        The states of the last steps, kept here, of `size` coordinates: those of carts too. slots
-        is a power of two, or 0 without delay.
+    history : ndarray, shape (lanes, slots, 2, size)
+        The states of the last steps, kept here: THETA and OMEGA, the first rows of `Rod`, of `size`
+        coordinates, those of carts too. slots is a power of two, or 0 without delay.
     dt : float
         Time of a step [s].
     """

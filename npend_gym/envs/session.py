@@ -1,17 +1,27 @@
-"""What the single and the vector environment share."""
+"""What the environments share: the single one, the vector one, and that of tensors."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.goals import GoalReward
-from npend_gym.envs.inputs import checked_state
+from npend_gym.envs.inputs import (
+    checked_autoreset_mode,
+    checked_episode_steps,
+    checked_num_envs,
+    checked_options,
+    checked_state,
+    given_options,
+    reset_mask,
+)
 from npend_gym.envs.keywords import PlainSpec
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import CallGuard, Progress
@@ -19,7 +29,7 @@ from npend_gym.envs.snapshots import States
 
 
 class Session:
-    """The base of both environments: their episodes, and one call at a time that changes them."""
+    """The base of all environments: their episodes, and one call at a time that changes them."""
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
     spec: Any = PlainSpec()
@@ -72,3 +82,33 @@ class Session:
         self._calls.begin(self, "state")
         self._episodes.angles = checked
         self._calls.finish()
+
+
+class ManyLanes(Session):
+    """The base of the environments with many lanes, of arrays or of tensors."""
+
+    def _open_lanes(
+        self, config: EnvConfig, num_envs: int, max_episode_steps: int | None,
+        autoreset_mode: AutoresetMode | str, render_mode: str | None = None, threads: int = 1,
+    ) -> None:  # fmt: skip
+        self.num_envs = checked_num_envs(num_envs, config.n)
+        self.max_episode_steps = checked_episode_steps(max_episode_steps)
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
+        self._open(config, render_mode, self.num_envs, threads, self.max_episode_steps)
+        self.metadata |= {"autoreset_mode": self.autoreset_mode}
+        self.single_action_space = config.action_space
+        self.single_observation_space = config.observation_space
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def _begin_lanes(
+        self, seed: Any, options: dict[str, Any] | None
+    ) -> tuple[BoolArray, dict[str, Any] | None]:
+        """Begin `reset`: seed lanes; return those that begin an episode, and their options."""
+        given, before = given_options(options), self._calls.progress
+        every = before is not Progress.READY
+        mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
+        checked = checked_options(given, self.config, self.num_envs) if given else None
+        seeds = self._episodes.seeds.checked(seed)
+        self._begin("reset", before).seed(seeds, mask)
+        return mask, checked

@@ -10,18 +10,15 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
-from npend_gym.compiled.philox import keys_of
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
-from npend_gym.envs.inputs import checked_action
+from npend_gym.envs.inputs import checked_action, checked_options, given_options
 from npend_gym.envs.keywords import EnvKeywords, with_config_keywords
-from npend_gym.envs.options import checked_options, given_options
+from npend_gym.envs.observing import ObsArray
 from npend_gym.envs.seeds import checked_seed
 from npend_gym.envs.session import Session
 from npend_gym.envs.snapshots import States
-
-ObsArray = NDArray[np.float32]
 
 _THE_LANE, _LANE_0 = np.ones(1, np.bool_), np.zeros(1, np.int64)
 
@@ -210,7 +207,7 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         if seed < 0:  # a generator that the user has set tells no seed
             seed, given = int(self.np_random.integers(2**63)), True
         if given or not self._is_seeded:
-            episodes.seed(_LANE_0, [seed], keys_of(seed, 1))
+            episodes.seed(seed, _THE_LANE)
         self._is_seeded = True
 
     def step(  # type: ignore[override]
@@ -281,8 +278,9 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         before = self._calls.progress
         checked = self._episodes.snapshots.check(state, 1)
         episodes = self._continue(checked, _LANE_0, before)
-        if episodes.seeds[0] != self._np_random_seed:
-            self._np_random, self._np_random_seed = seeding.np_random(episodes.seeds[0])
+        seed = episodes.seeds.values[0]
+        if seed != self._np_random_seed:
+            self._np_random, self._np_random_seed = seeding.np_random(seed)
         self._is_seeded = True
         self._calls.finish()
         observation, _, _, _, info = episodes.outputs.only_lane()

@@ -14,6 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import Episode, Pose, Setting
+from npend_gym.envs.seeds import Lanes
 from npend_gym.envs.settings import OF_LANES
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.memory import Memory
@@ -22,7 +23,6 @@ VERSION = 2  # of the record; another version of the package may have another
 _SUMMED = 3  # words of a record from here on are in its checksum
 _ODD = np.uint64(0x9E3779B97F4A7C15)
 States = NDArray[np.void]
-Lanes = NDArray[np.int64]
 
 
 class Snapshots:
@@ -135,11 +135,6 @@ class Snapshots:
         for values, part in zip(more.values(), parts[of_memory:], strict=True):
             values[lanes] = part
         self._keys[:, lanes] = states["key"].T
-
-
-def seeds_of(states: States) -> list[int]:
-    """Return the seeds that records were made with."""
-    return [low + (high << 64) for low, high in states["key"].tolist()]
 
 
 def _fingerprint(config: EnvConfig) -> int:

@@ -7,33 +7,22 @@ from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Unpack
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import make_config
-from npend_gym.envs.inputs import (
-    checked_action,
-    checked_autoreset_mode,
-    checked_episode_steps,
-    checked_lanes,
-    checked_num_envs,
-    reset_mask,
-)
+from npend_gym.envs.inputs import checked_action, checked_lanes
 from npend_gym.envs.keywords import EnvKeywords, with_config_keywords
-from npend_gym.envs.options import checked_options, given_options
+from npend_gym.envs.observing import ObsArray
 from npend_gym.envs.outputs import final_info
 from npend_gym.envs.progress import Progress, lanes_are_done
-from npend_gym.envs.seeds import Seeds
-from npend_gym.envs.session import Session
+from npend_gym.envs.session import ManyLanes
 from npend_gym.envs.snapshots import States
-
-ObsArray = NDArray[np.float32]
 
 
 @with_config_keywords
-class NPendulumVectorEnv(Session, VectorEnv[ObsArray, Any, Any]):
+class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     """Many N-pendulums in one object, stepped together by compiled code.
 
     This is what `gym.make_vec("NPendulum-v0", num_envs=B)` returns. Every lane is an
@@ -86,16 +75,7 @@ class NPendulumVectorEnv(Session, VectorEnv[ObsArray, Any, Any]):
     ) -> None:
         self.closed = True  # until there is something to close
         config = make_config(NPendulumVectorEnv, keywords)
-        self.num_envs = checked_num_envs(num_envs, config.chain.n)
-        self.max_episode_steps = checked_episode_steps(max_episode_steps)
-        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
-        self._open(config, render_mode, self.num_envs, threads, self.max_episode_steps)
-        self.metadata |= {"autoreset_mode": self.autoreset_mode}
-        self.single_action_space = config.action_space
-        self.single_observation_space = config.observation_space
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._seeds = Seeds(self.num_envs)
+        self._open_lanes(config, num_envs, max_episode_steps, autoreset_mode, render_mode, threads)
         self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over
         self.closed = False
 
@@ -128,15 +108,8 @@ class NPendulumVectorEnv(Session, VectorEnv[ObsArray, Any, Any]):
         ValueError, TypeError
             If seed or options break a rule; no lane has then changed.
         """
-        given = given_options(options)
-        before = self._calls.progress
-        every = before is not Progress.READY
-        mask = reset_mask(given.pop("reset_mask", None), self.num_envs, every=every)
-        checked = checked_options(given, self.config, self.num_envs) if given else None
-        checked_seed = self._seeds.checked(seed)
-        episodes = self._begin("reset", before)
-        lanes, keys = self._seeds.choose(checked_seed, mask)
-        episodes.seed(lanes, self._seeds.values, keys)
+        mask, checked = self._begin_lanes(seed, options)
+        episodes = self._episodes
         episodes.start(mask, checked)
         episodes.observe()
         self.camera.forget(mask)
@@ -240,7 +213,6 @@ class NPendulumVectorEnv(Session, VectorEnv[ObsArray, Any, Any]):
             raise self._calls.refuse(self, "set_state of some lanes")
         checked = self._episodes.snapshots.check(state, chosen.size)
         episodes = self._continue(checked, chosen, before)
-        self._seeds.replace(episodes.seeds)
         self._done = self._done.copy()
         self._done[chosen] = checked["done"] > 0
         self._calls.finish()
@@ -263,9 +235,9 @@ class NPendulumVectorEnv(Session, VectorEnv[ObsArray, Any, Any]):
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """A generator for each lane; nothing that the environment draws comes from them."""
-        return self._seeds.generators
+        return self._episodes.seeds.generators
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seeds of the lanes."""
-        return tuple(self._seeds.values)
+        return tuple(self._episodes.seeds.values)

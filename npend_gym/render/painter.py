@@ -1,18 +1,22 @@
-"""Scenes painted as arrays, with their text."""
+"""Scenes painted as arrays, with their text; what a picture is, and several side by side."""
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import _checks, _extras
-from npend_gym._palette import INK, rgb
+from npend_gym._palette import INK, PAPER, rgb
 from npend_gym.render.drawing import SAMPLES, draw_scene
-from npend_gym.render.frames import Frame
 from npend_gym.render.scene import Scene
+
+Frame = NDArray[np.uint8]
 
 
 def pygame_module() -> Any:
@@ -73,3 +77,26 @@ def _write(fonts: Any, picture: Any, scene: Scene) -> None:
         room = (0, 0, start - 3 * margin, size)  # what does not fit is cut off
         picture.blit(font.render(left[:size], True, rgb(INK)), (margin, top), room)
         picture.blit(font.render(right, True, rgb(INK)), (start, top))
+
+
+def check_frame(name: str, value: object, shape: tuple[int, ...] = ()) -> Frame:
+    """Return the picture `value`, refused where it is not uint8 or not of `shape`."""
+    out = np.asarray(value)
+    right = out.shape == shape if shape else out.ndim == 3 and out.shape[2] == 3 and out.size
+    if out.dtype != np.uint8 or not right:
+        wanted, got = shape or "(height, width, 3)", f"{out.dtype} of shape {out.shape}"
+        raise ValueError(f"{name} must be uint8 of shape {wanted}, got {got}")
+    return out
+
+
+def tile(frames: Sequence[Frame]) -> Frame:
+    """Return equal frames in a near-square grid, row by row."""
+    _checks.count("number of frames", len(frames))
+    height, width, _ = shape = check_frame("frames[0]", frames[0]).shape
+    columns = math.ceil(math.sqrt(len(frames)))
+    rows = math.ceil(len(frames) / columns)
+    cells = np.full((rows * columns, *shape), rgb(PAPER), dtype=np.uint8)
+    for k, frame in enumerate(frames):
+        cells[k] = check_frame(f"frames[{k}]", frame, shape)
+    grid = cells.reshape(rows, columns, *shape).swapaxes(1, 2)
+    return grid.reshape(rows * height, columns * width, 3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import torch
@@ -39,31 +40,15 @@ def applied(function: Any, *inputs: Any) -> Any:
     return function.apply(*inputs)
 
 
+@dataclass(frozen=True, eq=False)
 class Call:
-    """How a step is taken; no tensor is in it.
+    """How a step is taken; no tensor is in it."""
 
-    Parameters
-    ----------
-    steps : CompiledSteps
-    dt, substeps
-        As for `Ensemble.advance`.
-    names : tuple of str
-        The parameters that are tensors.
-    rows : ChainParameters, optional
-        The chains where no parameter is a tensor.
-    """
-
-    def __init__(
-        self,
-        steps: CompiledSteps,
-        dt: float,
-        substeps: int | None = None,
-        names: tuple[str, ...] = (),
-        rows: ChainParameters | None = None,
-    ) -> None:
-        self.steps, self.dt, self.substeps, self.names, self.rows = (
-            steps, dt, substeps, names, rows
-        )  # fmt: skip
+    steps: CompiledSteps
+    dt: float
+    substeps: int | None = None  # as for `Ensemble.advance`
+    names: tuple[str, ...] = ()  # of the parameters that are tensors
+    rows: ChainParameters | None = None  # the chains where no parameter is a tensor
 
     def chains(self, size: int, values: Sequence[Tensor]) -> ChainParameters:
         """Return the chains of this step."""
@@ -81,11 +66,8 @@ class Step(Function):
         """Take the step."""
         inputs = tuple(x.detach() for x in inputs)
         rows = call.chains(len(inputs[0]), inputs[3:])
-        if device_steps.on_gpu(inputs[0]):
-            return call.steps.on_gpu.forward(rows, inputs[:3], call.dt, call.substeps)
-        state = [x.numpy() for x in inputs[:3]]
-        theta, omega = call.steps.forward(rows, state, call.dt, call.substeps)
-        return torch.from_numpy(theta), torch.from_numpy(omega)
+        steps = call.steps.where(inputs[0])
+        return steps.forward(rows, inputs[:3], call.dt, call.substeps)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
@@ -122,19 +104,10 @@ class StepBack(Function):
         inputs = tuple(x.detach() for x in inputs)
         rows = call.chains(len(inputs[0]), inputs[5:])
         names = [name for name, need in zip(call.names, needed, strict=True) if need]
-        if device_steps.on_gpu(inputs[0]):
-            given = rows, inputs[2:5], inputs[:2], call.dt, call.substeps, names
-            found, by_name = call.steps.on_gpu.backward(*given)
-            zeros = zip(call.names, inputs[5:], strict=True)
-            return *found, *(by_name.get(name, torch.zeros_like(x)) for name, x in zeros)
-        arrays = [x.numpy() for x in inputs[:5]]
-        gradient = call.steps.backward(rows, arrays[2:], arrays[:2], call.dt, call.substeps, names)
-        of_state = gradient.by_theta, gradient.by_omega, gradient.by_torque
-        by_parameters = (
-            torch.from_numpy(gradient.by_parameters[name]) if name in names else torch.zeros_like(x)
-            for name, x in zip(call.names, inputs[5:], strict=True)
-        )
-        return *(torch.from_numpy(x) for x in of_state), *by_parameters
+        given = rows, inputs[2:5], inputs[:2], call.dt, call.substeps, names
+        of_state, by_name = call.steps.where(inputs[0]).backward(*given)
+        parameters = zip(call.names, inputs[5:], strict=True)
+        return *of_state, *(by_name.get(name, torch.zeros_like(x)) for name, x in parameters)
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:

@@ -1,24 +1,27 @@
-"""Steps of chains and their gradients, arrays in and arrays out, for the functions of torch."""
+"""Steps of chains and their gradients on the processor, for the functions of torch."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Cart, Chain, ChainParameters, check_parameter
+from npend_gym.chain import Chain, ChainParameters, check_parameter
 from npend_gym.compiled.sincos import MAX_ANGLE
-from npend_gym.envs.config import EnvConfig
-from npend_gym.physics import DifferentiableEnsemble, StepGradient
+from npend_gym.physics import DifferentiableEnsemble
 from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
 from npend_gym.physics.memory import Plan
-from npend_gym.physics.substeps import chain_of
-from npend_gym.torch.divergence import DivergedError, check_bars
+from npend_gym.torch import device_steps
+from npend_gym.torch.checks import DivergedError, check_bars
+from npend_gym.torch.device_steps import DeviceSteps
 
 _MAX_ENSEMBLES = 16  # of different sizes, that are kept
 _ONE_AT_A_TIME = threading.RLock()  # ensembles are written before each call
@@ -50,27 +53,8 @@ class _Lanes(DifferentiableEnsemble):
 
     def reached(self) -> tuple[FloatArray, FloatArray]:
         """Return all coordinates and their rates, (B, m) each."""
-        states = self.theta, self.omega
-        if not self._has_cart:
-            return states
-        first, second = (np.column_stack(pair) for pair in zip(states, self.cart, strict=True))
-        return first, second
-
-
-def env_steps(config: EnvConfig, threads: int, pieces: int | None) -> CompiledSteps:
-    """Return the steps of an environment, or of the `pieces` into which its motors divide one.
-
-    Loads are on the joints with a motor, or on all with `pieces`, and on the cart.
-    """
-    chain, n = chain_of(config.randomization.richest, 0), config.n
-    if config.cart_mass is not None:
-        base = Cart(config.cart_mass, config.rail_damping)
-        chain = Chain.from_dict(chain.as_dict() | {"base": base})
-    joints: list[int] = config.joints[config.joints < n].tolist() or [0]
-    if pieces is not None:
-        joints = list(range(n))
-    timing = config.min_substeps // (pieces or 1), config.max_rotation
-    return CompiledSteps(chain, joints, threads, timing)
+        memory, every = self._intact, np.arange(self._coordinates)
+        return memory.read_at(Rod.THETA, every), memory.read_at(Rod.OMEGA, every)
 
 
 class CompiledSteps:
@@ -99,21 +83,14 @@ class CompiledSteps:
         self._own = chain.repeated(1)
         self._changed: dict[int, tuple[dict[str, FloatArray], ChainParameters]] = {}
         self._ensembles: dict[int, _Lanes] = {}
-        self._on_gpu: Any = None
+        self._on_gpu: DeviceSteps | None = None
 
-    @property
-    def on_gpu(self) -> Any:
-        """The same for tensors on a GPU: `DeviceSteps`."""
-        if self._on_gpu is None:
-            from npend_gym.torch.device_steps import DeviceSteps
-
-            self._on_gpu = DeviceSteps(self.chain, self.joints, self.timing)
+    def where(self, tensor: Tensor) -> CompiledSteps | DeviceSteps:
+        """Return what takes these steps where a tensor is: `DeviceSteps` on a GPU."""
+        if not device_steps.on_gpu(tensor):
+            return self
+        self._on_gpu = self._on_gpu or DeviceSteps(self.chain, self.joints, self.timing)
         return self._on_gpu
-
-    @property
-    def n(self) -> int:
-        """Number of rods."""
-        return self.chain.n
 
     def chains(self, size: int, values: Mapping[str, FloatArray]) -> ChainParameters:
         """Return the parameters of chains with some `values`, (size, n) or (size,), by name.
@@ -129,57 +106,73 @@ class CompiledSteps:
         if last is not None and _same(last[0], values):
             return last[1]
         for name, value in values.items():
-            _check_lanes(name, value)
+            refusal = _refusal(name, value)
+            if refusal is not None:
+                lane = next(k for k, row in enumerate(value) if _refusal(name, row) is not None)
+                raise ValueError(
+                    f"{name} of lane {lane} break their rule: {refusal}; where an optimiser moves "
+                    f"them, let it move their logarithm: {name} = log_{name}.exp()"
+                ) from refusal
         copies = {name: value.copy() for name, value in values.items()}
         rows = self.chain.repeated(size, **copies)
         self._changed = {size: (copies, rows)}
         return rows
 
     def forward(
-        self, rows: ChainParameters, state: Sequence[FloatArray], dt: float, substeps: int | None
-    ) -> tuple[FloatArray, FloatArray]:
+        self, rows: ChainParameters, state: Sequence[Tensor], dt: float, substeps: int | None
+    ) -> tuple[Tensor, Tensor]:
         """Return all coordinates and rates, (B, m), after a step from `state`: q, u and loads."""
-        with _ONE_AT_A_TIME:
-            ensemble = self._ensemble(rows, *state[:2])
-            try:
-                ensemble.advance(dt=dt, substeps=substeps, **self._loads(state[2]))
-            except BaseException:
-                self._ensembles.clear()  # one that was interrupted cannot be used again
-                raise
-            lost: list[int] = np.flatnonzero(ensemble.diverged).tolist()
-            if lost:
-                self._ensembles.clear()  # it would remain so
+        with self._lanes_at(rows, state) as (lanes, loads):
+            lanes.advance(dt=dt, substeps=substeps, **loads)
+            lost: list[int] = np.flatnonzero(lanes.diverged).tolist()
+            if lost:  # they would remain so
                 raise DivergedError(lost)
-            return ensemble.reached()
+            q, u = lanes.reached()
+            return torch.from_numpy(q), torch.from_numpy(u)
 
     def backward(
         self,
         rows: ChainParameters,
-        state: Sequence[FloatArray],
-        bars: Sequence[FloatArray],
+        state: Sequence[Tensor],
+        bars: Sequence[Tensor],
         dt: float,
         substeps: int | None,
         names: Sequence[str],
-    ) -> StepGradient:
-        """Return the gradient by what a step began with, from `bars`, those by where it led."""
-        check_bars(bars)
+    ) -> tuple[list[Tensor], dict[str, Tensor]]:
+        """Return the gradient by `state` and by the parameters that are named, from `bars`.
+
+        These are the gradients by the coordinates and rates to which the step leads.
+        """
+        theta_bar, omega_bar = (bar.numpy() for bar in bars)
+        check_bars([theta_bar, omega_bar])
+        with self._lanes_at(rows, state) as (lanes, loads):
+            found = lanes.step_vjp(
+                dt=dt, substeps=substeps, theta_bar=theta_bar, omega_bar=omega_bar,
+                parameters=names, **loads,
+            )  # fmt: skip
+        of_state = [found.by_theta, found.by_omega, found.by_torque]
+        by_name = {name: torch.from_numpy(x) for name, x in found.by_parameters.items()}
+        return [torch.from_numpy(x) for x in of_state], by_name
+
+    @contextmanager
+    def _lanes_at(
+        self, rows: ChainParameters, state: Sequence[Tensor]
+    ) -> Generator[tuple[_Lanes, dict[str, FloatArray]]]:
+        """Lend the ensemble for states, put into them, and its loads: torques and a cart's force.
+
+        One that an error leaves cannot be used again.
+        """
+        theta, omega, inputs = (x.numpy() for x in state)
+        loads = {"torque": inputs}
+        if self.chain.base is not None:
+            loads = {"torque": inputs[:, :-1], "force": inputs[:, -1]}
         with _ONE_AT_A_TIME:
-            ensemble = self._ensemble(rows, *state[:2])
-            theta_bar, omega_bar = bars
+            lanes = self._ensemble(rows, theta, omega)
             try:
-                return ensemble.step_vjp(
-                    dt=dt, substeps=substeps, theta_bar=theta_bar, omega_bar=omega_bar,
-                    parameters=names, **self._loads(state[2]),
-                )  # fmt: skip
+                yield lanes, loads
             except BaseException:
                 self._ensembles.clear()
                 raise
-
-    def _loads(self, inputs: FloatArray) -> dict[str, FloatArray]:
-        """Return torques on joints, and the force on a cart, which stands after them."""
-        if self.chain.base is None:
-            return {"torque": inputs}
-        return {"torque": inputs[:, :-1], "force": inputs[:, -1]}
 
     def _ensemble(self, rows: ChainParameters, theta: FloatArray, omega: FloatArray) -> _Lanes:
         size = len(theta)
@@ -213,22 +206,10 @@ def _same(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> bool:
     return a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
 
 
-def _check_lanes(name: str, value: FloatArray) -> None:
-    """Refuse a parameter that breaks its rule, and say in which lane and what helps."""
-    _checks.choice("parameter", name, ChainParameters._fields)
+def _refusal(name: str, value: FloatArray) -> ValueError | None:
+    """Return the error of a parameter that breaks its rule, or None."""
     try:
         check_parameter(name, _checks.array(name, value))
     except ValueError as error:
-        lane = next(k for k, row in enumerate(value) if _is_broken(name, row))
-        raise ValueError(
-            f"{name} of lane {lane} break their rule: {error}; where an optimiser moves them, let "
-            f"it move their logarithm: {name} = log_{name}.exp()"
-        ) from error
-
-
-def _is_broken(name: str, value: FloatArray) -> bool:
-    try:
-        check_parameter(name, _checks.array(name, value))
-    except ValueError:
-        return True
-    return False
+        return error
+    return None

@@ -19,7 +19,7 @@ from npend_gym.physics.directions import KINDS, check_names
 from npend_gym.physics.kernels import threads
 from npend_gym.physics.kernels.link_terms import Parameter, count_terms
 from npend_gym.physics.substeps import MAX_ROTATION, substeps_of
-from npend_gym.torch.divergence import DivergedError, check_bars
+from npend_gym.torch.checks import DivergedError, check_bars
 
 _MAX_KEPT = 16  # sizes of batches for which what a GPU needs is kept
 

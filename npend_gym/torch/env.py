@@ -8,34 +8,24 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 from torch import Tensor
 from typing_extensions import Unpack
 
 from npend_gym.envs import EnvKeywords
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
-from npend_gym.envs.inputs import (
-    checked_autoreset_mode,
-    checked_episode_steps,
-    checked_num_envs,
-    reset_mask,
-)
 from npend_gym.envs.keywords import with_config_keywords
-from npend_gym.envs.options import checked_options, given_options
 from npend_gym.envs.progress import Progress, lanes_are_done
-from npend_gym.envs.seeds import Seeds
-from npend_gym.torch.actions import check_config, checked_coordinates, clipped_action
+from npend_gym.envs.session import ManyLanes
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
-from npend_gym.torch.compiled_steps import env_steps
-from npend_gym.torch.divergence import DivergedError
-from npend_gym.torch.hardware import IdealMotors, Motors, Sensors
-from npend_gym.torch.judging import Lanes, State, judge, observe, quantities, with_goals
-from npend_gym.torch.steps import check_device
+from npend_gym.torch.checks import DivergedError, check_device, check_tensor, clipped_action
+from npend_gym.torch.compiled_steps import CompiledSteps
+from npend_gym.torch.hardware import Motors, Sensors
+from npend_gym.torch.judging import Lanes, State, judge, observe, with_goals
 
 
 @with_config_keywords
-class DifferentiableVectorEnv:
+class DifferentiableVectorEnv(ManyLanes):
     """Many N-pendulums as tensors: rewards and observations have gradients by all past actions.
 
     Episodes are those of `NPendulumVectorEnv` with the same keywords: the same starts of the same
@@ -92,32 +82,47 @@ class DifferentiableVectorEnv:
         **keywords: Unpack[EnvKeywords],
     ) -> None:
         config = make_config(DifferentiableVectorEnv, keywords)
-        size = self.num_envs = checked_num_envs(num_envs, config.chain.n)
-        self.max_episode_steps = checked_episode_steps(max_episode_steps)
-        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         if dtype not in (torch.float64, torch.float32):
             raise TypeError(f"dtype must be torch.float64 or torch.float32, got {dtype}")
-        self.config, self.dtype, self.device = config, dtype, check_device(device)
-        self.single_observation_space = config.observation_space
-        self.single_action_space = config.action_space
-        self.observation_space = batch_space(self.single_observation_space, size)
-        self.action_space = batch_space(self.single_action_space, size)
-        self.observation_size = config.observed
-        self.action_size = config.joints.size
-        self._episodes = episodes = Episodes(config, size, 1, self.max_episode_steps)
-        self._seeds = Seeds(size)
-        motors, sensors, keys = episodes.motors, episodes.sensors, episodes.keys
-        self._motors = IdealMotors(config) if motors is None else Motors(config, motors, keys)
-        self._sensors = None if sensors is None else Sensors(config, sensors, keys)
-        check_config(config, self.device, errors=motors is not None or sensors is not None)
-        self._steps = env_steps(config, threads, None if motors is None else motors.pieces)
-        self._progress = Progress.NEW
-        self._theta: Tensor = self._zeros(size, config.state_size // 2)  # and the place of a cart
+        self.dtype, self.device = dtype, check_device(device)
+        self._open_lanes(config, num_envs, max_episode_steps, autoreset_mode)
+        self.observation_size, self.action_size = config.observed, config.joints.size
+        self._check_config()
+        self._fit_hardware()
+        timing = config.min_substeps // self._motors.pieces, config.max_rotation
+        self._steps = CompiledSteps(config.richest, self._motors.joints, threads, timing)
+        self._theta: Tensor = self._zeros(self.num_envs, config.state_size // 2)  # and of a cart
         self._omega: Tensor = self._theta
-        self._start_energy = self._zeros(size)
-        self._age = self._held = self._zeros(size, dtype=torch.int64)
-        self._done = self._zeros(size, dtype=torch.bool)
+        self._start_energy = self._zeros(self.num_envs)
+        self._age = self._held = self._zeros(self.num_envs, dtype=torch.int64)
+        self._done = self._zeros(self.num_envs, dtype=torch.bool)
         self._taken = 0
+
+    def _check_config(self) -> None:
+        """Raise a ValueError where these environments cannot take the settings."""
+        config, episodes = self.config, self._episodes
+        for name in ("cart_mass", "rail_damping"):
+            if name in config.context_names:
+                raise ValueError(
+                    f"randomize must leave {name} out in an environment of tensors, whose carts "
+                    "are all alike"
+                )
+        ideal = episodes.motors is None and episodes.sensors is None
+        if self.device.type != "cpu" and (config.has_cart or not ideal):
+            raise ValueError(
+                'device must be "cpu" for a cart, or for motors and sensors that are not ideal; '
+                f'got "{self.device}"'
+            )
+
+    def _fit_hardware(self) -> None:
+        self._motors = Motors(self._episodes, self.device)
+        self._sensors = Sensors(self._episodes)
+
+    def _begin(self, call: str, before: Progress) -> Episodes:
+        episodes = super()._begin(call, before)
+        if before is Progress.UNFINISHED:  # they are new
+            self._fit_hardware()
+        return episodes
 
     def _zeros(self, *shape: int, dtype: torch.dtype = torch.float64) -> Tensor:
         return torch.zeros(*shape, dtype=dtype, device=self.device)
@@ -143,27 +148,18 @@ class DifferentiableVectorEnv:
         observation : Tensor, shape (B, k)
         info : dict of Tensor
         """
-        given = given_options(options)
-        mask = given.pop("reset_mask", None)
-        chosen = reset_mask(
-            mask.cpu().numpy() if isinstance(mask, Tensor) else mask,
-            self.num_envs,
-            every=self._progress is not Progress.READY,
-        )
-        checked = checked_options(given, self.config, self.num_envs) if given else None
-        checked_seed = self._seeds.checked(seed)
-        self._progress = Progress.UNFINISHED
-        lanes, keys = self._seeds.choose(checked_seed, chosen)
-        self._episodes.seed(lanes, self._seeds.values, keys)
+        if isinstance(options, dict) and isinstance(options.get("reset_mask"), Tensor):
+            options = options | {"reset_mask": options["reset_mask"].cpu().numpy()}
+        chosen, checked = self._begin_lanes(seed, options)
         begun = torch.from_numpy(chosen).to(self.device)
-        state = self._begin(begun, checked)
+        state = self._start(begun, checked)
         self._done = self._done & ~begun
         if chosen.all():
             self._taken = 0
-        self._progress = Progress.READY
+        self._calls.finish()
         return self._observation(state), self._info(state)
 
-    def _begin(self, mask: Tensor, options: Any = None) -> State:
+    def _start(self, mask: Tensor, options: Any = None) -> State:
         """Begin new episodes in the lanes of `mask`; return the state of all lanes."""
         config = self.config
         self._episodes.start(mask.cpu().numpy(), options)
@@ -175,16 +171,13 @@ class DifferentiableVectorEnv:
             mask, torch.from_numpy(began.state).to(self.device)
         )
         self._motors.begin(mask)
-        if self._sensors is not None:
-            self._sensors.begin(mask, self._theta, self._omega)
-        state = State.of(self._theta, self._omega, lanes)
+        self._sensors.begin(mask, self._theta, self._omega)
+        state = State(self._theta, self._omega, lanes)
         energy = state.energy.detach()
         energy = torch.where(energy > 0.0, energy, lanes.lifting_energy)
         self._start_energy = torch.where(mask, energy, self._start_energy)
         with torch.no_grad():
-            none = torch.zeros_like(energy)
-            judged = quantities(state, lanes, self._start_energy, none, config.rail)
-            achieved = judge(config.mode, judged, sparse=False, on_cart=config.has_cart)[2]
+            achieved = judge(config, state, self._start_energy, torch.zeros_like(energy))[2]
         self._age = torch.where(mask, 0, self._age)
         self._held = torch.where(mask, achieved.to(torch.int64), self._held)
         return state
@@ -228,16 +221,15 @@ class DifferentiableVectorEnv:
         ResetNeeded
             As for `NPendulumVectorEnv.step`.
         """
-        if self._progress is not Progress.READY:
-            raise self._progress.refuse("step")
+        self._calls.check(self, "step")
         waiting, mode = self._done, self.autoreset_mode
         resets = mode is AutoresetMode.NEXT_STEP and bool(waiting.any())
         if mode is AutoresetMode.DISABLED and waiting.any():
             raise lanes_are_done(waiting.cpu().numpy())
-        clipped = clipped_action(action, self)
-        self._progress = Progress.UNFINISHED
+        clipped = clipped_action(action, self.config, self.num_envs, self.dtype, self.device)
+        self._calls.begin(self, "step")
         if resets:
-            self._begin(waiting)
+            self._start(waiting)
             clipped = torch.where(waiting[:, None], 0.0, clipped)
         began = self._theta, self._omega
         self._advance(clipped)
@@ -246,7 +238,7 @@ class DifferentiableVectorEnv:
             self._theta = torch.where(column, began[0], self._theta)
             self._omega = torch.where(column, began[1], self._omega)
         result = self._outcome(clipped, waiting if resets else None)
-        self._progress = Progress.READY
+        self._calls.finish()
         return result
 
     def _advance(self, clipped: Tensor) -> None:
@@ -266,13 +258,9 @@ class DifferentiableVectorEnv:
         self, clipped: Tensor, fresh: Tensor | None
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Return what `step` does; lanes that are `fresh` have only begun."""
-        config, lanes = self.config, self._lanes
-        state = State.of(self._theta, self._omega, lanes)
+        state = State(self._theta, self._omega, self._lanes)
         squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._zeros(self.num_envs)
-        judged = quantities(state, lanes, self._start_energy, squares, config.rail)
-        reward, terminated, achieved = judge(
-            config.mode, judged, sparse=config.reward_type == "sparse", on_cart=config.has_cart
-        )
+        reward, terminated, achieved = judge(self.config, state, self._start_energy, squares)
         self._age, held = self._age + 1, self._held + 1
         if fresh is not None:
             self._age, held = torch.where(fresh, 0, self._age), torch.where(fresh, 1, held)
@@ -282,23 +270,20 @@ class DifferentiableVectorEnv:
         if self.max_episode_steps is not None:
             truncated = self._age >= self.max_episode_steps
         self._done = terminated | truncated
-        if self._sensors is not None:
-            self._sensors.see(self._theta, self._omega)
+        self._sensors.see(self._theta, self._omega)
         info, observation = self._info(state), self._observation(state)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             info["final_obs"] = observation
             if self._done.any():
-                observation = self._observation(self._begin(self._done))
+                observation = self._observation(self._start(self._done))
                 self._done = torch.zeros_like(terminated)
         return observation, reward.to(self.dtype), terminated, truncated, info
 
     def _observation(self, state: State) -> Any:
-        sensed = state
-        if self._sensors is not None:
-            sensed = State.of(*self._sensors.sensed(self._age, self._settings), self._lanes)
-        observation = observe(self.config, sensed, self._lanes).to(self.dtype)
+        sensed = self._sensors.shown(state, self._age, self._settings)
+        observation = observe(self.config, sensed).to(self.dtype)
         if self.config.goal_env:
-            return with_goals(observation, state, self._lanes)
+            return with_goals(observation, state)
         return observation
 
     def _info(self, state: State) -> dict[str, Tensor]:
@@ -309,8 +294,8 @@ class DifferentiableVectorEnv:
             "time": self._age * self.config.dt,
             "success": self._held > self.config.hold_steps,
         }
-        if state.place is not None and state.velocity is not None:
-            info |= {"cart_position": state.place, "cart_velocity": state.velocity}
+        if self.config.has_cart:
+            info |= {"cart_position": state.place[:, 0], "cart_velocity": state.velocity[:, 0]}
         if self.config.mode.has_goals:
             info["goal"] = torch.where(self._lanes.goals < 0.0, np.pi, 0.0)
         return info
@@ -321,30 +306,27 @@ class DifferentiableVectorEnv:
         """Cut the graph: gradients of what comes later end here."""
         self._theta, self._omega = self._theta.detach(), self._omega.detach()
         self._motors.detach()
-        if self._sensors is not None:
-            self._sensors.detach()
+        self._sensors.detach()
 
     def close(self) -> None:
         """End the threads."""
         self._steps.close()
 
     @property
-    def state(self) -> tuple[Tensor, Tensor]:
+    def state(self) -> tuple[Tensor, Tensor]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Angles [rad] and angular velocities [rad/s], float64, with their graph.
 
         (B, n) each; with a cart (B, n + 1), its position [m] and velocity [m/s] last. They can be
         set, to tensors with gradients too. Nothing else changes with them.
         """
-        if self._progress is not Progress.READY:
-            raise self._progress.refuse("state")
+        self._calls.check(self, "state")
         return self._theta, self._omega
 
     @state.setter
-    def state(self, value: tuple[Tensor, Tensor]) -> None:
-        if self._progress is not Progress.READY:
-            raise self._progress.refuse("state")
+    def state(self, value: tuple[Tensor, Tensor]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        self._calls.check(self, "state")
         shape = tuple(self._theta.shape)
         self._theta, self._omega = (
-            checked_coordinates(name, given, shape, self.device)
+            check_tensor(name, given, shape, self.device).to(torch.float64)
             for name, given in zip(("theta", "omega"), value, strict=True)
         )

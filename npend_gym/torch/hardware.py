@@ -1,4 +1,4 @@
-"""Motors and sensors that are not ideal, for tensors: what `npend_gym.envs.hardware` does.
+"""Motors and sensors for tensors: what `npend_gym.envs.hardware` does.
 
 The random numbers are drawn there. What has a gradient is computed here: the torques of late and
 slow motors by the actions, and late observations by the states. Rounding counts as the identity in
@@ -13,12 +13,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from npend_gym.compiled.philox import Keys
-from npend_gym.envs import hardware
-from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.sensors import interpolate
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.torch.judging import Lanes, wrapped
+from npend_gym.torch.judging import Lanes, State, wrapped
 
 Settings = Mapping[str, Tensor]  # of the lanes, by keyword, (B,)
 
@@ -51,74 +49,62 @@ class Past:
         self._kept = [each.detach() for each in self._kept]
 
 
-class IdealMotors:
-    """Motors that exert their action times the limit."""
-
-    pieces = 1
-
-    def __init__(self, config: EnvConfig) -> None:
-        self._carts = int(config.has_cart)
-
-    def begin(self, mask: Tensor) -> None:
-        """Do nothing: these motors have no memory."""
-
-    def act(self, action: Tensor, age: Tensor, settings: Settings) -> None:
-        """Take the clipped actions, (B, joints), of a step."""
-        del age, settings
-        self._action = action
-
-    def loads(self, piece: int, q: Tensor, u: Tensor, lanes: Lanes, settings: Settings) -> Tensor:
-        """Return torques on joints, one at least, then the force on a cart, (B, inputs)."""
-        del piece, q, u, settings
-        loads = self._action * lanes.limits
-        if loads.shape[1] > 0 and not self._carts:
-            return loads
-        force, torques = loads[:, : self._carts], loads[:, self._carts :]
-        if torques.shape[1] == 0:
-            torques = loads.new_zeros(len(loads), 1)
-        return torch.cat([torques, force], dim=1)
-
-    def detach(self) -> None:
-        """Do nothing."""
-
-
 class Motors:
-    """Late, slow, noisy and rippled motors, and pushes at the tip, as `npend_gym.envs.motors`."""
+    """The motors of an environment, and pushes at the tip, as `npend_gym.envs.motors`.
 
-    def __init__(self, config: EnvConfig, motors: hardware.Motors, keys: Keys) -> None:
-        self.config, self._motors, self._keys = config, motors, keys
-        self.pieces = motors.pieces
+    Attributes
+    ----------
+    pieces : int
+        Into how many equal pieces a step is divided.
+    joints : list of int
+        Joints that have a load: all where a push or a ripple may turn them.
+    """
+
+    def __init__(self, episodes: Episodes, device: torch.device) -> None:
+        self._motors, self._keys, config = episodes.motors, episodes.seeds.keys, episodes.config
+        self.config, n, acted = config, config.n, config.joints.tolist()
+        if self._motors is None:
+            self.pieces, self.joints = 1, [joint for joint in acted if joint < n] or [0]
+        else:
+            self.pieces, self.joints = self._motors.pieces, list(range(n))
+        columns = {joint: k for k, joint in enumerate((*self.joints, n))}  # of loads; n: a cart
+        places = torch.tensor([columns[joint] for joint in acted], dtype=torch.int64)
+        self._places = places.to(device)
         self._past = Past(config.largest["action_delay"])
-        self._joints = torch.from_numpy(config.joints)
-        self._lagged = torch.zeros(1, config.joints.size, dtype=torch.float64)
+        self._lagged = torch.zeros(1, len(acted), dtype=torch.float64)
 
     def begin(self, mask: Tensor) -> None:
         """Forget the actions of the lanes of `mask`."""
-        idle = torch.zeros(len(mask), self._joints.numel(), dtype=torch.float64)
-        self._past.begin(mask, idle)
-        self._lagged = torch.where(mask[:, None], 0.0, self._lagged)
+        if self._motors is not None:
+            idle = torch.zeros(len(mask), len(self._places), dtype=torch.float64)
+            self._past.begin(mask, idle)
+            self._lagged = torch.where(mask[:, None], 0.0, self._lagged)
 
     def act(self, action: Tensor, age: Tensor, settings: Settings) -> None:
         """Take the clipped actions, (B, joints), of a step, and draw what disturbs it."""
-        self._past.add(action)
-        self._older, self._newer, self._fraction = self._past.around(settings["action_delay"])
-        noise, push = self._motors.disturbances(self._keys, age.numpy(), self.config.dt)
-        self._noise, self._push = torch.from_numpy(noise), torch.from_numpy(push)
+        self._newer = action
+        if self._motors is not None:
+            self._past.add(action)
+            self._older, self._newer, self._fraction = self._past.around(settings["action_delay"])
+            noise, push = self._motors.disturbances(self._keys, age.numpy(), self.config.dt)
+            self._noise, self._push = torch.from_numpy(noise), torch.from_numpy(push)
 
     def loads(self, piece: int, q: Tensor, u: Tensor, lanes: Lanes, settings: Settings) -> Tensor:
-        """Return the torques on all joints, and the force on a cart, (B, c), in a piece."""
+        """Return the torques on `joints`, and the force on a cart, (B, inputs), in a piece."""
+        loads = q.new_zeros(len(q), len(self.joints) + self.config.has_cart)
+        if self._motors is None:
+            return loads.index_copy(1, self._places, lanes.limits * self._newer)
         n, h = self.config.n, self.config.dt / self.pieces
         share = (self._fraction * self.pieces - piece).clamp(0.0, 1.0)
         action = share * self._older + (1.0 - share) * self._newer
         motors = lanes.limits * self._followed(action, share, h, settings["motor_lag"][:, None])
         half = q[:, :n] + 0.5 * h * u[:, :n]
-        loads = torch.zeros_like(q)
-        on_joint = self._joints < n
+        on_joint, joint = self._places < n, self._places.clamp(max=n - 1)
         phi = torch.diff(half, dim=1, prepend=torch.zeros_like(half[:, :1]))
         ripple = (settings["ripple_cycles"][:, None] * wrapped(phi)).sin()
         ripple = settings["torque_ripple"][:, None] * ripple
-        added = torch.where(on_joint, self._noise + ripple[:, self._joints.clamp(max=n - 1)], 0.0)
-        loads = loads.index_copy(1, self._joints, motors + added)
+        added = torch.where(on_joint, self._noise + ripple[:, joint], 0.0)
+        loads = loads.index_copy(1, self._places, motors + added)
         levers = torch.flip(lanes.chains.lengths * half.cos(), (1,)).cumsum(1).flip(1)
         of_push = [levers, torch.ones_like(q[:, n:])]
         return loads + self._push[:, None] * torch.cat(of_push, dim=1)
@@ -143,37 +129,42 @@ class Motors:
 
 
 class Sensors:
-    """Late, noisy and coarse sensors, as `npend_gym.envs.sensors`."""
+    """The sensors of an environment, as `npend_gym.envs.sensors`."""
 
-    def __init__(self, config: EnvConfig, sensors: hardware.Sensors, keys: Keys) -> None:
-        self.config, self._sensors, self._keys = config, sensors, keys
-        self._past = Past(config.largest["observation_delay"])
+    def __init__(self, episodes: Episodes) -> None:
+        self._sensors, self._keys, config = episodes.sensors, episodes.seeds.keys, episodes.config
+        self._dt, self._past = config.dt, Past(config.largest["observation_delay"])
 
     def begin(self, mask: Tensor, q: Tensor, u: Tensor) -> None:
         """Begin in the lanes of `mask` with states q and u, (B, c)."""
-        self._past.begin(mask, torch.cat([q, u], dim=1))
+        if self._sensors is not None:
+            self._past.begin(mask, torch.cat([q, u], dim=1))
 
     def see(self, q: Tensor, u: Tensor) -> None:
         """Take the states q and u, (B, c), after a step."""
-        self._past.add(torch.cat([q, u], dim=1))
+        if self._sensors is not None:
+            self._past.add(torch.cat([q, u], dim=1))
 
-    def sensed(self, age: Tensor, settings: Settings) -> tuple[Tensor, Tensor]:
-        """Return what the sensors show of q and u, (B, c) each, in these steps of the episodes."""
+    def shown(self, state: State, age: Tensor, settings: Settings) -> State:
+        """Return what the sensors show where a state is true, in these steps of the episodes."""
+        if self._sensors is None:
+            return state
+        column = {name: settings[name][:, None] for name in settings}
         delay = torch.minimum(settings["observation_delay"], age.double())
         older, newer, fraction = self._past.around(delay)
-        (q0, u0), (q1, u1), n = older.chunk(2, dim=1), newer.chunk(2, dim=1), self.config.n
-        q, u = interpolate((q0, u0), (q1, u1), fraction, self.config.dt)
+        (q0, u0), (q1, u1), n = older.chunk(2, dim=1), newer.chunk(2, dim=1), state.n
+        q, u = interpolate((q0, u0), (q1, u1), fraction, self._dt)
         q, u = torch.where(fraction > 0.0, q, q1), torch.where(fraction > 0.0, u, u1)
         drawn = self._sensors.noise(self._keys, age.numpy())
         of_angle, of_speed = torch.from_numpy(drawn[0]), torch.from_numpy(drawn[1])
-        column = {name: settings[name][:, None] for name in settings}
         deviation, step = column["angle_noise"], column["angle_resolution"]
         angle = wrapped(q[:, :n] + deviation * of_angle)
         angle = torch.where(step > 0.0, wrapped(_rounded(angle, step)), angle)
         angle = torch.where((deviation == 0.0) & (step == 0.0), q[:, :n], angle)
         speed = u[:, :n] + column["velocity_noise"] * of_speed
         speed = _rounded(speed, column["velocity_resolution"]).clamp(-MAX_SPEED, MAX_SPEED)
-        return torch.cat([angle, q[:, n:]], dim=1), torch.cat([speed, u[:, n:]], dim=1)
+        q, u = torch.cat([angle, q[:, n:]], dim=1), torch.cat([speed, u[:, n:]], dim=1)
+        return State(q, u, state.lanes)
 
     def detach(self) -> None:
         """Cut the graph."""

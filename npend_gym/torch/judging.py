@@ -14,8 +14,7 @@ from torch import Tensor
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.envs import EnvConfig, Mode, Quantities
-from npend_gym.envs.cart import cart_speed_factor
+from npend_gym.envs import EnvConfig, Quantities
 from npend_gym.envs.goals import MAX_KINETIC_ENERGY
 from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings
@@ -75,26 +74,37 @@ def exact_sincos(angles: Tensor) -> tuple[Tensor, Tensor]:
 
 @dataclass(frozen=True)
 class State:
-    """Angles and velocities, (..., n), with what follows from them."""
+    """Coordinates and rates, (..., c), of angles and of a cart, with what follows from them."""
 
+    q: Tensor
+    u: Tensor
     lanes: Lanes
-    theta: Tensor
-    omega: Tensor
-    place: Tensor | None  # of a cart [m], (...)
-    velocity: Tensor | None  # m/s
-    sincos: Callable[[Tensor], tuple[Tensor, Tensor]]
+    sincos: Callable[[Tensor], tuple[Tensor, Tensor]] = exact_sincos
 
-    @classmethod
-    def of(
-        cls, q: Tensor, u: Tensor, lanes: Lanes,
-        sincos: Callable[[Tensor], tuple[Tensor, Tensor]] = exact_sincos,
-    ) -> State:  # fmt: skip
-        """Return the states of chains, from angles and the place of a cart, (..., c), and rates."""
-        n = lanes.lift.shape[-1]
-        if q.shape[-1] == n:
-            return cls(lanes, q, u, None, None, sincos)
-        theta, omega = q[..., :n].contiguous(), u[..., :n]
-        return cls(lanes, theta, omega, q[..., n], u[..., n], sincos)
+    @property
+    def n(self) -> int:
+        """Number of rods."""
+        return self.lanes.lift.shape[-1]
+
+    @property
+    def theta(self) -> Tensor:
+        """Angles [rad], (..., n)."""
+        return self.q[..., : self.n]
+
+    @property
+    def omega(self) -> Tensor:
+        """Angular velocities [rad/s], (..., n)."""
+        return self.u[..., : self.n]
+
+    @property
+    def place(self) -> Tensor:
+        """Place of the cart [m], (..., 1), or (..., 0) without one."""
+        return self.q[..., self.n :]
+
+    @property
+    def velocity(self) -> Tensor:
+        """Velocity of the cart [m/s], (..., 1), or (..., 0) without one."""
+        return self.u[..., self.n :]
 
     @cached_property
     def sines(self) -> tuple[Tensor, Tensor]:
@@ -111,10 +121,10 @@ class State:
         """Kinetic energy [J], (...)."""
         lanes, (sines, cosines) = self.lanes, self.sines
         kinetic = kinetic_from(lanes.chains, sines, cosines, self.omega, bobs=lanes.bobs)
-        if self.velocity is None:
+        if self.velocity.shape[-1] == 0:
             return kinetic
         momentum = (lanes.lift * cosines * self.omega).sum(-1)
-        return kinetic_on_cart(kinetic, momentum, lanes.mass, self.velocity)
+        return kinetic_on_cart(kinetic, momentum, lanes.mass, self.velocity[..., 0])
 
     @cached_property
     def lift(self) -> Tensor:
@@ -127,13 +137,33 @@ class State:
         return self.kinetic_energy + self.lanes.chains.gravity * self.lift
 
 
-def quantities(
-    state: State, lanes: Lanes, start_energy: Tensor, squares: Tensor, rail: float | None
-) -> Quantities[Any]:
-    """Return what a mode judges by.
+def judge(
+    config: EnvConfig, state: State, start_energy: Tensor, squares: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return reward, failed and achieved by the formulas of an environment's mode, (...) each.
 
     `start_energy` is what energies are a fraction of [J], `squares` the mean squared action.
     """
+    mode, judged = config.mode, _quantities(state, start_energy, squares, config.rail)
+    shape = judged.height.shape
+    with torch.no_grad():
+        plain = Quantities(*(cast("Any", x).detach() for x in judged))
+        failed, achieved = (
+            torch.as_tensor(x, dtype=torch.bool).expand(shape)
+            for x in (mode.failed(plain), mode.achieved(plain))
+        )
+        left: Any = left_rail(plain.rail_position)
+        failed, achieved = failed | left, achieved & ~left
+    if config.reward_type == "sparse":
+        return achieved.to(torch.float64), failed, achieved
+    reward = torch.as_tensor(mode.reward(judged)) * rail_factor(judged.rail_position)
+    return torch.where(left, 0.0, reward).expand(shape), failed, achieved
+
+
+def _quantities(
+    state: State, start_energy: Tensor, squares: Tensor, rail: float | None
+) -> Quantities[Any]:
+    lanes = state.lanes
     none = torch.zeros_like(start_energy)
     closeness = distance = none
     if lanes.goals.shape[-1] > 0:
@@ -149,33 +179,13 @@ def quantities(
         mean_squared_action=squares,
         closeness=closeness,
         goal_distance=distance,
-        rail_position=none if rail is None or state.place is None else state.place / rail,
+        rail_position=none if rail is None else state.place[..., 0] / rail,
         theta=cast("Any", state.theta),
         omega=cast("Any", state.omega),
     )
 
 
-def judge(
-    mode: Mode, judged: Quantities[Any], *, sparse: bool, on_cart: bool
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return reward, failed and achieved by the formulas of a mode, (B,) each."""
-    shape = judged.height.shape
-    with torch.no_grad():
-        plain = Quantities(*(cast("Any", x).detach() for x in judged))
-        failed, achieved = (
-            torch.as_tensor(x, dtype=torch.bool).expand(shape)
-            for x in (mode.failed(plain), mode.achieved(plain))
-        )
-        left: Any = left_rail(plain.rail_position) if on_cart else None
-        if on_cart:
-            achieved, failed = achieved & ~left, failed | left
-    reward = achieved.to(torch.float64) if sparse else torch.as_tensor(mode.reward(judged))
-    if on_cart and not sparse:
-        reward = torch.where(left, 0.0, reward * rail_factor(judged.rail_position))
-    return reward.expand(shape), failed, achieved
-
-
-def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
+def observe(config: EnvConfig, state: State) -> Tensor:
     """Return the observations of an environment, (..., numbers)."""
     if config.with_sines:
         speeds, limit = state.omega, config.speed_limit
@@ -185,22 +195,21 @@ def observe(config: EnvConfig, state: State, lanes: Lanes) -> Tensor:
         parts = [*state.sines, speeds]
     else:
         parts = [wrapped(state.theta), state.omega]
-    of_cart = []
-    if config.rail is not None and state.place is not None and state.velocity is not None:
-        entries = state.place / config.rail, state.velocity * cart_speed_factor(config)
-        of_cart = [x.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY)[..., None] for x in entries]
+    of_cart = state.place / (config.rail or 1.0), state.velocity * config.cart_speed_factor
+    of_cart = [entry.clamp(-MAX_CART_ENTRY, MAX_CART_ENTRY) for entry in of_cart]
     if not config.observe_velocities:
         parts, of_cart = parts[:-1], of_cart[:1]
     parts += of_cart
     if config.observes_goals:
-        parts.append(lanes.goals)
+        parts.append(state.lanes.goals)
     if config.observe_context:
-        parts.append(lanes.context)
+        parts.append(state.lanes.context)
     return torch.cat(parts, dim=-1)
 
 
-def with_goals(observation: Tensor, state: State, lanes: Lanes) -> dict[str, Tensor]:
+def with_goals(observation: Tensor, state: State) -> dict[str, Tensor]:
     """Return observations with what has been achieved, and what is desired, as a `goal_env`."""
+    lanes = state.lanes
     kinetic = (state.kinetic_energy / lanes.lifting_energy).clamp(max=MAX_KINETIC_ENERGY)
     at_rest = torch.zeros_like(kinetic)[:, None]
     return {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import torch
@@ -12,12 +11,9 @@ from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
-from npend_gym.compiled.gpu import require_device
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
+from npend_gym.torch.checks import as_tensors
 from npend_gym.torch.compiled_steps import CompiledSteps
-
-_DTYPES = (torch.float64, torch.float32)
-_DEVICES = ("cpu", "cuda")
 
 
 @uncompiled
@@ -111,46 +107,6 @@ def _kept_steps(chain: Chain, joints: tuple[int, ...]) -> CompiledSteps:
     )
 
 
-def as_tensors(values: Mapping[str, Any]) -> list[Tensor]:
-    """Return tensors of one dtype and device; plain numbers become that of the first.
-
-    Raises
-    ------
-    TypeError
-        If one is no tensor, not of float64 or float32, or unlike the first.
-    """
-    first = next(iter(values.items()))
-    tensors: list[Tensor] = []
-    for name, given in values.items():
-        value = given
-        if tensors and type(given) in (int, float):
-            value = tensors[0].new_tensor(float(given))
-        tensors.append(check_tensor(name, value))
-        if value.dtype != first[1].dtype or value.device != first[1].device:
-            raise TypeError(
-                f"{name} must have the dtype and device of {first[0]}, {first[1].dtype} on "
-                f"{first[1].device}, got {value.dtype} on {value.device}: convert it with .to(...)"
-            )
-    return tensors
-
-
-def check_tensor(name: str, value: Any) -> Tensor:
-    """Return a tensor of floating numbers, refused if it is something else."""
-    if not isinstance(value, Tensor):
-        raise TypeError(f"{name} must be a tensor of torch, got {_checks.show(value)}")
-    if value.device.type not in _DEVICES:
-        raise ValueError(
-            f"{name} must be on the processor or an NVIDIA GPU, got {value.device}: convert it "
-            "with .cpu() or .cuda()"
-        )
-    if value.dtype not in _DTYPES:
-        raise TypeError(
-            f"{name} must be of float64 or float32, got {value.dtype}, which has no gradients "
-            "here: convert it with .double()"
-        )
-    return value
-
-
 def _broadcast(
     sizes: Mapping[str, int], tensors: Sequence[Tensor]
 ) -> tuple[torch.Size, list[Tensor]]:
@@ -177,25 +133,3 @@ def _broadcast(
         x.expand(*leading, *own).reshape(-1, *own).contiguous()
         for x, own in zip(shaped, axes, strict=True)
     ]
-
-
-def check_device(device: str | torch.device) -> torch.device:
-    """Return the device, refused where steps cannot be taken there.
-
-    Raises
-    ------
-    ValueError
-        If it is neither the processor nor an NVIDIA GPU.
-    RuntimeError, ImportError
-        If there is no GPU, or torch or Numba cannot use it.
-    """
-    chosen = torch.device(device)
-    _checks.choice("device", chosen.type, _DEVICES)
-    if chosen.type == "cuda":
-        require_device()
-        if not torch.cuda.is_available():
-            raise RuntimeError(
-                'device "cuda" needs a torch with CUDA, this one is '
-                f'{torch.__version__}: install one as pytorch.org says, or use device="cpu"'
-            )
-    return chosen

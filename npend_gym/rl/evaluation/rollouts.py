@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.envs.cart import cart_speed_factor
 from npend_gym.envs.config import EnvConfig
 from npend_gym.physics import energy
 from npend_gym.rl.angles import wrap
@@ -165,7 +164,7 @@ class Observer:
             return told
         omega, velocity = rest[:, :n] * config.speed_scale, None
         if config.rail is not None:
-            velocity = told["cart_velocity"] = rest[:, n + 1] / cart_speed_factor(config)
+            velocity = told["cart_velocity"] = rest[:, n + 1] / config.cart_speed_factor
         kinetic = energy.kinetic_of_motion(config.chain, theta, omega, velocity, None, None)
         return told | {
             "omega": omega, "energy": kinetic + energy.potential_energy(config.chain, theta)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
-from npend_gym.envs.cart import cart_speed_factor
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import MAX_CART_ENTRY
 from npend_gym.rl.angles import wrap
@@ -76,7 +75,7 @@ def observation_of(
     if config.rail is not None:
         entries = [np.asarray(cart_position) / config.rail]
         if config.observe_velocities:
-            entries.append(np.asarray(cart_velocity) * cart_speed_factor(config))
+            entries.append(np.asarray(cart_velocity) * config.cart_speed_factor)
         clipped = (np.clip(entry, -MAX_CART_ENTRY, MAX_CART_ENTRY) for entry in entries)
         parts += [np.broadcast_to(entry, lead)[..., None] for entry in clipped]
     if config.observes_goals:

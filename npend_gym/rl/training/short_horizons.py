@@ -12,15 +12,13 @@ import torch
 from torch import nn
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import Chain, ChainParameters
+from npend_gym.chain import ChainParameters
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.modes import Calm
 from npend_gym.envs.outputs import Beginnings
-from npend_gym.envs.seeds import Seeds
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.energy import lift_from
-from npend_gym.physics.substeps import chain_of
 from npend_gym.rl.angles import wrap
 from npend_gym.rl.controllers.step_model import (
     loads_of,
@@ -31,7 +29,7 @@ from npend_gym.rl.controllers.step_model import (
 )
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.training.tasks import observation_scale
-from npend_gym.torch.judging import Lanes, State, judge, observe, quantities
+from npend_gym.torch.judging import Lanes, State, judge, observe
 
 # Of `Lanes`, beside the chains
 _OF_LANES = (
@@ -96,17 +94,17 @@ class Task:
 
     def _state(self, states: torch.Tensor, context: torch.Tensor) -> State:
         q, u = states.chunk(2, dim=-1)
-        return State.of(q, u, self._lanes(context), _sincos)
+        return State(q, u, self._lanes(context), _sincos)
 
     def observe(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return the observations, (..., inputs), over their scale."""
         state = self._state(states, context)
-        return observe(self.config, state, state.lanes) / self.obs_scale
+        return observe(self.config, state) / self.obs_scale
 
     def critic_inputs(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return what the critic is given, (..., judged): it knows the chain."""
         state = self._state(states, context)
-        seen = observe(self.config, state, state.lanes) / self.obs_scale
+        seen = observe(self.config, state) / self.obs_scale
         return seen if self.judged == self.inputs else torch.cat([seen, state.lanes.context], -1)
 
     def ended(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
@@ -122,13 +120,11 @@ class Task:
     def _judge(
         self, states: torch.Tensor, actions: torch.Tensor, context: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        state, config = self._state(states, context), self.config
+        state = self._state(states, context)
         lanes, squares = state.lanes, actions.square().mean(-1)
         released = torch.full_like(state.theta, self.start)
         start = lanes.chains.gravity * lift_from(lanes.lift, (0.5 * released).sin())
-        judged = quantities(state, lanes, start, squares, config.rail)
-        sparse = config.reward_type == "sparse"
-        reward, failed, _ = judge(config.mode, judged, sparse=sparse, on_cart=config.has_cart)
+        reward, failed, _ = judge(self.config, state, start, squares)
         return reward, failed
 
 
@@ -198,15 +194,11 @@ class Collector:
     def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:
         self.config, self.task, self.settings = config, task, settings
         self.rng, size = np.random.default_rng(settings.seed), settings.num_envs
-        self.episodes, seeds = Episodes(config, size), Seeds(size)
+        self.episodes = Episodes(config, size)
         first = episode_seeds("training", size, run=settings.seed, spacing=1000).start
         everywhere = np.ones(size, np.bool_)
-        lanes, keys = seeds.choose(first, everywhere)
-        self.episodes.seed(lanes, seeds.values, keys)
-        richest = chain_of(config.randomization.richest, 0)
-        if config.chain.base is not None:
-            richest = Chain.from_dict(richest.as_dict() | {"base": config.chain.base})
-        self.lanes = DifferentiableEnsemble(richest, size, joints=motors(config))
+        self.episodes.seed(first, everywhere)
+        self.lanes = DifferentiableEnsemble(config.richest, size, joints=motors(config))
         self.noise = np.zeros((size, config.joints.size))
         self.knocked = np.zeros((0, config.state_size))  # states to start from
         if settings.knocked > 0.0:
