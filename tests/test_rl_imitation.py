@@ -76,9 +76,9 @@ def test_the_expert_does_not_take_over_from_a_student_that_does_as_it_would(dagg
 
 def test_a_fit_comes_nearer_to_the_actions_of_the_expert(dagger):
     dagger.learn(20)
-    before = dagger.fit.distance
+    before = dagger.distance
     dagger.learn(200)
-    assert dagger.fit.distance < 0.7 * before
+    assert dagger.distance < 0.7 * before
 
 
 def test_a_full_dataset_takes_new_states_in_place_of_old_ones():
@@ -234,7 +234,7 @@ def test_lanes_with_wrong_chains_move_as_these_chains_do(plans):
 
 def test_errors_are_drawn_up_to_what_robustness_tries_times_their_level():
     lanes = ErrorLanes(setting_of(TWO), 12, SHARES, 100, first_level=0.5)
-    drawn = dict(zip(lanes.names, lanes._envs, strict=True))
+    drawn = dict(zip(lanes.names, lanes.lanes.envs, strict=True))
     ends = {name: drawn[name].unwrapped.config.randomize for name in ("velocity_noise", "delay")}
     assert ends["velocity_noise"] == {"velocity_noise": {"low": 0.0, "high": 0.25}}
     assert ends["delay"]["observation_delay"]["high"] == pytest.approx(0.4)  # of 0.04 s
@@ -270,7 +270,7 @@ def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
     assert 2 * episodes[pushes] < 12
     lanes.grow()
     np.testing.assert_allclose(lanes.levels[[noise, delay, pushes]], [0.5, 0.4, 0.4])
-    high = lanes._envs[noise].unwrapped.config.randomize["velocity_noise"]["high"]
+    high = lanes.lanes.envs[noise].unwrapped.config.randomize["velocity_noise"]["high"]
     assert high == pytest.approx(0.25)
     lanes.close()
 

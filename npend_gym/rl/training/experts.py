@@ -7,6 +7,7 @@ those along which chains with noisy actions come less far away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,7 +45,7 @@ _WIDTHS, _REACH = (1.0, 2.0, 4.0, 8.0), 15.0  # of changes, in steps
 class Expert(Protocol):
     """What is asked of an expert."""
 
-    chains: list[Changes]  # which it knows; the first is the nominal one
+    chains: Sequence[Changes]  # which it knows; the first is the nominal one
 
     def begin(self, which: NDArray[np.int64]) -> None:
         """Begin episodes in lanes with the chains of these numbers, (B,)."""
@@ -54,19 +55,14 @@ class Expert(Protocol):
         ...
 
 
-class GoalPlans:
+class GoalPlans(PlannedTransitions):
     """The expert of a mode with goals: a plan for each pair of equilibria, along the clock."""
 
-    def __init__(self, plans: PlannedTransitions) -> None:
-        self._plans, self.chains = plans, list[Changes]()
+    chains: Sequence[Changes] = ()
 
     def begin(self, which: NDArray[np.int64]) -> None:
         """Begin episodes in all lanes."""
-        self._plans.reset(which.size)
-
-    def tracking(self, info: dict[str, Any]) -> Tracking:
-        """Return the actions, and how far the states are from the trajectories."""
-        return self._plans.tracking(info)
+        self.reset(which.size)
 
 
 class Rescued:
@@ -121,7 +117,7 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         return None  # it would be the same expert
     if config.mode.has_goals:
         options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
-        return GoalPlans(planned_transitions(config, settings.seconds, **options))
+        return GoalPlans(planned_transitions(config, settings.seconds, **options).plans)
     wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
     chains = wrong_chains(config.chain, settings.seed) if wrong else []
     if not swings_up:

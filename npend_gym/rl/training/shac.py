@@ -25,7 +25,7 @@ from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
-from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import (
@@ -198,7 +198,11 @@ def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
-    """Return the trained policy and its learning curve, a row for every tenth; see `learn`."""
+    """Return the trained policy and its learning curve, a row for every tenth.
+
+    Its seconds are processor time. The episodes that it tells of are played without noise and teach
+    nothing; neither their steps nor their time are counted.
+    """
     uses = (*OF_CHAIN, *OF_CARTS, "reward_type", "randomize", "observe_context")
     config = used_config("shac", settings.env, uses)
     if not isinstance(config.mode, MODES):
@@ -213,25 +217,14 @@ def train(
     torch.manual_seed(settings.seed)
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
-    return learn(collector, Learner(task, config.joints.size, settings), progress, checkpoint)
-
-
-def learn(
-    collector: Any, learner: Learner, progress: str | None, checkpoint: Checkpoint | None
-) -> tuple[Policy, Curve]:
-    """Let the learner learn from what the collector simulates.
-
-    Its seconds are processor time. The episodes that it tells of are played without noise and teach
-    nothing; neither their steps nor their time are counted.
-    """
-    settings = learner.settings
-    collector.lanes.step_jacobian(0.0, collector.config.dt)  # compiles, where not done yet
+    learner = Learner(task, config.joints.size, settings)
+    collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where not done yet
     batch_size = settings.num_envs * settings.horizon
     num_iterations = max(1, settings.total_timesteps // batch_size)
     clock, curve = Stopwatch(), Curve()
     parts = {
-        "learner": learner, "collector": collector, "random": TorchRandom(), "curve": curve,
-        "optimizers": dict(enumerate(learner.optimizers)), "clock": clock,
+        "learner": learner, "collector": collector, "curve": curve, "clock": clock,
+        "random": torch.default_generator, "optimizers": dict(enumerate(learner.optimizers)),
     }  # fmt: skip
     checkpoint = checkpoint or Checkpoint(settings)
     for k in checkpoint.rounds(parts, num_iterations, progress, "horizon"):
