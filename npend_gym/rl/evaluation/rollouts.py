@@ -112,9 +112,9 @@ class Lanes:
             env.close()
 
 
-def _joined(told: Sequence[tuple[Any, ...]]) -> Any:
-    """Return what environments told as one told it: arrays, and the keys of info that all have."""
-    *arrays, infos = zip(*told, strict=True)
+def _joined(results: Sequence[tuple[Any, ...]]) -> Any:
+    """Return what several environments returned as one, with the keys of info that all have."""
+    *arrays, infos = zip(*results, strict=True)
     common = [key for key in infos[0] if all(key in info for info in infos)]
     info = {key: np.concatenate([each[key] for each in infos]) for key in common}
     return *map(np.concatenate, arrays), info
@@ -124,11 +124,11 @@ _OF_VELOCITIES = "omega", "cart_velocity", "energy"  # keys of `info`
 
 
 class Observer:
-    """A controller that is told the state as its sensors show it, in place of the exact one.
+    """A controller that is given the state as its sensors show it, in place of the exact one.
 
     Noise and delay then reach controllers that read ``info["theta"]`` and ``info["omega"]``. The
     angles observed are joined to a path without jumps; "energy" is that of this state. Of the other
-    keys only "time" and "goal" are passed on. Velocities that are not observed are not told.
+    keys only "time" and "goal" are passed on. Velocities that are not observed are left out.
 
     Parameters
     ----------
@@ -148,10 +148,10 @@ class Observer:
 
     def __call__(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
         """Return the actions of the controller."""
-        told = {key: info[key] for key in ("time", "goal") if key in info}
-        told |= self._state(np.asarray(observation, np.float64))
+        observed = {key: info[key] for key in ("time", "goal") if key in info}
+        observed |= self._state(np.asarray(observation, np.float64))
         try:
-            return self._controller(observation, told)
+            return self._controller(observation, observed)
         except KeyError as error:
             if self._config.observe_velocities or error.args[0] not in _OF_VELOCITIES:
                 raise
@@ -169,16 +169,16 @@ class Observer:
         if self._theta is not None:
             theta = self._theta + wrap(theta - self._theta)
         self._theta = theta
-        told: dict[str, Any] = {"theta": theta}
+        state: dict[str, Any] = {"theta": theta}
         speeds = n if config.observe_velocities else 0
         if config.rail is not None:
-            told["cart_position"] = rest[:, speeds] * config.rail
+            state["cart_position"] = rest[:, speeds] * config.rail
         if not config.observe_velocities:
-            return told
+            return state
         omega, velocity = rest[:, :n] * config.speed_scale, None
         if config.rail is not None:
-            velocity = told["cart_velocity"] = rest[:, n + 1] / cart_speed_factor(config)
+            velocity = state["cart_velocity"] = rest[:, n + 1] / cart_speed_factor(config)
         kinetic = energy.kinetic_of_motion(config.chain, theta, omega, velocity, None, None)
-        return told | {
+        return state | {
             "omega": omega, "energy": kinetic + energy.potential_energy(config.chain, theta)
         }  # fmt: skip

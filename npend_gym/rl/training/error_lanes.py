@@ -101,15 +101,13 @@ class ErrorLanes:
         for error in errors:
             criterion = CRITERIA.get(error)
             if isinstance(criterion, Criterion):
-                own |= self._drawn(criterion, level)
+                largest = criterion.keywords(self.config, level * criterion.largest_in(self.config))
+                own |= {
+                    keyword: {"low": 0.0, "high": float(high)}
+                    for keyword, high in largest.items()
+                    if high > 0.0
+                }
         return self._setting.make(count, randomize=own or None)
-
-    def _drawn(self, criterion: Criterion, level: float) -> dict[str, Any]:
-        """Return what is drawn for a criterion, as `randomize` takes it."""
-        largest = criterion.largest
-        end = level * (largest(self.config) if callable(largest) else largest)
-        keywords = criterion.keywords(self.config, end).items()
-        return {name: {"low": 0.0, "high": float(high)} for name, high in keywords if high > 0.0}
 
     def _pulses(self, k: int, seed: int) -> Pulses:
         """Return pulses of torque for the lanes of a group."""

@@ -67,8 +67,8 @@ class Task:
         self._parts = [part.float() for part in _parts(self._own)]
         self._own = self._with(self._parts)
         self.inputs = len(self.obs_scale)  # of the actor
-        told = 0 if config.observe_context else len(config.randomization.names)
-        self.judged = self.inputs + told  # of the critic
+        drawn = 0 if config.observe_context else len(config.randomization.names)
+        self.judged = self.inputs + drawn  # of the critic
 
     def _lanes_of(self, began: Beginnings) -> Lanes:
         return Lanes.of(began, self.config, torch.device("cpu"), alike=not self.varied)
@@ -92,8 +92,8 @@ class Task:
         if not self.varied:
             return self._own
         widths = [part.shape[1] if part.ndim > 1 else 1 for part in self._parts]
-        told = zip(context.split(widths, dim=-1), self._parts, strict=True)
-        return self._with([part if like.ndim > 1 else part[..., 0] for part, like in told])
+        parts = zip(context.split(widths, dim=-1), self._parts, strict=True)
+        return self._with([part if like.ndim > 1 else part[..., 0] for part, like in parts])
 
     def _state(self, states: torch.Tensor, context: torch.Tensor) -> State:
         q, u = states.chunk(2, dim=-1)
@@ -106,9 +106,10 @@ class Task:
 
     def critic_inputs(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return what the critic is given, (..., judged): it knows the chain."""
-        state = self._state(states, context)
-        seen = observe(self.config, state, state.lanes) / self.obs_scale
-        return seen if self.judged == self.inputs else torch.cat([seen, state.lanes.context], -1)
+        seen = self.observe(states, context)
+        if self.judged == self.inputs:
+            return seen
+        return torch.cat([seen, self._lanes(context).context], -1)
 
     def ended(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return where an episode terminates, (...): off the rail, or where the mode says so."""
@@ -204,10 +205,10 @@ class Collector:
         everywhere = np.ones(size, np.bool_)
         lanes, keys = seeds.choose(first, everywhere)
         self.episodes.seed(lanes, seeds.values, keys)
-        richest = chain_of(config.randomization.richest, 0)
+        chain = chain_of(config.randomization.richest, 0)  # with all features that may be drawn
         if config.chain.base is not None:
-            richest = Chain.from_dict(richest.as_dict() | {"base": config.chain.base})
-        self.lanes = DifferentiableEnsemble(richest, size, joints=motors(config))
+            chain = Chain.from_dict(chain.as_dict() | {"base": config.chain.base})
+        self.lanes = DifferentiableEnsemble(chain, size, joints=motors(config))
         self.noise = np.zeros((size, config.joints.size))
         self.knocked = np.zeros((0, config.state_size))  # states to start from
         if settings.knocked > 0.0:
