@@ -58,19 +58,16 @@ def judge(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, An
     """Return a row for every pair of equilibria, with the success in its episodes."""
     n, rows = keywords["n"], list[dict[str, Any]]()
     equilibria = np.pi * np.array(list(itertools.product([0.0, 1.0], repeat=n)))
-    envs = gym.make_vec("NPendulum-v0", num_envs=EPISODES, **keywords)
     for start, goal in tqdm(list(itertools.permutations(equilibria, 2)), "pairs", disable=None):
+        envs = gym.make_vec("NPendulum-v0", num_envs=EPISODES, **keywords)
         options = {"start": np.tile(start, (EPISODES, 1)), "goal": np.tile(goal, (EPISODES, 1))}
-        observation, info = envs.reset(seed=HELD_OUT, options=options)
-        last_failure = np.zeros(EPISODES)
-        for step in rollout(controller, envs, observation, info):
-            info = step.info
-            last_failure = np.where(info["success"], last_failure, info["time"])
-        success = info["success"]
+        last_failure, success = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
+        for step in rollout(controller, envs, HELD_OUT, options):
+            success = step.info["success"]
+            last_failure = np.where(success, last_failure, step.info["time"])
         settled = round(float(last_failure[success].mean()), 2) if success.any() else None
         row = {"from": name_of(start), "to": name_of(goal), "success": int(success.sum())}
         rows.append(row | {"episodes": EPISODES, "settling_time": settled})
-    envs.close()
     return rows
 
 

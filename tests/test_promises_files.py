@@ -59,8 +59,8 @@ def test_of_hundreds_of_flipped_bits_each_is_refused_or_changes_nothing_that_is_
 
 
 def test_a_policy_cut_or_with_a_flipped_bit_is_refused_or_the_same(tmp_path):
+    from npend_gym.rl.policies.files import PRETRAINED, pretrained_names
     from npend_gym.rl.policies.policy import Policy
-    from npend_gym.rl.policies.shipped import PRETRAINED, pretrained_names
 
     file = tmp_path / "a.npz"
     shutil.copy(PRETRAINED / f"{pretrained_names()[0]}.npz", file)

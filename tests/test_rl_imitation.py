@@ -170,6 +170,18 @@ def test_lanes_with_wrong_chains_move_as_these_chains_do(plans):
         np.testing.assert_allclose(observation[lane], alone, atol=1e-6)
 
 
+def test_errors_are_drawn_up_to_what_robustness_tries_times_their_level():
+    lanes = ErrorLanes(setting_of(TWO), 12, SHARES, 100, first_level=0.5)
+    drawn = dict(zip(lanes.names, lanes.lanes.envs, strict=True))
+    ends = {name: drawn[name].unwrapped.config.randomize for name in ("velocity_noise", "delay")}
+    assert ends["velocity_noise"] == {"velocity_noise": {"low": 0.0, "high": 0.25}}
+    assert ends["delay"]["observation_delay"]["high"] == pytest.approx(0.4)  # of 0.04 s
+    assert drawn["nothing"].unwrapped.config.randomize is None
+    lanes.close()
+    with pytest.raises(ValueError, match="errors must be"):
+        ErrorLanes(setting_of(TWO), 12, {"noise": 1.0}, 100)
+
+
 def test_pulses_push_a_chain_that_hangs_and_nothing_else_does():
     lanes = ErrorLanes(setting_of(TWO), 30, {"nothing": 1.0, "pushes": 2.0}, 100)
     lanes.reset(0, [], np.random.default_rng(0))
@@ -179,6 +191,25 @@ def test_pulses_push_a_chain_that_hangs_and_nothing_else_does():
     moved = np.abs(info["theta"]).max(axis=1) > 0.2  # starts within 0.05 rad and 0.05 rad/s
     assert moved[pushed].mean() > 0.5
     assert not moved[~pushed].any()
+    lanes.close()
+
+
+def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
+    lanes = ErrorLanes(setting_of(TWO), 48, dict.fromkeys(SHARES, 1.0), 100, first_level=0.4)
+    noise, delay, pushes = (lanes.names.index(k) for k in ("velocity_noise", "delay", "pushes"))
+    rows = np.flatnonzero(np.isin(lanes.group, [noise, delay, pushes]))
+    kept = rows[(lanes.group[rows] != pushes) | (lanes.rank[rows] < 0.5)]
+    group, rank = lanes.group[kept], lanes.rank[kept]
+    good = (group == pushes) | ((group == noise) & (rank < 0.8))
+    episodes = np.bincount(group)
+    for _ in range(2):
+        lanes.judge(kept, good)
+    assert episodes[noise] < 12 <= 2 * episodes[noise]
+    assert 2 * episodes[pushes] < 12
+    lanes.grow()
+    np.testing.assert_allclose(lanes.levels[[noise, delay, pushes]], [0.5, 0.4, 0.4])
+    high = lanes.lanes.envs[noise].unwrapped.config.randomize["velocity_noise"]["high"]
+    assert high == pytest.approx(0.25)
     lanes.close()
 
 

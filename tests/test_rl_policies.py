@@ -10,8 +10,7 @@ import pytest
 from npend_gym import Chain, rl
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import Policy, evaluate, observation_of, pretrained_names
-from npend_gym.rl.policies.files import MAX_BYTES
-from npend_gym.rl.policies.shipped import PRETRAINED
+from npend_gym.rl.policies.files import MAX_BYTES, PRETRAINED
 
 
 def small_policy():

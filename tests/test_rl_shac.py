@@ -32,7 +32,7 @@ def test_the_gradient_along_the_jacobians_is_that_through_the_environment():
 
     settings, _, task, collector, learner = made()
     horizons = collector.collect(learner.actor, exploration=0.0)
-    states, outputs, near = learner.retake(horizons)
+    states, outputs, near = learner.replay(horizons)
     np.testing.assert_allclose(torch.stack(states, 1).detach(), horizons.states, atol=1e-5)
     assert near.all()
     parameters = [*learner.actor.parameters()]
@@ -54,7 +54,7 @@ def test_the_gradient_along_the_jacobians_is_that_through_the_environment():
 def test_a_horizon_ends_where_its_jacobians_no_longer_hold():
     _, _, _, collector, learner = made(trust=0.05)
     horizons = collector.collect(learner.actor, exploration=0.5)
-    states, _, near = learner.retake(horizons)
+    states, _, near = learner.replay(horizons)
     away = (torch.stack(states, 1) - horizons.states).abs() / learner.task.state_scale
     within = away.amax(-1) < 0.05
     assert 0.0 < near.mean() < 1.0

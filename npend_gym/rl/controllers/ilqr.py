@@ -42,9 +42,10 @@ class Cost(NamedTuple):
 
     def total(self, states: FloatArray, actions: FloatArray) -> FloatArray:
         """Return the costs (...) of states (steps + 1, ..., 2c), actions (steps, ..., joints)."""
-        n, away, weights = self.config.n, states - self.goal, np.diag(state_weights(self.config))
-        of_states = np.sum(2.0 - 2.0 * np.cos(away[..., :n]), axis=-1)
-        of_states = of_states + np.sum(weights[n:] * away[..., n:] ** 2, axis=-1)
+        n, weights = self.config.n, np.diag(state_weights(self.config))
+        deviation = states - self.goal
+        of_states = np.sum(2.0 - 2.0 * np.cos(deviation[..., :n]), axis=-1)
+        of_states = of_states + np.sum(weights[n:] * deviation[..., n:] ** 2, axis=-1)
         if self.config.rail is not None:
             far = beyond(self.config, states, _FREE) / self.config.rail
             of_states = of_states + _WALL * far**2
@@ -57,11 +58,12 @@ class Cost(NamedTuple):
         With sin^2 and cos^2 of half the angle the costs are sums of squares; what is returned is
         their Gauss-Newton approximation, which is never negative.
         """
-        n, away, weight = self.config.n, states - self.goal, np.ones((len(states), 1, 1))
+        n, deviation, weight = self.config.n, states - self.goal, np.ones((len(states), 1, 1))
         weight[-1] = self.last
         weights = 2.0 * np.diag(state_weights(self.config))
-        first, second = weights * away, np.full_like(states, weights)
-        first[..., :n], second[..., :n] = 2.0 * np.sin(away[..., :n]), 1.0 + np.cos(away[..., :n])
+        first, second = weights * deviation, np.full_like(states, weights)
+        first[..., :n] = 2.0 * np.sin(deviation[..., :n])
+        second[..., :n] = 1.0 + np.cos(deviation[..., :n])
         if self.config.rail is not None:
             far, wall = beyond(self.config, states, _FREE), 2.0 * _WALL / self.config.rail**2
             first[..., n] += wall * far

@@ -6,7 +6,7 @@ of all of these in the same order. c is the number of coordinates q.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -39,9 +39,13 @@ def state_of(config: EnvConfig, info: Mapping[str, Any]) -> FloatArray:
             f'"cart_velocity": the controller was made for base="{config.base}"'
         )
     cart = [np.asarray(info[f"cart_{name}"]) for name in ("position", "velocity") if on_cart]
-    q, u = theta, np.asarray(info["omega"])
-    parts = [q, cart[0][..., None], u, cart[1][..., None]] if on_cart else [q, u]
-    return np.concatenate(parts, axis=-1)
+    return joined(theta, np.asarray(info["omega"]), cart)
+
+
+def joined(theta: FloatArray, omega: FloatArray, cart: Iterable[FloatArray]) -> FloatArray:
+    """Return states (q, u), (..., 2c); of a cart, where there is one, `cart` has place and rate."""
+    of_cart = [each[..., None] for each in cart]
+    return np.concatenate([theta, *of_cart[:1], omega, *of_cart[1:]], axis=-1)
 
 
 def env_actions(config: EnvConfig, actions: FloatArray) -> Any:
@@ -115,10 +119,7 @@ def set_states(config: EnvConfig, ensemble: Ensemble, lanes: Any, states: FloatA
 
 def states_of(config: EnvConfig, ensemble: Ensemble) -> FloatArray:
     """Return the states (q, u) of an ensemble, (B, 2c)."""
-    if not config.has_cart:
-        return np.hstack([ensemble.theta, ensemble.omega])
-    x, v = ensemble.cart
-    return np.hstack([ensemble.theta, x[:, None], ensemble.omega, v[:, None]])
+    return joined(ensemble.theta, ensemble.omega, ensemble.cart if config.has_cart else ())
 
 
 class StepModel:

@@ -115,10 +115,13 @@ class Criterion:
     noise: bool = False
     scored: bool = False
 
+    def largest_in(self, config: EnvConfig) -> float:
+        """Return the largest error that is tried in an environment."""
+        return self.largest(config) if callable(self.largest) else self.largest
+
     def groups(self, name: str, trial: Trial) -> list[Group]:
         """Return the rollouts of the criterion `name`, a vector environment for each value."""
-        config, largest = trial.config, self.largest
-        end = largest(config) if callable(largest) else largest
+        config, end = trial.config, self.largest_in(trial.config)
         repeated = trial.repetitions if self.noise else 1
         tried = np.linspace(0.0, end, trial.values) if end > 0.0 else np.zeros(0)
         return [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, joint_motion, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
@@ -122,24 +121,13 @@ def evaluate(
         raise ValueError("max_episode_steps must be a number, so that every episode ends; got None")
     config = envs.unwrapped.config
     controller = as_controller(model, config, setting.wrappers)
-    observation, first = envs.reset(seed=seed)
-    angles, idle = _motor_places(first, config.joints), np.zeros((episodes, 0))
-    returns, work, last_failure = np.zeros(episodes), np.zeros(episodes), np.zeros(episodes)
-    success = np.zeros(episodes, np.bool_)
-    for running, _, reward, info in rollout(controller, envs, observation, first):
-        before, angles = angles, _motor_places(info, config.joints)
-        step_work = np.abs(info.get("torque", idle) * (angles - before)).sum(axis=1)
+    returns, work, last_failure = np.zeros((3, episodes))
+    success, idle = np.zeros(episodes, np.bool_), np.zeros((episodes, 0))
+    for running, before, reward, info in rollout(controller, envs, seed):
+        turned = (joint_motion(info)[0] - joint_motion(before)[0])[:, config.joints]
+        step_work = np.abs(info.get("torque", idle) * turned).sum(axis=1)
         returns += np.where(running, reward, 0.0)
         work += np.where(running, step_work, 0.0)
         success = np.where(running, info["success"], success)
         last_failure = np.where(running & ~info["success"], info["time"], last_failure)
-    envs.close()
     return Evaluation(returns, success, np.where(success, last_failure, np.nan), work)
-
-
-def _motor_places(info: dict[str, Any], joints: NDArray[np.int64]) -> FloatArray:
-    """Return the angle [rad] of each actuated joint, or the place [m] of the cart, (B, joints)."""
-    relative = np.diff(info["theta"], axis=1, prepend=0.0)
-    if "cart_position" in info:
-        relative = np.column_stack([relative, info["cart_position"]])
-    return relative[:, joints]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.rollouts import Controller
-from npend_gym.rl.evaluation.wrappers import WAY_OUT, Lens, changing_wrappers, is_normalizing
+from npend_gym.rl.evaluation.wrappers import WAY_OUT, Behind, changing_wrappers, is_normalizing
 
 _ROUNDING = 1e-3  # more than that of a sine and a cosine in float32
 _OF_PREDICT = ("state", "episode_start", "deterministic")
@@ -53,24 +53,6 @@ def as_controller(
     if any(map(_is_new, wrappers)) and getattr(model, "num_timesteps", 1) > 0:
         raise _without_statistics(model)
     return Behind(Predicting(model), wrappers)
-
-
-class Behind:
-    """A controller behind the wrappers of an environment."""
-
-    def __init__(self, controller: Controller, wrappers: Sequence[Any]) -> None:
-        self._controller, self._lens = controller, Lens(wrappers)
-
-    def reset(self, num_envs: int) -> None:
-        """Let the controller forget."""
-        forget = getattr(self._controller, "reset", None)
-        if forget is not None:
-            forget(num_envs)
-
-    def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
-        """Return the actions of the environment that is wrapped."""
-        begins = np.atleast_1d(info["time"]) == 0.0
-        return self._lens.act(self._controller(self._lens.observe(observation, begins), info))
 
 
 class Predicting:

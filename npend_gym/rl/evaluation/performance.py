@@ -7,7 +7,6 @@ dfki-ric-underactuated-lab/double_pendulum have the definitions and the numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Chain
 from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.models import Model, as_controller
-from npend_gym.rl.evaluation.rollouts import Controller, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, joint_motion, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
@@ -132,28 +131,17 @@ def performance(
     count = _checks.count("episodes", episodes)
     nominal, config, steps = setting_of(env).nominal(seconds)
     controller = as_controller(model, config, nominal.wrappers)
-    envs = nominal.make(count)
-    start = envs.reset(seed=seed)
+    length, coordinates = config.chain.total_length, config.n + config.has_cart
+    unit = np.where(np.arange(coordinates) < config.n, 1.0, length)  # 1 for angles
     shape = (count, config.joints.size)  # of the torques that acted, not of the commands
     torques, up = np.zeros((steps, *shape)), np.zeros((steps + 1, count), np.bool_)
-    angles, speeds = np.zeros((2, steps + 1, count, config.n + config.has_cart))
-    angles[0], speeds[0] = _joints(config, start[1])
-    torque = np.where(config.joints < config.n, 1.0, config.chain.total_length)
-    for k, (running, _, _, info) in enumerate(rollout(controller, envs, *start)):
-        torques[k] = np.where(running[:, None], torque * info["torque"], 0.0)
-        angles[k + 1], speeds[k + 1] = _joints(config, info)
-        up[k + 1] = running & (info["tip_height"] > UP * config.chain.total_length)
-    envs.close()
+    angles, speeds = np.zeros((2, steps + 1, count, coordinates))
+    for k, (running, before, _, info) in enumerate(rollout(controller, nominal.make(count), seed)):
+        torques[k] = np.where(running[:, None], unit[config.joints] * info["torque"], 0.0)
+        for row, told in ((k, before), (k + 1, info)):
+            angles[row], speeds[row] = joint_motion(told) / unit
+        up[k + 1] = running & (info["tip_height"] > UP * length)
     return _judged(config, torques, angles[:, :, config.joints], speeds, up)
-
-
-def _joints(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
-    """Return angles and velocities of the joints, and of a cart over the length of the chain."""
-    turned: FloatArray = np.diff([info["theta"], info["omega"]], prepend=0.0)
-    if config.has_cart:
-        cart = np.array([info["cart_position"], info["cart_velocity"]])
-        turned = np.append(turned, cart[..., None] / config.chain.total_length, axis=-1)
-    return turned
 
 
 def _judged(

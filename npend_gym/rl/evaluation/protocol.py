@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
@@ -89,13 +88,8 @@ class Robustness:
     def as_dict(self) -> dict[str, Any]:
         """Return all of it as plain numbers, texts, lists and dicts, for JSON."""
         outcomes = {
-            name: {
-                "parameters": each.parameters,
-                "values": each.values.tolist(),
-                "survived": each.survived.tolist(),
-                "unit": each.unit,
-                "scored": each.scored,
-            }
+            name: each._asdict()
+            | {"values": each.values.tolist(), "survived": each.survived.tolist()}
             for name, each in self.outcomes.items()
         }
         return self.as_row() | {"outcomes": outcomes, "provenance": dict(self.provenance)}
@@ -188,10 +182,15 @@ def robustness(
     trial = Trial(config, steps, values, repetitions, seed)
     outcomes: dict[str, Outcome] = {}
     for name in progress(criteria):
-        groups = criteria[name].groups(name, trial)
+        criterion = criteria[name]
+        groups = criterion.groups(name, trial)
         if groups:
-            tried = _try(observer, nominal, groups, seed)
-            outcomes[name] = Outcome(*tried, criteria[name].unit, criteria[name].scored)
+            survived = _survived(observer, nominal, groups, seed)
+            outcomes[name] = Outcome(
+                [parameter for group in groups for parameter in group.parameters],
+                np.concatenate([group.values for group in groups]),
+                survived, criterion.unit, criterion.scored,
+            )  # fmt: skip
     if not outcomes:
         raise ValueError(f"criteria must have one for this environment, got {list(criteria)}")
     arguments = {
@@ -205,19 +204,14 @@ def robustness(
     return Robustness(outcomes, provenance(arguments, seed))
 
 
-def _try(
+def _survived(
     controller: Controller, nominal: Setting, groups: list[Group], seed: int
-) -> tuple[list[str], FloatArray, BoolArray]:
-    """Play the rollouts of a criterion; return parameters, values, and which were survived."""
+) -> BoolArray:
+    """Play the rollouts of a criterion; return which of its values were survived."""
     lanes = Lanes([group.make(nominal) for group in groups])
-    success: NDArray[np.bool_] = np.zeros(lanes.num_envs, np.bool_)
-    start = lanes.reset(seed, [group.options for group in groups])
-    for running, _, _, info in rollout(controller, lanes, *start):
+    success: BoolArray = np.zeros(lanes.num_envs, np.bool_)
+    options = [group.options for group in groups]
+    for running, _, _, info in rollout(controller, lanes, seed, options):
         success = np.where(running, info["success"], success)
-    lanes.close()
-    parts = np.split(success, np.cumsum([group.lanes for group in groups])[:-1])
-    return (
-        [name for group in groups for name in group.parameters],
-        np.concatenate([group.values for group in groups]),
-        np.concatenate([g.survived(part) for g, part in zip(groups, parts, strict=True)]),
-    )
+    parts = zip(groups, lanes.split(success), strict=True)
+    return np.concatenate([group.survived(part) for group, part in parts])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
@@ -18,7 +19,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
-from npend_gym.rl.evaluation.rollouts import Controller, rollout
+from npend_gym.rl.evaluation.rollouts import Controller, forget, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
 from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
@@ -125,21 +126,24 @@ class KnockDowns:
         return self._turner(goal, info["theta"], acts), ~acts
 
 
-class _KnockedEnvs:
-    """Environments that are knocked down; a step holds the action for several steps of theirs."""
+class Held:
+    """A controller that acts in the first of every `parts` steps, and holds its action for all."""
 
-    def __init__(self, envs: DisturbedEnvs, parts: int, height: float) -> None:
-        self.num_envs, self._envs, self._parts, self._height = envs.num_envs, envs, parts, height
-        self._over: BoolArray = np.zeros(envs.num_envs, np.bool_)
-        self.up = np.zeros(envs.num_envs)  # small steps with the tip above the height
+    def __init__(self, controller: Controller, parts: int) -> None:
+        self._controller, self._parts = controller, parts
+        self._step, self._action = 0, np.empty(0)
 
-    def step(self, action: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
-        reward = np.zeros(self.num_envs)
-        for _ in range(self._parts):
-            observation, reward, terminated, truncated, info = self._envs.step(action)
-            self.up += ~self._over & (info["tip_height"] > self._height)
-            self._over |= terminated | truncated
-        return observation, reward, self._over.copy(), self._over.copy(), info  # pyright: ignore[reportPossiblyUnboundVariable]
+    def reset(self, num_envs: int) -> None:
+        """Let the controller forget; the next step is a first one."""
+        forget(self._controller, num_envs)
+        self._step = 0
+
+    def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
+        """Return the actions of the step."""
+        if self._step % self._parts == 0:
+            self._action = self._controller(observation, info)
+        self._step += 1
+        return self._action
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,12 +236,10 @@ def recovery(
     parts = max(1, round(config.dt / STEP))
     knocks = KnockDowns(config, config.dt / parts, parts * steps, count, times, length, seed)
     shorter = nominal._replace(keywords=_divided(nominal.keywords, config, parts))
-    divided = DisturbedEnvs(shorter, count, knocks)
-    envs = _KnockedEnvs(divided, parts, UP * config.chain.total_length)
-    for _ in rollout(controller, envs, *divided.reset(seed=seed)):
-        pass
-    divided.close()
-    return Recovery(envs.up / (parts * steps))
+    envs, up = DisturbedEnvs(shorter, count, knocks), np.zeros(count)
+    for running, _, _, info in rollout(Held(controller, parts), envs, seed):
+        up += running & (info["tip_height"] > UP * config.chain.total_length)
+    return Recovery(up / (parts * steps))
 
 
 def _divided(keywords: dict[str, Any], config: EnvConfig, parts: int) -> dict[str, Any]:

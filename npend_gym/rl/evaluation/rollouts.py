@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -43,24 +43,41 @@ class Step(NamedTuple):
     """What happened in one step of B lanes."""
 
     running: BoolArray  # lanes whose episode was not over before it, (B,)
-    action: NDArray[Any]
+    before: dict[str, Any]  # the info before it
     reward: FloatArray
     info: dict[str, Any]
 
 
-def rollout(
-    controller: Controller, envs: Any, observation: Any, info: dict[str, Any]
-) -> Iterator[Step]:
-    """Step `envs`, which have just been reset, and yield every step until all episodes are over."""
-    forget = getattr(controller, "reset", None)
-    if forget is not None:
-        forget(envs.num_envs)
+def rollout(controller: Controller, envs: Any, seed: int, options: Any = None) -> Iterator[Step]:
+    """Begin episodes in all lanes and yield every step until all are over; then close `envs`."""
+    observation, info = envs.reset(seed=seed, options=options)
+    forget(controller, envs.num_envs)
     running = np.ones(envs.num_envs, np.bool_)
     while running.any():
-        action = controller(observation, info)
+        action, before = controller(observation, info), info
         observation, reward, terminated, truncated, info = envs.step(action)
-        yield Step(running, action, reward, info)
+        yield Step(running, before, reward, info)
         running = running & ~(terminated | truncated)
+    envs.close()
+
+
+def forget(controller: Controller, num_envs: int) -> None:
+    """Let a controller with a memory begin episodes in so many environments."""
+    reset = getattr(controller, "reset", None)
+    if reset is not None:
+        reset(num_envs)
+
+
+def joint_motion(info: Mapping[str, Any]) -> FloatArray:
+    """Return angles and velocities of the joints, then those of a cart, (2, B, n) or more.
+
+    They are in rad and rad/s; the place of a cart is in m, its velocity in m/s.
+    """
+    turned: FloatArray = np.diff([info["theta"], info["omega"]], prepend=0.0)
+    if "cart_position" in info:
+        cart = np.array([info["cart_position"], info["cart_velocity"]])
+        turned = np.append(turned, cart[..., None], axis=-1)
+    return turned
 
 
 class Lanes:
@@ -70,50 +87,47 @@ class Lanes:
     """
 
     def __init__(self, envs: Sequence[Any]) -> None:
-        self._envs = list(envs)
-        sizes = [env.num_envs for env in self._envs]
+        self.envs = list(envs)
+        sizes = [env.num_envs for env in self.envs]
         self.num_envs, self._firsts = sum(sizes), np.cumsum([0, *sizes[:-1]])
+
+    def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
+        """Return the parts of an array, (B, ...), that belong to each of the environments."""
+        return np.split(values, self._firsts[1:])
 
     def reset(self, seed: int, options: Sequence[dict[str, Any]]) -> tuple[Any, dict[str, Any]]:
         """Begin an episode in every lane, of seeds `seed`, `seed` + 1, ..., with options by env."""
-        told = [
-            env.reset(seed=seed + int(first), options=given)
-            for env, first, given in zip(self._envs, self._firsts, options, strict=True)
-        ]
-        return np.concatenate([observation for observation, _ in told]), _joined(
-            [info for _, info in told]
-        )
+        given = zip(self.envs, self._firsts.tolist(), options, strict=True)
+        return _joined([env.reset(seed=seed + k, options=of_env) for env, k, of_env in given])
 
     def step(self, action: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Step all environments."""
-        parts = np.split(np.asarray(action), self._firsts[1:])
-        told = [env.step(part) for env, part in zip(self._envs, parts, strict=True)]
-        observation, reward, terminated, truncated = (
-            np.concatenate([each[k] for each in told]) for k in range(4)
-        )
-        return observation, reward, terminated, truncated, _joined([each[4] for each in told])
+        given = zip(self.envs, self.split(np.asarray(action)), strict=True)
+        return _joined([env.step(part) for env, part in given])
 
     def close(self) -> None:
         """Close all environments."""
-        for env in self._envs:
+        for env in self.envs:
             env.close()
 
 
-def _joined(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the keys that all have, each with the lanes of all."""
+def _joined(results: Sequence[tuple[Any, ...]]) -> Any:
+    """Return what several environments returned as one, with the keys of info that all have."""
+    *arrays, infos = zip(*results, strict=True)
     common = [key for key in infos[0] if all(key in info for info in infos)]
-    return {key: np.concatenate([info[key] for info in infos]) for key in common}
+    info = {key: np.concatenate([each[key] for each in infos]) for key in common}
+    return *map(np.concatenate, arrays), info
 
 
 _OF_VELOCITIES = "omega", "cart_velocity", "energy"  # keys of `info`
 
 
 class Observer:
-    """A controller that is told the state as its sensors show it, in place of the exact one.
+    """A controller that is given the state as its sensors show it, in place of the exact one.
 
     Noise and delay then reach controllers that read ``info["theta"]`` and ``info["omega"]``. The
     angles observed are joined to a path without jumps; "energy" is that of this state. Of the other
-    keys only "time" and "goal" are passed on. Velocities that are not observed are not told.
+    keys only "time" and "goal" are passed on. Velocities that are not observed are left out.
 
     Parameters
     ----------
@@ -129,16 +143,14 @@ class Observer:
     def reset(self, num_envs: int) -> None:
         """Forget the angles observed, and let the controller forget."""
         self._theta = None
-        forget = getattr(self._controller, "reset", None)
-        if forget is not None:
-            forget(num_envs)
+        forget(self._controller, num_envs)
 
     def __call__(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[Any]:
         """Return the actions of the controller."""
-        told = {key: info[key] for key in ("time", "goal") if key in info}
-        told |= self._state(np.asarray(observation, np.float64))
+        observed = {key: info[key] for key in ("time", "goal") if key in info}
+        observed |= self._state(np.asarray(observation, np.float64))
         try:
-            return self._controller(observation, told)
+            return self._controller(observation, observed)
         except KeyError as error:
             if self._config.observe_velocities or error.args[0] not in _OF_VELOCITIES:
                 raise
@@ -156,16 +168,16 @@ class Observer:
         if self._theta is not None:
             theta = self._theta + wrap(theta - self._theta)
         self._theta = theta
-        told: dict[str, Any] = {"theta": theta}
+        state: dict[str, Any] = {"theta": theta}
         speeds = n if config.observe_velocities else 0
         if config.rail is not None:
-            told["cart_position"] = rest[:, speeds] * config.rail
+            state["cart_position"] = rest[:, speeds] * config.rail
         if not config.observe_velocities:
-            return told
+            return state
         omega, velocity = rest[:, :n] * config.speed_scale, None
         if config.rail is not None:
-            velocity = told["cart_velocity"] = rest[:, n + 1] / config.cart_speed_factor
+            velocity = state["cart_velocity"] = rest[:, n + 1] / config.cart_speed_factor
         kinetic = energy.kinetic_of_motion(config.chain, theta, omega, velocity, None, None)
-        return told | {
+        return state | {
             "omega": omega, "energy": kinetic + energy.potential_energy(config.chain, theta)
         }  # fmt: skip

@@ -13,15 +13,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import (
-    VectorActionWrapper,
-    VectorObservationWrapper,
-    VectorWrapper,
-)
+from gymnasium.vector import VectorActionWrapper, VectorObservationWrapper, VectorWrapper
 from gymnasium.vector.utils import create_empty_array
 from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray
+from npend_gym.rl.evaluation.rollouts import Controller, forget
 
 WAY_OUT = "or give a function: model(observation, info) returns the actions"
 _OF_ONE_ENV: Any = gym.ObservationWrapper, gym.ActionWrapper
@@ -88,24 +85,28 @@ def _unknown(wrapper: str) -> ValueError:
     )
 
 
-class Lens:
-    """What some wrappers make of the observations and of the actions of many lanes.
+class Behind:
+    """A controller behind the wrappers of an environment, in any number of lanes.
 
     Parameters
     ----------
+    controller : callable
     wrappers : sequence
         The innermost first, from `changing_wrappers`. They are not changed.
     """
 
-    def __init__(self, wrappers: Sequence[Any]) -> None:
-        self._wrappers, self._lanes = wrappers, 0
+    def __init__(self, controller: Controller, wrappers: Sequence[Any]) -> None:
+        self._controller, self._wrappers, self._lanes = controller, wrappers, 0
         self._observing: list[_Change] = []
         self._acting: list[Callable[[Any], Any]] = []
 
-    def observe(self, observation: Any, begins: BoolArray) -> Any:
-        """Return what the model is shown; `begins`, (B,), says where an episode begins."""
-        if len(self._wrappers) == 0:
-            return observation
+    def reset(self, num_envs: int) -> None:
+        """Let the controller forget."""
+        forget(self._controller, num_envs)
+
+    def __call__(self, observation: Any, info: dict[str, Any]) -> NDArray[Any]:
+        """Return the actions of the environment that is wrapped."""
+        begins = np.atleast_1d(info["time"]) == 0.0
         if begins.all() or begins.size != self._lanes:
             self._lanes = begins.size
             self._observing = [_observing(w, begins.size) for w in self._wrappers]
@@ -113,10 +114,7 @@ class Lens:
         shown = copy.copy(observation)  # a wrapper may write into what it is given
         for change in self._observing:
             shown = change(shown, begins)
-        return shown
-
-    def act(self, action: Any) -> Any:
-        """Return what the environment is given, after `observe`."""
+        action = self._controller(shown, info)
         for change in self._acting:
             action = change(action)
         return action

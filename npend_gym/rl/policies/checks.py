@@ -44,14 +44,11 @@ def check_functions(given: Any) -> dict[str, Any]:
 
 
 def check_network(
-    arrays: dict[str, Float32Array],
-    offset: Float32Array | None = None,
-    *,
-    limit: float = math.inf,
-    activation: str = "tanh",
-    output: str = "clip",
+    arrays: dict[str, Float32Array], offset: Float32Array | None, functions: dict[str, Any]
 ) -> Layers:
     """Return the scale, the weights and the biases of a network, checked together.
+
+    `functions` are those of `check_functions`.
 
     Raises
     ------
@@ -83,29 +80,27 @@ def check_network(
         inputs = bias.shape
     if offset is not None and offset.shape != scale.shape:
         raise ValueError(f"its offset has the shape {offset.shape}, its scale {scale.shape}")
-    del output  # bounded, whatever it is
-    _check_signals(scale, offset, weights, biases, limit, bounded=activation == "tanh")
-    return scale, weights, biases
+    layers = scale, weights, biases
+    _check_signals(layers, offset, functions)
+    return layers
 
 
-def _check_signals(
-    scale: Float32Array, offset: Float32Array | None, weights: list[Float32Array],
-    biases: list[Float32Array], limit: float, *, bounded: bool,
-) -> None:  # fmt: skip
+def _check_signals(layers: Layers, offset: Float32Array | None, functions: dict[str, Any]) -> None:
     """Refuse a network in which a sum of products may leave float32, in whatever order it is added.
 
     The bound is the sum of magnitudes, for the largest observations and tanh layers at their ends.
     A tanh of the output overflows nothing.
     """
+    scale, weights, biases = layers
     with np.errstate(all="ignore"):
         away = 0.0 if offset is None else np.abs(offset.ravel().astype(np.float64))
         bound = (_MAX_OBSERVED + away) / np.abs(scale.ravel().astype(np.float64))
         largest = bound.max()
-        bound = np.minimum(bound, limit)
+        bound = np.minimum(bound, functions["limit"])
         for weight, bias in zip(weights, biases, strict=True):
             signal = np.abs(weight.astype(np.float64)) @ bound + np.abs(bias)
             largest = np.maximum(largest, signal.max())
-            bound = np.ones(bias.size) if bounded else signal
+            bound = np.ones(bias.size) if functions["activation"] == "tanh" else signal
     if not largest <= _MAX_SIGNAL:
         raise ValueError(
             f"its numbers overflow: with observations of up to {_MAX_OBSERVED:g} a signal may "

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from npend_gym import _checks
 from npend_gym._extras import require
 from npend_gym._files import parse_json, read_arrays, read_text, replacing
 
@@ -23,7 +24,26 @@ SUFFIXES = ".npz", ".safetensors"
 _ABOUT = "npend_gym"  # the entry of a safetensors header that has the description
 _ABOUT_ARRAY = "about"  # the array of a .npz that has it
 
+PRETRAINED = Path(__file__).parent / "pretrained"  # the policies that come with the package
+
 Float32Array = NDArray[np.float32]
+
+
+def pretrained_names() -> tuple[str, ...]:
+    """Return the names of the policies that come with the package.
+
+    Examples
+    --------
+    >>> from npend_gym import rl
+    >>> "swingup-4" in rl.pretrained_names()
+    True
+    """
+    return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
+
+
+def pretrained_path(name: str) -> Path:
+    """Return the file of a policy that comes with the package."""
+    return PRETRAINED / f"{_checks.choice('pretrained', name, pretrained_names())}.npz"
 
 
 def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, Any]) -> None:

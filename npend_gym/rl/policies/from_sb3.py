@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,18 +12,8 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.modes import MODES
 from npend_gym.rl.evaluation.models import trained_through
 from npend_gym.rl.evaluation.settings import EnvLike, keywords_of, setting_of
-from npend_gym.rl.policies.files import Float32Array
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
-
-
-class Network(NamedTuple):
-    """What `Policy` is made of, beside its environment and its provenance."""
-
-    weights: list[Float32Array]
-    biases: list[Float32Array]
-    activation: str
-    output: str
 
 
 def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
@@ -49,7 +39,7 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
             scale = np.sqrt(statistics.var + wrapper.epsilon).astype(np.float32)
             offset, limit = statistics.mean.astype(np.float32), float(wrapper.clip_obs)
     made = {"algorithm": type(model).__name__, "timesteps": int(model.num_timesteps)}
-    return network._asdict() | {
+    return network | {
         "scale": scale,
         "offset": offset,
         "limit": limit,
@@ -58,8 +48,8 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
     }
 
 
-def _network_of(model: Any) -> Network:
-    """Return the layers that map observations to the mean action."""
+def _network_of(model: Any) -> dict[str, Any]:
+    """Return the layers that map observations to the mean action, as attributes of `Policy`."""
     policy, name = model.policy, type(model).__name__
     extractor = type(getattr(policy, "features_extractor", None)).__name__
     if hasattr(policy, "lstm_actor"):
@@ -83,9 +73,12 @@ def _network_of(model: Any) -> Network:
     if len(between) > 1:
         raise _not_layers(name, "two kinds of activations")
     numbers = [[p.detach().cpu().numpy().copy() for p in m.parameters()] for m in modules[::2]]
-    activation = _ACTIVATIONS[between.pop()] if between else "tanh"
-    output = "tanh" if policy.squash_output else "clip"
-    return Network([w for w, _ in numbers], [b for _, b in numbers], activation, output)
+    return {
+        "weights": [w for w, _ in numbers],
+        "biases": [b for _, b in numbers],
+        "activation": _ACTIVATIONS[between.pop()] if between else "tanh",
+        "output": "tanh" if policy.squash_output else "clip",
+    }
 
 
 def _not_layers(name: str, what: str) -> ValueError:

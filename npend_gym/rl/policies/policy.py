@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from npend_gym import _checks
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.policies.checks import USUAL, check_env, check_functions, check_network
-from npend_gym.rl.policies.files import Float32Array, read_policy, write_policy
+from npend_gym.rl.policies.files import Float32Array, pretrained_path, read_policy, write_policy
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.hub import POLICY_FILE, download
 
@@ -298,7 +297,7 @@ class Policy:
         try:
             functions = check_functions(about.pop("network", {}))
             offset = arrays.pop("offset", None)
-            layers = check_network(arrays, offset, **functions)
+            layers = check_network(arrays, offset, functions)
             policy = cls(*layers, env or {}, about, offset, **functions)
             if env:
                 check_env(env, policy.observed, len(policy.biases[-1]), trust=trust)
@@ -342,7 +341,4 @@ class Policy:
     @classmethod
     def pretrained(cls, name: str) -> Policy:
         """Load a policy that comes with the package, such as "swingup-2"."""
-        from npend_gym.rl.policies.shipped import PRETRAINED, pretrained_names
-
-        name = _checks.choice("pretrained", name, pretrained_names())
-        return cls.load(PRETRAINED / f"{name}.npz")
+        return cls.load(pretrained_path(name))

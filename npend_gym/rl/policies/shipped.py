@@ -1,24 +1,11 @@
-"""The policies that come with the package, by their names."""
+"""A policy as commands name it: of the package, or in a file."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from npend_gym.rl.policies.files import pretrained_names
 from npend_gym.rl.policies.policy import Policy
-
-PRETRAINED = Path(__file__).parent / "pretrained"
-
-
-def pretrained_names() -> tuple[str, ...]:
-    """Return the names of the policies that come with the package.
-
-    Examples
-    --------
-    >>> from npend_gym import rl
-    >>> "swingup-4" in rl.pretrained_names()
-    True
-    """
-    return tuple(sorted(path.stem for path in PRETRAINED.glob("*.npz")))
 
 
 def find_policy(name: str, *, trust: bool = False) -> Policy:

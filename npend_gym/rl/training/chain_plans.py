@@ -106,7 +106,7 @@ class ChainPlans:
             plan = self._plan(changes, found)
             if plan is not None:
                 found.append((changes, plan))
-        self.chains = [changes for changes, _ in found]
+        self.chains: Sequence[Changes] = [changes for changes, _ in found]
         plans = [plan for _, plan in found]
         idle = np.zeros((1, config.joints.size))
         self._states = np.array([plan.nominal.states for plan in plans])

@@ -3,7 +3,7 @@
 An object names in `changes` its attributes that change while it learns. What it is made of besides,
 networks and plans and chains, follows from the settings and is made again. A file holds numbers and
 texts alone: to read it runs no code. What does not follow from these attributes alone, such as the
-chains of an ensemble, an object renews in its method `restored`.
+environments of `ErrorLanes`, an object renews in its method `restored`.
 """
 
 # torch's stubs leave parts unknown
@@ -21,7 +21,6 @@ import numpy as np
 from npend_gym import __version__
 from npend_gym._files import replacing
 from npend_gym._progress import bar
-from npend_gym.physics import Ensemble
 
 _SECONDS = 20.0  # between two checkpoints
 _SHARE = 0.05  # of the time, at most, for writing them
@@ -142,25 +141,6 @@ class Stopwatch:
         self._began = time.process_time() - seconds
 
 
-class TorchRandom:
-    """The state of PyTorch's own random numbers, which all that give no generator draw from."""
-
-    changes = ("state",)
-
-    @property
-    def state(self) -> Any:
-        """As `torch.get_rng_state` returns it."""
-        import torch
-
-        return torch.get_rng_state()
-
-    @state.setter
-    def state(self, state: Any) -> None:
-        import torch
-
-        torch.set_rng_state(state)
-
-
 def state_of(part: Any) -> Any:
     """Return what changes in a part of a run, as tensors, numbers, texts, lists and dicts."""
     import torch
@@ -173,8 +153,6 @@ def state_of(part: Any) -> Any:
         return dict(part.bit_generator.state)
     if isinstance(part, np.ndarray):
         return torch.from_numpy(part.copy())
-    if isinstance(part, Ensemble):
-        return state_of([part.theta, part.omega])
     if hasattr(part, "get_state"):  # environments
         records = part.get_state()
         return torch.from_numpy(records.view(np.uint8).copy())
@@ -199,8 +177,6 @@ def restore(part: Any, saved: Any) -> Any:
         part.bit_generator.state = saved
     elif isinstance(part, np.ndarray):
         return saved.numpy()
-    elif isinstance(part, Ensemble):
-        part.set_state(slice(None), *(each.numpy() for each in saved))
     elif hasattr(part, "get_state"):
         part.set_state(saved.numpy().view(part.get_state().dtype))
     elif hasattr(part, "changes"):

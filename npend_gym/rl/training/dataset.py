@@ -1,15 +1,13 @@
-"""What imitation learns from: inputs of the student, actions of the expert, and a fit to them."""
+"""What imitation learns from: inputs of the student, and actions of the expert."""
 
 # torch's stubs leave parts unknown
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
 
 from npend_gym._checks import FloatArray
 from npend_gym.rl.controllers.planning import Tracking
@@ -55,64 +53,6 @@ class Dataset:
         weights: FloatArray = np.sqrt(tracking.action_weight[chosen])
         self.actions[rows] = torch.from_numpy(labels.astype(np.float32))
         self.weights[rows] = torch.from_numpy(weights.astype(np.float32))
-
-
-class Fit:
-    """A network that is fitted to a growing dataset.
-
-    Parameters
-    ----------
-    student : torch.nn.Module
-    dataset : Dataset
-    settings : Settings
-        With the fields "seed", "minibatch_size", "learning_rate", "first_updates", "updates" and
-        "rounds".
-
-    Attributes
-    ----------
-    distance : float
-        Mean of that from the expert's actions, in the last call.
-    """
-
-    changes = ("optimizer", "shuffler", "updates", "distance")
-
-    def __init__(self, student: nn.Module, dataset: Dataset, settings: Any) -> None:
-        self.student, self.dataset, self.settings = student, dataset, settings
-        self.optimizer = torch.optim.Adam(student.parameters(), fused=True)
-        self.shuffler = torch.Generator().manual_seed(settings.seed)
-        self.updates = 0  # so far
-        self.distance = math.inf
-
-    def __call__(self, updates: int) -> None:
-        """Fit the student to the dataset."""
-        settings, dataset, total = self.settings, self.dataset, 0.0
-        last = settings.first_updates + settings.rounds * settings.updates
-        for _ in range(updates):
-            rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * self.updates / last))
-            self.optimizer.param_groups[0]["lr"] = rate
-            rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
-            actions, weights = dataset.actions[rows], dataset.weights[rows]
-            prediction = self.student(dataset.inputs[rows])
-            losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
-            loss = (weights * losses).mean() / weights.mean()
-            self.optimizer.zero_grad()
-            loss.backward()
-            self.optimizer.step()
-            self.updates += 1
-            total += float((prediction.detach() - actions).abs().mean())
-        self.distance = total / updates
-
-
-@torch.no_grad()
-def follow(student: nn.Module, learner: nn.Module, left: float) -> None:
-    """Move parameters toward those of another network; the fraction `left` of them stays.
-
-    A student that is such a mean of what the learner was lately stands long before the learner
-    does, which every few updates lead astray (B. T. Polyak, A. B. Juditsky, SIAM Journal on Control
-    and Optimization 30 (1992), 838-855).
-    """
-    for mean, latest in zip(student.parameters(), learner.parameters(), strict=True):
-        mean.lerp_(latest, 1.0 - left)
 
 
 def differences(

@@ -16,6 +16,7 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.rl.evaluation.criteria import CRITERIA, Criterion, Pushes
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
+from npend_gym.rl.evaluation.rollouts import Lanes
 from npend_gym.rl.evaluation.settings import Setting
 from npend_gym.rl.training.chain_plans import Changes
 
@@ -23,15 +24,6 @@ NOTHING, CHAIN, PUSHES, SEVERAL = "nothing", "model", "pushes", "several"
 KINDS = (NOTHING, *CRITERIA, SEVERAL)
 _HALF = 0.5  # of the errors in a lane with several, and of those lanes that have a wrong chain
 _GROWTH, _JUDGED = 1.25, 12  # of a level, after at least so many episodes
-# What experts and scores are told of all groups
-_TOLD = ("theta", "omega", "cart_position", "cart_velocity", "time", "goal", "success")
-
-
-def check_errors(errors: Mapping[str, float]) -> None:
-    """Raise a ValueError where the shares of errors are none."""
-    for name, share in errors.items():
-        _checks.choice("errors", name, KINDS)
-        _checks.nonnegative_number(f"errors[{name!r}]", share)
 
 
 class ErrorLanes:
@@ -75,7 +67,9 @@ class ErrorLanes:
         steps: int,
         first_level: float = 1.0,
     ) -> None:
-        check_errors(errors)
+        for name, share in errors.items():
+            _checks.choice("errors", name, KINDS)
+            _checks.nonnegative_number(f"errors[{name!r}]", share)
         shares = {name: share for name, share in errors.items() if share > 0.0} or {NOTHING: 1.0}
         self._setting = setting._replace(keywords=setting.keywords | {"max_episode_steps": None})
         self.config, self._steps = setting.config, steps
@@ -89,7 +83,7 @@ class ErrorLanes:
         fixed = [name in (NOTHING, CHAIN) for name in self.names]
         self.levels: FloatArray = np.where(fixed, 1.0, first_level)
         self.judged = np.zeros((2, counts.size), np.int64)
-        self._envs = [self._make(k) for k in range(counts.size)]
+        self.lanes = Lanes([self._make(k) for k in range(counts.size)])
 
     @property
     def rank(self) -> FloatArray:
@@ -107,15 +101,13 @@ class ErrorLanes:
         for error in errors:
             criterion = CRITERIA.get(error)
             if isinstance(criterion, Criterion):
-                own |= self._drawn(criterion, level)
+                largest = criterion.keywords(self.config, level * criterion.largest_in(self.config))
+                own |= {
+                    keyword: {"low": 0.0, "high": float(high)}
+                    for keyword, high in largest.items()
+                    if high > 0.0
+                }
         return self._setting.make(count, randomize=own or None)
-
-    def _drawn(self, criterion: Criterion, level: float) -> dict[str, Any]:
-        """Return what is drawn for a criterion, as `randomize` takes it."""
-        largest = criterion.largest
-        end = level * (largest(self.config) if callable(largest) else largest)
-        keywords = criterion.keywords(self.config, end).items()
-        return {name: {"low": 0.0, "high": float(high)} for name, high in keywords if high > 0.0}
 
     def _pulses(self, k: int, seed: int) -> Pulses:
         """Return pulses of torque for the lanes of a group."""
@@ -131,14 +123,11 @@ class ErrorLanes:
 
         Some groups are given other chains, drawn from `chains`; the first of these changes nothing.
         """
-        self.which[:], begun = 0, list[Any]()
-        for k, (envs, part, name) in enumerate(
-            zip(self._envs, self._parts, self.names, strict=True)
-        ):
-            own_seed = seed + int(part[0])
-            if name == PUSHES:
-                envs.disturbance = self._pulses(k, own_seed)
+        self.which[:], given = 0, list[dict[str, Any]]()
+        for k, (part, name) in enumerate(zip(self._parts, self.names, strict=True)):
             options: dict[str, Any] = {}
+            if name == PUSHES:
+                self.lanes.envs[k].disturbance = self._pulses(k, seed + int(part[0]))
             if name in (CHAIN, SEVERAL) and len(chains) > 1:
                 wrong = rng.random(part.size) < (1.0 if name == CHAIN else _HALF)
                 self.which[part] = np.where(wrong, rng.integers(len(chains), size=part.size), 0)
@@ -146,23 +135,13 @@ class ErrorLanes:
                 for parameter in chains[0]:
                     values = np.array([each[parameter] for each in chains])
                     options[parameter] = values[self.which[part]]
-            begun.append(envs.reset(seed=own_seed, options=options))
-        return self._joined(begun)
+            given.append(options)
+        return self.lanes.reset(seed, given)
 
     def step(self, action: FloatArray) -> tuple[Any, FloatArray, dict[str, Any]]:
         """Step all lanes with actions, (B, joints); return observations, rewards and info."""
-        results = [
-            envs.step(action[part]) for envs, part in zip(self._envs, self._parts, strict=True)
-        ]
-        observation, info = self._joined([(each[0], each[-1]) for each in results])
-        return observation, np.concatenate([each[1] for each in results]), info
-
-    def _joined(self, results: list[Any]) -> tuple[Any, dict[str, Any]]:
-        """Return the observations and infos of all lanes."""
-        observations, infos = ([each[k] for each in results] for k in (0, 1))
-        told = [name for name in _TOLD if name in infos[0]]
-        info = {name: np.concatenate([each[name] for each in infos]) for name in told}
-        return np.concatenate(observations), info
+        observation, reward, _, _, info = self.lanes.step(action)
+        return observation, reward, info
 
     def judge(self, lanes: NDArray[np.int64], good: BoolArray) -> None:
         """Count episodes that were judged, of these lanes, and those that were good."""
@@ -185,10 +164,9 @@ class ErrorLanes:
 
     def _remake(self, groups: NDArray[np.int64]) -> None:
         for k in groups.tolist():
-            self._envs[k].close()
-            self._envs[k] = self._make(k)
+            self.lanes.envs[k].close()
+            self.lanes.envs[k] = self._make(k)
 
     def close(self) -> None:
         """Close the environments."""
-        for envs in self._envs:
-            envs.close()
+        self.lanes.close()

@@ -7,6 +7,7 @@ those along which chains with noisy actions come less far away.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,8 +31,9 @@ from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import keywords_of, setting_of
 from npend_gym.rl.policies.observations import observation_of
 from npend_gym.rl.policies.policy import Policy
+from npend_gym.rl.policies.shipped import find_policy
 from npend_gym.rl.training.chain_plans import ChainPlans, Changes, wrong_chains
-from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL, ErrorLanes
+from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
 _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64)  # standard deviation of actions, in each lane
@@ -44,7 +46,7 @@ _WIDTHS, _REACH = (1.0, 2.0, 4.0, 8.0), 15.0  # of changes, in steps
 class Expert(Protocol):
     """What is asked of an expert."""
 
-    chains: list[Changes]  # which it knows; the first is the nominal one
+    chains: Sequence[Changes]  # which it knows; the first is the nominal one
 
     def begin(self, which: NDArray[np.int64]) -> None:
         """Begin episodes in lanes with the chains of these numbers, (B,)."""
@@ -54,19 +56,14 @@ class Expert(Protocol):
         ...
 
 
-class GoalPlans:
+class GoalPlans(PlannedTransitions):
     """The expert of a mode with goals: a plan for each pair of equilibria, along the clock."""
 
-    def __init__(self, plans: PlannedTransitions) -> None:
-        self._plans, self.chains = plans, list[Changes]()
+    chains: Sequence[Changes] = ()
 
     def begin(self, which: NDArray[np.int64]) -> None:
         """Begin episodes in all lanes."""
-        self._plans.reset(which.size)
-
-    def tracking(self, info: dict[str, Any]) -> Tracking:
-        """Return the actions, and how far the states are from the trajectories."""
-        return self._plans.tracking(info)
+        self.reset(which.size)
 
 
 class Rescued:
@@ -78,7 +75,7 @@ class Rescued:
     policy : Policy
         Without a memory.
     lost : float
-        From this cost on the policy acts. Costs are told to be less: it always knows what to do.
+        From this cost on the policy acts. `tracking` tells lower costs: no chain is ever lost.
     """
 
     def __init__(self, expert: Expert, policy: Policy, lost: float) -> None:
@@ -91,13 +88,13 @@ class Rescued:
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from where they should be."""
-        told, policy = self._expert.tracking(info), self._policy
-        far = told.relative_cost >= self._lost
+        tracking, policy = self._expert.tracking(info), self._policy
+        far = tracking.relative_cost >= self._lost
         cart = {k: info[k] for k in ("cart_position", "cart_velocity") if k in info}
         by_policy = policy(observation_of(policy.config, info["theta"], info["omega"], **cart))
-        return told._replace(
-            actions=np.where(far[:, None], by_policy, told.actions),
-            relative_cost=np.minimum(told.relative_cost, np.nextafter(self._lost, 0.0)),
+        return tracking._replace(
+            actions=np.where(far[:, None], by_policy, tracking.actions),
+            relative_cost=np.minimum(tracking.relative_cost, np.nextafter(self._lost, 0.0)),
         )
 
 
@@ -121,7 +118,7 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         return None  # it would be the same expert
     if config.mode.has_goals:
         options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
-        return GoalPlans(planned_transitions(config, settings.seconds, **options))
+        return GoalPlans(planned_transitions(config, settings.seconds, **options).plans)
     wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
     chains = wrong_chains(config.chain, settings.seed) if wrong else []
     if not swings_up:
@@ -132,18 +129,13 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         return None
     if not settings.rescuer:
         return plans
-    return Rescued(plans, _policy(settings.rescuer), settings.lost)
-
-
-def _policy(name: str) -> Policy:
-    """Return a policy of the package, or of a file."""
-    return Policy.load(name) if name.endswith((".npz", ".safetensors")) else Policy.pretrained(name)
+    return Rescued(plans, find_policy(settings.rescuer), settings.lost)
 
 
 def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition:
     """Return the plan for the nominal chain."""
     if settings.demonstrator:
-        return plan_of(_policy(settings.demonstrator), config, settings.seconds)
+        return plan_of(find_policy(settings.demonstrator), config, settings.seconds)
     seed = settings.plan_seed
     seed = guess + (settings.guesses * settings.seed if seed is None else seed)
     plan = planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
@@ -200,20 +192,19 @@ def astray(config: EnvConfig, plan: PlannedTransition) -> float:
     It is that of the largest cost of the deviation in a lane, over the mean at the start.
     """
     plans, rng = ChainPlans(config, plan), np.random.default_rng(0)
-    steps = plans.steps + _AFTER
-    lanes = ErrorLanes(setting_of(keywords_of(config)), _NOISE.size, {}, steps)
-    _, info = lanes.reset(0, plans.chains, rng)
-    plans.begin(lanes.which)
+    envs = setting_of(keywords_of(config)).make(_NOISE.size, max_episode_steps=None)
+    _, info = envs.reset(seed=0)
+    plans.begin(np.zeros(_NOISE.size, np.int64))
     worst, lost_at = np.zeros(_NOISE.size), np.full(_NOISE.size, plans.steps)
-    for k in range(steps):
+    for k in range(plans.steps + _AFTER):
         tracking = plans.tracking(info)
         known = worst < _LOST
         worst[known] = np.maximum(worst, tracking.relative_cost)[known]
         lost_at[known] = min(k, plans.steps)
         noise = _NOISE[:, None] * rng.normal(size=tracking.actions.shape)
         actions = (tracking.actions + noise).clip(-1.0, 1.0)
-        *_, info = lanes.step(np.where(known[:, None], actions, 0.0))
-    lanes.close()
+        *_, info = envs.step(np.where(known[:, None], actions, 0.0))
+    envs.close()
     lost = worst >= _LOST  # the later, the better
     worst[lost] = _LOST * np.exp(1.0 - 0.5 * lost_at[lost] / plans.steps)
     return float(np.log(worst).mean())

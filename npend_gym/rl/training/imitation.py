@@ -21,11 +21,13 @@ motor adaptation (A. Kumar and others, arXiv:2107.04034) without its two stages.
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
 import torch
+from torch import nn
 
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
@@ -34,7 +36,7 @@ from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
-from npend_gym.rl.training.dataset import Dataset, Fit, differences, follow
+from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, PUSHES, SEVERAL, ErrorLanes
 from npend_gym.rl.training.experts import Expert, expert_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
@@ -88,7 +90,9 @@ class Settings(TrainingSettings):
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
-    changes = ("student", "learner", "dataset", "fit", "lanes")
+    changes = (
+        "student", "learner", "dataset", "optimizer", "shuffler", "updates", "distance", "lanes"
+    )  # fmt: skip
 
     def __init__(self, settings: Settings, expert: Expert) -> None:
         self.settings, self.expert = settings, expert
@@ -108,7 +112,10 @@ class DAgger:
         self.learner = network(inputs, joints, settings.hidden, last_gain=0.1)
         self.student = copy.deepcopy(self.learner)  # what acts, with averages of its parameters
         self.dataset = Dataset(settings.max_states, inputs, joints)
-        self.fit = Fit(self.learner, self.dataset, settings)
+        self.optimizer = torch.optim.Adam(self.learner.parameters(), fused=True)
+        self.shuffler = torch.Generator().manual_seed(settings.seed)
+        self.updates = 0  # so far
+        self.distance = math.inf  # of the learner's actions from the expert's, in `learn`
 
     @torch.no_grad()
     def inputs(self, observation: np.ndarray, info: dict[str, Any]) -> torch.Tensor:
@@ -163,14 +170,41 @@ class DAgger:
         return means | {"taken_over": round(float(steps_taken / steps), 4)}
 
     def learn(self, updates: int) -> None:
-        """Fit the learner, which the student follows."""
+        """Fit the learner to the dataset; every few updates the student follows it.
+
+        A student that is such a mean of what the learner was lately stands long before the learner
+        does, which every few updates lead astray (B. T. Polyak, A. B. Juditsky, SIAM Journal on
+        Control and Optimization 30 (1992), 838-855).
+        """
         distances = list[float]()
         for begun in range(0, updates, _AVERAGED):
-            count = min(_AVERAGED, updates - begun)
-            self.fit(count)
-            distances.append(self.fit.distance)
-            follow(self.student, self.learner, self.settings.averaging**count)
-        self.fit.distance = float(np.mean(distances))
+            count, total = min(_AVERAGED, updates - begun), 0.0
+            for _ in range(count):
+                total += self.update()
+            distances.append(total / count)
+            moved = 1.0 - self.settings.averaging**count
+            pairs = zip(self.student.parameters(), self.learner.parameters(), strict=True)
+            with torch.no_grad():
+                for mean, latest in pairs:
+                    mean.lerp_(latest, moved)
+        self.distance = float(np.mean(distances))
+
+    def update(self) -> float:
+        """Fit the learner to some states; return the distance of its actions from the expert's."""
+        settings, dataset = self.settings, self.dataset
+        last = settings.first_updates + settings.rounds * settings.updates
+        rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * self.updates / last))
+        self.optimizer.param_groups[0]["lr"] = rate
+        rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
+        actions, weights = dataset.actions[rows], dataset.weights[rows]
+        prediction = self.learner(dataset.inputs[rows])
+        losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
+        loss = (weights * losses).mean() / weights.mean()
+        self.optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        self.updates += 1
+        return float((prediction.detach() - actions).abs().mean())
 
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the student as a policy, with memory where it is given several observations."""
@@ -205,7 +239,7 @@ def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:
         begun.append((dagger, guess))
     if not begun:
         raise RuntimeError("no guess led to a trajectory: give it more seconds or guesses")
-    return *min(begun, key=lambda pair: pair[0].fit.distance), len(begun)
+    return *min(begun, key=lambda pair: pair[0].distance), len(begun)
 
 
 @one_thread()
@@ -239,7 +273,7 @@ def train(
             dagger.lanes.grow()
         steps = (2 * (tried - 1) + round_ + 1) * dagger.episode_steps * settings.num_envs
         counts = {"steps": steps, "seconds": round(clock.seconds, 2)}
-        curve.append(counts | score | {"distance": round(dagger.fit.distance, 4)})
+        curve.append(counts | score | {"distance": round(dagger.distance, 4)})
     dagger.lanes.close()
     return dagger.policy(curve[-1]), curve
 

@@ -4,8 +4,8 @@ The actor climbs the gradient of the discounted rewards of a short horizon and o
 at its end, as in J. Xu et al., "Accelerated policy learning with parallel differentiable
 simulation", ICLR 2022. It differs from that paper in three things, all of which save steps:
 
-- A horizon that was simulated is taken again and again, along the Jacobians of its steps. It ends
-  where the actor as it is now leads too far away from the states of these Jacobians.
+- A horizon is simulated once and replayed many times, along the Jacobians of its steps. A replay
+  ends where the present actor leads too far from the states of these Jacobians.
 - The critic learns slopes of the values too, which the way back through a horizon gives.
 - Half the episodes start anywhere and a quarter upright; a quarter starts as the task says.
 """
@@ -25,7 +25,7 @@ from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
-from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch, TorchRandom
+from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import (
@@ -93,8 +93,8 @@ class Learner:
         chosen[: size // 4] = torch.randint(newest, count, (size // 4,))
         return Horizons(*(part[chosen] for part in memory))
 
-    def retake(self, old: Horizons) -> tuple[list[torch.Tensor], torch.Tensor, torch.Tensor]:
-        """Take horizons again with the actor as it is now, along the Jacobians of their steps.
+    def replay(self, old: Horizons) -> tuple[list[torch.Tensor], torch.Tensor, torch.Tensor]:
+        """Replay horizons with the present actor, along the Jacobians of their steps.
 
         Returns
         -------
@@ -123,7 +123,7 @@ class Learner:
         """Improve actor and critic with some horizons."""
         settings, parameters = self.settings, [*self.actor.parameters()]
         horizons = self.sample(memory)
-        states, outputs, near = self.retake(horizons)
+        states, outputs, near = self.replay(horizons)
         reached, taken = torch.stack(states[1:], 1), near[:, :-1]
         last = taken - nn.functional.pad(near[:, 1:-1], (0, 1))  # the value stands for what follows
         context = horizons.context[:, None].expand(-1, settings.horizon, -1)
@@ -162,10 +162,10 @@ class Learner:
         states.requires_grad_()
         values = self.critic(self.task.critic_inputs(states, context)).squeeze(-1)
         (own,) = torch.autograd.grad(values.sum(), states, create_graph=True)
-        away = ((own - slopes) * self.task.state_scale).square().sum(-1)
+        difference = ((own - slopes) * self.task.state_scale).square().sum(-1)
         error = (values - returns).square().mean()
         # a square for small errors, and no more than proportional to large ones
-        loss = error + self.settings.slope_coef * ((1.0 + 10.0 * away).sqrt() - 1.0).mean()
+        loss = error + self.settings.slope_coef * ((1.0 + 10.0 * difference).sqrt() - 1.0).mean()
         self.optimizers[1].zero_grad()
         loss.backward()
         self.improve(self.critic, self.optimizers[1])
@@ -198,7 +198,11 @@ def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:
-    """Return the trained policy and its learning curve, a row for every tenth; see `learn`."""
+    """Return the trained policy and its learning curve, a row for every tenth.
+
+    Its seconds are processor time. The episodes that it tells of are played without noise and teach
+    nothing; neither their steps nor their time are counted.
+    """
     uses = (*OF_CHAIN, *OF_CARTS, "reward_type", "randomize", "observe_context")
     config = used_config("shac", settings.env, uses)
     if not isinstance(config.mode, MODES):
@@ -213,25 +217,14 @@ def train(
     torch.manual_seed(settings.seed)
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
-    return learn(collector, Learner(task, config.joints.size, settings), progress, checkpoint)
-
-
-def learn(
-    collector: Any, learner: Learner, progress: str | None, checkpoint: Checkpoint | None
-) -> tuple[Policy, Curve]:
-    """Let the learner learn from what the collector simulates.
-
-    Its seconds are processor time. The episodes that it tells of are played without noise and teach
-    nothing; neither their steps nor their time are counted.
-    """
-    settings = learner.settings
-    collector.lanes.step_jacobian(0.0, collector.config.dt)  # compiles, where not done yet
+    learner = Learner(task, config.joints.size, settings)
+    collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where not done yet
     batch_size = settings.num_envs * settings.horizon
     num_iterations = max(1, settings.total_timesteps // batch_size)
     clock, curve = Stopwatch(), Curve()
     parts = {
-        "learner": learner, "collector": collector, "random": TorchRandom(), "curve": curve,
-        "optimizers": dict(enumerate(learner.optimizers)), "clock": clock,
+        "learner": learner, "collector": collector, "curve": curve, "clock": clock,
+        "random": torch.default_generator, "optimizers": dict(enumerate(learner.optimizers)),
     }  # fmt: skip
     checkpoint = checkpoint or Checkpoint(settings)
     for k in checkpoint.rounds(parts, num_iterations, progress, "horizon"):
@@ -241,13 +234,13 @@ def learn(
             optimizer.param_groups[0]["lr"] = rate * min(1.0, 1.5 * left + 0.02)
         new = collector.collect(learner.actor, settings.exploration * left)
         learner.memory = remembered(learner.memory, new, settings.memory)
-        told = [learner.update(learner.memory) for _ in range(settings.updates)][-1]
+        means = [learner.update(learner.memory) for _ in range(settings.updates)][-1]
         if k % max(1, num_iterations // 10) == 0 or k == num_iterations:
             seconds = clock.seconds
             curve.append({"steps": k * batch_size, "seconds": round(seconds, 2)})
             policy = learner.policy({})
             trial = evaluate(policy, policy.env, episodes=20, seed=0)
-            shown = {"return": float(trial.returns.mean()), "success": trial.success_rate} | told
+            shown = {"return": float(trial.returns.mean()), "success": trial.success_rate} | means
             curve[-1] |= {name: round(value, 6) for name, value in shown.items()}
             clock.seconds = seconds
     return learner.policy(curve[-1]), curve

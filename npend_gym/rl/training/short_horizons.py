@@ -21,6 +21,7 @@ from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.energy import lift_from
 from npend_gym.rl.angles import wrap
 from npend_gym.rl.controllers.step_model import (
+    joined,
     loads_of,
     motors,
     of_actions,
@@ -64,8 +65,8 @@ class Task:
         self._parts = [part.float() for part in _parts(self._own)]
         self._own = self._with(self._parts)
         self.inputs = len(self.obs_scale)  # of the actor
-        told = 0 if config.observe_context else len(config.randomization.names)
-        self.judged = self.inputs + told  # of the critic
+        drawn = 0 if config.observe_context else len(config.randomization.names)
+        self.judged = self.inputs + drawn  # of the critic
 
     def _lanes_of(self, began: Beginnings) -> Lanes:
         return Lanes.of(began, self.config, torch.device("cpu"), alike=not self.varied)
@@ -89,8 +90,8 @@ class Task:
         if not self.varied:
             return self._own
         widths = [part.shape[1] if part.ndim > 1 else 1 for part in self._parts]
-        told = zip(context.split(widths, dim=-1), self._parts, strict=True)
-        return self._with([part if like.ndim > 1 else part[..., 0] for part, like in told])
+        parts = zip(context.split(widths, dim=-1), self._parts, strict=True)
+        return self._with([part if like.ndim > 1 else part[..., 0] for part, like in parts])
 
     def _state(self, states: torch.Tensor, context: torch.Tensor) -> State:
         q, u = states.chunk(2, dim=-1)
@@ -103,9 +104,10 @@ class Task:
 
     def critic_inputs(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return what the critic is given, (..., judged): it knows the chain."""
-        state = self._state(states, context)
-        seen = observe(self.config, state) / self.obs_scale
-        return seen if self.judged == self.inputs else torch.cat([seen, state.lanes.context], -1)
+        seen = self.observe(states, context)
+        if self.judged == self.inputs:
+            return seen
+        return torch.cat([seen, self._lanes(context).context], -1)
 
     def ended(self, states: torch.Tensor, context: torch.Tensor) -> torch.Tensor:
         """Return where an episode terminates, (...): off the rail, or where the mode says so."""
@@ -233,24 +235,21 @@ class Collector:
         """
         began = self._begin(mask)
         config, rng, settings = self.config, self.rng, self.settings
-        lanes, n = np.flatnonzero(mask), config.n
-        theta, omega, *of_cart = np.split(began.state[lanes], (n, 2 * n, 2 * n + 1), axis=1)
+        lanes, n, rates = np.flatnonzero(mask), config.n, config.state_size // 2
+        theta, omega, of_cart = np.split(began.state[lanes], (n, 2 * n), axis=1)
+        own = joined(theta, omega, of_cart.T)
         shape, kind = theta.shape, rng.integers(4, size=(lanes.size, 1))
         goal = np.where(began.goals[lanes] < 0.0, math.pi, 0.0)
         if not config.mode.has_goals:
             goal = np.full(shape, 0.0 if isinstance(config.mode, Calm) else math.pi)
         anywhere = rng.uniform(-math.pi, math.pi, shape), rng.normal(0.0, settings.speed, shape)
         near = rng.normal(goal, 0.3), rng.normal(0.0, 1.0, shape)
-        chosen = [
-            np.where(kind == 0, own, np.where(kind == 1, *pair))
-            for own, *pair in zip((theta, omega), near, anywhere, strict=True)
-        ]
-        parts = theta, omega
+        states, columns = own.copy(), (slice(n), slice(rates, rates + n))
+        for part, *drawn in zip(columns, near, anywhere, strict=True):
+            states[:, part] = np.where(kind == 0, own[:, part], np.where(kind == 1, *drawn))
         if config.rail is not None:  # a cart is anywhere on the middle of its rail
-            of_cart[0] = config.rail * rng.uniform(-_MIDDLE, _MIDDLE, (lanes.size, 1))
-            parts, chosen = [theta, of_cart[0], omega, of_cart[1]], [
-                chosen[0], of_cart[0], chosen[1], 0.0 * of_cart[1]]  # fmt: skip
-        states, own = np.hstack(chosen), np.hstack(parts)
+            own[:, n] = states[:, n] = config.rail * rng.uniform(-_MIDDLE, _MIDDLE, lanes.size)
+            states[:, -1] *= 0.0
         if len(self.knocked):
             down = rng.random(lanes.size) < settings.knocked
             states[down] = self.knocked[rng.integers(len(self.knocked), size=down.sum())]
