@@ -24,7 +24,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
 
 import npend_gym  # noqa: F401  registers the environments
-from npend_gym._machine import machine
+from npend_gym._provenance import machine
 from npend_gym.report.outputs import write_csv
 from npend_gym.rl import SB3VecEnv
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from npend_gym._machine import machine
+from npend_gym._provenance import machine
 from npend_gym.compiled.arrays import bare, packs
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.rk4 import RK4_ROWS, rk4_step

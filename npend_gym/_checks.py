@@ -98,19 +98,18 @@ def vector(name: str, value: Any, n: int) -> FloatArray:
 
 def at_least_zero(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is negative."""
-    if not ((value < SMALLEST) & (value != 0.0)).any():  # one look, as most values are good
-        return value
-    if (value < 0.0).any():
-        raise ValueError(f"{name} must be zero or more, got {show(value.tolist())}")
-    raise ValueError(f"{name} must be zero or at least {SMALLEST:g}, got {show(value.tolist())}")
+    if ((value < SMALLEST) & (value != 0.0)).any():
+        rule = "zero or more" if (value < 0.0).any() else f"zero or at least {SMALLEST:g}"
+        raise ValueError(f"{name} must be {rule}, got {show(value.tolist())}")
+    return value
 
 
 def positive(name: str, value: FloatArray) -> FloatArray:
     """Return `value`, refused where an entry is zero or negative."""
-    if not (value < SMALLEST).any():
-        return value
-    rule = "greater than zero" if (value <= 0.0).any() else f"at least {SMALLEST:g}"
-    raise ValueError(f"{name} must be {rule}, got {show(value.tolist())}")
+    if (value < SMALLEST).any():
+        rule = "greater than zero" if (value <= 0.0).any() else f"at least {SMALLEST:g}"
+        raise ValueError(f"{name} must be {rule}, got {show(value.tolist())}")
+    return value
 
 
 def _is_bool(value: Any) -> bool:
@@ -135,20 +134,18 @@ def number(name: str, value: Any) -> float:
 def positive_number(name: str, value: Any) -> float:
     """Return `value` as one finite float greater than zero."""
     out = number(name, value)
-    if out <= 0.0:
-        raise ValueError(f"{name} must be greater than zero, got {show(value)}")
     if out < SMALLEST:
-        raise ValueError(f"{name} must be at least {SMALLEST:g}, got {show(value)}")
+        rule = "greater than zero" if out <= 0.0 else f"at least {SMALLEST:g}"
+        raise ValueError(f"{name} must be {rule}, got {show(value)}")
     return out
 
 
 def nonnegative_number(name: str, value: Any) -> float:
     """Return `value` as one finite float, zero or more."""
     out = number(name, value)
-    if out < 0.0:
-        raise ValueError(f"{name} must be zero or more, got {show(value)}")
-    if 0.0 < out < SMALLEST:
-        raise ValueError(f"{name} must be zero or at least {SMALLEST:g}, got {show(value)}")
+    if out < SMALLEST and out != 0.0:
+        rule = "zero or more" if out < 0.0 else f"zero or at least {SMALLEST:g}"
+        raise ValueError(f"{name} must be {rule}, got {show(value)}")
     return out
 
 

@@ -54,9 +54,11 @@ def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, N
         raise FileExistsError(errno.EEXIST, "exists and is not a regular file", str(path))
     temporary = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
     try:
-        with _opened(temporary, "x", binary=binary) as file:
+        raw = io.BufferedWriter(disk.open(temporary, "x"))
+        with raw if binary else io.TextIOWrapper(raw, encoding="utf-8", newline="") as file:
             yield file
-            sync(file)
+            file.flush()
+            disk.sync(file.fileno())
         disk.replace(temporary, path)
     except BaseException as error:
         if isinstance(error, OSError) and error.filename is None:  # the disk is full, say
@@ -64,17 +66,6 @@ def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, N
         with suppress(OSError):  # it may never have been made; the first error is the one to tell
             disk.unlink(temporary)
         raise
-
-
-def _opened(path: Path, mode: str, *, binary: bool = False) -> IO[Any]:
-    file = io.BufferedWriter(disk.open(path, mode))
-    return file if binary else io.TextIOWrapper(file, encoding="utf-8", newline="")
-
-
-def sync(file: IO[Any]) -> None:
-    """Put on the disk what has been written to `file`."""
-    file.flush()
-    disk.sync(file.fileno())
 
 
 def make_folder(path: Path) -> None:
@@ -166,11 +157,6 @@ def check_depth(value: Any) -> None:
     raise ValueError(f"its lists and objects are nested deeper than {MAX_DEPTH}")
 
 
-def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    with archive.open(name) as member:
-        return np.lib.format.read_array(member, allow_pickle=False)
-
-
 def read_arrays(path: Path, max_bytes: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of an npz archive; sizes are looked at before anything is unpacked.
 
@@ -190,9 +176,11 @@ def read_arrays(path: Path, max_bytes: int) -> dict[str, NDArray[Any]]:
                 size = sum(member.file_size for member in archive.infolist())
                 if size > max_bytes:
                     raise ValueError(f"{size} bytes unpacked, at most {max_bytes}")
-                return {
-                    name.removesuffix(".npy"): _read_array(archive, name)
-                    for name in archive.namelist()
-                }
+                arrays = dict[str, NDArray[Any]]()
+                for name in archive.namelist():
+                    with archive.open(name) as member:
+                        array = np.lib.format.read_array(member, allow_pickle=False)
+                    arrays[name.removesuffix(".npy")] = array
+                return arrays
         except Exception as error:
             raise ValueError(str(error) or type(error).__name__) from error

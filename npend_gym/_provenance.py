@@ -1,4 +1,4 @@
-"""What made a result: one record, kept with everything that a user keeps.
+"""What made a result: one record, kept with everything that a user keeps, and the machine.
 
 The record is for people. No program reads its own state back from it.
 """
@@ -6,23 +6,23 @@ The record is for people. No program reads its own state back from it.
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from npend_gym._version import __version__
 
+_LIBRARIES = ("npend_gym", "numba", "numpy", "scipy", "gymnasium")
+
 
 @cache
-def _versions() -> dict[str, str]:
-    return {
-        "package": "npend_gym",
-        "version": __version__,
-        "python": platform.python_version(),
-        "numpy": version("numpy"),
-        "numba": version("numba"),
-    }
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
 
 
 def provenance(arguments: Mapping[str, Any], seed: int | None = None) -> dict[str, Any]:
@@ -40,4 +40,24 @@ def provenance(arguments: Mapping[str, Any], seed: int | None = None) -> dict[st
     dict
         "package", "version", "python", "numpy", "numba", "arguments" and "seed".
     """
-    return {**_versions(), "arguments": dict(arguments), "seed": seed}
+    return {
+        "package": "npend_gym",
+        "version": __version__,
+        "python": platform.python_version(),
+        "numpy": _version("numpy"),
+        "numba": _version("numba"),
+        "arguments": dict(arguments),
+        "seed": seed,
+    }
+
+
+def machine(more: Sequence[str] = ()) -> str:
+    """Return the versions of the package, its libraries and `more`, and the processor."""
+    found = [f"{name} {_version(name)}" for name in (*_LIBRARIES, *more) if _version(name)]
+    info = Path("/proc/cpuinfo")
+    if not info.exists():
+        return ", ".join([*found, platform.machine(), platform.processor()])
+    text = info.read_text()
+    name = text.split("model name\t: ", 1)[-1].split("\n", 1)[0]
+    widest = "AVX-512" if "avx512f" in text else "AVX2" if "avx2" in text else "SSE"
+    return ", ".join([*found, platform.machine(), name, widest])

@@ -118,10 +118,8 @@ def pseudo_periods(
         duration = _WINDOW * theory.fundamental_period(chain.hung())
     mechanism_of([chain]).check_vibrations(duration)
 
-    periods, measurement = (
-        np.empty_like(releases[0]),
-        Measurement(_CODES[reading], duration, rtol, pivot_acceleration),
-    )
+    measurement = Measurement(_CODES[reading], duration, rtol, pivot_acceleration)
+    periods = np.empty_like(releases[0])
 
     def follow(share: slice, call: Call) -> None:
         start = releases[0][share], releases[1][share]
@@ -146,7 +144,6 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
     given = {"theta": _checks.array("theta", theta), "omega": _checks.array("omega", omega)}
     _checks.within("theta", given["theta"], MAX_ANGLE)
     _checks.within("omega", given["omega"], MAX_SPEED)
-    counts = [array.shape[0] for array in given.values() if array.ndim == 2]
     if not np.any(given["omega"]):
         largest = float(np.abs(given["theta"]).max(initial=0.0))
         if largest > 2.0 * np.pi:
@@ -154,9 +151,8 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
                 f"theta must be {_checks.in_radians('2 pi', largest)} (np.radians converts)"
             )
     warn_of_degrees("theta", given["theta"])
-    if not counts:
-        return _checks.vector("theta", theta, chain.n), _checks.vector("omega", omega, chain.n)
-    shape = (max(counts), chain.n)
+    rows = [array.shape[:1] for array in given.values() if array.ndim == 2]
+    shape = (*max(rows, default=()), chain.n)
     for name, array in given.items():
         if array.shape not in ((), (chain.n,), shape) or shape[0] == 0:
             raise ValueError(

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
-from npend_gym import _machine
+from npend_gym import _provenance
 
 ROUNDS = 15  # a machine shared with others is quiet for moments only
 SECONDS = 0.15  # CPU time of a job in a round, at least
@@ -105,4 +105,4 @@ def seconds(job: Job, calls: int) -> float:
 
 def machine() -> str:
     """Return the versions of everything that is compared, and the processor."""
-    return _machine.machine(_PEERS)
+    return _provenance.machine(_PEERS)

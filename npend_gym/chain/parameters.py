@@ -34,19 +34,12 @@ class ChainParameters(NamedTuple):
     gear: FloatArray
 
     @classmethod
-    def ideal(
-        cls,
-        masses: FloatArray,
-        lengths: FloatArray,
-        gravity: FloatArray,
-        damping: FloatArray,
-        drag: FloatArray,
-        quadratic_drag: FloatArray,
-    ) -> ChainParameters:
-        """Return the parameters of point masses at the ends of massless rods."""
+    def ideal(cls, *simple: FloatArray) -> ChainParameters:
+        """Return point masses at the ends of massless rods, given their `SIMPLE_FIELDS`."""
+        masses, lengths = simple[:2]
         none, speeds = np.zeros_like(masses), np.full_like(masses, FRICTION_SPEED)
-        simple = (masses, lengths, gravity, damping, drag, quadratic_drag)
-        return cls(*simple, lengths, none, none, speeds, none, np.full_like(masses, np.inf))
+        beyond = lengths, none, none, speeds, none, np.full_like(masses, np.inf)
+        return cls._make((*simple, *beyond))
 
     @property
     def has_bobs(self) -> BoolArray:

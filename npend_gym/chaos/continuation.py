@@ -19,7 +19,8 @@ from npend_gym.physics.energy import potential_energy
 
 Constraint = Callable[[FloatArray], tuple[float, FloatArray]]  # zero where met, and its gradient
 
-_RTOL, _CLOSED = 1e-10, 1e-9  # of the way; the orbits that are wanted are as exact as can be
+EXACT = 1e-14  # relative tolerance of the orbits that are wanted: as exact as can be
+_RTOL, _CLOSED = 1e-10, 1e-9  # of those on the way
 _ITERATIONS = 5  # a step that needs more is too long
 _FIRST, _LONGEST, _SHORTEST = 0.05, 0.2, 1e-4  # steps in angles [rad] and period over 2 pi / omega
 _ASIDE, _BEND = 0.3, 0.97  # of a step: how far from the tangent, and cosine of its turn, at most
@@ -87,11 +88,11 @@ class Shooting:
                 return x
         return None
 
-    def refine(self, x: FloatArray, constraint: Constraint, rtol: float = 1e-14) -> FloatArray:
+    def refine(self, x: FloatArray, constraint: Constraint) -> FloatArray:
         """Return the orbit `x` as exactly as rounding allows."""
         best, least = x, np.inf
         for _ in range(_ITERATIONS):
-            errors, after = self._newton(x, constraint, rtol)
+            errors, after = self._newton(x, constraint, EXACT)
             if errors >= 0.5 * least:
                 break
             best, least, x = x, errors, after

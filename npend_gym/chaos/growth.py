@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.chaos.variations import count_parts, fastest_rate, tangents
+from npend_gym.chaos.variations import count_parts, fastest_rate, motion_of, tangents
 from npend_gym.physics import mass_matrix, simulate
+from npend_gym.physics.motion import Motion
+from npend_gym.physics.sensitivities import carry, changes_of
 
 STEP = 0.1  # between the instants of `Growth`, in radians of the fastest normal mode
 
@@ -106,27 +107,24 @@ def tangent_growth(
     >>> bool(growth.logarithm[-1] > 0.0)
     True
     """
-    return Growth(*log_growth(chain, theta, omega, duration))
+    return Growth(*log_growth(chain, motion_of(chain, theta, omega), duration))
 
 
 def log_growth(
     chain: Chain,
-    theta: ArrayLike,
-    omega: ArrayLike,
+    motion: Motion,
     duration: float,
     rate: float = 1.0,
-    rtol: float = 1e-11,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-    pivot_acceleration: Any = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return instants [s], and the logarithm of a tangent vector's length there, (T,) each.
 
     Its length is that of (theta, omega / rate), 1 at the start, lengths counted in mean rods;
-    `progress` wraps the iteration over hundredths of the duration. The other arguments are those
-    of `tangent_growth`.
+    `progress` wraps the iteration over hundredths of the duration, for which the `motion` of the
+    chain is followed.
     """
     count, step = count_parts(chain, duration, STEP), STEP / fastest_rate(chain)
-    m = chain.coordinates + (0 if pivot_acceleration is None else 2)
+    m = motion.mechanism.size
     # lengths by that of a rod, so that they compare with angles
     units = np.where(np.arange(m) < chain.n, 1.0, 1.0 / float(chain.lengths.mean()))
     scale = np.concatenate([units, units / rate])
@@ -134,15 +132,10 @@ def log_growth(
     vectors /= np.linalg.norm(vectors)
     vectors /= scale
     times, logarithm, total = step * np.arange(count + 1.0), np.zeros(count + 1), 0.0
-    pieces, done = (
-        tangents(
-            chain, theta, omega, times, vectors, rtol=rtol, pivot_acceleration=pivot_acceleration
-        ),
-        0,
-    )
+    carried, done = carry(motion, times, changes_of(motion, vectors)), 0
     for mark in progress([count * k // 100 for k in range(1, 101)]):
         while done < mark:
-            span, frames = next(pieces)
+            span, frames, _ = next(carried)
             logarithm[span] = total + np.log(np.linalg.norm(frames[:, 0] * scale, axis=1))
             size, done = np.linalg.norm(vectors * scale), span.stop - 1
             total += float(np.log(size))

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 
-from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._provenance import provenance
-from npend_gym.chain import Chain, check_chain
+from npend_gym.chain import Chain
 from npend_gym.chaos.growth import log_growth
-from npend_gym.chaos.variations import describe, fastest_rate
+from npend_gym.chaos.variations import fastest_rate, motion_of, record
+from npend_gym.physics.motion import Motion
 
 _SETTLING = 10  # a tenth of the motion, in which the vector turns into the direction that grows
 _BLOCKS = (8, 16, 32)  # of equal length, whose rates scatter
@@ -140,9 +139,8 @@ def largest_lyapunov(
     >>> found.exponent > 0.3  # 1/s: chaotic
     True
     """
-    times, logarithm, made_by = _grow(
-        chain, theta, omega, duration, rtol, progress, pivot_acceleration
-    )
+    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
+    times, logarithm, made_by = _grow(chain, motion, duration, progress)
     first = times.size // _SETTLING
     rates = (logarithm[first + 1 :] - logarithm[first]) / (times[first + 1 :] - times[first])
     statistical = max(_block_error(logarithm[first:], times[first:], b) for b in _BLOCKS)
@@ -196,9 +194,8 @@ def megno(
     >>> chaos.megno(Chain.uniform(2), [2.0, 2.0], duration=100.0).value > 4.0  # 2 where regular
     True
     """
-    times, logarithm, made_by = _grow(
-        chain, theta, omega, duration, rtol, progress, pivot_acceleration
-    )
+    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
+    times, logarithm, made_by = _grow(chain, motion, duration, progress)
     integral = cumulative_trapezoid(np.append(0.0, logarithm), np.append(0.0, times))
     y = 2.0 * (logarithm - integral / times)
     mean = cumulative_trapezoid(np.append(0.0, y), np.append(0.0, times)) / times
@@ -208,24 +205,17 @@ def megno(
 
 def _grow(
     chain: Chain,
-    theta: ArrayLike,
-    omega: ArrayLike,
+    motion: Motion,
     duration: float,
-    rtol: float,
     progress: Callable[[Iterable[int]], Iterable[int]],
-    pivot_acceleration: Any,
 ) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
     """Return instants, the logarithm of a tangent vector there, and the record of the arguments."""
-    n, rate = check_chain(chain).n, fastest_rate(chain)
-    start = np.concatenate([_checks.vector("theta", theta, n), _checks.vector("omega", omega, n)])
-    times, logarithm = log_growth(
-        chain, start[:n], start[n:], duration, rate, rtol, progress, pivot_acceleration
-    )
+    times, logarithm = log_growth(chain, motion, duration, fastest_rate(chain), progress)
     if times.size < _SETTLING * max(_BLOCKS):
         least = _SETTLING * max(_BLOCKS) * times[0]
         raise ValueError(f"duration must be at least {least:g} s for this chain, got {duration:g}")
-    given = {"duration": float(duration), "rtol": float(rtol)}
-    return times, logarithm, provenance(describe(chain, start) | given)
+    given = {"duration": float(duration), "rtol": motion.settings["rtol"]}
+    return times, logarithm, record(chain, motion.state, **given)
 
 
 def _block_error(logarithm: FloatArray, times: FloatArray, blocks: int) -> float:

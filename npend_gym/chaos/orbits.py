@@ -11,15 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_hung
-from npend_gym.chaos.continuation import Constraint, ContinuationError, Shooting, between, family
-from npend_gym.chaos.variations import describe, loses_energy
+from npend_gym.chaos.continuation import (
+    EXACT,
+    Constraint,
+    ContinuationError,
+    Shooting,
+    between,
+    family,
+)
+from npend_gym.chaos.variations import loses_energy, record
 from npend_gym.physics import Trajectory, accelerations, mass_matrix, simulate
-from npend_gym.physics.energy import potential_energy
 
 MAX_RODS = 100
-_EXACT = 1e-14
 _NEUTRAL = 1e-4  # how far from 1 the size of a multiplier of a stable orbit may be, by rounding
 _SMALL = 0.02  # rad: where the family starts, on the normal mode
 
@@ -70,7 +74,7 @@ class PeriodicOrbit:
     def motion(self, samples: int = 101) -> Trajectory:
         """Return one period of the motion, at this many instants."""
         times = np.linspace(0.0, self.period, _checks.count("samples", samples, low=2))
-        return simulate(self.chain, self.theta, 0.0, times, rtol=_EXACT, atol=0.01 * _EXACT)
+        return simulate(self.chain, self.theta, 0.0, times, rtol=EXACT, atol=0.01 * EXACT)
 
 
 def periodic_orbits(
@@ -139,66 +143,48 @@ def periodic_orbits(
     name, wanted = _check_wanted(amplitudes, energies)
     frequencies, shapes = theory.normal_modes(chain)
     shooting = Shooting(chain, float(frequencies[mode]))
-    sizes: _Sizes = _Amplitudes() if name == "amplitudes" else _Energies(shooting)
-    pairs = _follow(shooting, shapes[:, mode], sizes, float(wanted[0]))
+    by_energy = name == "energies"
+
+    def size(x: FloatArray) -> float:
+        return shooting.energy(x)[0] if by_energy else float(np.abs(x[:-1]).max())
+
+    pairs = _follow(shooting, shapes[:, mode], size, float(wanted[0]))
     orbits: list[PeriodicOrbit] = []
     before, after = next(pairs)
     for value in progress(wanted.tolist()):
-        while sizes.of(after) < value:
+        while size(after) < value:
             before, after = next(pairs)
-        if sizes.of(before) > value:
+        if size(before) > value:
             raise ContinuationError(
                 f"the family of mode {mode} has no orbit for {value:g} of {name}: it turns back in "
-                f"a resonance with a faster mode, and goes on from {sizes.of(before):.4g}"
+                f"a resonance with a faster mode, and goes on from {size(before):.4g}"
             )
-        x = between(shooting, before, after, sizes.constraint(before, after, value))
-        orbits.append(_orbit(shooting, mode, x))
+        reaches = shooting.of_energy(value) if by_energy else _of_amplitude(before, after, value)
+        orbits.append(_orbit(shooting, mode, between(shooting, before, after, reaches)))
     return orbits
 
 
-class _Energies:
-    """Energies [J] of orbits."""
+def _of_amplitude(before: FloatArray, after: FloatArray, wanted: float) -> Constraint:
+    """Return the constraint that an orbit between two has an amplitude.
 
-    def __init__(self, shooting: Shooting) -> None:
-        self.shooting = shooting
-
-    def of(self, x: FloatArray) -> float:
-        """Return that of the orbit `x`."""
-        return self.shooting.energy(x)[0]
-
-    def constraint(self, _before: FloatArray, _after: FloatArray, wanted: float) -> Constraint:
-        """Return the constraint that an orbit between two has the one wanted."""
-        return self.shooting.of_energy(wanted)
-
-
-class _Amplitudes:
-    """Amplitudes [rad] of orbits: the largest angle of their release."""
-
-    def of(self, x: FloatArray) -> float:
-        """Return that of the orbit `x`."""
-        return float(np.abs(x[:-1]).max())
-
-    def constraint(self, before: FloatArray, after: FloatArray, wanted: float) -> Constraint:
-        """Return the constraint that the first rod to get there is released at the angle wanted."""
-        angles, ahead = np.abs(before[:-1]), np.abs(after[:-1])
-        fractions = np.full(angles.size, np.inf)
-        there = ahead >= wanted
-        fractions[there] = (wanted - angles[there]) / (ahead - angles)[there]
-        rod = int(np.argmin(fractions))
-        gradient = np.zeros(before.size)
-        gradient[rod] = np.sign(after[rod])
-        return lambda x: (float(gradient @ x) - wanted, gradient)
-
-
-_Sizes = _Energies | _Amplitudes
+    The first rod to get there is released at that angle.
+    """
+    angles, ahead = np.abs(before[:-1]), np.abs(after[:-1])
+    fractions = np.full(angles.size, np.inf)
+    there = ahead >= wanted
+    fractions[there] = (wanted - angles[there]) / (ahead - angles)[there]
+    rod = int(np.argmin(fractions))
+    gradient = np.zeros(before.size)
+    gradient[rod] = np.sign(after[rod])
+    return lambda x: (float(gradient @ x) - wanted, gradient)
 
 
 def _follow(
-    shooting: Shooting, shape: FloatArray, sizes: _Sizes, first: float
+    shooting: Shooting, shape: FloatArray, size: Callable[[FloatArray], float], first: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Return the pairs of orbits of the family that begins with a small motion of this shape."""
     small = _SMALL
-    while sizes.of(np.append(small * shape, 1.0)) > 0.25 * first:
+    while size(np.append(small * shape, 1.0)) > 0.25 * first:
         small *= 0.5
     guess, tangent = np.append(small * shape, 1.0), np.append(shape, 0.0)
     tangent /= np.linalg.norm(tangent)
@@ -211,7 +197,7 @@ def _follow(
 def _orbit(shooting: Shooting, mode: int, x: FloatArray) -> PeriodicOrbit:
     """Return what is to be known of the orbit `x`, from one period of its motion."""
     chain, n, theta, period = shooting.chain, shooting.n, x[:-1], shooting.period(x)
-    path = simulate(chain, theta, 0.0, [0.0, period], rtol=_EXACT, atol=0.01 * _EXACT)
+    path = simulate(chain, theta, 0.0, [0.0, period], rtol=EXACT, atol=0.01 * EXACT)
     scale = np.append(np.ones(n), np.full(n, shooting.frequency))
     states = np.concatenate([path.theta, path.omega], axis=1) / scale
     monodromy = path.sensitivities(()).A[-1] * scale / scale[:, None]
@@ -224,10 +210,10 @@ def _orbit(shooting: Shooting, mode: int, x: FloatArray) -> PeriodicOrbit:
     reduced: FloatArray = across.T @ monodromy @ across
     multipliers: NDArray[np.complex128] = np.asarray(np.linalg.eigvals(reduced), np.complex128)
     return PeriodicOrbit(
-        chain, mode, theta, period, float(potential_energy(chain, theta)),
+        chain, mode, theta, period, shooting.energy(x)[0],
         float(np.abs(theta).max()), multipliers[np.abs(multipliers).argsort()[::-1]],
         float(np.abs(states[1] - states[0]).max()),
-        provenance(describe(chain, np.append(theta, np.zeros(n))) | {"mode": mode}),
+        record(chain, np.append(theta, np.zeros(n)), mode=mode),
     )  # fmt: skip
 
 

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
-from npend_gym.chaos.variations import count_parts, describe
+from npend_gym.chaos.variations import count_parts, record
 from npend_gym.physics import simulate
 from npend_gym.physics.mechanism import AXIAL, PIVOT
 
@@ -111,16 +110,8 @@ def poincare_section(
     parts = min(100, count_parts(chain, duration, _PART))
     state = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     more: dict[str, Any] = {"pivot_acceleration": pivot_acceleration}
-    made_by = provenance(
-        describe(chain, np.concatenate(state))
-        | {
-            "duration": float(duration),
-            "rod": rod,
-            "angle": angle,
-            "direction": direction,
-            "rtol": rtol,
-        }
-    )
+    given = {"duration": float(duration), "rod": rod, "angle": angle, "direction": direction}
+    made_by = record(chain, np.concatenate(state), **given, rtol=rtol)
     event, times = _Passage(rod, angle, direction), np.linspace(0.0, duration, parts + 1)
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for part in progress(range(parts)):
@@ -128,8 +119,8 @@ def poincare_section(
         path = simulate(chain, *state, ends, events=event, rtol=rtol, atol=0.01 * rtol, **more)
         found.append((path.t_events[0], path.theta_events[0], path.omega_events[0]))
         state = path.theta[-1], path.omega[-1]
-        given = {name: getattr(path, name) for name in (*PIVOT, *AXIAL)}
-        more |= {name: each[-1] for name, each in given.items() if each is not None}
+        others = {name: getattr(path, name) for name in (*PIVOT, *AXIAL)}
+        more |= {name: each[-1] for name, each in others.items() if each is not None}
     instants, thetas, omegas = (np.concatenate(each) for each in zip(*found, strict=True))
     near = np.cos(thetas[:, rod] - angle) > 0.0  # half a turn away the sine is zero, too
     if not near.any():
@@ -141,15 +132,14 @@ def poincare_section(
     return Section(instants[near], wrapped, omegas[near], made_by)
 
 
+@dataclass(frozen=True)
 class _Passage:
     """The event that a rod passes an angle, whole turns aside, or is half a turn away from it."""
 
-    terminal = False
+    rod: int
+    angle: float
+    direction: int
 
-    def __init__(self, rod: int, angle: float, direction: int) -> None:
-        self.rod, self.angle, self.direction = rod, angle, direction
-
-    def __call__(self, t: float, theta: FloatArray, omega: FloatArray) -> float:
+    def __call__(self, _t: float, theta: FloatArray, _omega: FloatArray) -> float:
         """Return the sine of the angle that is left."""
-        del t, omega
         return float(np.sin(theta[self.rod] - self.angle))

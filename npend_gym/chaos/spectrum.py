@@ -12,9 +12,8 @@ from scipy.linalg import qr, solve
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
-from npend_gym.chaos.variations import describe, fastest_rate, loses_energy, motion_of
+from npend_gym.chaos.variations import fastest_rate, loses_energy, motion_of, record
 from npend_gym.physics import mass_matrix, momentum_jacobian
 from npend_gym.physics.sensitivities import carry, changes_of
 
@@ -113,12 +112,11 @@ def lyapunov_spectrum(
     ((4,), True)
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_RODS)
-    m = chain.coordinates + (0 if pivot_acceleration is None else 2)
+    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
+    start, m = motion.state, motion.mechanism.size
     count = 2 * m if count is None else _checks.count("count", count, high=2 * m)
     duration = _checks.positive_number("duration", duration)
     instants = np.linspace(0.0, duration, _checks.count("samples", samples) + 1)[1:].tolist()
-    motion = motion_of(chain, theta, omega, 0.0, rtol, pivot_acceleration)
-    start = motion.state.copy()
     inertia = float(np.mean(np.diagonal(mass_matrix(chain, start[:n]))[:n]))
     unit = inertia * fastest_rate(chain)
     basis = np.eye(2 * m)[:, [*range(m), *reversed(range(m, 2 * m))]][:, :count]
@@ -137,8 +135,7 @@ def lyapunov_spectrum(
             sums += np.log(np.abs(np.diag(triangle)))
             vectors[:] = solve(metric, orthogonal).T
         times[k], history[k] = time, sums / time
-    given = {"duration": duration, "count": count, "samples": samples, "rtol": rtol}
-    made_by = provenance(describe(chain, start) | given)
+    made_by = record(chain, start, duration=duration, count=count, samples=samples, rtol=rtol)
     exponents = np.sort(history[-1])[::-1]
     return LyapunovSpectrum(exponents, times, history, made_by)
 

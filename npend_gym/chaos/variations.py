@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
+from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.integration import check_times
@@ -81,8 +82,7 @@ def tangents(
     >>> np.round(grown, 2).tolist()
     [4.49, 2.19, 5.87, 2.72]
     """
-    begin = float(np.asarray(times)[0])
-    motion = motion_of(chain, theta, omega, begin, rtol, pivot_acceleration)
+    motion = motion_of(chain, theta, omega, rtol, pivot_acceleration, float(np.asarray(times)[0]))
     size = motion.state.size
     if vectors.ndim != 2 or vectors.shape[1] != size or vectors.dtype != np.float64:
         raise ValueError(
@@ -97,9 +97,9 @@ def motion_of(
     chain: Chain,
     theta: ArrayLike,
     omega: ArrayLike,
-    begin: float = 0.0,
     rtol: float = 1e-11,
     pivot_acceleration: Any = None,
+    begin: float = 0.0,
 ) -> Motion:
     """Return the motion along which tangent vectors are carried; arguments as for `tangents`.
 
@@ -169,7 +169,8 @@ def count_parts(chain: Chain, duration: float, step: float) -> int:
     return int(np.ceil(duration / (step / rate)))
 
 
-def describe(chain: Chain, state: FloatArray) -> dict[str, Any]:
-    """Return a chain and a start (theta, omega) as the record of what made a result keeps them."""
-    theta, omega = state[: chain.n], state[state.size // 2 :][: chain.n]
-    return {"chain": chain.as_dict(), "theta": theta.tolist(), "omega": omega.tolist()}
+def record(chain: Chain, state: FloatArray, **arguments: Any) -> dict[str, Any]:
+    """Return the record of what made a result: a chain, its state at the start, and arguments."""
+    halves = zip(("theta", "omega"), np.split(state, 2), strict=True)
+    start = {name: half[: chain.n].tolist() for name, half in halves}
+    return provenance({"chain": chain.as_dict(), **start, **arguments})

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: dict[str, Any]) -> int:
     """Compare, and print each check when it is done; return the exit code."""
-    from npend_gym._machine import machine
+    from npend_gym._provenance import machine
     from npend_gym.digests import Outcome, outcomes
 
     as_json = options.get("json", False)

@@ -220,12 +220,12 @@ class Problem:
                 segments += _describe(motion, fit, other, held_out)
                 residuals[np.r_[tuple(fit.rows)]] = fit.residuals
         scatter = max(fitted.scatter, own.scatter if own else 0.0)
-        found = fitted.solution.fitted, errors.errors
+        found = fitted.solution.fitted
         return Identification(
             chain=chain,
             names=tuple(model.names),
             units=tuple(model.units),
-            values=found[0],
+            values=found,
             standard_errors=errors.errors,
             correlation=errors.correlation,
             chain_errors=model.chain_errors(chain, errors.covariance),
@@ -235,7 +235,9 @@ class Problem:
             outliers=np.abs(residuals) > _OUTLIER * scatter,
             residuals=residuals,
             held_out=held_out,
-            undetermined=tuple(undetermined(model, chain, *found, driven=self.driven)),
+            undetermined=tuple(
+                undetermined(model, chain, found, errors.errors, driven=self.driven)
+            ),
             provenance=self.provenance,
         )
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.identification.motion import Motion
 from npend_gym.identification.parameters import INERTIA, LIFT, Model, values_of
@@ -18,17 +18,15 @@ _AIR = 1.2  # kg/m^3, its density
 _BETTER = 3.0  # times smaller are the errors of angles that were taken wrongly
 
 
-def _added_up(theta: FloatArray) -> FloatArray:
-    return np.cumsum(theta, axis=1)
-
-
-def _differences(theta: FloatArray) -> FloatArray:
-    return np.diff(theta, axis=1, prepend=0.0)
-
-
 _READINGS = (
-    (_added_up, "are relative to the link above: convert with np.cumsum(theta, axis=1), or give"),
-    (_differences, "were absolute before they were added up: give them as measured, or leave out"),
+    (
+        partial(np.cumsum, axis=1),
+        "are relative to the link above: convert with np.cumsum(theta, axis=1), or give",
+    ),
+    (
+        partial(np.diff, axis=1, prepend=0.0),
+        "were absolute before they were added up: give them as measured, or leave out",
+    ),
 )
 
 

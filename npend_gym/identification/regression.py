@@ -13,7 +13,7 @@ damping and friction at joint i; see `parameters` for W and h.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import LSQUnivariateSpline
@@ -41,8 +41,7 @@ _OVERLAP = 4  # bumps in the width of one
 _REWEIGHTED = 4  # times that a spline is fitted
 
 
-@dataclass(frozen=True, eq=False)
-class Smooth:
+class Smooth(NamedTuple):
     """Angles [rad] and angular velocities [rad/s] by splines, shape (T, n); NaN outside stretches.
 
     `width` is that of the bumps they are for: what takes a fifth of it or longer is followed [s].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,29 +29,15 @@ _SINGULAR = 1e-12  # eigenvalue of the scaled information, relative to the large
 _VAGUE = 0.5  # relative standard error from which on a value counts as not determined
 
 
-@dataclass(frozen=True, eq=False)
-class Uncertainty:
-    """Standard errors of the k fitted values and their covariance.
+class Uncertainty(NamedTuple):
+    """Standard errors of the k fitted values, and their covariance and correlation."""
 
-    Attributes
-    ----------
-    errors : ndarray, shape (k,)
-        Infinite where the data do not determine a value.
-    covariance : ndarray, shape (k, k)
-        Of what the data determine.
-    rough : bool
-        Whether few segments determine much, errors last long, and inertias or lifts are not known
-        to 5 %.
-    """
-
-    errors: FloatArray
-    covariance: FloatArray
+    errors: FloatArray  # (k,), infinite where the data do not determine a value
+    covariance: FloatArray  # of what the data determine, (k, k)
+    correlation: FloatArray  # (k, k); zero beside a value without error
+    # Whether few segments determine much, errors last long, and inertias or lifts are not known
+    # to 5 %
     rough: bool
-
-    @property
-    def correlation(self) -> FloatArray:
-        """The correlation of the fitted values, shape (k, k); zero beside a value without error."""
-        return _correlation(self.covariance)
 
 
 def uncertainty(solution: Solution, model: Model) -> Uncertainty:
@@ -97,7 +83,7 @@ def uncertainty(solution: Solution, model: Model) -> Uncertainty:
     ruling = np.isin(np.argwhere(model.free)[:, 0], (INERTIA, LIFT))
     rough = len(solution.weights) < _ENOUGH * fitted and float(np.median(excess)) > _ROUGH**2
     rough &= bool(np.any(spread[ruling] > _LARGE))
-    return Uncertainty(errors, covariance, rough)
+    return Uncertainty(errors, covariance, _correlation(covariance), rough)
 
 
 def _edges(solution: Solution, links: int) -> list[int]:

@@ -94,8 +94,7 @@ def decay_rate(chain: Chain, damping: FloatArray, drag: FloatArray) -> float:
     damping, drag : ndarray, shape (n,)
         Torque on each joint over its speed [N m s/rad], force on each tip over its speed [N s/m].
     """
-    none = np.zeros(chain.n)
-    return _eigenvalue(chain, none, damping, drag, chain.n - 1)
+    return _eigenvalue(chain, chain.n - 1, np.zeros(chain.n), damping, drag)
 
 
 def any_faster(
@@ -132,8 +131,8 @@ def _any_above(chains: ChainParameters, mu: float, *forces: FloatArray) -> BoolA
 
 def _frequency(chain: Chain, k: int) -> float:
     if not chain.has_bobs:
-        none, stiffness = np.zeros(chain.n), chain.gravity * np.abs(chain.lift)
-        return math.sqrt(_eigenvalue(chain, stiffness, none, none, k))
+        none = np.zeros(chain.n)
+        return math.sqrt(_eigenvalue(chain, k, chain.gravity * np.abs(chain.lift), none, none))
     if chain.n == 1:  # older SciPy refuses matrices of one entry
         return math.sqrt(float(_stiffness(chain)[0][0]))
     square = eigh_tridiagonal(
@@ -163,10 +162,8 @@ def _bodies(chain: Chain | ChainParameters) -> FloatArray:
     return np.stack([*at_rest, chain.masses, chain.inertias, *motors], axis=-2)
 
 
-def _eigenvalue(
-    chain: Chain, stiffness: FloatArray, damping: FloatArray, drag: FloatArray, k: int
-) -> float:
+def _eigenvalue(chain: Chain, k: int, *forces: FloatArray) -> float:
     """Return eigenvalue k, in increasing order, of M^(-1) B, B being as in `pivots`."""
     from npend_gym.theory.pivots import eigenvalue
 
-    return eigenvalue(_bodies(chain), np.array([stiffness, damping, drag]), k)
+    return eigenvalue(_bodies(chain), np.array(forces), k)

@@ -45,14 +45,6 @@ _x, _w = _nodes(60)
 _SHORT, _SHORT_WEIGHTS = 12.0 * _x, 12.0 * _w / np.expm1(2.0 * math.pi * 12.0 * _x)
 
 
-def _inverse(j: _Complex) -> _Complex:
-    return 1.0 / j
-
-
-def _inverse_cube(j: _Complex) -> _Complex:
-    return j**-3
-
-
 class _Wave(NamedTuple):
     """Terms of a sum over modes: the imaginary part of amplitude(j_k) exp(i j_k phase)."""
 
@@ -120,12 +112,7 @@ def com_ratio() -> float:
     >>> round(theory.com_ratio(), 6)
     0.988746
     """
-
-    def momentum(tau: float) -> float:
-        wave = _Wave(tau, 0, _inverse_cube, _inverse_cube)
-        return float(np.sum(np.sin(_ZEROS * tau) / _ZEROS**3)) + _rest(wave)
-
-    return _second_root(momentum)
+    return _second_root(lambda tau: _sum_of_sines(lambda j: j**-3, tau))
 
 
 def _turn_at(x: float) -> float:
@@ -137,12 +124,13 @@ def _turn_at(x: float) -> float:
 @cache
 def _turn_at_pivot() -> float:
     """Return the limit of the profile: there the slope of the velocity is zero."""
+    return _second_root(lambda tau: _sum_of_sines(lambda j: 1.0 / j, tau))
 
-    def slope(tau: float) -> float:
-        wave = _Wave(tau, 0, _inverse, _inverse)
-        return float(np.sum(np.sin(_ZEROS * tau) / _ZEROS)) + _rest(wave)
 
-    return _second_root(slope)
+def _sum_of_sines(amplitude: _Amplitude, tau: float) -> float:
+    """Return the sum of amplitude(j_k) sin(j_k tau) over all modes, of a real amplitude."""
+    near = np.sum(amplitude(_ZEROS) * np.sin(_ZEROS * tau))
+    return float(near) + _rest(_Wave(tau, 0, amplitude, amplitude))
 
 
 def _second_root(signal: Callable[[float], float]) -> float:
@@ -155,12 +143,10 @@ def _velocity(x: float, tau: float) -> float:
     """Return the velocity of the rope at x^2, over -4 sqrt(g L) times the angle of its start."""
     near = np.sum(j0(_ZEROS * x) * np.sin(_ZEROS * tau) / (_ZEROS**2 * j1(_ZEROS)))
 
-    def outwards(j: _Complex) -> _Complex:  # 2 J0 = H1 + H2
-        return _strength(j) * (_h1(0, j * x) if x > 0.0 else 1.0)
+    def half(hankel: Any) -> _Amplitude:  # 2 J0 = H1 + H2
+        return lambda j: _strength(j) * (hankel(0, j * x) if x > 0.0 else 1.0)
 
-    def inwards(j: _Complex) -> _Complex:
-        return _strength(j) * (_h2(0, j * x) if x > 0.0 else 1.0)
-
+    outwards, inwards = half(_h1), half(_h2)
     return float(near) + (
         _rest(_Wave(tau + x, 1, outwards, inwards)) + _rest(_Wave(tau - x, 1, inwards, outwards))
     )
