@@ -1,15 +1,19 @@
-"""The compiler of functions that only compiled functions call.
+"""The compilers of kernels, which make Numba do less.
 
 Numba makes machine code of each function, and links its text into every caller, where it is
-compiled again. If Python never calls the function, only the caller's copy runs. This compiler makes
-no other, which saves an eighth of the time of a cold `npend release`. Each function is still
-optimised before it is linked. To leave that out as well would save 3 s more, but kernels of packs
-would take a tenth longer.
+compiled again. If Python never calls the function, only the caller's copy runs. An inner function
+therefore gets no machine code of its own; it is still optimised before it is linked, because
+kernels of packs would take a tenth longer without.
+
+A long function that is called several times stays one function in its caller's machine code, where
+Numba would copy it to each call. It is linked into the kernel alone, and not into the inner
+functions between. What it is called with becomes short, because nobody else can call it: LLVM drops
+the arguments that it does not use, most of the 7 numbers of each array.
 """
 
 # Numba's stubs leave parts unknown, and it has no public way to leave machine code out
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
-# pyright: reportUnknownVariableType=false
+# pyright: reportUnknownVariableType=false, reportUntypedBaseClass=false
 # ruff: noqa: SLF001
 from __future__ import annotations
 
@@ -17,32 +21,124 @@ from itertools import count
 from typing import Any
 
 from llvmlite.binding import parse_assembly
-from numba.core.compiler import Compiler
+from numba.core import compiler
+from numba.core.codegen import JITCodeLibrary
 
 _NUMBERS = count()
-_STEPS = ("_finalize_final_module", "_finalize_dynamic_globals")
 
 
-class InnerCompiler(Compiler):
-    """Numba's compiler, for functions that are nothing but parts of others."""
+class Flags(compiler.Flags):
+    """Numba's options of a function, compared in less time: that takes a part of each look-up.
 
-    def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
-        if library is None:
-            library = target.codegen().create_library(f"inner_{next(_NUMBERS)}")
-            if all(hasattr(library, name) for name in _STEPS):  # else as Numba does it
-                _leave_for_callers(library)
-        super().__init__(typing, target, library, *others)
+    Numba compares the values of all options, set or not, tens of thousands of times.
+    """
+
+    __slots__ = ()
+    _hash = hash(compiler.Flags())  # Numba hashes the names of the options: all have the same
+
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, Flags) and self._values == other._values
+        return same or super().__eq__(other)
+
+    def __hash__(self) -> int:
+        return self._hash
 
 
-def _leave_for_callers(library: Any) -> None:
-    """Leave the machine code of `library` to the libraries that link it."""
+class _Library(JITCodeLibrary):
+    """Machine code that is optimised once, by LLVM's passes over the whole module.
 
-    def finalize() -> None:
-        library._finalize_dynamic_globals()
-        for variable in library._final_module.global_variables:
+    Numba runs passes over each function before that, and simple ones over the module.
+    """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        made: Any = self._codegen._module_pass_manager()
+        if isinstance(made, tuple):
+            passes, builder = made
+            passes.run(self._final_module, builder)
+        else:  # Numba before 0.62
+            super()._optimize_final_module()
+
+
+class _KernelLibrary(_Library):
+    """The machine code of a kernel, and of the functions that it calls."""
+
+    def add_linking_library(self, library: Any) -> None:
+        """Link a function that is called, and those that its text only names."""
+        super().add_linking_library(library)
+        for outlined in getattr(library, "outlined", ()):
+            super().add_linking_library(outlined)
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "linkonce_odr":
+                function.linkage = "internal"
+        super()._optimize_final_module()
+
+
+class _InnerLibrary(_Library):
+    """The text of a function for its callers, who make machine code of it."""
+
+    stays_whole = False
+
+    def __init__(self, codegen: Any, name: str) -> None:
+        super().__init__(codegen, name)
+        self.outlined: dict[Any, None] = {}  # what kernels must link beside it, in order
+
+    def add_linking_library(self, library: Any) -> None:
+        """Link a function that is called, unless it is to stay whole."""
+        self.outlined |= getattr(library, "outlined", {})
+        if getattr(library, "stays_whole", False):
+            self.outlined[library] = None
+        else:
+            super().add_linking_library(library)
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        for variable in self._final_module.global_variables:
             if variable.name.startswith("_ZN08NumbaEnv"):  # Numba writes an address there
                 stub = parse_assembly(f'@"{variable.name}" = common global i64 0')
-                library.codegen._add_module(stub)
-        library._finalized = True
+                self._codegen._add_module(stub)
+        self._finalized = True
 
-    library._finalize_final_module = finalize
+
+class _OutlinedLibrary(_InnerLibrary):
+    """The text of a function that is not copied to its calls."""
+
+    stays_whole = True
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        super()._optimize_functions(ll_module)
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                function.add_function_attribute("noinline")
+
+
+class KernelCompiler(compiler.Compiler):
+    """Numba's compiler, for functions that Python calls."""
+
+    library_class: type[JITCodeLibrary] = _KernelLibrary
+
+    def __init__(
+        self, typing: Any, target: Any, library: Any, args: Any, returns: Any, flags: Any,
+        local_types: Any,
+    ) -> None:  # fmt: skip
+        if library is None:
+            name = f"{self.library_class.__name__}_{next(_NUMBERS)}"
+            library = self.library_class(target.codegen(), name)
+            library.enable_object_caching()
+        super().__init__(typing, target, library, args, returns, Flags(flags), local_types)
+
+
+class InnerCompiler(KernelCompiler):
+    """The compiler of functions that are nothing but parts of others."""
+
+    library_class = _InnerLibrary
+
+
+class OutlinedCompiler(KernelCompiler):
+    """The compiler of such functions that are too long for a copy at each call."""
+
+    library_class = _OutlinedLibrary

@@ -50,6 +50,13 @@ if TYPE_CHECKING:
         """Compile `function` as a part of the kernels that call it; Python cannot."""
         return function
 
+    def outlined_kernel(function: _F) -> _F:
+        """Compile `function` once for all its calls in a kernel: for long ones, called often.
+
+        Kernels alone may call it, directly or not: no function that Numba compiles by itself.
+        """
+        return function
+
     def spliced_kernel(function: _F) -> _F:
         """Compile `function` as if its text stood in its caller's: for long ones, called once.
 
@@ -71,47 +78,50 @@ if TYPE_CHECKING:
 else:
     import inspect
 
-    from numba import config, njit
-    from numba.extending import overload
+    from numba import config, njit, types
+    from numba.core.typing.templates import AbstractTemplate, infer_global
 
-    from npend_gym.compiled.inner import InnerCompiler
+    from npend_gym.compiled.inner import InnerCompiler, KernelCompiler, OutlinedCompiler
     from npend_gym.compiled.machine_code import CheckedCache
     from npend_gym.compiled.notice import announce_first_compilation
 
     announce_first_compilation()
     _FOLDER = cache_folder(PACKAGE, config.CACHE_DIR)
+    # nogil: other Python threads run on while a kernel does.
+    # error_model: 1/0 is inf as in C, without the branch that stops vectorisation.
+    # fastmath stays off: it reorders sums, and the bits would depend on the machine.
+    # C calls no kernel, for which Numba would wrap it.
+    _OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    # a wrapper for Python would cost more to compile than the function itself
+    _INNER = {**_OPTIONS, "no_cpython_wrapper": True}
 
     def kernel(function):
         """Compile `function` with Numba."""
         before, config.CACHE_DIR = config.CACHE_DIR, str(_FOLDER)  # read when decorating
         try:
-            # nogil: other Python threads run on while a kernel does.
-            # error_model: 1/0 is inf as in C, without the branch that stops vectorisation.
-            # fastmath stays off: it reorders sums, and the bits would depend on the machine.
-            compiled = njit(nogil=True, error_model="numpy")(function)
+            compiled = njit(**_OPTIONS, pipeline_class=KernelCompiler)(function)
             if not config.DISABLE_JIT:
                 compiled._cache = CheckedCache(function)  # noqa: SLF001 - once per machine
             return compiled
         finally:
             config.CACHE_DIR = before
 
-    # for Python would cost more to compile than the function itself
-    _INNER = {
-        "pipeline_class": InnerCompiler, "nogil": True, "error_model": "numpy",
-        "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
-    }  # fmt: skip
-
     def inner_kernel(function):
         """Compile `function` for other kernels."""
-        return njit(**_INNER)(function)
+        return njit(**_INNER, pipeline_class=InnerCompiler)(function)
 
     def inlined_kernel(function):
         """Compile `function` as a part of its callers: passing many arrays takes tens of ns."""
-        return njit(forceinline=True, **_INNER)(function)
+        return njit(**_INNER, pipeline_class=InnerCompiler, forceinline=True)(function)
+
+    def outlined_kernel(function):
+        """Compile `function` once for all its calls in a kernel."""
+        # else it is inlined where the first caller that Numba sees is
+        return njit(**_INNER, pipeline_class=OutlinedCompiler, forceinline=False)(function)
 
     def spliced_kernel(function):
         """Compile `function` as if its text stood in its caller's."""
-        return njit(inline="always", **_INNER)(function)
+        return njit(**_INNER, pipeline_class=InnerCompiler, inline="always")(function)
 
     def chosen_by_type(argument, kernels):
         """Give the decorated function, in compiled code, the text of one of `kernels`."""
@@ -127,17 +137,26 @@ else:
                     return kernels.get(type(given), kernels.get(entries))(*arguments)
 
                 return run
-            for one in (function, *(each.py_func for each in kernels.values())):
-                one.__annotations__ = {}  # Numba compares the signatures, with these
-            signature = inspect.signature(function)
 
-            def choose(*arguments):
-                given = arguments[place]
-                kind = getattr(given, "instance_class", None) or getattr(given, "count", 0)
-                return kernels[kind].py_func
+            class Choice(AbstractTemplate):
+                """A call of the function, as Numba sees it: that of one of the kernels."""
 
-            choose.__signature__ = signature
-            overload(function, jit_options={"forceinline": True, **_INNER})(choose)
+                key = function
+
+                def generic(self, arguments, keywords):
+                    given = arguments[place]
+                    kind = getattr(given, "instance_class", None) or getattr(given, "count", 0)
+                    chosen = types.Dispatcher(kernels[kind])
+                    found = chosen.get_call_type(self.context, arguments, keywords)
+                    self._found[found.args] = chosen.get_overload(found)
+                    return found
+
+                def get_impl_key(self, sig):
+                    return self._found[sig.args]
+
+                _found: dict = {}  # noqa: RUF012 - one for each function
+
+            infer_global(function, types.Function(Choice))
             return function
 
         return decorate

@@ -41,7 +41,7 @@ else:
     from numba.core.datamodel import PrimitiveModel, register_default
     from numba.core.typeconv import Conversion
     from numba.core.typing import signature
-    from numba.extending import intrinsic, lower_builtin, lower_cast, overload, type_callable
+    from numba.extending import lower_builtin, lower_cast, type_callable
 
     _NUMBERS = (types.Float, types.Integer)
 
@@ -175,37 +175,45 @@ else:
     _unary(math.sqrt, _root)
     _unary(abs, _size)
 
-    @intrinsic
-    def _select(typingctx, condition, a, b):
-        def codegen(context, builder, sig, args):
-            return builder.select(_holds(builder, args[0]), args[1], args[2])
-
-        return signature(FLOATS, TRUTHS, FLOATS, FLOATS), codegen
-
-    @intrinsic
-    def _any_lane(typingctx, condition):
-        def codegen(context, builder, sig, args):
-            bits = builder.bitcast(_holds(builder, args[0]), ir.IntType(WIDTH))
-            return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
-
-        return signature(types.boolean, TRUTHS), codegen
-
     def where(condition, a, b):
         """Return `a` in the lanes where `condition` holds, `b` in the others."""
         return np.where(condition, a, b)
 
-    @overload(where)
-    def _where(condition, a, b):
-        if condition == TRUTHS:
-            return lambda condition, a, b: _select(condition, a, b)  # noqa: PLW0108
-        return lambda condition, a, b: a if condition else b
+    @type_callable(where)
+    def _type_of_where(context):
+        def typed(condition, a, b):
+            if condition == TRUTHS:
+                return signature(FLOATS, TRUTHS, FLOATS, FLOATS)
+            common = context.unify_types(types.unliteral(a), types.unliteral(b))
+            fits = isinstance(common, (types.Number, types.Boolean, _Pack))
+            return signature(common, types.boolean, common, common) if fits else None
+
+        return typed
+
+    @lower_builtin(where, TRUTHS, FLOATS, FLOATS)
+    def _select_lanes(context, builder, sig, args):
+        return builder.select(_holds(builder, args[0]), args[1], args[2])
+
+    @lower_builtin(where, types.boolean, types.Any, types.Any)
+    def _select(context, builder, sig, args):
+        return builder.select(*args)
 
     def any_of(condition):
         """Return whether `condition` holds in any lane."""
         return bool(np.any(condition))
 
-    @overload(any_of)
-    def _any_of(condition):
-        if condition == TRUTHS:
-            return lambda condition: _any_lane(condition)  # noqa: PLW0108
-        return lambda condition: condition
+    @type_callable(any_of)
+    def _type_of_any(context):
+        def typed(condition):
+            return signature(types.boolean, TRUTHS if condition == TRUTHS else types.boolean)
+
+        return typed
+
+    @lower_builtin(any_of, TRUTHS)
+    def _any_lane(context, builder, sig, args):
+        bits = builder.bitcast(_holds(builder, args[0]), ir.IntType(WIDTH))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    @lower_builtin(any_of, types.boolean)
+    def _itself(context, builder, sig, args):
+        return args[0]

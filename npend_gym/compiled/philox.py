@@ -12,7 +12,7 @@ are independent of each other, and what one purpose draws does not change what a
 Salmon, Moraes, Dror and Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC11 (2011).
 """
 
-# ruff: noqa: ARG001  Numba hands these functions more than they need
+# ruff: noqa: ARG001, ARG005  Numba hands these functions more than they need
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
@@ -46,7 +46,7 @@ else:
     from llvmlite import ir
     from numba import types
     from numba.core.typing import signature
-    from numba.extending import intrinsic, overload
+    from numba.extending import lower_builtin, type_callable
 
     def _word(number):
         """Return a number as an unsigned integer of 64 bits, modulo 2^64."""
@@ -56,25 +56,25 @@ else:
         """Return the high and the low word of a product."""
         return (a * b) >> 64, (a * b) & _MASK
 
-    @overload(_word)
-    def _compiled_word(number):
-        return lambda number: np.uint64(number)  # noqa: PLW0108
+    @type_callable(_word)
+    def _type_of_word(context):
+        return lambda number: signature(types.uint64, types.unliteral(number))
 
-    @intrinsic
-    def _wide_product(typingctx, a, b):
-        def codegen(context, builder, sig, args):
-            wide, word = ir.IntType(128), ir.IntType(64)
-            product = builder.mul(*(builder.zext(factor, wide) for factor in args))
-            high = builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), word)
-            return context.make_tuple(
-                builder, sig.return_type, (high, builder.trunc(product, word))
-            )
+    @lower_builtin(_word, types.Number)
+    def _as_word(context, builder, sig, args):
+        return context.cast(builder, args[0], sig.args[0], types.uint64)
 
-        return signature(types.UniTuple(types.uint64, 2), types.uint64, types.uint64), codegen
+    @type_callable(_product)
+    def _type_of_product(context):
+        words = types.UniTuple(types.uint64, 2)
+        return lambda a, b: signature(words, types.uint64, types.uint64)
 
-    @overload(_product)
-    def _compiled_product(a, b):
-        return lambda a, b: _wide_product(a, b)  # noqa: PLW0108
+    @lower_builtin(_product, types.uint64, types.uint64)
+    def _wide_product(context, builder, sig, args):
+        wide, word = ir.IntType(128), ir.IntType(64)
+        product = builder.mul(*(builder.zext(factor, wide) for factor in args))
+        high = builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), word)
+        return context.make_tuple(builder, sig.return_type, (high, builder.trunc(product, word)))
 
 
 @inlined_kernel

@@ -147,7 +147,10 @@ def _compiled_here(kernels: Mapping[Callable[..., Any], str]) -> bytes:
 def _llvm_of(function: Any, types: str) -> tuple[str, str]:
     """Return the symbol of a kernel and its text in LLVM's language, not yet optimised."""
     numba: Any = import_module("numba")
-    options = {"nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    options = {
+        "nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True,
+        "pipeline_class": import_module("npend_gym.compiled.inner").KernelCompiler,
+    }  # fmt: skip
     with _not_optimised():
         dispatcher = numba.njit(error_model="numpy", **options)(function.py_func)
         dispatcher.compile(types)
@@ -176,6 +179,8 @@ def _retargeted(text: str, layout: str) -> str:
         text = re.sub(rf'^target {name} = ".*"', f'target {name} = "{value}"', text, flags=_LINES)
     counting = r"(^define linkonce_odr [^\n]*@NRT_(?:inc|dec)ref\([^\n]*\{\n).*?\n\}"
     text = re.sub(counting, r"\1  ret void\n}", text, flags=_LINES | re.DOTALL)
+    # a call would need a stack, for what is returned
+    text = re.sub(r"^(attributes [^\n]*)\bnoinline\b", r"\1alwaysinline", text, flags=_LINES)
     text = re.sub(r"^(@[^\n=]* =) common ", r"\1 internal ", text, flags=_LINES)
     return text.replace("@sqrt(", "@llvm.sqrt.f64(")  # an instruction, and no call of a library
 

@@ -24,7 +24,15 @@ from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Se
 from npend_gym.envs.seeds import Lanes, Seeds
 from npend_gym.envs.settings import OF_LANES
 from npend_gym.envs.snapshots import Snapshots, States
-from npend_gym.envs.starts import BY_PYTHON, CHOSEN, Draw, begin_episodes, scale_all, start_plan
+from npend_gym.envs.starts import (
+    BY_PYTHON,
+    CHOSEN,
+    Draw,
+    begin_episodes,
+    draw_chains,
+    scale_all,
+    start_plan,
+)
 from npend_gym.physics import energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.mechanism import mechanism_of
@@ -84,9 +92,8 @@ class Episodes:
         self._wiring[Wiring.JOINT, : joints.size] = joints
         self._wiring[Wiring.PER_SPEED, :n] = 1.0 / config.speed_scale
         self._actions = aligned_zeros(joints.size, lanes)  # of the next step
-        self._beginning = (
-            self.seeds.keys, nominal, random.draws, self._start, self._context, self._actions
-        )  # fmt: skip
+        self._drawing = self.seeds.keys, nominal, random.draws, self._context
+        self._beginning = n, self.seeds.keys, self._start, self._actions
         timing = config.dt, config.min_substeps, config.max_rotation
         self._stepping, self._looking = (
             self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
@@ -146,6 +153,8 @@ class Episodes:
         if self.motors is not None:
             self.motors.torques[:, : self.count][:, mask] = 0.0
         given = self._take_options(mask, options) if options or self.some_altered else ()
+        if self._context.shape[1] > 0:
+            draw_chains(*memory.arrays, *self._drawing)
         begin_episodes(*memory.arrays, *self._beginning)
         if by_python:
             chosen = np.flatnonzero(mask)

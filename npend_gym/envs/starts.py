@@ -67,10 +67,14 @@ def _draw_chain(
     members: FloatArray, keys: Keys, k: int, draws: FloatArray, chain: FloatArray,
     context: FloatArray,
 ) -> None:  # fmt: skip
-    """Draw the context of lane `k`, and write it where it belongs: into the chain, or members."""
+    """Draw the context of the next episode of lane `k`, and write it where it belongs.
+
+    That is into the chain, or into members.
+    """
+    episode = members[Episode.EPISODE, k] + 1.0
     for j in range(draws.shape[0]):
         low, high = draws[j, Draw.LOW], draws[j, Draw.HIGH]
-        u = _stream(keys, k, Purpose.CHAIN, members[Episode.EPISODE, k], j)
+        u = _stream(keys, k, Purpose.CHAIN, episode, j)
         value = low + (high - low) * u
         context[k, j] = value
         field, rod = int(draws[j, Draw.FIELD]), int(draws[j, Draw.ROD])
@@ -117,18 +121,16 @@ def _draw_state(
 ) -> None:  # fmt: skip
     """Draw the state of lane `k` as the mode's `start` does, from the equilibrium drawn."""
     rows, lane, episode = rods[k // width], k % width, members[Episode.EPISODE, k]
-    words = philox(keys[0, k], keys[1, k], 0, 0, Purpose.START, episode)
     if start[Start.KIND] == RELEASE:
-        angle = members[Episode.AMPLITUDE, k] + start[Start.SPREAD] * unit(words[0])
+        u = _stream(keys, k, Purpose.START, episode, 0)
+        angle = members[Episode.AMPLITUDE, k] + start[Start.SPREAD] * u
         for i in range(n):
             rows[Rod.THETA, i * width + lane] = angle
             rows[Rod.OMEGA, i * width + lane] = 0.0
         return
     near = start[Start.NEARNESS]
-    for j in range(2 * n):  # the angles, then the angular velocities: four numbers a block
-        if j > 0 and j % 4 == 0:
-            words = philox(keys[0, k], keys[1, k], j // 4, 0, Purpose.START, episode)
-        drawn = -near + (near + near) * unit(words[j % 4])
+    for j in range(2 * n):  # the angles, then the angular velocities
+        drawn = -near + (near + near) * _stream(keys, k, Purpose.START, episode, j)
         if j >= n:
             rows[Rod.OMEGA, (j - n) * width + lane] = drawn
             continue
@@ -192,11 +194,11 @@ def _scale(members: FloatArray, rods: FloatArray, k: int, width: int, n: int) ->
 
 
 @kernel
-def begin_episodes(
+def draw_chains(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, nominal: FloatArray,
-    draws: FloatArray, start: FloatArray, context: FloatArray, actions: FloatArray,
+    draws: FloatArray, context: FloatArray,
 ) -> None:  # fmt: skip
-    """Begin the next episode of the lanes that are STARTING; the next step does not move them.
+    """Draw the chains of the next episode of the lanes that are STARTING, before it begins.
 
     Parameters
     ----------
@@ -208,15 +210,43 @@ def begin_episodes(
         The chain that the environment was made with.
     draws : ndarray, shape (numbers, len(Draw))
         What is drawn of it.
-    start : ndarray, shape (len(Start),)
     context : ndarray, shape (lanes, numbers)
         Written: the numbers drawn.
+    """
+    members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
+    n, chain = nominal.shape[1], nominal.copy()
+    width = rods.shape[2] // (n + 1)
+    for k in range(members.shape[1]):
+        if members[Episode.STARTING, k] == 0.0:
+            continue
+        for field in range(nominal.shape[0]):  # `chain[:] =` takes 2 s to compile
+            for rod in range(n):
+                chain[field, rod] = nominal[field, rod]
+        _draw_chain(members, keys, k, draws, chain, context)
+        write_chain(members, rods, model, k, width, bare(chain))
+        _scale(members, rods, k, width, n)
+
+
+@kernel
+def begin_episodes(
+    members: FloatArray, rods: FloatArray, model: Model, n: int, keys: Keys, start: FloatArray,
+    actions: FloatArray,
+) -> None:  # fmt: skip
+    """Begin the next episode of the lanes that are STARTING; the next step does not move them.
+
+    Parameters
+    ----------
+    members, rods, model
+        As for `step_many`.
+    n : int
+        Number of rods.
+    keys : ndarray, uint64, shape (2, lanes)
+        Those of the lanes' seeds.
+    start : ndarray, shape (len(Start),)
     actions : ndarray, shape (joints, lanes)
         Written, as the torques are: 0, of the lanes that start.
     """
-    members, rods, model, context = bare(members), bare(rods), bare(model), bare(context)
-    actions = bare(actions)
-    n, chain = nominal.shape[1], nominal.copy()
+    members, rods, model, actions = bare(members), bare(rods), bare(model), bare(actions)
     width = rods.shape[2] // (n + 1)
     for k in range(members.shape[1]):
         if members[Episode.STARTING, k] == 0.0:
@@ -227,13 +257,6 @@ def begin_episodes(
             actions[row, k] = 0.0
         for i in range(n + 1):
             rods[k // width, Rod.TORQUE, i * width + k % width] = 0.0
-        if draws.shape[0] > 0:
-            for field in range(nominal.shape[0]):  # `chain[:] =` takes 2 s to compile
-                for rod in range(n):
-                    chain[field, rod] = nominal[field, rod]
-            _draw_chain(members, keys, k, draws, chain, context)
-            write_chain(members, rods, model, k, width, bare(chain))
-            _scale(members, rods, k, width, n)
         if start[Start.GOALS] > 0.0:
             _draw_equilibria(members, rods, keys, k, width, n)
         _begin_cart(members, rods, model, keys, k, start)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import call_function
-from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel
 from npend_gym.physics.kernels.dynamics import (
     AnyArrays,
     accelerations,
@@ -82,7 +82,7 @@ def _steady(
     return accelerations(q, u, torque, chain, work, alpha)
 
 
-@inner_kernel
+@inlined_kernel
 def _by_function(
     t: float, q: FloatArray, u: FloatArray, torque: Driven, chain: AnyArrays, work: FloatArray,
     alpha: FloatArray,
@@ -101,7 +101,7 @@ def _by_function(
     return accelerations(q, u, loads, chain, work, alpha)
 
 
-@inner_kernel
+@inlined_kernel
 def _along_line(
     t: float, q: FloatArray, u: FloatArray, torque: Sampled, chain: AnyArrays, work: FloatArray,
     alpha: FloatArray,
@@ -139,7 +139,7 @@ def _steady_slope(
     derivative(y, torque, chain, work, dydt)
 
 
-@inner_kernel
+@inlined_kernel
 def _driven_slope(
     t: Any, y: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray, dydt: FloatArray
 ) -> None:

@@ -39,7 +39,7 @@ from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import bare
-from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.jit import inlined_kernel, outlined_kernel
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.link_terms import Base, Joint, Link, MachineArrays
 from npend_gym.physics.kernels.tensions import PIVOTS, one_minus_cos
@@ -206,7 +206,7 @@ def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
         _torques_of(machine), _ascent_of(machine, kept), _descent_of(machine, moving=True)
     )  # fmt: skip
 
-    @inlined_kernel
+    @outlined_kernel
     def solve(
         q: FloatArray, u: FloatArray, torque: FloatArray, chain: Any, work: FloatArray,
         alpha: FloatArray,

@@ -11,7 +11,7 @@ from typing import Any
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.arrays import lane
-from npend_gym.compiled.jit import inlined_kernel, inner_kernel
+from npend_gym.compiled.jit import inlined_kernel, outlined_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.dynamics import accelerations
@@ -156,7 +156,7 @@ def _follow_chain(chain: Group, t: float, threshold: float, scratch: FloatArray)
     return completed
 
 
-@inner_kernel
+@outlined_kernel
 def follow_marked(
     numbers: FloatArray, g: int, group: Group, width: int, scratch: FloatArray
 ) -> None:

@@ -39,7 +39,7 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import innermost
-from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.jit import inlined_kernel, outlined_kernel
 from npend_gym.compiled.packs import where
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.link_terms import Base, Parameter
@@ -148,7 +148,7 @@ def _pull_bobs(
         across[i] = v_below[i] * push_below - v[i] * push_above
 
 
-@inlined_kernel
+@outlined_kernel
 def solve_springs(
     q: FloatArray, u: FloatArray, torque: FloatArray, chain: SpringArrays, work: FloatArray,
     alpha: FloatArray,

@@ -39,7 +39,7 @@ import numpy as np
 from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import innermost
-from npend_gym.compiled.jit import inlined_kernel
+from npend_gym.compiled.jit import inlined_kernel, outlined_kernel
 from npend_gym.compiled.packs import any_of, where
 from npend_gym.compiled.sincos import sincos
 
@@ -199,7 +199,7 @@ def _point_masses(kept: bool) -> Callable[..., float]:
     """Return the solver of the equations of motion, which may leave the pivots in a row more."""
     eliminate = _elimination(kept, again=False)
 
-    @inlined_kernel
+    @outlined_kernel
     def solve(
         q: FloatArray, u: FloatArray, torque: FloatArray, chain: ChainArrays, work: FloatArray,
         alpha: FloatArray,

@@ -191,12 +191,15 @@ def follow_interval(
         right, end = interval.right, interval.signal_right
         if not last:
             right, end = find_root(
-                evaluate, motion, True, interval.left, interval.slope_left, interval.right,
+                evaluate, motion, not last, interval.left, interval.slope_left, interval.right,
                 interval.slope_right, rule.tolerance,
             )  # fmt: skip
         crosses = (signal <= 0.0 and end > 0.0) or (signal >= 0.0 and end < 0.0)
         if crosses and record.sign[i] != 0.0:
-            x, _ = find_root(evaluate, motion, False, left, signal, right, end, rule.tolerance)
+            # `bool` hides the constant, for which Numba would compile another version
+            x, _ = find_root(
+                evaluate, motion, bool(0), left, signal, right, end, rule.tolerance
+            )  # fmt: skip
             record.zero[i] = interval.t + interval.h * x
         _update_record(rule, record, i, interval.t + interval.h * right, end, not last)
         left, signal = right, end
