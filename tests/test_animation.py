@@ -124,7 +124,7 @@ def test_animate_films_the_chain_alone(tmp_path):
 
 def test_animate_films_a_policy_that_comes_with_the_package(tmp_path, capsys):
     out = tmp_path / "a.gif"
-    assert main(f"animate --policy swingup-1 --duration 2 --size 120 --out {out}".split()) == 0
+    assert main(f"animate swingup-1 --duration 2 --size 120 --out {out}".split()) == 0
     assert "41 pictures, 2.0 s" in capsys.readouterr().out
     with Image.open(out) as image:
         about = json.loads(image.info["comment"])
@@ -143,8 +143,8 @@ def test_animate_films_a_policy_that_comes_with_the_package(tmp_path, capsys):
         ("--size 241 --out a.gif", "size must be even"),
         ("--size 8 --out a.gif", "size must be between"),
         ("--reading listing --out a.gif", "reading must be one of bob, link, height"),
-        ("--policy swingup-2 --n 3 --out a.gif", "--n is for releases"),
-        ("--policy nowhere --out a.gif", "policy must be a file or one of balance-1,"),
+        ("swingup-2 --n 3 --out a.gif", "--n is for releases"),
+        ("nowhere --out a.gif", "policy must be a file or one of balance-1,"),
         ("", "--out"),
     ],
 )

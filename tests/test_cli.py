@@ -9,7 +9,7 @@ import pytest
 from interrupt import Interrupt
 
 from npend_gym.cli import COMMANDS, _Command, main
-from npend_gym.cli.common import angle
+from npend_gym.cli.values import angle
 
 
 def run(*arguments, **options):
@@ -124,8 +124,10 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("release --colour red", "release: error: unrecognized arguments: --colour red; See "),
         ("release --angle 60", "--angle 60; did you mean --amplitude? See npend release --help"),
         ("animate --out a.gif --friction=1", "did you mean --damping?"),
-        ("page --out a.html -n 3", "did you mean --n?"),
+        ("page --out a.html --nn 3", "did you mean --n?"),
         ("campaign --out a --trails 3", "did you mean --trials?"),
+        ("animate --policy calm-1 -o a.gif", "did you mean `npend animate calm-1 -o a.gif`?"),
+        ("examples --copy=a", "did you mean `npend examples --out a`?"),
         (f"release --chain {'x' * 300}", "xxx cannot be read: File name too long"),
         (f"evaluate --env x={'[' * 50_000}", "x has too many lists inside each other"),
         ("chaos map --masses 1,2,3", "masses must be one number or an array of shape (2,), got"),
@@ -138,7 +140,7 @@ def test_release_prints_json_for_scripts(capsys, tmp_path):
         ("page --n 2 --masses 1,2,3 --out {new}/a.html", "masses must be one number or 2"),
         ("release --n 2 --lengths 1,2,3 --out {new}", "lengths must be one number or 2"),
         ("campaign --n 2 --masses 1:2:3 --out {new}", "masses must"),
-        ("page --from {new}/none --out {new}/a.html", "none"),
+        ("page {new}/none --out {new}/a.html", "none"),
         ("chaos map --size 10 --threads 0 --out {new}", "threads must be between 1 and"),
         ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
         ("release --n 1 --out /dev/null/x", "out must be a folder"),
@@ -167,7 +169,7 @@ def test_bad_arguments_exit_with_2_and_one_line_that_names_them(
     ],
 )
 def test_an_expected_failure_is_one_line_and_an_exit_code(error, code, text, monkeypatch, capsys):
-    def fail(_options):
+    def fail(**_options):
         raise error
 
     monkeypatch.setattr("npend_gym.cli.verify.run", fail)

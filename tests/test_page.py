@@ -110,7 +110,7 @@ def test_page_from_results_is_the_page_of_the_release(path, runs, tmp_path):
     for one, other in zip(measured, runs, strict=True):
         np.testing.assert_array_equal(one.periods, other.periods)
     out = tmp_path / "new" / "again.html"
-    assert main(["page", "--from", str(tmp_path / "results"), "--out", str(out)]) == 0
+    assert main(["page", str(tmp_path / "results"), "--out", str(out)]) == 0
     assert out.read_bytes() == path.read_bytes()
 
 
@@ -120,7 +120,7 @@ def test_the_page_of_results_does_not_depend_on_their_provenance(path, runs, tmp
     assert manifest["provenance"]["arguments"]["seed"] == 3
     (tmp_path / "manifest.json").write_text(json.dumps(manifest | {"provenance": {}}))
     out = tmp_path / "again.html"
-    assert main(["page", "--from", str(tmp_path), "--out", str(out)]) == 0
+    assert main(["page", str(tmp_path), "--out", str(out)]) == 0
     assert out.read_bytes() == path.read_bytes()
 
 
@@ -128,7 +128,7 @@ def test_changed_results_are_refused(runs, tmp_path, refusal):
     results.write(PLAN, runs, tmp_path, figures=False)
     table = tmp_path / "periods.csv"
     table.write_text(table.read_text().replace("2.7", "2.8"))
-    error = refusal("page", "--from", str(tmp_path), "--out", str(tmp_path / "a.html"))
+    error = refusal("page", str(tmp_path), "--out", str(tmp_path / "a.html"))
     assert "periods.csv has been changed since" in error
 
 
@@ -136,8 +136,8 @@ def test_changed_results_are_refused(runs, tmp_path, refusal):
     ("arguments", "message"),
     [
         ("--out a.htm", "out must be a file that ends in .html"),
-        ("--from nowhere --out a.html", "nowhere must hold results"),
-        ("--from . --n 3 --out a.html", "--n must be left out with --from"),
+        ("nowhere --out a.html", "nowhere must hold results"),
+        (". --n 3 --out a.html", "--n must be left out with results"),
         ("--n 0 --out a.html", "n must be between 1"),
         ("--reading listing --out a.html", "reading must be one of"),
         ("", "--out"),

@@ -17,6 +17,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, RAMP, SKY
 from npend_gym._version import __version__
 
+SUFFIXES = (".html",)  # of a page
 _SHARED = "common.js", "stage.js"
 _PALETTE = {"ramp": RAMP, "tip": ORANGE}
 _DECIMALS = 4  # kept of the places, in units of the chain's length

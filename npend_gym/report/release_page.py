@@ -18,7 +18,6 @@ from npend_gym.recording import Recording
 from npend_gym.report import player
 from npend_gym.report.release_tables import COLUMNS, LEGEND, summary_cells
 
-SUFFIXES = (".html",)
 _SCRIPTS = "player.js", "diagram.js", "periods.js", "page.js"
 
 
