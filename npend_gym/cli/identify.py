@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,8 @@ FILLS = {
 
 
 def run(
-    *files: Path,
+    files: Sequence[Path],
+    *,
     chain: Chain | Mapping[str, Any] | str | None = None,
     lengths: ArrayLike | None = None,
     masses: ArrayLike | None = None,
@@ -54,7 +55,7 @@ def run(
 
     Parameters
     ----------
-    *files : file
+    files : file
         Recordings, CSV files.
     chain : Chain, optional
         What is known, in place of the next four options: a preset's name or a JSON file.

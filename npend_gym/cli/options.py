@@ -29,6 +29,7 @@ _READERS: dict[str, tuple[Any, str]] = {
     "float": (float, "X"),
     "str": (str, "X"),
     "Path": (Path, "X"),
+    "Sequence[Path]": (Path, "X"),
     "Sequence[int]": (values.integers, "X,..."),
     "int | Sequence[int]": (values.integers, "X,..."),
     "Sequence[str]": (values.texts, "NAME,..."),
@@ -100,7 +101,7 @@ def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
         unit = re.search(r"\[([^][]+)\]", text)
         is_angle = unit is not None and unit[1] == "rad" and kind in _ANGLES
         about["type"], placeholder = (_ANGLES if is_angle else _READERS)[kind]
-        noun = noun if kind in ("str", "Path") and noun != "str" else option[2:]
+        noun = noun if kind in ("str", "Path", "Sequence[Path]") and noun != "str" else option[2:]
         word = (unit[1].replace(" ", "") if unit else noun).upper()
         about["metavar"] = placeholder.replace("X", word)
     if about.get("type") is values.setting:
@@ -111,7 +112,7 @@ def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
     elif default is not None:
         parser.add_argument(name, nargs="?", default=None, **about)
     else:
-        parser.add_argument(name, nargs="+" if name == "files" else None, **about)
+        parser.add_argument(name, nargs="+" if kind.startswith("Sequence") else None, **about)
 
 
 @cache
@@ -142,9 +143,8 @@ def _fields(node: ast.ClassDef) -> Iterable[tuple[str, Any, Any, bool]]:
 
 
 def _arguments(given: ast.arguments) -> Iterable[tuple[str, Any, Any, bool]]:
-    places = [*given.args, *filter(None, [given.vararg])]
     defaults = dict(zip(reversed(given.args), reversed(given.defaults), strict=False))
-    yield from ((one.arg, one.annotation, defaults.get(one), False) for one in places)
+    yield from ((one.arg, one.annotation, defaults.get(one), False) for one in given.args)
     for one, default in zip(given.kwonlyargs, given.kw_defaults, strict=True):
         yield one.arg, one.annotation, default, True
 
