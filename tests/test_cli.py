@@ -1,15 +1,20 @@
+import inspect
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import threading
+from dataclasses import fields
 
+import numpy as np
 import pytest
 from interrupt import Interrupt
 
-from npend_gym.cli import COMMANDS, _Command, main
+from npend_gym.cli import COMMANDS, _Command, main, parsers
 from npend_gym.cli.values import angle
+from npend_gym.experiments import CampaignPlan, FlipMap, ReleaseExperiment
 
 
 def run(*arguments, **options):
@@ -191,6 +196,35 @@ def test_help_of_every_command_shows_examples_of_it(command, capsys):
     assert caught.value.code == 0
     _, examples = capsys.readouterr().out.split("\nexamples:\n")
     assert f"  npend {command}" in examples
+
+
+def arguments_of(command):
+    """Return the arguments of a command by what they fill."""
+    parser = parsers()[1][command]
+    parser.load()
+    return parser.run, {action.dest: action for action in parser._actions}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_parameter_of_a_command_is_an_argument_with_help(command):
+    run, arguments = arguments_of(command)
+    named = [each for each in inspect.signature(run).parameters.values() if each.kind.value < 4]
+    assert {each.name for each in named} <= set(arguments)
+    assert all(action.help for action in arguments.values())
+
+
+@pytest.mark.parametrize(
+    ("command", "filled"),
+    [("release", ReleaseExperiment), ("campaign", CampaignPlan), ("chaos", FlipMap)],
+)
+def test_every_field_is_an_option_and_the_help_has_its_default(command, filled):
+    _, arguments = arguments_of(command)
+    for field in fields(filled):
+        option, value = arguments[field.name], getattr(filled(), field.name)
+        shown = re.search(r"\(default (\S+)\)$", option.help)
+        assert (shown is None) == (value is None)
+        if shown:
+            np.testing.assert_array_equal(np.ravel(option.type(shown[1])), np.ravel(value))
 
 
 def test_help_and_its_options_import_nothing_heavy():

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _FPS = 25.0
 FILLS = {
+    "npend_gym.cli.evaluate:run": ("trust",),
     "npend_gym.report.animation:Film": ("fps", "speed", "size"),
     "npend_gym.experiments.release:ReleaseExperiment": (
         "n_values", "amplitude", "spread", "seed", "duration", "reading", "masses", "lengths",
@@ -57,8 +58,6 @@ def run(
         File to write, .gif or .mp4; folders that are missing are made.
     plain : bool
         The chain alone, without the diagrams: square pictures.
-    trust : bool
-        The file may name a mode of yours, package.module:Class, which is imported.
     """
     from npend_gym import _checks
     from npend_gym.report import animation

@@ -25,6 +25,7 @@ from typing import Any
 
 from npend_gym.cli.common import OK, printable, show_written, warn
 
+FILLS = {"npend_gym.cli.evaluate:run": ("settings",)}
 _DEFAULT = "shac"  # for a task that none has settings for
 
 
@@ -50,8 +51,6 @@ def run(
         One of shac, imitation, or of another package (default: the one with settings for the task).
     seed : int, optional
         A number from 0 to 2^31 - 1 (default 0).
-    settings : setting, optional
-        A keyword of the environment, such as damping=0.05; may be repeated.
     around : file, optional
         The fit.json of npend identify: train on chains within two standard errors of this one.
     changes : setting, optional
