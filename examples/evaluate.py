@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from npend_gym.cli.common import add_env_option, add_trust_option, with_settings
+from npend_gym.cli.values import setting
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.report.robustness_report import evaluation_text
 from npend_gym.rl import HELD_OUT, Controller, evaluate, pretrained_names
@@ -91,11 +91,12 @@ def main() -> None:
     parser.add_argument("--video", type=Path, help="of the first episode: .mp4, .gif or .png")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of the film")
     parser.add_argument("--env-id", default=ENV_ID, help='environment, "npend/SwingUp-v1" say')
-    add_env_option(parser)
-    add_trust_option(parser)
+    text = "a keyword of the environment, such as damping=0.05; may be repeated"
+    parser.add_argument("--env", type=setting, action="append", default=[], help=text)
+    parser.add_argument("--trust", action="store_true", help="import what a file names")
     arguments = parser.parse_args()
     controller, keywords = chosen(arguments)
-    keywords = with_settings(keywords, arguments.settings)
+    keywords = keywords | dict(arguments.env)
     if arguments.steps:
         keywords = keywords | {"max_episode_steps": arguments.steps}
     print(f"{arguments.env_id} {keywords}")

@@ -16,17 +16,16 @@ from npend_gym.cli.common import (
     INTERRUPTED,
     OK,
     Parser,
-    angles,
     can_draw,
+    check_threads,
     dispatch,
-    integers,
     prepare_results,
     progress,
     show_written,
-    thread_count,
     warn,
 )
 from npend_gym.cli.streams import open_closed_streams
+from npend_gym.cli.values import angles, integers
 from npend_gym.report import outputs
 from paper import law_tables, report
 from paper.claims import claims
@@ -106,7 +105,7 @@ def run(options: dict[str, Any]) -> int:
     grid = LawGrid(
         options.get("n", grid.n_values), np.ravel(options.get("amplitudes", grid.amplitudes))
     )
-    threads, kane_n = thread_count(options), options.get("kane_n", KANE_N)
+    threads, kane_n = check_threads(options.get("threads", 1)), options.get("kane_n", KANE_N)
     keys = selected(only) if only != [] else []
     pending = audit(keys, kane_n=kane_n)
     out: Path | None = options.get("out")

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from npend_gym.report.outputs import prepare_folder, write_csv, write_manifest
+from npend_gym.report.outputs import write_results
 from paper.com_law import LawCell, LawGrid, law_rows
 
 _HOLDS_UP_TO = 1.0  # rad
@@ -75,9 +75,5 @@ def write_law(
     complete: bool,
 ) -> list[Path]:
     """Write law.csv, limits.csv and manifest.json into `out`; return what was written."""
-    prepare_folder(out)
-    written = [
-        write_csv(out / "law.csv", law_rows(cells)),
-        write_csv(out / "limits.csv", limits),
-    ]
-    return [*written, write_manifest(out, "law", grid.as_dict(), written, complete=complete)]
+    tables = {"law": law_rows(cells), "limits": limits}
+    return write_results(out, "law", grid.as_dict(), complete=complete, tables=tables)

@@ -19,7 +19,7 @@ from campaign_tables import part_of
 
 from npend_gym import Chain, Trajectory, simulate
 from npend_gym.chain import as_chain
-from npend_gym.cli.common import chain_argument
+from npend_gym.cli.values import chain_argument
 from npend_gym.envs import EnvConfig
 from npend_gym.experiments import Campaign, CampaignPlan, ReleaseExperiment, run_release
 from npend_gym.experiments.campaign.campaign import read_plan

@@ -113,7 +113,7 @@ def test_an_interrupted_film_leaves_nothing(tmp_path):
     [
         ("--n 2 --duration 1 --fps 10", (11, 120, 240), {"n_values": [2]}),
         ("--plain --n 1 --duration 0.2", (6, 120, 120), {"n_values": [1]}),
-        ("--policy swingup-1 --duration 2", (41, 120, 240), {"policy": "swingup-1"}),
+        ("swingup-1 --duration 2", (41, 120, 240), {"policy": "swingup-1"}),
     ],
     ids=["a release", "the chain alone", "a policy"],
 )
@@ -140,8 +140,8 @@ def test_animate_films_what_the_comment_of_the_file_names(
         ("--size 241 --out a.gif", "size must be even"),
         ("--size 8 --out a.gif", "size must be between"),
         ("--reading listing --out a.gif", "reading must be one of bob, link, height"),
-        ("--policy swingup-2 --n 3 --out a.gif", "--n is for releases"),
-        ("--policy nowhere --out a.gif", "policy must be a file or one of balance-1,"),
+        ("swingup-2 --n 3 --out a.gif", "--n is for releases"),
+        ("nowhere --out a.gif", "policy must be a file or one of balance-1,"),
         ("", "--out"),
     ],
 )

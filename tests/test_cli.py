@@ -1,16 +1,21 @@
+import inspect
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import threading
+from dataclasses import fields
 
+import numpy as np
 import pytest
 from interrupt import Interrupt
 from scripts import run_python
 
-from npend_gym.cli import COMMANDS, _Command, main
-from npend_gym.cli.common import angle
+from npend_gym.cli import COMMANDS, _Command, main, parsers
+from npend_gym.cli.values import angle
+from npend_gym.experiments import CampaignPlan, FlipMap, ReleaseExperiment
 
 
 def test_release_prints_a_table_or_json_and_names_the_files_that_it_replaces(tmp_path, capsys):
@@ -92,8 +97,10 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
         ("release --colour red", "release: error: unrecognized arguments: --colour red; See "),
         ("release --angle 60", "--angle 60; did you mean --amplitude? See npend release --help"),
         ("animate --out a.gif --friction=1", "did you mean --damping?"),
-        ("page --out a.html -n 3", "did you mean --n?"),
+        ("page --out a.html --nn 3", "did you mean --n?"),
         ("campaign --out a --trails 3", "did you mean --trials?"),
+        ("animate --policy calm-1 -o a.gif", "did you mean `npend animate calm-1 -o a.gif`?"),
+        ("examples --copy=a", "did you mean `npend examples --out a`?"),
         (f"release --chain {'x' * 300}", "xxx cannot be read: File name too long"),
         (f"evaluate --env x={'[' * 50_000}", "x has too many lists inside each other"),
         ("chaos map --masses 1,2,3", "masses must be one number or an array of shape (2,), got"),
@@ -103,7 +110,7 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
         ("animate --n 2 --masses 1,2,3 --out {new}/a.gif", "masses must be one number or 2"),
         ("page --n 2 --masses 1,2,3 --out {new}/a.html", "masses must be one number or 2"),
         ("campaign --n 2 --masses 1:2:3 --out {new}", "masses must"),
-        ("page --from {new}/none --out {new}/a.html", "none"),
+        ("page {new}/none --out {new}/a.html", "none"),
         ("chaos map --size 10 --threads 0 --out {new}", "threads must be between 1 and"),
         ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
         ("release --n 1 --out /dev/null/x", "out must be a folder"),
@@ -127,7 +134,7 @@ def test_bad_arguments_exit_with_2_and_one_line_that_names_them(
     ],
 )
 def test_an_expected_failure_is_one_line_and_an_exit_code(error, code, text, monkeypatch, capsys):
-    def fail(_options):
+    def fail(**_options):
         raise error
 
     monkeypatch.setattr("npend_gym.cli.verify.run", fail)
@@ -149,6 +156,35 @@ def test_help_of_every_command_shows_examples_of_it(command, capsys):
     assert caught.value.code == 0
     _, examples = capsys.readouterr().out.split("\nexamples:\n")
     assert f"  npend {command}" in examples
+
+
+def arguments_of(command):
+    """Return the arguments of a command by what they fill."""
+    parser = parsers()[1][command]
+    parser.load()
+    return parser.run, {action.dest: action for action in parser._actions}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_parameter_of_a_command_is_an_argument_with_help(command):
+    run, arguments = arguments_of(command)
+    named = [each for each in inspect.signature(run).parameters.values() if each.kind.value < 4]
+    assert {each.name for each in named} <= set(arguments)
+    assert all(action.help for action in arguments.values())
+
+
+@pytest.mark.parametrize(
+    ("command", "filled"),
+    [("release", ReleaseExperiment), ("campaign", CampaignPlan), ("chaos", FlipMap)],
+)
+def test_every_field_is_an_option_and_the_help_has_its_default(command, filled):
+    _, arguments = arguments_of(command)
+    for field in fields(filled):
+        option, value = arguments[field.name], getattr(filled(), field.name)
+        shown = re.search(r"\(default (\S+)\)$", option.help)
+        assert (shown is None) == (value is None)
+        if shown:
+            np.testing.assert_array_equal(np.ravel(option.type(shown[1])), np.ravel(value))
 
 
 def test_help_and_its_options_import_nothing_heavy():

@@ -39,7 +39,7 @@ import contextlib, io, json, os, sys
 from importlib.machinery import PathFinder
 
 EXTRAS = {
-    "PIL", "filelock", "imageio", "imageio_ffmpeg", "jinja2", "joblib", "matplotlib", "mujoco",
+    "PIL", "filelock", "imageio", "imageio_ffmpeg", "joblib", "matplotlib", "mujoco",
     "pyarrow", "pygame", "sb3_contrib", "stable_baselines3", "sympy", "torch", "yaml",
 }
 

@@ -105,11 +105,11 @@ def contents(folder):
 
 def test_examples_are_copied_whole(tmp_path, capsys, refusal):
     target = tmp_path / "new" / "examples"
-    assert main(["examples", "--copy", str(target)]) == 0
+    assert main(["examples", "--out", str(target)]) == 0
     assert "quickstart.py" in capsys.readouterr().out
     assert contents(target) == contents(folder())
     assert [path.name for path in target.parent.iterdir()] == ["examples"]
-    assert "copy must name a new folder" in refusal("examples", "--copy", str(target))
+    assert "out must name a new folder" in refusal("examples", "--out", str(target))
 
 
 def test_the_page_of_the_command_line_has_every_command():

@@ -145,13 +145,13 @@ def test_enormous_weights_act_within_bounds_without_a_warning_or_are_refused(val
 )
 def test_a_film_of_a_policy_refuses_bad_arguments_in_one_line(options, message, refusal, tmp_path):
     out = tmp_path / "a.gif"
-    assert message in refusal("animate", "--policy", "swingup-2", *options, "--out", str(out))
+    assert message in refusal("animate", "swingup-2", *options, "--out", str(out))
     assert not out.exists()
 
 
 def test_commands_refuse_a_policy_that_names_no_sound_environment(refusal, tmp_path):
     path = str(write_policy(tmp_path / "a.npz", {"n": 2, "mode": "swingup", "dt": 1e-9}))
-    for command in (["animate", "--out", str(tmp_path / "a.gif"), "--policy", path],
+    for command in (["animate", "--out", str(tmp_path / "a.gif"), path],
                     ["evaluate", path]):  # fmt: skip
         assert f"{path} is no policy" in refusal(*command)
 

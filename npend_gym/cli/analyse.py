@@ -1,41 +1,37 @@
-"""`npend analyse`: fits and statistics of a campaign's results."""
+"""Fit the law of the pseudo-period to a campaign, list outliers, write a report.
+
+The period against N and the amplitude is fitted with confidence intervals, see docs/campaigns.md.
+It uses the tasks that are finished, while a campaign runs or after it.
+
+Examples
+--------
+  npend analyse results                    tables, figures and report.html in results/analysis
+  npend analyse results -o elsewhere
+"""
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
-from typing import Any
 
 from npend_gym.cli.common import OK, can_draw, show_written, warn
 
-ABOUT = """\
-The period against N and the amplitude is fitted with confidence intervals, see docs/campaigns.md.
-It uses the tasks that are finished, while a campaign runs or after it.
-"""
-EXAMPLES = """\
-examples:
-  npend analyse results                    tables, figures and report.html in results/analysis
-  npend analyse results --out elsewhere
-"""
 
+def run(results: Path, *, out: Path | None = None) -> int:
+    """Analyse, print and write; return the exit code.
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `npend analyse`."""
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="a campaign's folder")
-    text = "where to write (default FOLDER/analysis)"
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
-
-
-def run(options: dict[str, Any]) -> int:
-    """Analyse, print and write; return the exit code."""
+    Parameters
+    ----------
+    results : folder
+        A campaign's folder.
+    out : folder, optional
+        Where to write (default FOLDER/analysis).
+    """
     from npend_gym.experiments import analyse
     from npend_gym.report.campaign_report import analysis_text, write_analysis
 
-    result = analyse(options["folder"])
-    text = result.status.text()
+    result = analyse(results)
     print(analysis_text(result))
-    if text:
+    if text := result.status.text():
         warn(text)
-    out = options.get("out", result.out / "analysis")
-    show_written(write_analysis(result, out, figures=can_draw()))
+    show_written(write_analysis(result, out or result.out / "analysis", figures=can_draw()))
     return OK

@@ -1,86 +1,89 @@
-"""`npend evaluate`: how well a policy or a controller does, and what it survives."""
+"""Evaluate a policy or a controller, and what it survives.
 
-from __future__ import annotations
-
-import argparse
-import json
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from npend_gym.cli.common import (
-    OK,
-    add_env_option,
-    add_trust_option,
-    can_draw,
-    progress,
-    show_written,
-    warn,
-    with_settings,
-)
-
-if TYPE_CHECKING:
-    from npend_gym.rl import Controller
-
-ABOUT = """\
-Plays held-out episodes, whose seeds no training uses. With --robust a policy must also survive a
+It plays held-out episodes, whose seeds no training uses. With --robust a policy must also survive a
 wrong model, noise, delay, a slow motor and pushes; see docs/howto/robustness.md.
-"""
-EXAMPLES = """\
-examples:
+
+Examples
+--------
   npend evaluate swingup-2                    a policy of the package
   npend evaluate mine.npz --episodes 500
-  npend evaluate swingup-2 --robust --out results
+  npend evaluate swingup-2 --robust -o results
   npend evaluate swingup-2 --env damping=0.05 --env "masses=[1.0, 1.1]"
   npend evaluate mine.npz --env chain=results/fit.json --env max_torque=0.5
   npend evaluate --controller plan --task swingup-3 --scores
 """
 
+from __future__ import annotations
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `npend evaluate`."""
-    text = "the name of a policy in the package, or a file (.npz)"
-    parser.add_argument("policy", nargs="?", metavar="POLICY", help=text)
-    add_trust_option(parser)
-    text = "a controller in place of a policy: LQR, MPC, damping, energy or plan"
-    parser.add_argument("--controller", metavar="NAME", help=text)
-    text = 'task of the controller, such as "balance-3" (default swingup-2)'
-    parser.add_argument("--task", metavar="TASK", help=text)
-    parser.add_argument("--episodes", type=int, metavar="COUNT", help="(default 100)")
-    parser.add_argument("--seed", type=int, help="of the first episode (default 1000000)")
-    add_env_option(parser)
-    text = 'id of the environment, "npend/SwingUp-v1" say (default NPendulum-v0)'
-    parser.add_argument("--env-id", metavar="ID", help=text)
-    text = "try wrong models, noise, delay, lag and pushes, and print the share survived"
-    parser.add_argument("--robust", action="store_true", help=text)
-    text = "print RealAIGym's score of the swing-up, and that of the time up between knock-downs"
-    parser.add_argument("--scores", action="store_true", help=text)
-    parser.add_argument("--json", action="store_true", help="print everything as JSON")
-    text = "write evaluation.json, and with --robust robustness.json and a figure, there"
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from npend_gym.cli.common import OK, can_draw, progress, show_written, warn
+
+if TYPE_CHECKING:
+    from npend_gym.rl import Controller
+
+FILLS = {"npend_gym.rl.evaluation.episodes:evaluate": ("episodes", "seed")}
 
 
-def run(options: dict[str, Any]) -> int:
-    """Evaluate and report; return the exit code."""
+def run(
+    policy: str | None = None,
+    *,
+    trust: bool = False,
+    controller: str | None = None,
+    task: str | None = None,
+    settings: Sequence[tuple[str, Any]] = (),
+    env_id: str = "NPendulum-v0",
+    episodes: int = 100,
+    seed: int | None = None,
+    robust: bool = False,
+    scores: bool = False,
+    as_json: bool = False,
+    out: Path | None = None,
+) -> int:
+    """Evaluate and report; return the exit code.
+
+    Parameters
+    ----------
+    policy : policy, optional
+        The name of a policy in the package, or a file (.npz).
+    trust : bool
+        The file may name a mode of yours, package.module:Class, which is imported.
+    controller : name, optional
+        A controller in place of a policy: LQR, MPC, damping, energy or plan.
+    task : task, optional
+        Task of the controller, such as balance-3 (default swingup-2).
+    settings : setting, optional
+        A keyword of the environment, such as damping=0.05; may be repeated.
+    env_id : id
+        Id of the environment, such as npend/SwingUp-v1.
+    robust : bool
+        Try wrong models, noise, delay, lag and pushes, and print the share survived.
+    scores : bool
+        Print RealAIGym's score of the swing-up, and that of the time up between knock-downs.
+    as_json : bool
+        Print everything as JSON.
+    out : folder, optional
+        Write evaluation.json, and with --robust robustness.json and a figure, there.
+    """
     import gymnasium as gym
 
     from npend_gym import rl
     from npend_gym._provenance import provenance
     from npend_gym.chain import plain_keywords
-    from npend_gym.envs.registration import ENV_ID, register_envs
+    from npend_gym.envs.registration import register_envs
     from npend_gym.report import outputs
     from npend_gym.report import robustness_report as report
 
-    out: Path | None = options.pop("out", None)
-    as_json, episodes = options.pop("json", False), options.pop("episodes", 100)
-    robust, scores = options.pop("robust", False), options.pop("scores", False)
-    seed, env_id = options.pop("seed", rl.HELD_OUT), options.pop("env_id", ENV_ID)
     if out is not None:
         outputs.prepare_folder(out)
-    changed = [key for key, _ in options.get("settings") or () if options.get("policy")]
-    name, controller, keywords = _chosen(**options)
+    seed = rl.HELD_OUT if seed is None else seed
+    changed = [key for key, _ in settings if policy is not None]
+    name, model, keywords = _chosen(policy, controller, task, dict(settings), trust=trust)
     env = keywords | {"id": env_id}
-    row = rl.evaluate(controller, env, episodes=episodes, seed=seed).as_row()
+    row = rl.evaluate(model, env, episodes=episodes, seed=seed).as_row()
     made = {"env": plain_keywords(keywords), "env_id": env_id, "episodes": episodes}
     about = {"name": name, "provenance": provenance(made, seed)}
     result: dict[str, Any] = about | {"evaluation": row}
@@ -90,12 +93,12 @@ def run(options: dict[str, Any]) -> int:
     text = [report.evaluation_text(row, gym.spec(env_id).reward_threshold)]
     if scores:
         for score in (rl.performance, rl.recovery):
-            result[score.__name__] = score(controller, env, seed=seed).as_row()
+            result[score.__name__] = score(model, env, seed=seed).as_row()
             text.append(_line(score.__name__, result[score.__name__]))
     written: list[Path] = []
     if robust:
         show = progress("criterion")
-        tried = rl.robustness(controller, env, seed=seed, progress=show).as_dict()
+        tried = rl.robustness(model, env, seed=seed, progress=show).as_dict()
         result["robustness"] = tried
         text.append(report.robustness_text(tried))
         if out is not None:
@@ -124,11 +127,12 @@ def _line(name: str, row: dict[str, float]) -> str:
 
 
 def _chosen(
-    policy: str | None = None,
-    controller: str | None = None,
-    task: str | None = None,
-    settings: list[tuple[str, Any]] | None = None,
-    trust: bool = False,
+    policy: str | None,
+    controller: str | None,
+    task: str | None,
+    settings: dict[str, Any],
+    *,
+    trust: bool,
 ) -> tuple[str, Controller, dict[str, Any]]:
     """Return name, controller and keywords of the environment."""
     from npend_gym.rl.controllers.references import reference_controller
@@ -139,10 +143,10 @@ def _chosen(
         raise ValueError("give either a policy, or --controller with its --task")
     if controller is not None:
         task = task or "swingup-2"
-        keywords = with_settings(env_of_task(task), settings)
+        keywords = {**env_of_task(task), **settings}
         made = reference_controller(controller, keywords, progress("plan"))
         return f"{controller} in {task}", made, keywords
     if task is not None:
         raise ValueError("--task is for a --controller: a policy knows its environment")
     loaded = find_policy(str(policy), trust=trust)
-    return Path(str(policy)).stem, loaded, with_settings(loaded.env, settings)
+    return Path(str(policy)).stem, loaded, {**loaded.env, **settings}

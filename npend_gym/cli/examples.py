@@ -1,39 +1,36 @@
-"""`npend examples`: the examples that the package brings along, listed or copied."""
+"""List the examples that come with the package, or copy them.
+
+Scripts to read, run and change: first steps, the paper's experiment, training, evaluation, plans.
+Their settings (configs/) and measured motions (data/) are copied with them.
+
+Examples
+--------
+  npend examples                           list them
+  npend examples -o examples               then: python examples/quickstart.py
+"""
 
 from __future__ import annotations
 
-import argparse
 import ast
 import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from npend_gym.cli.common import OK, printable
 
-ABOUT = """\
-Scripts to read, run and change: first steps, the paper's experiment, training, evaluation, plans.
-Their settings (configs/) and measured motions (data/) are copied with them.
-"""
-EXAMPLES = """\
-examples:
-  npend examples                           list them
-  npend examples --copy examples           then: python examples/quickstart.py
-"""
 
+def run(*, out: Path | None = None) -> int:
+    """List or copy the examples; return the exit code.
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `npend examples`."""
-    text = "copy them to this new folder"
-    parser.add_argument("--copy", type=Path, metavar="FOLDER", help=text)
-
-
-def run(options: dict[str, Any]) -> int:
-    """List or copy the examples; return the exit code."""
+    Parameters
+    ----------
+    out : folder, optional
+        Copy them to this new folder.
+    """
     source = folder()
-    if "copy" in options:
-        copy(source, options["copy"])
-        print(f"{printable(str(options['copy']))}: start with quickstart.py")
+    if out is not None:
+        copy(source, out)
+        print(f"{printable(str(out))}: start with quickstart.py")
         return OK
     scripts = sorted(source.rglob("*.py"), key=lambda path: (len(path.parts), path))
     names = [path.relative_to(source).as_posix() for path in scripts]
@@ -59,7 +56,7 @@ def copy(source: Path, target: Path) -> None:
         If `target` exists already.
     """
     if target.exists():
-        raise ValueError(f"copy must name a new folder, got {target}, which exists")
+        raise ValueError(f"out must name a new folder, got {target}, which exists")
     parent = target.absolute().parent
     parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{target.name}.", dir=parent) as temporary:

@@ -1,35 +1,12 @@
-"""`npend identify`: a chain from measured motion."""
+"""Fit a chain to measured motion, with standard errors and held-out data.
 
-from __future__ import annotations
+Inertia, lift (mass times lever), damping, friction and drag of each link are fitted to measured
+angles; segments that were not fitted judge the result. The CSV files have columns time [s], theta0,
+theta1, ... [rad, absolute, 0 where it hangs], and may have tau0, ... [N m] and piece, the number of
+the recording. See docs/howto/real_pendulum.md.
 
-import argparse
-import json
-import warnings
-from collections.abc import Generator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from npend_gym.cli.common import (
-    CHAIN_OPTION,
-    OK,
-    can_draw,
-    numbers,
-    show_written,
-    warn,
-)
-
-if TYPE_CHECKING:
-    from npend_gym.identification import Motion
-
-ABOUT = """\
-Fits inertia, lift (mass times lever), damping, friction and drag of each link to measured angles,
-with standard errors; segments that were not fitted judge the result. The CSV files have columns
-time [s], theta0, theta1, ... [rad, absolute, 0 where it hangs], and may have tau0, ... [N m] and
-piece, the number of the recording. See docs/howto/real_pendulum.md.
-"""
-EXAMPLES = """\
-examples:
+Examples
+--------
   npend identify motion.csv --lengths 0.17,0.23 --masses 0.1,0.14 --centres 0.11,0.12
   npend identify examples/data/multiarm_double.csv --chain "multiarm 2"
   npend identify first.csv second.csv --chain robot.json --segment 1 --json
@@ -37,63 +14,74 @@ examples:
   npend identify log.csv --lengths 0.2,0.3 --columns "time=t [s],theta0=q1,theta1=q2,tau0=motor"
 """
 
+from __future__ import annotations
 
-def _names(text: str) -> list[str]:
-    return text.split(",")
+import json
+import warnings
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from npend_gym.cli.common import OK, can_draw, show_written, warn
 
-def _columns(text: str) -> dict[str, str]:
-    """Return what "time=t,theta0=q1" means."""
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    if not all(name and sign and column for name, sign, column in pairs):
-        raise argparse.ArgumentTypeError(f"must be like time=t,theta0=q1, got {text!r}")
-    return {name.strip(): column.strip() for name, _, column in pairs}
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
+    from npend_gym.chain import Chain
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `npend identify`."""
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="CSV files")
-    option, field, kind, placeholder, _ = CHAIN_OPTION
-    text = "what is known, in place of the four options below: a preset's name or a JSON file"
-    parser.add_argument(option, dest=field, type=kind, metavar=placeholder, help=text)
-    text = "length of each link, from joint to joint"
-    parser.add_argument("--lengths", type=numbers, metavar="M,...", help=text)
-    text = "mass of each link (default 1)"
-    parser.add_argument("--masses", type=numbers, metavar="KG,...", help=text)
-    text = "distance of each link's centre of mass from its upper joint (default its length: a bob)"
-    parser.add_argument("--centres", type=numbers, metavar="M,...", help=text)
-    text = "acceleration of gravity (default 9.81)"
-    parser.add_argument("--gravity", type=float, metavar="M/S2", help=text)
-    text = (
-        "what to fit: inertia, lift, damping, friction, drag, quadratic_drag, armature, length, "
-        "offset (default the first four and quadratic_drag; with torques armature)"
-    )
-    parser.add_argument("--fit", type=_names, metavar="NAME,...", help=text)
-    text = "longest time that is simulated from one first state (default: four periods)"
-    parser.add_argument("--segment", type=float, metavar="S", help=text)
-    text = "share of the segments that judge the fit (default 0.25)"
-    parser.add_argument("--held-out", type=float, metavar="SHARE", help=text)
-    text = "what the columns are called in the files, where it is not as above"
-    parser.add_argument("--columns", type=_columns, metavar="NAME=COLUMN,...", help=text)
-    parser.add_argument("--degrees", action="store_true", help="the angles are in degrees")
-    text = "each angle is relative to the link above: that of the joint"
-    parser.add_argument("--relative", action="store_true", help=text)
-    parser.add_argument("--json", action="store_true", help="print everything as JSON")
-    text = "write fit.json (the chain), identification.json, residuals.csv and figures there"
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+FILLS = {
+    "npend_gym.identification.fit:identify": ("fit", "segment", "held_out"),
+    "npend_gym.identification.recordings:read_motion": ("columns", "degrees", "relative"),
+}
 
 
-def run(options: dict[str, Any]) -> int:
-    """Read, fit and report; return the exit code."""
+def run(
+    files: Sequence[Path],
+    *,
+    chain: Chain | Mapping[str, Any] | str | None = None,
+    lengths: ArrayLike | None = None,
+    masses: ArrayLike | None = None,
+    centres: ArrayLike | None = None,
+    gravity: float | None = None,
+    columns: Mapping[str, str] | None = None,
+    degrees: bool = False,
+    relative: bool = False,
+    as_json: bool = False,
+    out: Path | None = None,
+    **chosen: Any,
+) -> int:
+    """Read, fit and report; return the exit code.
+
+    Parameters
+    ----------
+    files : file
+        Recordings, CSV files.
+    chain : Chain, optional
+        What is known, in place of the next four options: a preset's name or a JSON file.
+    lengths : array_like, optional
+        Length [m] of each link, from joint to joint.
+    masses : array_like, optional
+        Mass [kg] of each link (default 1).
+    centres : array_like, optional
+        Distance [m] of each link's centre of mass from its upper joint (default its length: a bob).
+    gravity : float, optional
+        Acceleration of gravity [m/s^2] (default 9.81).
+    as_json : bool
+        Print everything as JSON.
+    out : folder, optional
+        Write fit.json (the chain), identification.json, residuals.csv and figures there.
+    """
+    from npend_gym.identification import read_motion
     from npend_gym.identification.fit import Problem
     from npend_gym.report import identification_report as report
     from npend_gym.report import outputs
 
-    out: Path | None = options.pop("out", None)
-    as_json: bool = options.pop("json", False)
+    single = {"lengths": lengths, "masses": masses, "centres": centres, "gravity": gravity}
+    single = {name: value for name, value in single.items() if value is not None}
     with _warnings_in_lines():
-        motion = _read(options)
-        problem = Problem(motion, _known(options), **options)
+        motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
+        problem = Problem(motion, _known(chain, single), **chosen)
         if out is not None:
             outputs.prepare_folder(out)
         result = problem.solve()
@@ -121,23 +109,12 @@ def _warnings_in_lines() -> Generator[None, None, None]:
         yield
 
 
-def _read(options: dict[str, Any]) -> Motion:
-    """Return the motion in the files."""
-    from npend_gym.identification import read_motion
-
-    names = ("columns", "degrees", "relative")
-    given = {name: options.pop(name) for name in names if name in options}
-    return read_motion(*options.pop("files"), **given)
-
-
-def _known(options: dict[str, Any]) -> Any:
-    """Take what is known of the chain out of the options."""
-    names = ("lengths", "masses", "centres", "gravity")
-    single = {name: options.pop(name) for name in names if name in options}
-    if "chain" in options:
+def _known(chain: Any, single: dict[str, Any]) -> Any:
+    """Return what is known of the chain."""
+    if chain is not None:
         if single:
             raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")
-        return options.pop("chain")
+        return chain
     if "lengths" not in single:
         raise ValueError("--lengths or --chain must be given: angles do not tell lengths")
     return {"masses": 1.0} | single

@@ -1,73 +1,51 @@
-"""`npend page`: a release in the browser, in one file."""
+"""Show a release in the browser: one HTML file, which needs neither network nor server.
+
+It has the motion of the chains, the pseudo-period of every bob as it completes, and the
+pseudo-period against N with the models. For pendulums to play with see `npend play`.
+
+Examples
+--------
+  npend page -o release.html               the paper's N = 5, 10, 20, 100, three trials
+  npend page -n 1,2,3,4 --trials 1 --spread 0 -o few.html
+  npend page results -o release.html       what `npend release -o results` measured
+"""
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from npend_gym.cli.common import OK, add_release_options, prepare_file, printable, progress
+from npend_gym.cli.common import OK, prepare_file, progress, show_file
+from npend_gym.cli.options import spelled
 
-if TYPE_CHECKING:
-    from npend_gym.experiments import ReleaseExperiment, Run
-
-ABOUT = """\
-One HTML file with the motion of the chains, the pseudo-period of every bob as it completes, and
-the pseudo-period against N with the models. It needs neither network nor server.
-
-For pendulums to play with see `npend play`.
-"""
-EXAMPLES = """\
-examples:
-  npend page --out release.html            the paper's N = 5, 10, 20, 100, three trials
-  npend page --n 1,2,3,4 --trials 1 --spread 0 --out few.html
-  npend page --from results --out release.html     what `npend release --out results` measured
-"""
-_SUFFIXES = (".html",)
+FILLS = {"npend_gym.experiments.release:ReleaseExperiment": ()}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `npend page`."""
-    add_release_options(parser)
-    text = "show the results of `npend release --out FOLDER` instead of measuring"
-    parser.add_argument("--from", dest="folder", type=Path, metavar="FOLDER", help=text)
-    parser.add_argument("--live", action="store_true", help=argparse.SUPPRESS)  # `npend play` now
-    text = "file to write, .html; folders that are missing are made"
-    parser.add_argument("--out", type=Path, metavar="FILE", required=True, help=text)
+def run(results: Path | None = None, *, out: Path, **release: Any) -> int:
+    """Measure or read, and write the page; return the exit code.
 
-
-def run(options: dict[str, Any]) -> int:
-    """Measure or read, and write the page; return the exit code."""
-    out: Path = options.pop("out")
-    if options.pop("live", False):
-        raise ValueError(f"--live is a command of its own: npend play --out {out}")
-    _write_release(out, options)
-    print(printable(str(out)) + f": {out.stat().st_size / 1e6:.2f} MB")
-    return OK
-
-
-def _write_release(out: Path, options: dict[str, Any]) -> None:
+    Parameters
+    ----------
+    results : folder, optional
+        What `npend release --out FOLDER` measured, which is shown instead of measuring.
+    out : file
+        File to write, .html; folders that are missing are made.
+    """
+    from npend_gym.experiments import ReleaseExperiment, run_release
     from npend_gym.recording import record_first_trials
-    from npend_gym.report import player, release_page
+    from npend_gym.report import player, release_page, release_tables
 
-    experiment, runs = _measured(out, options)
+    if results is not None and release:
+        option = spelled(next(iter(release)))
+        raise ValueError(f"{option} must be left out with results, which have their own")
+    runs = None
+    if results is not None:
+        experiment, runs = release_tables.read(results)
+    else:
+        experiment = ReleaseExperiment(**release)
+    prepare_file(out, player.SUFFIXES)
+    runs = runs or run_release(experiment, progress("release"))
     recordings = record_first_trials(experiment, runs, progress("recording"))
     player.write(out, release_page.page(experiment, runs, recordings))
-
-
-def _measured(out: Path, options: dict[str, Any]) -> tuple[ReleaseExperiment, list[Run]]:
-    """Return results that `out` is to show, measured or read; it is made ready as options are."""
-    from npend_gym.experiments import ReleaseExperiment, run_release
-    from npend_gym.report import release_tables as report
-
-    if "folder" not in options:
-        experiment = ReleaseExperiment(**options)
-        prepare_file(out, _SUFFIXES)
-        return experiment, run_release(experiment, progress("release"))
-    folder = options.pop("folder")
-    if options:
-        name = "n" if "n_values" in options else next(iter(options))
-        raise ValueError(f"--{name} must be left out with --from: the results have their own")
-    read = report.read(folder)
-    prepare_file(out, _SUFFIXES)
-    return read
+    show_file(out)
+    return OK

@@ -1,15 +1,26 @@
-"""`npend release`: the paper's experiment."""
+"""The paper's experiment: release chains from rest, and time every bob.
+
+The pseudo-period of every bob of N equal pendulums is measured, averaged and compared with the
+models.
+
+Examples
+--------
+  npend release -o results                 the paper's N = 5, 10, 20, 100, three trials
+  npend release -n 1,2,3 --trials 1 --spread 0
+  npend release -n 100 --duration 10       the paper's window
+  npend release -n 5 --json                for a script
+  npend release -n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
+  npend release --chain "multiarm 3" --amplitude 0.5
+"""
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from npend_gym.cli.common import (
     INTERRUPTED,
     OK,
-    add_release_options,
     can_draw,
     prepare_results,
     progress,
@@ -20,42 +31,25 @@ from npend_gym.cli.common import (
 if TYPE_CHECKING:
     from npend_gym.experiments import Run
 
-ABOUT = """\
-The paper's experiment: chains of N equal pendulums are released from rest, the pseudo-period of
-every bob is measured, averaged and compared with the models.
-"""
-EXAMPLES = """\
-examples:
-  npend release --out results              the paper's N = 5, 10, 20, 100, three trials
-  npend release --n 1,2,3 --trials 1 --spread 0
-  npend release --n 100 --duration 10      the paper's window
-  npend release --n 5 --json               for a script
-  npend release --n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
-  npend release --chain "multiarm 3" --amplitude 0.5
-"""
+FILLS = {"npend_gym.experiments.release:ReleaseExperiment": ()}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `npend release`."""
-    add_release_options(parser)
-    text = "print the summary and its provenance as JSON"
-    parser.add_argument("--json", action="store_true", help=text)
-    text = (
-        "write tables (CSV), release.json, manifest.json and figures there, in place of older ones"
-    )
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+def run(*, as_json: bool = False, out: Path | None = None, **release: Any) -> int:
+    """Run the experiment; return the exit code.
 
-
-def run(options: dict[str, Any]) -> int:
-    """Run the experiment; return the exit code."""
+    Parameters
+    ----------
+    as_json : bool
+        Print the summary and its provenance as JSON.
+    out : folder, optional
+        Write tables (CSV), release.json, manifest.json and figures there, in place of older ones.
+    """
     from npend_gym.experiments import ReleaseExperiment, measure
     from npend_gym.report import release_tables as report
 
-    out: Path | None = options.pop("out", None)
-    as_json: bool = options.pop("json", False)
     runs: list[Run] = []
     interrupted = False
-    experiment = ReleaseExperiment(**options)
+    experiment = ReleaseExperiment(**release)
     if out is not None:
         prepare_results(out, "npend release")
     try:
@@ -64,11 +58,8 @@ def run(options: dict[str, Any]) -> int:
     except KeyboardInterrupt:
         interrupted = True
     if runs:
-        print(
-            report.summary_json(experiment, runs)
-            if as_json
-            else report.summary_text(experiment, runs)
-        )
+        show = report.summary_json if as_json else report.summary_text
+        print(show(experiment, runs))
     if runs and out is not None:
         written = report.write(experiment, runs, out, figures=can_draw())
         if not as_json:

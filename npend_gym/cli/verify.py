@@ -1,35 +1,32 @@
-"""`npend verify`: whether this machine computes the same bits as the committed digests."""
+"""Check that this machine computes the very same bits.
 
-from __future__ import annotations
-
-import argparse
-import json
-from typing import Any
-
-from npend_gym.cli.common import FAILED, OK, warn
-
-ABOUT = """\
 Runs everything that is compiled for a short time, and compares the SHA-256 of the results with the
 digests in the package. Exit code 1 if one byte differs.
-"""
-EXAMPLES = """\
-examples:
+
+Examples
+--------
   npend verify
   npend verify --json > verified.json
 """
 
+from __future__ import annotations
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `npend verify`."""
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+import json
+
+from npend_gym.cli.common import FAILED, OK, warn
 
 
-def run(options: dict[str, Any]) -> int:
-    """Compare, and print each check when it is done; return the exit code."""
+def run(*, as_json: bool = False) -> int:
+    """Compare, and print each check when it is done; return the exit code.
+
+    Parameters
+    ----------
+    as_json : bool
+        Print JSON instead of a table.
+    """
     from npend_gym._provenance import machine
     from npend_gym.digests import Outcome, outcomes
 
-    as_json = options.get("json", False)
     done: list[Outcome] = []
     for outcome in outcomes():
         done.append(outcome)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
@@ -30,7 +30,6 @@ _log = logging.getLogger(__name__)
 
 _ROWS = 10  # of starts, in a part that is kept as it is done
 _MAX_SIZE = 20_000
-_PI = math.pi
 
 
 @dataclass(frozen=True)
@@ -47,12 +46,14 @@ class FlipMap:
         Of the square [rad]; 2 pi is all there is.
     duration : float
         How long each release is followed [s].
-    masses, lengths : float or (float, float)
-        Of the chain [kg, m].
+    masses : float or (float, float)
+        Of the bobs [kg].
+    lengths : float or (float, float)
+        Of the rods [m].
     gravity : float
-        [m/s^2].
+        Acceleration of gravity [m/s^2].
     rtol : float
-        As for `npend_gym.chaos.flip_times`.
+        Relative tolerance of the integration. See `npend_gym.chaos.flip_times`.
 
     Raises
     ------
@@ -62,10 +63,10 @@ class FlipMap:
 
     size: int = 1000
     centre: tuple[float, float] = (0.0, 0.0)
-    width: float = 2.0 * _PI
+    width: float = 2.0 * math.pi
     duration: float = 10.0
-    masses: Any = 1.0
-    lengths: Any = 1.0
+    masses: ArrayLike = 1.0
+    lengths: ArrayLike = 1.0
     gravity: float = 9.81
     rtol: float = 1e-9
 
@@ -74,7 +75,7 @@ class FlipMap:
         _checks.count("size", self.size, high=_MAX_SIZE)
         centre = _checks.vector("centre", self.centre, 2)
         width = _checks.positive_number("width", self.width)
-        if np.any(np.abs(centre) + 0.5 * width > 2.0 * _PI):
+        if np.any(np.abs(centre) + 0.5 * width > math.tau):
             raise ValueError(
                 "centre and width must keep the angles within two half turns of hanging, "
                 f"got {_checks.show(centre.tolist())} and {width:g}"
@@ -153,7 +154,7 @@ class FlipMap:
         result = np.empty((self.size, self.size))
         (first, second), unusable = self.axes(), 0
         left: list[int] = []
-        turned = [(each + _PI) % (2.0 * _PI) - _PI for each in (first, second)]
+        turned = [(each + math.pi) % (math.tau) - math.pi for each in (first, second)]
         for k in range(self._count):
             part = self._part(parts, k)
             if part is None:

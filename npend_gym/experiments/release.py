@@ -41,23 +41,29 @@ class ReleaseExperiment:
         Numbers of pendulums.
     trials : int
         Trials for each n.
-    amplitude, spread : float
-        A trial starts at rest with all rods at `amplitude` plus one draw, common to all rods, from
-        [0, spread) [rad].
+    amplitude : float
+        Angle of all rods at the start, where they are at rest [rad].
+    spread : float
+        A trial adds one draw from zero up to this to all rods [rad].
     seed : int
-        Seed of the draws: trial t, counted from 1, is what mode "passive" of the environment
+        Seed of the draws. Trial t, counted from 1, is what mode "passive" of the environment
         draws with the seed `seed` + t - 1, for every n.
     duration : float, optional
         Window [s]; by default long enough for every bob.
     reading : str
-        What completes a pseudo-period, see `npend_gym.pseudo_periods`.
-    masses, lengths : float or sequence
-        Per rod where not a number; then `n_values` must be their length.
-    gravity, damping : float
-        As in `npend_gym.Chain`.
+        What completes a pseudo-period: "bob", "link", "height" or "com". See
+        `npend_gym.pseudo_periods`.
+    masses : float or sequence
+        Mass of all bobs, or of each [kg]. For each, `n_values` must be their number.
+    lengths : float or sequence
+        Length of all rods, or of each [m].
+    gravity : float
+        Acceleration of gravity [m/s^2].
+    damping : float
+        Viscous damping of every joint [N m s].
     chain : Chain, dict or str, optional
-        One chain in place of all that `n_values`, `masses`, `lengths`, `gravity` and `damping`
-        describe: a `Chain`, the dict of its parameters, or a preset's name.
+        One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
+        `Chain`, the dict of its parameters, or a preset's name.
 
     Examples
     --------

@@ -23,7 +23,7 @@ try:
     from matplotlib.figure import Figure
 except ImportError as error:
     raise _extras.missing("matplotlib", "plot,render", "films", error) from error
-from npend_gym.report.style import styled
+from npend_gym.report.style import legend_below, styled
 
 SUFFIXES = (".gif", ".mp4")
 _INCHES = 4.8  # height of the diagrams: sets the size of their text
@@ -163,8 +163,7 @@ def _draw(recording: Recording) -> Figure:
     ):  # fmt: skip
         axes[1].plot(times, values, color=color, label=label)
     axes[1].set(xlim=(0.0, times[-1]), ylim=(0.0, None), xlabel="time [s]", ylabel="energy [J]")
-    handles, labels = axes[1].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    legend_below(figure, axes[1], 3)
     return figure
 
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter, ScalarFormatter
+from matplotlib.ticker import PercentFormatter, ScalarFormatter
 
 from npend_gym._palette import BLACK, BLUE, ORANGE
 from npend_gym.experiments import AmplitudeLaw, CellGroup
 from npend_gym.experiments.campaign.statistics import EDGES, FAR, Statistics
-from npend_gym.report.style import panels, shade, styled
+from npend_gym.report.style import legend_below, mark_numbers, panels, shade, styled
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 _CURVES = 9  # drawn in one figure; the rest is in the tables
@@ -40,11 +40,10 @@ def law_against_n(group: CellGroup) -> Figure:
     top.set(xscale="log", yscale="log", ylabel="pseudo-period [s]", title=_title(group))
     bottom.set(xlabel="number of pendulums N", ylabel="over the power, less 1")
     bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
-    bottom.xaxis.set(major_locator=FixedLocator(n_values), minor_locator=NullLocator())
-    bottom.xaxis.set_major_formatter(ScalarFormatter())
+    mark_numbers(bottom.xaxis, n_values)
     top.yaxis.set_major_formatter(ScalarFormatter())
     top.yaxis.set_minor_formatter(ScalarFormatter())
-    _legend(figure, top)
+    legend_below(figure, top, 2)
     return figure
 
 
@@ -72,7 +71,7 @@ def law_against_amplitude(group: CellGroup) -> Figure:
     top.set(ylabel="pseudo-period / $T_1$", title=_title(group))
     bottom.set(xlabel="starting angle a [rad]", ylabel="over the law, less 1")
     bottom.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=2))
-    _legend(figure, top)
+    legend_below(figure, top, 2)
     return figure
 
 
@@ -105,8 +104,3 @@ def _spaced(items: Any) -> Any:
     """Return at most nine of `items`, spaced evenly, with the first and the last."""
     places = np.unique(np.linspace(0, len(items) - 1, min(_CURVES, len(items))).astype(int))
     return [items[k] for k in places]
-
-
-def _legend(figure: Figure, axes: Any) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)

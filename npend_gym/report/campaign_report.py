@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import base64
+import html
+import json
 from dataclasses import asdict
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from npend_gym import _files
-from npend_gym._version import __version__
 from npend_gym.experiments import AmplitudeLaw, Analysis, Campaign, CellGroup, PowerFit
 from npend_gym.experiments.campaign.campaign import CELLS, PLAN
 from npend_gym.experiments.campaign.parts import finite_or_none
 from npend_gym.experiments.campaign.statistics import FAR
+from npend_gym.report import player
 from npend_gym.report.outputs import prepare_folder, write_csv, write_figure, write_manifest
 
-_DRAWN = 12  # groups that get figures
+_DRAWN, _SHOWN = 12, 200  # groups that get figures, rows of a table in the page
+_NO_LAW = (
+    "<p>No law is fitted: it takes three numbers of pendulums at one amplitude, or four "
+    "amplitudes.</p>"
+)
 
 
 def finish(campaign: Campaign) -> tuple[str, bool]:
@@ -146,8 +150,7 @@ def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path
     contents = tables(analysis)
     written = [write_csv(out / f"{name}.csv", rows) for name, rows in contents.items() if rows]
     pictures = _figures(analysis, out) if figures else []
-    with _files.replacing(out / "report.html") as file:
-        file.write(page(analysis, contents, pictures))
+    player.write(out / "report.html", page(analysis, contents, pictures))
     written += [*pictures, out / "report.html"]
     complete = len(analysis.status.done) == analysis.plan.task_count
     arguments = analysis.plan.as_dict()
@@ -170,27 +173,46 @@ def _figures(analysis: Analysis, out: Path) -> list[Path]:
 
 def page(analysis: Analysis, rows: dict[str, list[dict[str, Any]]], pictures: list[Path]) -> str:
     """Return the HTML page of the `tables`; whatever comes from a file or the user is escaped."""
-    from jinja2 import Environment  # extra "campaign"
-
-    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["shown"] = _shown
-    source = (files("npend_gym.report") / "campaign.html").read_text(encoding="utf-8")
-    status = analysis.status
-    return environment.from_string(source).render(
-        analysis=analysis,
-        version=__version__,
-        measured=int(analysis.statistics.releases.sum()),
-        missing=analysis.plan.task_count - len(status.done) - len(status.failed),
-        far=f"{FAR:g}",
-        **rows,
-        pictures={p.stem: base64.b64encode(p.read_bytes()).decode() for p in pictures},
+    plan, status, stats = analysis.plan, analysis.status, analysis.statistics
+    texts = {
+        "title": f"Campaign {analysis.out.name}",
+        "measured": int(stats.releases.sum()),
+        "releases": plan.releases,
+        "cells": plan.cells,
+        "failed": len(status.failed),
+        "missing": plan.task_count - len(status.done) - len(status.failed),
+        "wrong": status.text(),
+        "folder": analysis.out,
+        "plan": json.dumps(plan.as_dict()),
+        "far": f"{FAR:g}",
+        "outlier_count": stats.outlier_count,
+    }
+    encoded = {path.stem: base64.b64encode(path.read_bytes()).decode() for path in pictures}
+    shown = (
+        f'<p><img alt="{name}" src="data:image/png;base64,{picture}"></p>'
+        for name, picture in encoded.items()
+    )
+    return player.page(
+        "campaign.html",
+        None,
+        (),
+        ("page.css", "campaign.css"),
+        **{name: html.escape(str(text)) for name, text in texts.items()},
+        fits=_table(rows["fits"]) or _NO_LAW,
+        pictures="\n".join(shown),
+        outliers=_table(rows["outliers"]),
+        failures="<h2>Failed tasks</h2>\n" * bool(status.failed) + _table(rows["failures"]),
+        measured_cells=_table(rows["cells"]),
     )
 
 
-def _shown(value: Any) -> Any:
-    if value is None:
-        return "-"
-    return f"{value:.6g}" if isinstance(value, float) else value
+def _table(rows: list[dict[str, Any]]) -> str:
+    """Return the first rows as an HTML table; nothing where there are none."""
+    if not rows:
+        return ""
+    more = len(rows) - _SHOWN
+    below = f"\n<p>{more} more rows are in the CSV file.</p>" if more > 0 else ""
+    return player.table(rows[0], (row.values() for row in rows[:_SHOWN])) + below
 
 
 def analysis_text(analysis: Analysis) -> str:

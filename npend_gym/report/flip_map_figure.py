@@ -6,25 +6,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import ListedColormap, LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullLocator
 
-from npend_gym import _extras
 from npend_gym._checks import FloatArray
 from npend_gym.experiments import FlipMap
-
-try:
-    import matplotlib as mpl
-    from matplotlib.colors import ListedColormap, LogNorm
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import (
-        FuncFormatter,
-        LogLocator,
-        MaxNLocator,
-        MultipleLocator,
-        NullLocator,
-    )
-except ImportError as error:
-    raise _extras.missing("matplotlib", "plot", "figures", error) from error
 from npend_gym.report.style import styled
 
 _EARLIEST = 0.05  # of the window: what turns over before has the brightest colour

@@ -10,7 +10,7 @@ from matplotlib.ticker import ScalarFormatter
 
 from npend_gym._palette import BLACK, BLUE, ORANGE, SKY
 from npend_gym.identification import Identification, Motion
-from npend_gym.report.style import panels, shade, styled
+from npend_gym.report.style import legend_below, panels, shade, styled
 
 _DOTS = 45  # measured angles of a link in a panel
 
@@ -32,8 +32,7 @@ def motions(result: Identification, motion: Motion) -> Figure:
         _draw_segment(upper, lower, result, motion, held[place])
     axes[0].set_ylabel("angle [rad]")
     axes[len(places)].set_ylabel("error [mrad]")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    legend_below(figure, axes[0], 4)
     return figure
 
 
@@ -80,7 +79,7 @@ def errors(result: Identification) -> Figure:
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(ScalarFormatter())
-    figure.legend(loc="outside lower center", ncols=3)
+    legend_below(figure, axes, 3)
     return figure
 
 

@@ -7,13 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from npend_gym.identification import Identification, Motion
-from npend_gym.report.outputs import (
-    prepare_folder,
-    write_csv,
-    write_figure,
-    write_json,
-    write_manifest,
-)
+from npend_gym.report.outputs import write_results
 
 _MRAD = 1e3
 
@@ -72,21 +66,18 @@ def write_identification(
     list of Path
         The files.
     """
-    prepare_folder(out)
-    written = [
-        write_json(out / "fit.json", result.chain.as_dict()),
-        write_json(out / "identification.json", result.as_dict()),
-        write_csv(out / "residuals.csv", _residual_rows(result, motion)),
-    ]
+    drawn: dict[str, Any] = {}
     if figures:
         from npend_gym.report import identification_figures as draw
 
-        written.append(write_figure(out / "held_out.png", draw.motions(result, motion)))
-        written.append(write_figure(out / "errors.png", draw.errors(result)))
-        written.append(write_figure(out / "parameters.png", draw.parameters(result)))
-    arguments = result.provenance["arguments"]
-    manifest = write_manifest(out, "identification", arguments, written, complete=True)
-    return [*written, manifest]
+        drawn["held_out"] = draw.motions(result, motion)
+        drawn["errors"] = draw.errors(result)
+        drawn["parameters"] = draw.parameters(result)
+    return write_results(
+        out, "identification", result.provenance["arguments"], complete=True,
+        records={"fit": result.chain.as_dict(), "identification": result.as_dict()},
+        tables={"residuals": _residual_rows(result, motion)}, figures=drawn,
+    )  # fmt: skip
 
 
 def _residual_rows(result: Identification, motion: Motion) -> list[dict[str, Any]]:

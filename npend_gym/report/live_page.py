@@ -16,7 +16,6 @@ from npend_gym import _checks, theory
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.report import player
 
-SUFFIXES = (".html",)
 MAX_N = 100  # rods that the page has a slider for
 _MOST_LINKS = 200  # of a chain that is given
 # Bits of a weight, by the rods that are swung up: with these 256 of 256 starts succeed; with 8 in

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import json
 import math
 import platform
@@ -82,6 +81,39 @@ def write_figure(path: Path, figure: Figure) -> Path:
     return path
 
 
+def write_results(
+    out: Path,
+    experiment: str,
+    arguments: Mapping[str, Any],
+    *,
+    complete: bool,
+    records: Mapping[str, Mapping[str, Any]] | None = None,
+    tables: Mapping[str, Sequence[Mapping[str, Any]]] | None = None,
+    figures: Mapping[str, Figure] | None = None,
+) -> list[Path]:
+    """Write results into the folder `out`; return what was written.
+
+    Each file appears whole, by rename; the manifest, with the digests of the others, comes last.
+
+    Parameters
+    ----------
+    out : Path
+    experiment : str
+        What was done, for the manifest, with its `arguments`.
+    complete : bool
+        Whether it was done to its end.
+    records, tables, figures : mapping
+        By their names: what becomes NAME.json, NAME.csv and NAME.png.
+    """
+    prepare_folder(out)
+    written = [
+        *(write_json(out / f"{name}.json", value) for name, value in (records or {}).items()),
+        *(write_csv(out / f"{name}.csv", rows) for name, rows in (tables or {}).items()),
+        *(write_figure(out / f"{name}.png", figure) for name, figure in (figures or {}).items()),
+    ]
+    return [*written, write_manifest(out, experiment, arguments, written, complete=complete)]
+
+
 def write_manifest(
     out: Path,
     experiment: str,
@@ -96,9 +128,6 @@ def write_manifest(
         "complete": complete,
         "provenance": provenance(arguments, arguments.get("seed"))
         | {"platform": platform.platform()},
-        "sha256": {
-            path.relative_to(out).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in written
-        },
+        "sha256": {path.relative_to(out).as_posix(): _files.sha256(path) for path in written},
     }
     return write_json(out / "manifest.json", manifest)

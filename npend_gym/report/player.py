@@ -1,10 +1,11 @@
-"""Pages for a browser, each in one text: `npend page`, `npend play`, motions in notebooks."""
+"""Pages for a browser, each in one text: releases, campaigns, motions, pendulums to play with."""
 
 from __future__ import annotations
 
 import base64
+import html
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -17,6 +18,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLUE, GREEN, ORANGE, PINK, RAMP, SKY
 from npend_gym._version import __version__
 
+SUFFIXES = (".html",)  # of a page
 _SHARED = "common.js", "stage.js"
 _PALETTE = {"ramp": RAMP, "tip": ORANGE}
 _DECIMALS = 4  # kept of the places, in units of the chain's length
@@ -64,8 +66,8 @@ def centres(motion: Any) -> list[float]:
 
 def page(
     body: str,
-    data: Mapping[str, Any],
-    scripts: Sequence[str],
+    data: Mapping[str, Any] | None = None,
+    scripts: Sequence[str] = (),
     styles: Sequence[str] = ("page.css",),
     *,
     title: str,
@@ -77,8 +79,8 @@ def page(
     ----------
     body : str
         File with what the page shows, and places such as ``$about`` for `texts`.
-    data : mapping
-        What the scripts show; they are given the palette too.
+    data : mapping, optional
+        What the scripts show; they are given the palette too. Without it the page has no scripts.
     scripts, styles : sequence of str
         Files, in the order in which they stand in the page, after those that all pages share.
     title : str
@@ -91,9 +93,29 @@ def page(
         known,
         style=palette_css() + "".join(map(_read, styles)),
         body=_template(body).substitute(known, **texts),
-        data=as_json({**data, "palette": _PALETTE}),
-        script="".join(map(_read, (*_SHARED, *scripts))),
+        scripts="" if data is None else _scripts(data, scripts),
     )
+
+
+def _scripts(data: Mapping[str, Any], names: Sequence[str]) -> str:
+    """Return the elements with the data of a page and what shows them."""
+    return (
+        f'<script type="application/json" id="data">{as_json({**data, "palette": _PALETTE})}'
+        f'</script>\n<script type="module">\n{"".join(map(_read, (*_SHARED, *names)))}\n</script>\n'
+    )
+
+
+def table(heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """Return rows as an HTML table, in which all texts are escaped."""
+    shown = "".join(f'<th scope="col">{html.escape(head)}</th>' for head in heads)
+    cells = (map(_cell, row) for row in rows)
+    body = "".join(f"<tr>{''.join(row)}</tr>\n" for row in cells)
+    return f"<table>\n<thead><tr>{shown}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>"
+
+
+def _cell(value: Any) -> str:
+    text = f"{value:.6g}" if isinstance(value, float) else str("-" if value is None else value)
+    return f"<td>{html.escape(text)}</td>"
 
 
 def write(path: Path, text: str) -> None:

@@ -6,18 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from npend_gym import _extras, theory
+from npend_gym import theory
 from npend_gym._checks import FloatArray
 from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE, PINK
 from npend_gym.experiments import ReleaseExperiment, Run
-
-try:
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
-except ImportError as error:
-    raise _extras.missing("matplotlib", "plot", "figures", error) from error
-from npend_gym.report.style import shade, styled
+from npend_gym.report.style import legend_below, mark_numbers, shade, styled
 
 _IDEAL, _CORRECTED, _FUNDAMENTAL, _LAW = ORANGE, AMBER, GREEN, PINK
 _MEASURED, _BOB = BLUE, shade(0.3)
@@ -42,8 +37,7 @@ def period_against_n(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figu
     axes.plot([], [], "D", color=BLACK, markersize=3.5, label="measured, centre of mass")
     axes.set(xscale="log", yscale="log", xlabel="number of pendulums N", ylabel="pseudo-period [s]")
     axes.set_title(f'Release from {experiment.amplitude:.3g} rad, reading "{experiment.reading}"')
-    axes.xaxis.set(major_locator=FixedLocator(n_values), minor_locator=NullLocator())
-    axes.xaxis.set_major_formatter(ScalarFormatter())
+    mark_numbers(axes.xaxis, n_values)
     _plain_log_ticks(axes)
     axes.legend()
     return figure
@@ -70,8 +64,7 @@ def _draw_models(axes: Any, experiment: ReleaseExperiment, n_values: Sequence[in
 def _plain_log_ticks(axes: Any) -> None:
     low, high = axes.get_ylim()
     ticks = [t for t in (0.5, 1, 2, 3, 4, 5, 7, 10, 15, 20, 30, 50, 100, 200) if low <= t <= high]
-    axes.yaxis.set(major_locator=FixedLocator(ticks), minor_locator=NullLocator())
-    axes.yaxis.set_major_formatter(ScalarFormatter())
+    mark_numbers(axes.yaxis, ticks)
 
 
 @styled
@@ -89,7 +82,7 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
             # smaller and smaller, because trials may lie on top of each other
             shrink = 1.0 - 0.7 * (run.trial - 1) / max(1, experiment.trials - 1)
             color = _TRIALS[(run.trial - 1) % len(_TRIALS)]
-            size = _marker_size(n) * shrink
+            size = min(7.0, max(3.5, 60.0 / n)) * shrink
             axes.plot(
                 bobs, run.periods, "o", color=color, markersize=size, markeredgewidth=0,
                 label=f"trial {run.trial}",
@@ -103,13 +96,8 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
         axes.set(xlabel="bob, counted from the pivot", ylabel="pseudo-period [s]")
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_xlim(1 - 0.04 * n, n + 0.04 * n)
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(labels)))
+    legend_below(figure, figure.axes[0], 5)
     return figure
-
-
-def _marker_size(n: int) -> float:
-    return min(7.0, max(3.5, 60.0 / n))
 
 
 def _completed(runs: Sequence[Run], n: int) -> str:

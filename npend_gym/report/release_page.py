@@ -18,7 +18,6 @@ from npend_gym.recording import Recording
 from npend_gym.report import player
 from npend_gym.report.release_tables import COLUMNS, LEGEND, summary_cells
 
-SUFFIXES = (".html",)
 _SCRIPTS = "player.js", "diagram.js", "periods.js", "page.js"
 
 
@@ -43,13 +42,14 @@ def page(
         "legend": LEGEND.format(reading=experiment.reading, seed=experiment.seed),
         "command": command(experiment),
     }
+    heads = [f"{title} [{unit}]" if unit else title for title, unit, _ in COLUMNS]
     return player.page(
         "page.html",
         data,
         _SCRIPTS,
         **{name: html.escape(text) for name, text in texts.items()},
         playback=player.playback("Pendulums"),
-        summary=_table(rows),
+        summary=player.table(heads, map(summary_cells, rows)),
     )
 
 
@@ -136,13 +136,3 @@ def _law(
         "x": {"low": 0.8 * min(grid), "high": 1.25 * max(grid), **axis},
         "y": {"low": 0.8 * min(heights), "high": 1.25 * max(heights), **axis},
     }
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the rows of the summary as an HTML table."""
-    titles = (f"{title} [{unit}]" if unit else title for title, unit, _ in COLUMNS)
-    heads = "".join(f'<th scope="col">{html.escape(title)}</th>' for title in titles)
-    body = "".join(
-        f"<tr>{''.join(f'<td>{cell}</td>' for cell in summary_cells(row))}</tr>\n" for row in rows
-    )
-    return f"<table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>"

@@ -12,14 +12,7 @@ import numpy as np
 
 from npend_gym import _checks, _files
 from npend_gym.experiments import ReleaseExperiment, Run, bob_rows, summary_rows
-from npend_gym.report.outputs import (
-    json_text,
-    prepare_folder,
-    write_csv,
-    write_figure,
-    write_json,
-    write_manifest,
-)
+from npend_gym.report.outputs import json_text, write_results
 
 COLUMNS = (  # of the summary: title, unit, width as text
     ("N", "", 4), ("measured", "s", 9), ("over bobs", "s", 10), ("over trials", "s", 12),
@@ -85,26 +78,19 @@ def _percent(value: float, digits: int = 1) -> str:
 def write(
     experiment: ReleaseExperiment, runs: Sequence[Run], out: Path, *, figures: bool
 ) -> list[Path]:
-    """Write tables, manifest and (with `figures`) pictures into `out`; return what was written.
-
-    Each file appears whole, by rename; the manifest, with the digests of the others, comes last.
-    """
-    prepare_folder(out)
-    written = [
-        write_json(out / "release.json", experiment.as_dict()),
-        write_csv(out / "periods.csv", bob_rows(runs)),
-        write_csv(out / "summary.csv", summary_rows(experiment, runs)),
-    ]
+    """Write tables, manifest and (with `figures`) pictures into `out`; return what was written."""
+    drawn: dict[str, Any] = {}
     if figures:
         from npend_gym.report import release_figures as draw  # matplotlib, an extra
 
-        written += [
-            write_figure(out / "period_against_n.png", draw.period_against_n(experiment, runs)),
-            write_figure(out / "period_of_each_bob.png", draw.period_of_each_bob(experiment, runs)),
-        ]
-    complete = len(runs) == len(experiment.runs())
-    manifest = write_manifest(out, "release", experiment.as_dict(), written, complete=complete)
-    return [*written, manifest]
+        drawn["period_against_n"] = draw.period_against_n(experiment, runs)
+        drawn["period_of_each_bob"] = draw.period_of_each_bob(experiment, runs)
+    arguments = experiment.as_dict()
+    return write_results(
+        out, "release", arguments, complete=len(runs) == len(experiment.runs()),
+        records={"release": arguments}, figures=drawn,
+        tables={"periods": bob_rows(runs), "summary": summary_rows(experiment, runs)},
+    )  # fmt: skip
 
 
 def read(folder: Path) -> tuple[ReleaseExperiment, list[Run]]:

@@ -1,4 +1,4 @@
-"""What all figures share (extra "plot"): the style, markers, panels, shades of blue."""
+"""What all figures share (extra "plot"): the style, markers, panels, legends, shades of blue."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from npend_gym._palette import BLACK, BLUE, SKY
 try:
     import matplotlib.style
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
 except ImportError as error:
     raise _extras.missing("matplotlib", "plot", "figures", error) from error
 
@@ -55,3 +56,15 @@ def panels(
 def shade(share: float) -> tuple[float, float, float]:
     """Return a blue, the darker the larger `share` (0 to 1)."""
     return 0.65 * (1.0 - share), 0.25 + 0.55 * (1.0 - share), 0.45 + 0.5 * (1.0 - share)
+
+
+def legend_below(figure: Figure, axes: Any, columns: int) -> None:
+    """Put the legend of `axes` below all that the figure has."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(columns, len(labels)))
+
+
+def mark_numbers(axis: Any, numbers: Sequence[float]) -> None:
+    """Mark `numbers` alone on an axis, as they are written in a text."""
+    axis.set(major_locator=FixedLocator(list(numbers)), minor_locator=NullLocator())
+    axis.set_major_formatter(ScalarFormatter())

@@ -25,15 +25,13 @@ pq: Any = _extras.require("pyarrow.parquet", "campaign", "campaigns")
 
 RELEASES, BOBS = "releases", "bobs"
 TABLES = (RELEASES, BOBS)
-# Columns of RELEASES and their types, in order
 _PERIODS = ("mean_s", "median_s", "tip_s")
-_TYPES = {
-    "cell": "int64",
-    "trial": "int64",
-    "start_rad": "double",
-    "completed": "int32",
-    **dict.fromkeys(_PERIODS, "double"),
-}
+_RELEASE = pa.schema(  # a row of RELEASES
+    [
+        ("cell", pa.int64()), ("trial", pa.int64()), ("start_rad", pa.float64()),
+        ("completed", pa.int32()), *((name, pa.float64()) for name in _PERIODS),
+    ]
+)  # fmt: skip
 # Numbers that repeat or count are packed as differences. Nothing is compressed: a file of a source
 # not trusted cannot expand.
 _PACKED = dict.fromkeys(("cell", "trial", "completed", "bob"), "DELTA_BINARY_PACKED")
@@ -75,11 +73,12 @@ def _releases(plan: CampaignPlan, task: Task, starts: FloatArray, periods: Float
             "cell": cell,
             "trial": trial,
             "start_rad": starts,
-            "completed": count.astype(np.int32),
+            "completed": count,
             "mean_s": _nullable(total / np.where(count, count, np.nan)),
             "median_s": _nullable(median),
             "tip_s": _nullable(periods[:, -1]),
-        }
+        },
+        schema=_RELEASE,
     )
 
 
@@ -178,7 +177,7 @@ def read_releases(plan: CampaignPlan, path: Path, task: Task) -> dict[str, NDArr
     """
     try:
         table = _read_bounded(plan, path, task.releases)
-        columns = {name: table[name].to_numpy() for name in _TYPES}
+        columns = {name: table[name].to_numpy() for name in _RELEASE.names}
         for name, values in columns.items():
             if np.isnan(values).sum() != table[name].null_count:
                 raise ValueError(f"its {name} is NaN where it should be null")
@@ -191,24 +190,21 @@ def read_releases(plan: CampaignPlan, path: Path, task: Task) -> dict[str, NDArr
 
 def _read_bounded(plan: CampaignPlan, path: Path, rows: int) -> Any:
     """Return a part as a table, having seen that it takes no more memory than so many rows do."""
-    if not path.is_file() or path.stat().st_size > len(_TYPES) * (16 * rows + 4096):
+    if not path.is_file() or path.stat().st_size > len(_RELEASE) * (16 * rows + 4096):
         raise ValueError("it is no file of such a size")
     data = path.read_bytes()
     if not path.stem.endswith(part_digest(plan, data)):  # pyarrow may end the process on damage
         raise ValueError("its bytes are not those that its name says")
     file = pq.ParquetFile(pa.BufferReader(data), **_THRIFT)
-    kinds = {each.name: str(each.type) for each in file.schema_arrow}
-    if list(kinds) != list(_TYPES) or len(kinds) < len(file.schema_arrow):
-        raise ValueError(
-            f"its columns must be {', '.join(_TYPES)}; got {_checks.show(list(kinds))}"
+    if not file.schema_arrow.equals(_RELEASE):
+        wanted, got = (
+            [f"{each.name}: {each.type}" for each in one] for one in (_RELEASE, file.schema_arrow)
         )
-    for name, kind in kinds.items():
-        if kind != _TYPES[name]:
-            raise ValueError(f"its {name} must have the type {_TYPES[name]}, got {kind}")
+        raise ValueError(f"its columns must be {', '.join(wanted)}; got {_checks.show(got)}")
     about = file.metadata
     if about.num_rows != rows or about.num_row_groups != 1:
         raise ValueError(f"it must have {rows} rows in one group, got {about.num_rows}")
-    columns = map(about.row_group(0).column, range(len(_TYPES)))
+    columns = map(about.row_group(0).column, range(len(_RELEASE)))
     if any(column.compression != "UNCOMPRESSED" for column in columns):
         raise ValueError("its columns must not be compressed")
     return file.read(use_threads=False)

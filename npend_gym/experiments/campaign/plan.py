@@ -56,15 +56,21 @@ class CampaignPlan:
     ----------
     n : int or list of int
         Numbers of pendulums.
-    masses, lengths : float, or list of float or of lists
-        Of all bobs [kg] and rods [m]; a list inside the list has one for each rod.
-    gravity, damping : float or list of float
-        As in `npend_gym.Chain`.
+    masses : float, or list of float or of lists
+        Mass of all bobs [kg]. A list inside the list has one for each.
+    lengths : float, or list of float or of lists
+        Length of all rods [m]. A list inside the list has one for each.
+    gravity : float or list of float
+        Acceleration of gravity [m/s^2].
+    damping : float or list of float
+        Viscous damping of every joint [N m s].
     reading : str or list of str
-        What completes a pseudo-period, see `npend_gym.pseudo_periods`.
-    amplitude, spread : float or list of float
-        A release starts at rest with all rods at `amplitude` plus one draw, common to all rods,
-        from [0, spread) [rad].
+        What completes a pseudo-period: "bob", "link", "height" or "com". See
+        `npend_gym.pseudo_periods`.
+    amplitude : float or list of float
+        Angle of all rods at the start, where they are at rest [rad].
+    spread : float or list of float
+        A release adds one draw from zero up to this to all rods [rad].
     trials : int
         Releases of each cell, a cell being one combination.
     seed : int
@@ -75,8 +81,8 @@ class CampaignPlan:
     batch : int, optional
         Releases in a task; by default as many as take about a second on one core.
     chain : Chain, dict or str, optional
-        One chain in place of n, masses, lengths, gravity and damping: a `Chain`, the dict of its
-        parameters, or a preset's name.
+        One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
+        `Chain`, the dict of its parameters, or a preset's name.
 
     Raises
     ------

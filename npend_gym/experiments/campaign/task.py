@@ -65,19 +65,12 @@ def run_task(plan: CampaignPlan, out: Path, task: Task) -> Record:
 
 def measure_task(plan: CampaignPlan, task: Task) -> tuple[FloatArray, FloatArray]:
     """Return the starting angles [rad], (R,), and pseudo-periods [s], (R, n), of a task."""
-    trials = plan.trials
-    cells = range(task.first // trials, -(-task.last // trials))
+    cells = range(task.first // plan.trials, -(-task.last // plan.trials))
     starts: list[FloatArray] = []
     periods: list[FloatArray] = []
-    for shared, group in groupby(map(plan.cell, cells), key=_without_start):
-        first_start = len(starts)
-        for cell in group:
-            base = (cells.start + len(starts)) * trials
-            first, last = max(task.first, base) - base, min(task.last, base + trials) - base
-            starts.append(
-                draws.starts(plan.seed, first, last - first, cell["amplitude"], cell["spread"])
-            )
-        angles = np.concatenate(starts[first_start:])
+    for shared, group in groupby(cells, key=lambda cell: _without_start(plan.cell(cell))):
+        angles = np.concatenate([_starts(plan, task, cell) for cell in group])
+        starts.append(angles)
         periods.append(_periods(plan, angles, dict(shared)))
     return np.concatenate(starts), np.concatenate(periods)
 
@@ -85,6 +78,13 @@ def measure_task(plan: CampaignPlan, task: Task) -> tuple[FloatArray, FloatArray
 def _without_start(cell: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
     """Return the values that releases must share to be measured side by side."""
     return tuple((name, cell[name]) for name in cell if name not in ("amplitude", "spread"))
+
+
+def _starts(plan: CampaignPlan, task: Task, index: int) -> FloatArray:
+    """Return the starting angles [rad] of the releases of a cell that are in the task."""
+    cell, base = plan.cell(index), index * plan.trials
+    first, last = max(task.first - base, 0), min(task.last - base, plan.trials)
+    return draws.starts(plan.seed, first, last - first, cell["amplitude"], cell["spread"])
 
 
 def _periods(plan: CampaignPlan, angles: FloatArray, cell: Mapping[str, Any]) -> FloatArray:

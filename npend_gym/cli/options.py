@@ -1,0 +1,186 @@
+"""The arguments of a command, from the signatures and docstrings of what they fill.
+
+A command is a function, `run`. Its positional parameters are arguments, and those by keyword are
+options; so are the parameters, or the fields, of what its module names in FILLS. Name, type,
+default, unit and help come from there, so that each stands in one place. The source is read and
+not imported: help and completion would wait for Numba.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from npend_gym.cli import values
+
+# Option of a parameter, where it has another name, and its short form
+_SPELLED = {"n_values": "n", "as_json": "json", "changes": "set", "settings": "env"}
+_SHORT = {"--n": "-n", "--out": "-o", "--seed": "-s", "--amplitude": "-a", "--trials": "-t"}
+# Annotation of a parameter: what reads its text, and its placeholder, in which X stands for the
+# unit or the name
+_READERS: dict[str, tuple[Any, str]] = {
+    "int": (int, "X"),
+    "float": (float, "X"),
+    "str": (str, "X"),
+    "Path": (Path, "X"),
+    "Sequence[Path]": (Path, "X"),
+    "Sequence[int]": (values.integers, "X,..."),
+    "int | Sequence[int]": (values.integers, "X,..."),
+    "Sequence[str]": (values.texts, "NAME,..."),
+    "str | Sequence[str]": (values.texts, "NAME,..."),
+    "ArrayLike": (values.numbers, "X,..."),
+    "float | Sequence[float]": (values.numbers, "X,..."),
+    "float | Sequence[PerRod]": (values.numbers_per_rod, "X[:X...],..."),
+    "Chain | Mapping[str, Any] | str": (values.chain_argument, "NAME|FILE"),
+    "Mapping[str, str]": (values.columns, "NAME=COLUMN,..."),
+    "Sequence[tuple[str, Any]]": (values.setting, "NAME=VALUE"),
+}
+_ANGLES = {
+    "float": (values.angle, "X"),
+    "float | Sequence[float]": (values.angles, "X,..."),
+    "tuple[float, float]": (values.angles, "X,X"),
+}
+# Of a docstring: names, type and text of a parameter
+_ENTRY = re.compile(r"^([\w*, ]+?) : (.+)\n((?: {4}.*\n|\n)+)", re.MULTILINE)
+
+
+class _Parameter(NamedTuple):
+    """A parameter of a function, or a field of a class."""
+
+    name: str
+    kind: str  # its annotation
+    default: str | None  # as text; None where a value must be given
+    by_keyword: bool
+    noun: str = ""  # its type in the docstring
+    text: str = ""  # the first sentence about it
+
+
+def add_options(
+    parser: argparse.ArgumentParser, run: str, fills: Mapping[str, Sequence[str]]
+) -> None:
+    """Add the arguments of a command.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+    run : str
+        The command, as "module:function".
+    fills : mapping
+        What else options fill: "module:function" or "module:class", and which parameters of it;
+        an empty sequence stands for all.
+    """
+    for each in _parameters(run):
+        if each.text:  # others are described by what they fill
+            _add(parser, each)
+    for source, names in fills.items():
+        for each in _parameters(source):
+            if each.name in names or not names:
+                _add(parser, each._replace(by_keyword=True))
+
+
+def spelled(name: str) -> str:
+    """Return the option of a parameter."""
+    return f"--{_SPELLED.get(name, name)}".replace("_", "-")
+
+
+def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
+    option, (name, kind, default, by_keyword, noun, text) = spelled(parameter.name), parameter
+    shown = f" (default {default})" if default and "default" not in text else ""
+    about: dict[str, Any] = {"help": (text[:1].lower() + text[1:] + shown).replace("%", "%%")}
+    if kind == "bool":
+        about["action"] = "store_true"
+    elif kind.startswith("Literal"):
+        about["choices"] = re.findall(r"'(\w+)'", kind)
+    else:
+        unit = re.search(r"\[([^][]+)\]", text)
+        is_angle = unit is not None and unit[1] == "rad" and kind in _ANGLES
+        about["type"], placeholder = (_ANGLES if is_angle else _READERS)[kind]
+        noun = noun if kind in ("str", "Path", "Sequence[Path]") and noun != "str" else option[2:]
+        word = (unit[1].replace(" ", "") if unit else noun).upper()
+        about["metavar"] = placeholder.replace("X", word)
+    if about.get("type") is values.setting:
+        about["action"] = "append"
+    if by_keyword:
+        short = [_SHORT[option]] if option in _SHORT else []
+        parser.add_argument(*short, option, dest=name, required=default is None, **about)
+    elif default is not None:
+        parser.add_argument(name, nargs="?", default=None, **about)
+    else:
+        parser.add_argument(name, nargs="+" if kind.startswith("Sequence") else None, **about)
+
+
+@cache
+def _parameters(source: str) -> list[_Parameter]:
+    """Return the parameters of "module:function" or "module:class", or the fields of the class."""
+    module, _, name = source.partition(":")
+    node: Any = next(each for each in tree(module).body if getattr(each, "name", None) == name)
+    texts = _documented(ast.get_docstring(node) or "")
+    made = [each for each in node.body if getattr(each, "name", None) == "__init__"]
+    given = _fields(node) if isinstance(node, ast.ClassDef) else _arguments(node.args)
+    return [
+        _Parameter(
+            each,
+            ast.unparse(annotation).removesuffix(" | None"),
+            None if default is None else _shown(module, default),
+            by_keyword,
+            *texts.get(each, ()),
+        )
+        for each, annotation, default, by_keyword in (_arguments(made[0].args) if made else given)
+        if annotation is not None
+    ]
+
+
+def _fields(node: ast.ClassDef) -> Iterable[tuple[str, Any, Any, bool]]:
+    for each in node.body:
+        if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name):
+            yield each.target.id, each.annotation, each.value, True
+
+
+def _arguments(given: ast.arguments) -> Iterable[tuple[str, Any, Any, bool]]:
+    defaults = dict(zip(reversed(given.args), reversed(given.defaults), strict=False))
+    yield from ((one.arg, one.annotation, defaults.get(one), False) for one in given.args)
+    for one, default in zip(given.kwonlyargs, given.kw_defaults, strict=True):
+        yield one.arg, one.annotation, default, True
+
+
+def _documented(docstring: str) -> dict[str, tuple[str, str]]:
+    """Return the type, and the first sentence, of every parameter in a docstring."""
+    found: dict[str, tuple[str, str]] = {}
+    for names, kind, text in _ENTRY.findall(docstring + "\n"):
+        sentence = " ".join(text.split("\n\n")[0].split()).partition(". ")[0]
+        about = kind.partition(",")[0], sentence.replace("`", "").removesuffix(".")
+        found |= dict.fromkeys(re.findall(r"\w+", names), about)
+    return found
+
+
+def _shown(module: str, default: Any) -> str:
+    """Return a default as a user would write it; nothing for what is left out or off."""
+    text = ast.unparse(default)
+    if text in ("None", "False", "Path()"):
+        return ""
+    text = re.sub(r"\b[A-Z][A-Z_]+\b", lambda name: _assigned(module, name[0]), text)
+    return re.sub(r"math\.|Path|[ ()']", "", text)
+
+
+def _assigned(module: str, name: str) -> str:
+    """Return what stands for the name of a constant in a module, or in the one that it is from."""
+    for each in tree(module).body:
+        if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == name:
+            return _shown(module, each.value)
+        if isinstance(each, ast.ImportFrom) and name in (one.name for one in each.names):
+            return _assigned(str(each.module), name)
+    raise LookupError(f"{module} has no {name}")
+
+
+@cache
+def tree(module: str) -> ast.Module:
+    """Return the source of a module; of a package its stub."""
+    path = Path(str(getattr(find_spec(module), "origin", "")))
+    stub = path.with_suffix(".pyi")
+    return ast.parse((stub if stub.exists() else path).read_text("utf-8"))
