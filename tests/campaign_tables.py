@@ -4,14 +4,18 @@ import hashlib
 
 import numpy as np
 import pyarrow as pa
-
-from npend_gym.experiments.campaign.parts import read_part
+import pyarrow.parquet as pq
 
 
 def part_of(out, table, task):
     """Return the path of a task's part of a table."""
     (path,) = (out / table).glob(f"{task.place}-*.parquet")
     return path
+
+
+def read_part(path):
+    """Return a part as a pyarrow table, without the columns that its path stands for."""
+    return pq.ParquetFile(path).read()
 
 
 def read_table(out, table, tasks):

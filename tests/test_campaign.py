@@ -13,7 +13,7 @@ import deadly
 import numpy as np
 import psutil
 import pytest
-from campaign_tables import part_of, read_table, table_digest
+from campaign_tables import part_of, read_part, read_table, table_digest
 from scripts import run_python
 
 from npend_gym import Chain, _progress, pseudo_periods
@@ -21,7 +21,7 @@ from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.estimate import duration, estimate
-from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, part_digest, read_part
+from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, part_digest
 from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.experiments.campaign.task import measure_task
 

@@ -6,7 +6,7 @@ import shlex
 
 import numpy as np
 import pytest
-from campaign_tables import part_of
+from campaign_tables import part_of, read_part
 from scipy.special import ellipk
 from test_page import data_of
 
@@ -22,7 +22,6 @@ from npend_gym.experiments import (
     run_release,
     summary_rows,
 )
-from npend_gym.experiments.campaign.parts import read_part
 from npend_gym.recording import record_first_trials, record_release
 from npend_gym.report import player, release_page, release_tables
 

@@ -128,19 +128,15 @@ def _text(value: Any) -> Any:
     return " ".join(map(str, value)) if isinstance(value, tuple) else value  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
 
 
-def failure_rows(analysis: Analysis) -> list[dict[str, Any]]:
-    """Return a row for every failed task, with its error."""
-    return [{"task": key, "error": text} for key, text in analysis.status.failed.items()]
-
-
 def tables(analysis: Analysis) -> dict[str, list[dict[str, Any]]]:
     """Return the rows of all tables, by the table's name."""
+    failed = analysis.status.failed
     return {
         "cells": cell_rows(analysis),
         "fits": fit_rows(analysis),
         "residuals": residual_rows(analysis),
         "outliers": [asdict(outlier) for outlier in analysis.statistics.outliers],
-        "failures": failure_rows(analysis),
+        "failures": [{"task": key, "error": text} for key, text in failed.items()],
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -230,8 +230,3 @@ def _check_releases(plan: CampaignPlan, task: Task, columns: dict[str, NDArray[A
         if not each.all():
             row = int(np.argmin(each))
             raise ValueError(f"its {name} is {columns[name][row]} in row {row}")
-
-
-def read_part(path: Path, columns: Sequence[str] | None = None) -> Any:
-    """Return a part as a pyarrow table, without the columns that its path stands for."""
-    return pq.ParquetFile(path).read(columns=columns)
