@@ -240,7 +240,7 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
                 lw=1,
             )
         axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02), xscale="log")
-        axes.set_xticks([0.1, 0.3, 1.0, 3.0], ["0.1", "0.3", "1", "3"])
+        axes.set_xticks([0.01, 0.1, 1.0, 10.0], ["0.01", "0.1", "1", "10"])
         axes.minorticks_off()
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     figure.axes[0].set_ylabel("success of training episodes, with noise")
