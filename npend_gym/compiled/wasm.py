@@ -177,7 +177,7 @@ def _retargeted(text: str, layout: str) -> str:
     """
     for name, value in {"datalayout": layout, "triple": _TRIPLE}.items():
         text = re.sub(rf'^target {name} = ".*"', f'target {name} = "{value}"', text, flags=_LINES)
-    counting = r"(^define linkonce_odr [^\n]*@NRT_(?:inc|dec)ref\([^\n]*\{\n).*?\n\}"
+    counting = r"(^define (?:linkonce_odr|internal) [^\n]*@NRT_(?:inc|dec)ref\([^\n]*\{\n).*?\n\}"
     text = re.sub(counting, r"\1  ret void\n}", text, flags=_LINES | re.DOTALL)
     # a call would need a stack, for what is returned
     text = re.sub(r"^(attributes [^\n]*)\bnoinline\b", r"\1alwaysinline", text, flags=_LINES)
