@@ -20,11 +20,13 @@ from __future__ import annotations
 from itertools import count
 from typing import Any
 
-from llvmlite.binding import parse_assembly
+from llvmlite import binding
 from numba.core import compiler
 from numba.core.codegen import JITCodeLibrary
 
 _NUMBERS = count()
+# LLVM's older passes, of Numba before 0.62, need all that Numba does
+_NEW_PASSES = hasattr(binding, "create_pass_builder")
 
 
 class Flags(compiler.Flags):
@@ -54,12 +56,8 @@ class _Library(JITCodeLibrary):
         ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
-        made: Any = self._codegen._module_pass_manager()
-        if isinstance(made, tuple):
-            passes, builder = made
-            passes.run(self._final_module, builder)
-        else:  # Numba before 0.62
-            super()._optimize_final_module()
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
 
 
 class _KernelLibrary(_Library):
@@ -99,7 +97,7 @@ class _InnerLibrary(_Library):
         self._finalize_dynamic_globals()
         for variable in self._final_module.global_variables:
             if variable.name.startswith("_ZN08NumbaEnv"):  # Numba writes an address there
-                stub = parse_assembly(f'@"{variable.name}" = common global i64 0')
+                stub = binding.parse_assembly(f'@"{variable.name}" = common global i64 0')
                 self._codegen._add_module(stub)
         self._finalized = True
 
@@ -125,7 +123,7 @@ class KernelCompiler(compiler.Compiler):
         self, typing: Any, target: Any, library: Any, args: Any, returns: Any, flags: Any,
         local_types: Any,
     ) -> None:  # fmt: skip
-        if library is None:
+        if library is None and _NEW_PASSES:
             name = f"{self.library_class.__name__}_{next(_NUMBERS)}"
             library = self.library_class(target.codegen(), name)
             library.enable_object_caching()

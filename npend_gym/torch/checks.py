@@ -137,7 +137,7 @@ def clipped_action(
     if config.action_space.shape == ():  # discrete
         if not isinstance(action, Tensor):
             raise TypeError(f"action must be a tensor of torch, got {_checks.show(action)}")
-        chosen = checked_action(action.cpu().numpy(), shape, table)
+        chosen = checked_action(action.detach().cpu().numpy(), shape, table)
         return torch.from_numpy(np.zeros(shape) if chosen is None else chosen).to(device)
     given = check_tensor("action", action, shape, device)
     if given.dtype != dtype:

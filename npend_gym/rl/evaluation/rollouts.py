@@ -112,10 +112,16 @@ class Lanes:
 
 
 def _joined(results: Sequence[tuple[Any, ...]]) -> Any:
-    """Return what several environments returned as one, with the keys of info that all have."""
+    """Return what several environments returned as one.
+
+    Of info it has the keys that all of them have, in one shape: what is drawn differs in number.
+    """
     *arrays, infos = zip(*results, strict=True)
-    common = [key for key in infos[0] if all(key in info for info in infos)]
-    info = {key: np.concatenate([each[key] for each in infos]) for key in common}
+    info = dict[str, Any]()
+    for key in infos[0]:
+        parts = [each[key] for each in infos if key in each]
+        if len(parts) == len(infos) and len({part.shape[1:] for part in parts}) == 1:
+            info[key] = np.concatenate(parts)
     return *map(np.concatenate, arrays), info
 
 
