@@ -135,9 +135,9 @@ def clipped_action(
     """Return actions, (count, joints) float64 within +-1, or say what is wrong with them."""
     shape, table = (count, config.joints.size), config.action_table
     if config.action_space.shape == ():  # discrete
-        if not isinstance(action, Tensor):
-            raise TypeError(f"action must be a tensor of torch, got {_checks.show(action)}")
-        chosen = checked_action(action.detach().cpu().numpy(), shape, table)
+        if not isinstance(action, Tensor) or action.is_floating_point():
+            raise TypeError(f"action must be a tensor of integers, got {_checks.show(action)}")
+        chosen = checked_action(action.cpu().numpy(), shape, table)
         return torch.from_numpy(np.zeros(shape) if chosen is None else chosen).to(device)
     given = check_tensor("action", action, shape, device)
     if given.dtype != dtype:
