@@ -308,9 +308,18 @@ PTX = """
 import json
 import numpy as np
 from npend_gym import Chain
-from npend_gym.physics.gpu import example_arguments, kernel_for
+from npend_gym.physics.gpu import SHORT, kernel_for
 from npend_gym.physics.gpu_derivatives import adjoint_kernel
 from npend_gym.physics.kernels import threads
+from npend_gym.physics.kernels.link_terms import count_terms
+
+def arguments(chains, dtype):
+    n = chains.masses.shape[1]
+    shapes = threads.storage_shapes(n, count_terms(chains), 1) if n > SHORT else []
+    return [
+        *np.zeros((3, 1, n), dtype), np.zeros(1, dtype), chains.stacked().astype(dtype),
+        *np.array([0.01, 1.0, 0.0], dtype), *(np.zeros(shape, dtype) for shape in shapes),
+    ]
 
 chains = {
     "bobs 2": Chain.uniform(2), "bobs 30": Chain.uniform(30),
@@ -321,7 +330,7 @@ wanted = [(name, "float64") for name in chains] + [("bobs 2", "float32")]
 texts = {}
 for name, dtype in wanted:
     rows = chains[name].repeated(1)
-    texts[f"{name} {dtype}"] = kernel_for(rows, dtype).ptx(*example_arguments(rows, 1, dtype))
+    texts[f"{name} {dtype}"] = kernel_for(rows, dtype).ptx(*arguments(rows, dtype))
 numbers = [np.zeros((2, 3)) for _ in range(6)]
 numbers += [np.zeros((2, 12, 3)), np.zeros(2), np.zeros((1, 12, 3)), *np.ones(3)]
 numbers += [np.zeros(shape) for shape in threads.adjoint_shapes(3, 3, 2, 1)]

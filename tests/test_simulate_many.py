@@ -168,6 +168,11 @@ def test_many_motions_come_back_from_a_file(tmp_path, starts):
         again = npend_gym.Trajectory.load(tmp_path / "b.npz")
         assert_same(again.t_events, each.t_events)
         assert_same(again.theta_events, each.theta_events)
+    stop = Event("angle", 0, -1.0, terminal=True)
+    ended = simulate(DOUBLE, [[2.0, 1.0], [0.1, 0.1]], 0.0, TIMES, events=stop)
+    assert ended.status.tolist() == [1, 0]
+    ended.save(tmp_path / "d.npz")
+    np.testing.assert_array_equal(npend_gym.Trajectory.load(tmp_path / "d.npz").theta, ended.theta)
     chains = [DOUBLE, Chain([1.0, 2.0], [1.0, 1.0])]
     simulate(chains, np.ones((2, 2)), 0.0, TIMES).save(tmp_path / "c.npz")
     assert npend_gym.Trajectory.load(tmp_path / "c.npz").chains == tuple(chains)

@@ -12,9 +12,9 @@ from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.energy import energy
-from npend_gym.physics.equations import states_of
+from npend_gym.physics.equations import States, states_of
 from npend_gym.physics.kernels.drive import Flips
-from npend_gym.physics.many import Packs, packs_of
+from npend_gym.physics.motion import pack_of, packs_of
 
 
 def flip_times(
@@ -89,11 +89,11 @@ def flip_times(
         reaches = energy(chain, q[:, :n], u[:, :n]) >= needed
     followed = np.flatnonzero(~over & reaches)
     loads = np.zeros((followed.size, states.loads.shape[-1]))
-    packs = Packs(states.mechanism, np.hstack([q, u])[followed], loads, settings)
+    started = States(states.mechanism, q[followed], u[followed], loads)
 
     def follow(members: slice, call: Call) -> None:
         flips = Flips(n, np.full(WIDTH, np.nan))
-        packs.motion(members).follow(0.0, duration, flips, call)
+        pack_of(started, members, settings).follow(0.0, duration, flips, call)
         times[followed[members]] = flips.instants[: members.stop - members.start]
 
     if followed.size:

@@ -14,7 +14,7 @@ from npend_gym.chain import Chain
 from npend_gym.chaos.variations import count_parts, fastest_rate, motion_of, tangents
 from npend_gym.physics import mass_matrix, simulate
 from npend_gym.physics.motion import Motion
-from npend_gym.physics.sensitivities import carry, changes_of
+from npend_gym.physics.sensitivities import carry
 
 STEP = 0.1  # between the instants of `Growth`, in radians of the fastest normal mode
 
@@ -132,7 +132,7 @@ def log_growth(
     vectors /= np.linalg.norm(vectors)
     vectors /= scale
     times, logarithm, total = step * np.arange(count + 1.0), np.zeros(count + 1), 0.0
-    carried, done = carry(motion, times, changes_of(motion, vectors)), 0
+    carried, done = carry(motion, times, vectors), 0
     for mark in progress([count * k // 100 for k in range(1, 101)]):
         while done < mark:
             span, frames, _ = next(carried)

@@ -15,7 +15,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
 from npend_gym.chaos.variations import fastest_rate, loses_energy, motion_of, record
 from npend_gym.physics import mass_matrix, momentum_jacobian
-from npend_gym.physics.sensitivities import carry, changes_of
+from npend_gym.physics.sensitivities import carry
 
 MAX_RODS = 500  # each orthogonalisation takes O(n^3) operations: a second of them
 _STEPS = 16  # between two orthogonalisations, where no vector shrinks much
@@ -123,7 +123,7 @@ def lyapunov_spectrum(
     vectors = np.ascontiguousarray(solve(_metric(chain, start, unit), basis).T)
     steps = _DAMPED_STEPS if loses_energy(chain) else _STEPS
     ends = np.array([0.0, duration])
-    carried = carry(motion, ends, changes_of(motion, vectors), steps)
+    carried = carry(motion, ends, vectors, steps=steps)
     sums, times, history = np.zeros(count), np.empty(samples), np.empty((samples, count))
     time = 0.0
     for k, instant in enumerate(progress(instants)):

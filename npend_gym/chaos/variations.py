@@ -17,8 +17,7 @@ from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.integration import check_times
 from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.motion import Motion
-from npend_gym.physics.recipe import motion_of as motion_from
-from npend_gym.physics.sensitivities import carry, changes_of
+from npend_gym.physics.sensitivities import carry
 from npend_gym.physics.start import Start
 from npend_gym.theory.modes import decay_rate
 
@@ -89,7 +88,7 @@ def tangents(
             f"vectors must be float64 of shape (D, {size}), got {vectors.dtype} {vectors.shape}"
         )
     instants, steps = check_times(times, chain.n), _checks.count("steps", steps)
-    carried = carry(motion, instants, changes_of(motion, vectors), steps)
+    carried = carry(motion, instants, vectors, steps=steps)
     return ((where, frames) for where, frames, _ in carried)
 
 
@@ -109,11 +108,9 @@ def motion_of(
     settings = check_settings("dop853", rtol, 0.01 * rtol, _LONGEST / rate)
     start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     drives = {"torque": None, "force": 0.0, "pivot_acceleration": pivot_acceleration}
-    started = Start((chain,), *start, drives, {"stretch": None}, begin, one=True)
-    q, u = started.q[0], started.u[0]
-    recipe = started.recipe(settings, 0)
-    motion = motion_from(started.mechanism, np.concatenate([q, u]), begin, recipe)
-    motion.drives.check_time_alone(begin, q, u)
+    started = Start((chain,), *start, drives, {"stretch": None}, begin, settings, one=True)
+    motion = started.motion(slice(0, 1), packed=False)
+    motion.drives.check_time_alone(begin, *np.split(motion.state, 2))
     return motion
 
 

@@ -7,10 +7,9 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.physics.functions import NAMES
-from npend_gym.physics.mechanism import AXIAL, PIVOT, mechanism_of
+from npend_gym.physics.mechanism import mechanism_of
 from npend_gym.physics.motion import Motion
-from npend_gym.physics.recipe import AT_REST, Function, motion_of
+from npend_gym.physics.recipe import AT_REST, motion_of
 from npend_gym.physics.signals import varies
 from npend_gym.physics.trajectory import Trajectory
 
@@ -37,9 +36,9 @@ def at(trajectory: Trajectory, times: ArrayLike) -> tuple[FloatArray, FloatArray
     The polynomials on the steps that were taken, of order 7 for "dop853" and 3 for "rk4". The
     first call integrates once more and keeps the steps, eight states for each.
     """
-    states, n = _states(trajectory, times), trajectory.chain.n
-    half = states.shape[-1] // 2
-    return states[..., :n].copy(), states[..., half : half + n].copy()
+    q, u = _halves(trajectory, times)
+    n = trajectory.chain.n
+    return q[..., :n].copy(), u[..., :n].copy()
 
 
 def cart_at(trajectory: Trajectory, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -52,14 +51,24 @@ def cart_at(trajectory: Trajectory, times: ArrayLike) -> tuple[FloatArray, Float
     """
     if trajectory.position is None or trajectory.chain.base is None:
         raise ValueError("cart_at() needs a trajectory of a chain with base=Cart(mass)")
-    states, n = _states(trajectory, times), trajectory.chain.n
-    return states[..., n].copy(), states[..., states.shape[-1] // 2 + n].copy()
+    q, u = _halves(trajectory, times)
+    n = trajectory.chain.n
+    return q[..., n].copy(), u[..., n].copy()
 
 
-def _states(trajectory: Trajectory, times: ArrayLike) -> FloatArray:
+def _halves(trajectory: Trajectory, times: ArrayLike) -> list[FloatArray]:
+    """Return the coordinates and their rates at any instants."""
     if trajectory.theta.ndim > 2:
-        return np.array([states_at(trajectory[k], times) for k in range(len(trajectory))])
-    return states_at(trajectory, times)
+        each = [states_at(trajectory[k], times) for k in range(len(trajectory))]
+        return np.split(np.array(each), 2, axis=-1)
+    return np.split(states_at(trajectory, times), 2, axis=-1)
+
+
+def state_of(trajectory: Trajectory, k: int) -> FloatArray:
+    """Return the coordinates, then their rates, at ``times[k]`` of one motion, (2m,)."""
+    names = "theta", "position", "stretch", "omega", "velocity", "stretch_rate"
+    parts = (getattr(trajectory, name) for name in names)
+    return np.concatenate([np.atleast_1d(part[k]) for part in parts if part is not None])
 
 
 def retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
@@ -70,27 +79,14 @@ def retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
     ValueError
         If `simulate` did not make it on this machine's processor, or a function was lost.
     """
-    recipe, chain = trajectory.recipe, trajectory.chain
+    recipe = trajectory.recipe
     if recipe is None:
         raise ValueError(
             "at() and derivatives need a trajectory made by simulate(), which knows how its steps "
             "were taken"
         )
-    for name in NAMES:
-        each = getattr(recipe, name)
-        if isinstance(each, Function) and each.function is None:
-            each()
-    accelerated = recipe.pivot_acceleration
-    if varies(accelerated):
-        accelerated = AT_REST
-    mechanism = mechanism_of([chain], accelerated)
-    parts = [[trajectory.theta], [trajectory.omega]]
-    for names in (PIVOT, AXIAL):
-        for row, name in zip(parts, names, strict=True):
-            value = getattr(trajectory, name)
-            if value is not None:
-                row.append(value if value.ndim == 2 else value[:, None])
-    state = np.concatenate([each[0] for row in parts for each in row])
+    accelerated, state = recipe.pivot_acceleration, state_of(trajectory, 0)
+    mechanism = mechanism_of([trajectory.chain], AT_REST if varies(accelerated) else accelerated)
     return motion_of(mechanism, state, float(trajectory.times[0]), recipe), state
 
 

@@ -14,11 +14,11 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.directions import (
+    KINDS,
     Kind,
     by_names,
     check_directions,
     check_names,
-    kind_of,
 )
 from npend_gym.physics.ensemble import Ensemble
 from npend_gym.physics.kernels.layout import MAX_SPEED, Rod
@@ -201,7 +201,7 @@ class DifferentiableEnsemble(Ensemble):
 
     @property
     def _kind(self) -> Kind:
-        return kind_of(self._memory.arrays[2])
+        return KINDS[len(self._memory.arrays[2] or ())]
 
     def _inputs(self, parameters: Mapping[str, ArrayLike] | None) -> tuple[FloatArray, ...]:
         """Return unit changes of all states, then of all torques, and of the parameters as given.

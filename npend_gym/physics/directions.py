@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
-from npend_gym.physics.kernels.layout import Model
 from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, Parameter
 from npend_gym.physics.kernels.springs import AXIAL_DAMPING, STIFFNESS, SpringArrays
 from npend_gym.physics.kernels.tensions import ChainArrays
@@ -24,21 +23,14 @@ _DIFFERENTIABLE: dict[Any, tuple[str, ...]] = {
     LinkArrays: ("masses", "lengths", "gravity", "damping", "centres", "inertias"),
     MachineArrays: ChainParameters._fields,
 }
-# by the number of arrays in the model, `count_terms`
+# By the number of arrays in the model, `count_terms`
 KINDS: dict[int, Kind] = {0: ChainArrays, 1: LinkArrays, 3: MachineArrays}
-
-
 _ROWS = Parameter._asdict() | {"stiffness": STIFFNESS, "axial_damping": AXIAL_DAMPING}
 
 
 def row_count(kind: Kind) -> int:
     """Return how many rows of parameters kernels have for this kind of chains."""
     return len(_ROWS) if kind is SpringArrays else len(ChainParameters._fields)
-
-
-def kind_of(model: Model) -> Kind:
-    """Return the kind of chains that have this model."""
-    return KINDS[len(model or ())]
 
 
 def check_names(names: Iterable[str], kind: Kind) -> list[str]:

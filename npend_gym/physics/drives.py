@@ -14,9 +14,9 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import Callback
-from npend_gym.physics.functions import NAMES, compiled_writer, python_writer, takes_time_alone
-from npend_gym.physics.kernels.driven import AFTER_TORQUES, Driven, Sampled, Torque
-from npend_gym.physics.signals import Signal, TimeVarying, varies
+from npend_gym.physics.functions import NAMES, callback_of, called, takes_time_alone
+from npend_gym.physics.kernels.driven import Driven, Sampled, Torque
+from npend_gym.physics.signals import Signal, TimeVarying
 
 
 class Drives:
@@ -53,16 +53,6 @@ class Drives:
                 f"{' and '.join(functions)} alone; a function may call a Signal"
             )
 
-    @property
-    def constant(self) -> bool:
-        """Whether nothing changes in time."""
-        return not self.varying
-
-    @property
-    def constants(self) -> FloatArray:
-        """What acts where nothing changes in time, as kernels take it."""
-        return self.fixed[: self._loads].copy()
-
     def check_time_alone(self, t: float, q: FloatArray, u: FloatArray) -> None:
         """Refuse functions that depend on the state: their derivatives are not known."""
         for name, each in self.varying.items():
@@ -87,7 +77,7 @@ class Drives:
         scalar = self.check_functions(t, q, u)
         if self.varying and not any(isinstance(each, Signal) for each in self.varying.values()):
             kept, key = {} if kept is None else kept, (self.fixed.tobytes(), scalar)
-            self._callback = kept.get(key) or self._new_callback(scalar=scalar)
+            self._callback = kept.get(key) or callback_of(self.varying, self.fixed, scalar=scalar)
             if self._callback.compiled:  # one in Python keeps what it raised
                 kept[key] = self._callback
 
@@ -109,25 +99,9 @@ class Drives:
             scalar = scalar and (name != "torque" or value.ndim == 0)
         return scalar
 
-    def _new_callback(self, *, scalar: bool) -> Callback:
-        """Return the functions as kernels call them, as machine code where that is possible."""
-        writer = compiled_writer(self.varying, self.fixed, scalar=scalar)
-        called = writer or python_writer(self.varying, self.fixed, scalar=scalar)
-        return Callback(called, AFTER_TORQUES, compiled=writer is not None)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return what changes in time, in words, ready for JSON."""
-        how = "compiled" if self._callback is None or self._callback.compiled else "in Python"
-        return {
-            name: f"{len(np.asarray(each.values))} samples, {each.kind}"
-            if isinstance(each, Signal)
-            else f"function {getattr(each, '__name__', type(each).__name__)}, {how}"
-            for name, each in self.varying.items()
-        }
-
     def at(self, times: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
         """Return what acts at instants (S,) in states (S, m) each, (S, n + AFTER_TORQUES)."""
-        values, places = np.tile(self.fixed, (times.size, 1)), _slots(self.n)
+        values, places = np.tile(self.fixed, (times.size, 1)), slots(self.n)
         for name, each in self.varying.items():
             for k, t in enumerate(times):
                 if isinstance(each, Signal):
@@ -139,8 +113,8 @@ class Drives:
 
     def pieces(self, begin: float, end: float) -> Iterator[tuple[FloatArray, Torque]]:
         """Yield intervals within which nothing jumps, and what acts there, from begin to end."""
-        whole, loads = np.array([begin, end]), self.constants
-        if self.constant:
+        whole, loads = np.array([begin, end]), self.fixed[: self._loads].copy()
+        if not self.varying:
             if end > begin:
                 yield whole, loads
             return
@@ -163,13 +137,10 @@ class Drives:
     def _line(self, begin: float, signals: dict[str, Signal], loads: FloatArray) -> Sampled:
         """Return the straight lines on which the signals run from an instant on."""
         line = np.array([self.fixed, np.zeros_like(self.fixed)])
-        places = _slots(self.n)
+        places = slots(self.n)
         for name, each in signals.items():
-            times, (values, slopes) = np.asarray(each.times), each.lines()
-            k = min(int(np.searchsorted(times, begin, side="right")) - 1, times.size - 2)
-            of_values, of_slopes = line[:, places[name]][:, : values.shape[1]]
-            of_values[:] = values[k] + (begin - times[k]) * slopes[k]
-            of_slopes[:] = slopes[k]
+            value, slope = each.line(begin)
+            line[:, places[name]][:, : value.size] = value, slope
         return Sampled(begin, line, loads)
 
     @contextmanager
@@ -236,29 +207,10 @@ def _check_width(name: str, given: Signal, shapes: tuple[tuple[int, ...], ...]) 
 def _called(
     name: str, function: Callable[..., Any], t: float, q: FloatArray, u: FloatArray
 ) -> FloatArray:
-    """Return what a function says, or a ValueError that names it."""
     late = name != "torque" and takes_time_alone(function)
-    try:
-        return np.asarray(function(t) if late else function(t, q.copy(), u.copy()), float)
-    except Exception as error:
-        raise ValueError(f"{name} raised {type(error).__name__} at t = {t:g} s: {error}") from error
+    return called(name, function, t, *(() if late else (q, u)))
 
 
-def _slots(n: int) -> dict[str, slice]:
+def slots(n: int) -> dict[str, slice]:
     """Return where each drive stands in what kernels are given, by NAMES."""
     return dict(zip(NAMES, (slice(n), slice(n, n + 1), slice(n + 1, n + 3)), strict=True))
-
-
-def drives_of(n: int, moves: bool, given: dict[str, Any]) -> Drives:
-    """Return the drives of one motion; constants among those `given` by NAMES are checked.
-
-    `moves` says whether the base does.
-    """
-    fixed, varying = np.zeros(n + AFTER_TORQUES), dict[str, TimeVarying]()
-    places = _slots(n)
-    for name, value in given.items():
-        if varies(value):
-            varying[name] = value
-        elif value is not None:
-            fixed[places[name]] = value
-    return Drives(n, fixed, varying, n + moves)

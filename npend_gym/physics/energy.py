@@ -79,10 +79,15 @@ def kinetic_from(chain: Chain | ChainParameters, s: Any, c: Any, omega: Any, *, 
     energy = 0.5 * (chain.masses * (horizontal**2 + vertical**2)).sum(-1)
     if bobs:
         return energy
+    turning = (chain.inertias * omega**2).sum(-1) + _rotors(chain, omega).sum(-1)
+    return energy + 0.5 * turning
+
+
+def _rotors(chain: Any, omega: Any) -> Any:
+    """Return twice the kinetic energy of each rotor [J], arrays or tensors (..., n)."""
     above = 0.0 * omega
     above[..., 1:] = omega[..., :-1]
-    rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
-    return energy + 0.5 * ((chain.inertias * omega**2).sum(-1) + rotors.sum(-1))
+    return chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
 
 
 def potential_energy(chain: Chain | ChainParameters, theta: FloatArray) -> FloatArray:
@@ -111,17 +116,12 @@ def energy_of_links(
     chain: Chain | ChainParameters, theta: FloatArray, omega: FloatArray
 ) -> FloatArray:
     """Return the energy of each link with its rotor [J], shape (..., n); their sum is `energy`."""
-    s, c = sincos(theta)
-    back = chain.centres - chain.lengths
-    vx = np.cumsum(chain.lengths * c * omega, axis=-1) + back * omega * c
-    vy = np.cumsum(chain.lengths * s * omega, axis=-1) + back * omega * s
-    above = np.concatenate([np.zeros_like(omega[..., :1]), omega[..., :-1]], axis=-1)
-    rotors = chain.armature * ((1.0 / chain.gear - 1.0) * above + omega) ** 2
-    turning = chain.inertias * omega**2 + rotors
+    moving = chain.masses * (centre_velocities(chain, theta, omega) ** 2).sum(axis=-1)
+    turning = chain.inertias * omega**2 + _rotors(chain, omega)
     risen = 2.0 * chain.lengths * sincos(0.5 * theta)[0] ** 2  # 1 - cos theta, for small angles too
+    back = chain.centres - chain.lengths
     height = np.cumsum(risen, axis=-1) + back / chain.lengths * risen
-    weight = chain.masses * chain.gravity
-    return 0.5 * (chain.masses * (vx**2 + vy**2) + turning) + weight * height
+    return 0.5 * (moving + turning) + chain.masses * chain.gravity * height
 
 
 def sincos(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -178,8 +178,8 @@ def velocities_of_motion(
     chain: Chain,
     theta: FloatArray,
     omega: FloatArray,
-    stretch: FloatArray | None,
-    rate: FloatArray | None,
+    stretch: FloatArray | None = None,
+    rate: FloatArray | None = None,
 ) -> FloatArray:
     """Return the velocities of bobs, those of springs too, relative to the pivot [m/s]."""
     if stretch is None or rate is None:

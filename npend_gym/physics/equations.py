@@ -9,7 +9,7 @@ as few operations by `npend_gym.physics.kernels.links`.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,18 +115,19 @@ def assembled(
                     f"{name} is that of a cart: the chain must have base=Cart(mass), got "
                     f"{_checks.show(value)}"
                 )
-    q, u, loads, speed = [angles], [speeds], torques, np.zeros((*leading, 0))
+    q, u, loads = [angles], [speeds], torques
     if places:
-        shape = (*leading, places)
-        place, speed = (_of_base(name, given[name], shape) for name in ("position", "velocity"))
+        for half, name in ((q, "position"), (u, "velocity")):
+            half.append(_of_base(name, given[name], (*leading, places)))
         pushed = _checks.broadcast("force", force, leading) if places == 1 else np.zeros(leading)
-        q, u = [*q, place], [*u, speed]
         loads = np.concatenate([torques, pushed[..., None]], axis=-1)
-    own = check_axial_start(chain, stretch, stretch_rate, angles.shape)
-    if own is None and chain.stiffness is not None:
-        own = slow_start(chain, angles, speeds, torques, force, speed, accelerated)
-    if own is not None:
-        q, u = [*q, own[0]], [*u, own[1]]
+    axial = check_axial_start(chain, stretch, stretch_rate, angles.shape)
+    if chain.stiffness is not None:
+        if axial is None:
+            rigid = mechanism._replace(springs=None)
+            first, second = (np.concatenate(half, axis=-1) for half in (q, u))
+            axial = slow_start(chain, States(rigid, first, second, loads))
+        q, u = [*q, axial[0]], [*u, axial[1]]
     return States(mechanism, np.concatenate(q, axis=-1), np.concatenate(u, axis=-1), loads)
 
 
@@ -258,41 +259,26 @@ def _joint_forces(chain: Chain, states: States, alpha: FloatArray) -> FloatArray
     return -np.sum(hanging * along, axis=-1)
 
 
-def slow_start(
-    chain: Chain,
-    theta: FloatArray,
-    omega: FloatArray,
-    torque: FloatArray,
-    force: ArrayLike = 0.0,
-    velocity: FloatArray | None = None,
-    accelerated: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
+def slow_start(chain: Chain, rigid: States) -> tuple[FloatArray, FloatArray]:
     """Return the stretch and its rate with which springs follow rigid rods, and do not ring.
 
-    They carry the tensions T of rigid rods in the same state: stretch T/k, its rate T'/k. What is
-    left of vibration along the rods decreases as 1/k^2.
+    They carry the tensions T that rigid rods have in these states: stretch T/k, its rate T'/k. What
+    is left of vibration along the rods decreases as 1/k^2.
     """
-    own = chain.as_dict()
-    rigid = Chain.from_dict({k: own[k] for k in own if k not in ("stiffness", "axial_damping")})
-    more: dict[str, Any] = {"pivot_acceleration": accelerated}
-    if chain.base is not None and velocity is not None:
-        more = {"force": force, "velocity": velocity[..., 0]}
-    states = assembled(rigid, theta, omega, torque, **more)
-    tension, alpha = _tensions(rigid, states), _solve(states)[0][..., : chain.n]
+    n = chain.n
+    omega, alpha = rigid.u[..., :n], _solve(rigid)[0][..., :n]
     pace = np.maximum(np.abs(omega), np.sqrt(np.abs(alpha))).max(axis=-1, keepdims=True)
     h = _DIFFERENCE / np.where(pace > 0.0, pace, 1.0)
-    after, before = (
-        _tensions(
-            rigid,
-            assembled(
-                rigid, theta + (s * omega + 0.5 * s * s * alpha), omega + s * alpha, torque, **more
-            ),
-        )
-        for s in (h, -h)
-    )
+
+    def tensions_after(s: FloatArray) -> FloatArray:
+        q, u = rigid.q.copy(), rigid.u.copy()
+        q[..., :n] += s * omega + 0.5 * s * s * alpha
+        u[..., :n] += s * alpha
+        return _tensions(chain, rigid._replace(q=q, u=u))
+
     stiffness = np.asarray(chain.stiffness)
-    rate = (after - before) / (2.0 * h) / stiffness
-    stretch = (tension - chain.axial_damping * rate) / stiffness
+    rate = (tensions_after(h) - tensions_after(-h)) / (2.0 * h) / stiffness
+    stretch = (_tensions(chain, rigid) - chain.axial_damping * rate) / stiffness
     check_lengths(chain, stretch, "; give stretch, or more stiffness")
     return stretch, rate
 

@@ -13,7 +13,8 @@ from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.motion import Steps
+from npend_gym.physics.functions import called
+from npend_gym.physics.motion import TakenSteps
 
 QUANTITIES = ("angle", "angular_velocity", "velocity", "height", "energy", "flip")
 _PARTS = 4  # of a step, at whose ends the sign is looked at
@@ -75,10 +76,9 @@ class Event:
     def of(self, chain: Chain, q: FloatArray, u: FloatArray) -> FloatArray:
         """Return the quantity less `value` in states (..., m) of all coordinates, shape (...)."""
         i, n = self.rod, chain.n
-        theta, omega = q[..., :n], u[..., :n]
-        rods: Any = chain
+        theta, omega, axial = q[..., :n], u[..., :n], ()
         if chain.stiffness is not None:
-            rods = _energy.stretched(chain, q[..., -n:])
+            axial = q[..., -n:], u[..., -n:]
         if self.quantity == "angle":
             found = theta[..., i]
         elif self.quantity == "angular_velocity":
@@ -86,11 +86,9 @@ class Event:
         elif self.quantity == "flip":
             return np.cos(0.5 * theta[..., i])
         elif self.quantity == "velocity":
-            moving = _energy.velocities(rods, theta, omega)
-            if chain.stiffness is not None:
-                moving = moving + _energy.stretching(chain, theta, u[..., -n:])
-            found = moving[..., i, 0]
+            found = _energy.velocities_of_motion(chain, theta, omega, *axial)[..., i, 0]
         elif self.quantity == "height":
+            rods = _energy.stretched(chain, axial[0]) if axial else chain
             found = _energy.positions(rods, theta)[..., i, 1]
         else:
             found = _energy.energy_of_links(chain, theta, omega)[..., i]
@@ -116,34 +114,39 @@ class Occurrence(NamedTuple):
 
 
 class Watch:
-    """Looks for events in steps that come one after another."""
+    """Looks for events in steps that come one after another.
 
-    def __init__(self, events: list[Watched], chain: Chain) -> None:
-        self._events, self._n = events, chain.n
-        self._found: list[list[Occurrence]] = [[] for _ in events]
-        self._ended = False
+    Attributes
+    ----------
+    end : Occurrence or None
+        The first terminal one, after which nothing is kept.
+    """
 
-    def look(self, steps: Steps) -> Occurrence | None:
-        """Keep the events in some steps; return the first terminal one."""
-        new = [occurrences(event, steps) for event in self._events]
-        last = [
-            found[0] for event, found in zip(self._events, new, strict=True)
-            if event.terminal and found
-        ]  # fmt: skip
-        end = min(last, key=lambda each: each.time, default=None)
-        for kept, found in zip(self._found, new, strict=True):
-            kept += [each for each in found if end is None or each.time <= end.time]
-        self._ended = end is not None
-        return end
+    def __init__(self, events: Any, chain: Chain) -> None:
+        self._events, self._n = watched(events, chain), chain.n
+        self._found: list[list[Occurrence]] = [[] for _ in self._events]
+        self.end: Occurrence | None = None
 
-    def as_dict(self) -> dict[str, Any]:
+    def look(self, steps: TakenSteps) -> bool:
+        """Keep the events in some steps; return whether a terminal one is among them."""
+        for part in steps.parts(max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])):
+            new = [_occurrences(event, part) for event in self._events]
+            last = [found[0] for event, found in zip(self._events, new, strict=True)
+                    if event.terminal and found]  # fmt: skip
+            self.end = end = min(last, key=lambda each: each.time, default=None)
+            for kept, found in zip(self._found, new, strict=True):
+                kept += [each for each in found if end is None or each.time <= end.time]
+            if end is not None:
+                return True
+        return False
+
+    def as_dict(self) -> dict[str, list[FloatArray]]:
         """Return what was found, by the names of `Trajectory`."""
         n = self._n
         states = [np.array([each.state for each in found]) for found in self._found]
         halves = [each.reshape(len(each), 2, -1) if each.size else np.zeros((0, 2, n))
                   for each in states]  # fmt: skip
         return {
-            "status": int(self._ended),
             "t_events": [np.array([each.time for each in found]) for found in self._found],
             "theta_events": [half[:, 0, :n] for half in halves],
             "omega_events": [half[:, 1, :n] for half in halves],
@@ -188,8 +191,7 @@ def watched(events: Any, chain: Chain) -> list[Watched]:
 
 
 def _of_event(event: Event, chain: Chain) -> Callable[..., FloatArray]:
-    def values(t: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
-        del t
+    def values(_: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
         return event.of(chain, q, u)
 
     return values
@@ -202,12 +204,7 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
     def values(t: FloatArray, q: FloatArray, u: FloatArray) -> FloatArray:
         found = np.empty(t.shape)
         for at in np.ndindex(t.shape):
-            try:
-                value = np.asarray(event(float(t[at]), q[at].copy(), u[at].copy()), float)
-            except Exception as error:
-                raise ValueError(
-                    f"{name} raised {type(error).__name__} at t = {t[at]:g} s: {error}"
-                ) from error
+            value = called(name, event, float(t[at]), q[at], u[at])
             if value.shape != () or not np.isfinite(value):
                 raise ValueError(
                     f"{name}(t, theta, omega) must return one finite number, got "
@@ -219,13 +216,7 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
     return values
 
 
-def occurrences(event: Watched, steps: Steps) -> list[Occurrence]:
-    """Return the zeros of an event within steps, in order."""
-    size = max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])
-    return [found for part in steps.parts(size) for found in _occurrences(event, part)]
-
-
-def _occurrences(event: Watched, steps: Steps) -> list[Occurrence]:
+def _occurrences(event: Watched, steps: TakenSteps) -> list[Occurrence]:
     """Return the zeros within steps that are looked at together.
 
     The sign is looked at in a few places of each step. A value of zero has no sign: a motion that

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, cast
 
+import numpy as np
+
 from npend_gym._checks import FloatArray
-from npend_gym.compiled.callbacks import Writer, compiled_if_possible
+from npend_gym.compiled.callbacks import Callback, Writer, compiled_if_possible
+from npend_gym.physics.kernels.driven import ACROSS, AFTER_TORQUES, FORCE, UP
 
 NAMES = ("torque", "force", "pivot_acceleration")  # in the order of what kernels are given
 
@@ -27,12 +31,61 @@ def takes_time_alone(function: Any) -> bool:
     return False
 
 
+def called(name: str, function: Any, t: float, *state: FloatArray) -> FloatArray:
+    """Return what a function says at an instant, perhaps in a state.
+
+    Raises
+    ------
+    ValueError
+        That names the function, where it raises an exception.
+    """
+    try:
+        return np.asarray(function(t, *(each.copy() for each in state)), float)
+    except Exception as error:
+        raise ValueError(f"{name} raised {type(error).__name__} at t = {t:g} s: {error}") from error
+
+
+def callback_of(functions: Mapping[str, Any], fixed: FloatArray, *, scalar: bool) -> Callback:
+    """Return functions as kernels call them: as machine code where Numba can compile them all.
+
+    Parameters
+    ----------
+    functions : mapping of str to function
+        By NAMES: of (t, theta, omega), the last two also of t alone.
+    fixed : ndarray, shape (n + AFTER_TORQUES,)
+        What stands where there is no function.
+    scalar : bool
+        Whether the torque is one number, on joint 0.
+    """
+    build = partial(_writer_of, fixed=fixed, scalar=scalar)
+    writer = compiled_if_possible(functions, build)
+    called = build(functions, _itself) if writer is None else writer
+    return Callback(called, AFTER_TORQUES, compiled=writer is not None)
+
+
+def _itself(function: Any) -> Any:
+    return function
+
+
 def _writer_of(
-    functions: Mapping[str, Any], fixed: FloatArray, *, scalar: bool, make: Any
+    functions: Mapping[str, Any], make: Any, *, fixed: FloatArray, scalar: bool
 ) -> Writer:
     """Return one writer of functions of users; `make` is Numba's ``njit``, or leaves them as is."""
-    torque, force, pivot = cast("Any", [functions.get(name) for name in NAMES])
-    n, constants = fixed.size - 3, fixed.copy()
+    n, constants = fixed.size - AFTER_TORQUES, fixed.copy()
+    at_force, at_across, at_up = n + FORCE, n + ACROSS, n + UP
+
+    def of_state(function: Any) -> Any:
+        """Return a function of t alone as one of the state too."""
+        if function is None or not takes_time_alone(function):
+            return function
+
+        def in_time(t, q, u):
+            return function(t)
+
+        return make(in_time)
+
+    torque, *others = cast("Any", [functions.get(name) for name in NAMES])
+    force, pivot = map(of_state, others)
 
     def nothing(t, q, u, out):
         pass
@@ -46,21 +99,14 @@ def _writer_of(
             out[i] = values[i]
 
     def push(t, q, u, out):
-        out[n] = force(t, q, u)
-
-    def push_in_time(t, q, u, out):
-        out[n] = force(t)
+        out[at_force] = force(t, q, u)
 
     def carry(t, q, u, out):
-        out[n + 1], out[n + 2] = pivot(t, q, u)
-
-    def carry_in_time(t, q, u, out):
-        out[n + 1], out[n + 2] = pivot(t)
+        out[at_across], out[at_up] = pivot(t, q, u)
 
     turn = make(nothing if torque is None else one if scalar else each)
-    late = takes_time_alone
-    move = make(nothing if force is None else push_in_time if late(force) else push)
-    shake = make(nothing if pivot is None else carry_in_time if late(pivot) else carry)
+    move = make(nothing if force is None else push)
+    shake = make(nothing if pivot is None else carry)
 
     def write(t, q, u, out):
         for i in range(out.size):
@@ -70,33 +116,3 @@ def _writer_of(
         shake(t, q, u, out)
 
     return make(write)
-
-
-def _itself(function: Any) -> Any:
-    return function
-
-
-def python_writer(functions: Mapping[str, Any], fixed: FloatArray, *, scalar: bool) -> Writer:
-    """Return one writer of functions by name, which Python calls."""
-    return _writer_of(functions, fixed, scalar=scalar, make=_itself)
-
-
-def compiled_writer(
-    functions: Mapping[str, Any], fixed: FloatArray, *, scalar: bool
-) -> Writer | None:
-    """Return the same as machine code; None where Numba cannot compile a function.
-
-    Parameters
-    ----------
-    functions : mapping of str to function
-        By NAMES: of (t, theta, omega), the last two also of t alone.
-    fixed : ndarray, shape (n + 3,)
-        What stands where there is no function.
-    scalar : bool
-        Whether the torque is one number, on joint 0.
-    """
-
-    def build(compiled: Mapping[str, Any], make: Any) -> Writer:
-        return _writer_of(compiled, fixed, scalar=scalar, make=make)
-
-    return compiled_if_possible(functions, build)

@@ -235,16 +235,3 @@ def _kernel(n: int, terms: int, resisted: bool, dtype: str) -> DeviceKernel:
 @cache
 def _clearing(dtype: str) -> DeviceKernel:
     return DeviceKernel(threads.clears(), (), dtype)
-
-
-def example_arguments(
-    chains: ChainParameters, lanes: int = 1, dtype: DTypeLike = np.float64
-) -> list[Any]:
-    """Return arguments for the kernel of these chains, hanging at rest, as arrays of NumPy."""
-    n = chains.masses.shape[1]
-    state = [np.zeros((lanes, n), dtype) for _ in range(3)]
-    rows = [np.zeros(lanes, dtype), chains.stacked().astype(dtype)]
-    shapes = threads.storage_shapes(n, count_terms(chains), lanes) if n > SHORT else []
-    return [
-        *state, *rows, *np.array([0.01, 1.0, 0.0], dtype), *(np.zeros(s, dtype) for s in shapes)
-    ]  # fmt: skip

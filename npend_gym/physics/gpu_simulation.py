@@ -13,13 +13,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_hung
 from npend_gym.physics.arguments import check_limits, check_states, check_torque
 from npend_gym.physics.gpu import DeviceChains
-from npend_gym.physics.integration import (
-    MAX_BYTES,
-    IntegrationError,
-    check_times,
-    count_steps,
-    diverged_text,
-)
+from npend_gym.physics.integration import check_times, count_steps, diverged
 from npend_gym.physics.trajectory import Trajectory
 
 _MAX_LAUNCH = 2**16  # steps in one launch, so that Ctrl-C is heard
@@ -78,18 +72,14 @@ def simulate_on_device(
     states = check_states(n, theta=theta, omega=omega, torque=given)
     check_limits(*states[:2])
     leading, rods = states[0].shape[:-1], states[0].size
-    if 16 * times.size * rods > MAX_BYTES:
-        raise ValueError(
-            f"times must hold at most {MAX_BYTES // (16 * rods)} instants for {rods} rods in all, "
-            f"got {times.size}: simulate them in segments"
-        )
+    check_times(times, rods)
     lanes = [values.reshape(-1, n).T for values in states]
     steps, chains = count_steps(times, dt), DeviceChains(chain, rods // n)
     frames = np.empty((2, times.size, n, rods // n))
     frames[:, 0] = lanes[:2]
     for k, frame in enumerate(_frames(chains, lanes, np.diff(times), steps[1:]), start=1):
         if frame is None:
-            raise IntegrationError(diverged_text(times[k - 1 : k + 1], dt))
+            raise diverged(times[k - 1 : k + 1], dt)
         frames[:, k] = frame
     result = np.moveaxis(frames, 3, 1).reshape(2, *leading, times.size, n)
     arguments = {"method": "rk4", "dt": dt, "torque": given.tolist(), "device": chains.device}

@@ -24,7 +24,7 @@ class IntegrationError(RuntimeError):
 
 
 def check_times(times: ArrayLike, n: int) -> FloatArray:
-    """Return the instants of a trajectory, shape (T,)."""
+    """Return the instants of trajectories that have `n` coordinates in all, shape (T,)."""
     instants = _checks.array("times", times)
     if instants.ndim != 1 or instants.size == 0 or np.any(np.diff(instants) <= 0.0):
         raise ValueError(
@@ -32,25 +32,10 @@ def check_times(times: ArrayLike, n: int) -> FloatArray:
         )
     if 16 * n * instants.size > MAX_BYTES:
         raise ValueError(
-            f"times must hold at most {MAX_BYTES // (16 * n)} instants for {n} rods, "
-            f"got {instants.size}: simulate them in segments"
+            f"times must hold at most {MAX_BYTES // (16 * n)} instants for {n} "
+            f"coordinates in all, got {instants.size}: simulate them in segments"
         )
     return instants
-
-
-def check_fixed_steps(
-    sound: bool,
-    theta: FloatArray,
-    times: FloatArray,
-    done: int,
-    dt: float,
-    *,
-    springs: bool = False,
-) -> None:
-    """Raise an error where `rk4_frames` cannot go on, after it has written `done` frames."""
-    check_angles(theta, float(times[done - 1]))
-    if not sound:
-        raise IntegrationError(diverged_text(times[done - 1 : done + 1], dt) + _NO_LENGTH * springs)
 
 
 def count_steps(times: FloatArray, dt: float) -> NDArray[np.int64]:
@@ -61,12 +46,12 @@ def count_steps(times: FloatArray, dt: float) -> NDArray[np.int64]:
     return np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
 
 
-def diverged_text(interval: FloatArray, dt: float) -> str:
-    """Return what an error says where steps of at most `dt` diverged in an interval."""
+def diverged(interval: FloatArray, dt: float, *, springs: bool = False) -> IntegrationError:
+    """Return the error that steps of at most `dt` diverged in an interval."""
     since, until = interval
-    return (
-        f"the state diverged between t = {since:g} s and {until:g} s: "
-        f'dt = {dt:g} is too long for this chain; shorten it or use method "dop853"'
+    return IntegrationError(
+        f"the state diverged between t = {since:g} s and {until:g} s: dt = {dt:g} is too long for "
+        f'this chain; shorten it or use method "dop853"' + _NO_LENGTH * springs
     )
 
 

@@ -74,8 +74,8 @@ def jacobian(
     >>> physics.jacobian(Chain.uniform(1), [0.0]).round(4).tolist()
     [[0.0, 1.0, 0.0], [-9.81, 0.0, 1.0]]
     """
-    whole = _linearised(chain, theta, omega, torque, range(check_chain(chain).n), more)
-    return np.concatenate(whole, axis=-1)
+    joints = range(check_chain(chain).n)
+    return np.concatenate(linearise(chain, theta, omega, torque, joints, **more), axis=-1)
 
 
 def linearise(
@@ -126,7 +126,19 @@ def linearise(
     >>> physics.linearise(Chain.uniform(2, base=Cart(1.0)), np.pi, joints=()).B.shape
     (6, 1)
     """
-    return _linearised(chain, theta, omega, torque, joints, more)
+    _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
+    wanted = check_inputs(chain, joints)
+    states = states_of(chain, theta, omega, torque, **more)
+    m, mechanism = states.mechanism.size, states.mechanism
+    q, u, loads = states.rows
+    below = np.empty((len(q), m, 2 * m + len(wanted)))
+    mass = mechanism.parameters.masses[0].copy()
+    rates_of_states(
+        q, u, loads, np.array(wanted, np.int64), mechanism.arrays(), mass, new_rates_scratch(m),
+        below,
+    )  # fmt: skip
+    above = np.broadcast_to(np.eye(m, below.shape[-1], k=m), below.shape)  # q' = u
+    return _parted(np.concatenate([above, below], axis=-2), states)
 
 
 def step_jacobian(
@@ -196,30 +208,6 @@ def step_jacobian(
         found = ensemble.step_jacobian(loads[span][:, at], dt, substeps, force=force)
         whole[span] = np.concatenate([found.A, found.B[..., inputs]], axis=-1)
     return _parted(whole, states)
-
-
-def _linearised(
-    chain: Chain,
-    theta: ArrayLike,
-    omega: ArrayLike,
-    torque: ArrayLike | None,
-    joints: Sequence[int],
-    more: StateKeywords,
-) -> Linearisation:
-    """Return the derivatives of the rates in all states: one compiled call."""
-    _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    wanted = check_inputs(chain, joints)
-    states = states_of(chain, theta, omega, torque, **more)
-    m, mechanism = states.mechanism.size, states.mechanism
-    q, u, loads = states.rows
-    below = np.empty((len(q), m, 2 * m + len(wanted)))
-    mass = mechanism.parameters.masses[0].copy()
-    rates_of_states(
-        q, u, loads, np.array(wanted, np.int64), mechanism.arrays(), mass, new_rates_scratch(m),
-        below,
-    )  # fmt: skip
-    above = np.broadcast_to(np.eye(m, below.shape[-1], k=m), below.shape)  # q' = u
-    return _parted(np.concatenate([above, below], axis=-2), states)
 
 
 def _parted(whole: FloatArray, states: States) -> Linearisation:

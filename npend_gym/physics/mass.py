@@ -49,32 +49,29 @@ def mass_matrix(chain: Chain, theta: ArrayLike, *, stretch: ArrayLike | None = N
     [[1.0, 1.0], [1.0, 4.0]]
     """
     n = _checks.count("n", check_chain(chain).n, high=MAX_DENSE)
-    lengths = chain.lengths
+    m, first = chain.coordinates, n + (chain.base is not None)
     if chain.stiffness is None:
         (angles,) = check_states(n, theta=theta)
-        inertia, extent = link_inertia(chain), chain.lift
-        own = inertia * np.cos(differences(angles)) + rotor_inertia(chain)
+        whole, extent = np.zeros((*angles.shape[:-1], m, m)), chain.lift
+        own = link_inertia(chain) * np.cos(differences(angles))
+        whole[..., :n, :n] = own + rotor_inertia(chain)
     else:
         states = states_of(chain, theta, 0.0, stretch=stretch)
-        angles, lengths = states.q[..., :n], lengths + states.q[..., -n:]
+        angles, lengths = states.q[..., :n], chain.lengths + states.q[..., -n:]
         carried = chain.carried_masses
-        both = np.minimum(carried[:, None], carried)
-        own = both * np.cos(differences(angles)) * lengths[..., :, None] * lengths[..., None, :]
-        extent = carried * lengths
-    size, first = chain.coordinates, n + (chain.base is not None)
-    whole = np.zeros((*angles.shape[:-1], size, size))
-    whole[..., :n, :n] = own
+        whole, extent = np.zeros((*angles.shape[:-1], m, m)), carried * lengths
+        both, turned = np.minimum(carried[:, None], carried), differences(angles)
+        along = both * np.cos(turned)
+        whole[..., :n, :n] = along * lengths[..., :, None] * lengths[..., None, :]
+        whole[..., first:, first:] = along
+        # d position / d stretch is along the rod, d position / d theta across it
+        mixed = both * np.sin(turned) * lengths[..., None, :]
+        whole[..., first:, :n], whole[..., :n, first:] = mixed, mixed.swapaxes(-1, -2)
+        if chain.base is not None:
+            whole[..., n, first:] = whole[..., first:, n] = carried * np.sin(angles)
     if chain.base is not None:
         whole[..., n, n] = chain.base.mass + chain.masses.sum()
         whole[..., n, :n] = whole[..., :n, n] = extent * np.cos(angles)
-    if chain.stiffness is not None:
-        both = np.minimum(chain.carried_masses[:, None], chain.carried_masses)
-        whole[..., first:, first:] = both * np.cos(differences(angles))
-        # d position / d stretch is along the rod, d position / d theta across it
-        mixed = both * np.sin(differences(angles)) * lengths[..., None, :]
-        whole[..., first:, :n], whole[..., :n, first:] = mixed, mixed.swapaxes(-1, -2)
-        if chain.base is not None:
-            whole[..., n, first:] = whole[..., first:, n] = chain.carried_masses * np.sin(angles)
     return whole
 
 

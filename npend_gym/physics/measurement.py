@@ -22,8 +22,7 @@ from npend_gym.physics.kernels.turning_points import (
     new_record,
     speed_threshold,
 )
-from npend_gym.physics.many import Packs
-from npend_gym.physics.motion import Motion
+from npend_gym.physics.motion import Motion, pack_of, packs_of
 
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
 _WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
@@ -41,10 +40,9 @@ class Measurement(NamedTuple):
 def shares(count: int) -> list[slice]:
     """Return how `count` releases are shared out: packs, and the last few one by one."""
     last = count - count % WIDTH
-    whole = [slice(k, k + WIDTH) for k in range(0, last, WIDTH)]
     if count - last >= _WORTH_A_PACK:
-        return [*whole, slice(last, count)]
-    return whole + [slice(k, k + 1) for k in range(last, count)]
+        last = count
+    return packs_of(last) + [slice(k, k + 1) for k in range(last, count)]
 
 
 def measure(
@@ -91,11 +89,11 @@ def _release(
         whole = chain.lengths * float(chain.masses.sum())
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
     settings = {"rtol": rtol, "atol": 1e-2 * rtol}
-    packs = Packs(states.mechanism, np.hstack([states.q, states.u]), states.loads, settings)
+    motion = pack_of(states, slice(0, lanes), settings, lanes)
     record = new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading)))
     threshold = _threshold(chain, omega, reading, rtol)
     scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
-    return packs.motion(slice(0, lanes), lanes), Release(reading, threshold, record, scratch)
+    return motion, Release(reading, threshold, record, scratch)
 
 
 def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> FloatArray:

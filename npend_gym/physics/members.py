@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import Cart, Chain, ChainParameters
 from npend_gym.physics import energy as _energy
@@ -59,9 +57,7 @@ class Members:
     @property
     def cart(self) -> tuple[FloatArray, FloatArray]:
         """Position [m] and velocity [m/s] of the carts, shape (B,) each; zero without a cart."""
-        members = self._intact.place(np.arange(self._intact.size))
-        position, velocity = (self._intact.of_base(field) for field in (Rod.THETA, Rod.OMEGA))
-        return position[members], velocity[members]
+        return self._intact.read_base(Rod.THETA), self._intact.read_base(Rod.OMEGA)
 
     @property
     def pseudo_periods(self) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._threads import MAX_THREADS, Call, Helpers, each_once
-from npend_gym.chain import ChainParameters
+from npend_gym.chain import SIMPLE_FIELDS, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.advance import MAX_PARTS
@@ -23,6 +23,16 @@ from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure,
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _ALIASED = 256  # numbers, of 2 kB
 _SPAN = [Timing.FIRST_GROUP, Timing.LAST_GROUP, Timing.FIRST_SUBSTEP, Timing.LAST_SUBSTEP]
+# Where parameters stand, by their names in `Chain`
+_OF_RODS = {
+    "masses": Rod.MASS, "lengths": Rod.LENGTH, "damping": Rod.DAMPING, "drag": Rod.DRAG,
+    "quadratic_drag": Rod.QUADRATIC_DRAG,
+}  # fmt: skip
+_OF_LINKS = {"centres": Link.CENTRE, "inertias": Link.INERTIA}
+_OF_JOINTS = {
+    "friction": Joint.FRICTION, "friction_speed": Joint.FRICTION_SPEED,
+    "armature": Joint.ARMATURE, "gear": Joint.GEAR,
+}  # fmt: skip
 _CHUNKS = 4  # of a thread's share in a step: with fewer, all wait longer for the last one
 
 
@@ -159,26 +169,13 @@ class Memory:
     @property
     def parameters(self) -> ChainParameters:
         """The parameters of the members' chains."""
-        common = (
-            self.read(Rod.MASS),
-            self.read(Rod.LENGTH),
-            self.members[Member.GRAVITY].copy(),
-            self.read(Rod.DAMPING),
-            self.read(Rod.DRAG),
-            self.read(Rod.QUADRATIC_DRAG),
-        )
-        model = self.arrays[2]
-        if model is None:
-            return ChainParameters.ideal(*common)
-        links = self.gather(self.lanes_of(model[0]))
-        if len(model) == 1:
-            plain = ChainParameters.ideal(*common)
-            return plain._replace(centres=links[:, Link.CENTRE], inertias=links[:, Link.INERTIA])
-        joints = self.gather(self.lanes_of(model[1]))
-        rows = Joint.FRICTION, Joint.FRICTION_SPEED, Joint.ARMATURE, Joint.GEAR
-        return ChainParameters(
-            *common, links[:, Link.CENTRE], links[:, Link.INERTIA], *(joints[:, k] for k in rows)
-        )
+        own = {name: self.read(field) for name, field in _OF_RODS.items()}
+        own["gravity"] = self.members[Member.GRAVITY].copy()
+        chains = ChainParameters.ideal(*(own[name] for name in SIMPLE_FIELDS))
+        for part, fields in zip(self.arrays[2] or (), (_OF_LINKS, _OF_JOINTS), strict=False):
+            rows = self.gather(self.lanes_of(part))
+            chains = chains._replace(**{name: rows[:, row] for name, row in fields.items()})
+        return chains
 
     def new_rows(self, *count: int) -> FloatArray:
         """Return zeros (groups, *count, (n + 1) width): rows as those of `rods`."""

@@ -1,4 +1,4 @@
-"""One motion integrated in time: its states at given instants, and the steps that lead there."""
+"""Motions integrated in time: their states at given instants, and the steps that lead there."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import FloatArray
 from npend_gym._threads import Call
+from npend_gym.compiled.arrays import innermost
+from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.drives import Drives
+from npend_gym.physics.equations import States
 from npend_gym.physics.integration import (
     RODS_PER_CALL,
     RODS_PER_PACK_CALL,
-    check_fixed_steps,
+    check_angles,
     check_going,
     count_steps,
+    diverged,
 )
 from npend_gym.physics.kernels.dop853 import (
     RUNNING,
@@ -37,7 +41,7 @@ MAX_BYTES = 2**33  # of the steps of a motion that are kept
 _POWERS = {"dop853": 7, "rk4": 3}  # rows of the polynomial of a step
 
 
-class Steps(NamedTuple):
+class TakenSteps(NamedTuple):
     """Steps one after another, with the polynomials between their ends, if these are kept."""
 
     begin: FloatArray  # s, (S,)
@@ -54,10 +58,10 @@ class Steps(NamedTuple):
             p = (p + poly[..., row, :]) * (u if row % 2 else x)
         return self.states[step] + (p + poly[..., 0, :]) * x
 
-    def parts(self, size: int) -> Iterator[Steps]:
+    def parts(self, size: int) -> Iterator[TakenSteps]:
         """Yield these steps, so many at a time."""
         for first in range(0, len(self.begin), size):
-            yield Steps(*(each[first : first + size] for each in self))
+            yield TakenSteps(*(each[first : first + size] for each in self))
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the states at instants within the steps, shape (..., 2m)."""
@@ -80,8 +84,8 @@ class Segment(NamedTuple):
     """What comes from one compiled call."""
 
     frames: slice  # which of the instants have been passed
-    states: FloatArray  # there, (F, 2m), of a pack (WIDTH, F, 2m)
-    steps: Steps | None  # if they are kept
+    states: FloatArray  # there, (lanes, F, 2m)
+    steps: TakenSteps | None  # if they are kept
     counts: FloatArray  # steps taken, refused, and with dense output, (3 lanes,); zeros for "rk4"
     after: FloatArray  # the state at the end of the last step, as that of `Motion`
     torque: Torque  # what acted
@@ -152,9 +156,7 @@ class Motion:
                 span = slice(int(first) + before - 1, int(first) + min(done, last - first + 1) - 1)
                 states = frames[:, before : before + span.stop - span.start]
                 steps = _steps_of(visited[0], size) if kept else None
-                yield Segment(
-                    span, states if width > 1 else states[0], steps, counts, state, torque
-                )
+                yield Segment(span, states, steps, counts, state, torque)
 
     def _adaptive(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
@@ -213,15 +215,17 @@ class Motion:
                 sound = kernel(y, ends, steps, progress, rods, frames, visited)
             done, half = int(progress[0]), y.size // 2
             self.drives.check(y[:half], y[half:], float(ends[done - 1]), stuck=not sound)
-            springs = self.mechanism.springs is not None
-            check_fixed_steps(sound, y[: n * width], ends, done, dt, springs=springs)
+            check_angles(y[: n * width], float(ends[done - 1]))
+            if not sound:
+                springs = self.mechanism.springs is not None
+                raise diverged(ends[done - 1 : done + 1], dt, springs=springs)
             return done, np.zeros(3 * width), y.copy()
 
         return advance
 
-    def steps(self, times: FloatArray) -> Steps:
+    def steps(self, times: FloatArray) -> TakenSteps:
         """Return all steps from ``times[0]`` to ``times[-1]`` [s], which are taken once more."""
-        parts: list[Steps] = []
+        parts: list[TakenSteps] = []
         ends = times if self.method == "rk4" else times[[0, -1]]
         for segment in self.segments(ends, kept=True):
             parts += [] if segment.steps is None else [segment.steps]
@@ -230,11 +234,30 @@ class Motion:
                     f"the steps of a motion must take at most {MAX_BYTES:g} bytes: "
                     "simulate it in segments"
                 )
-        return Steps(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        return TakenSteps(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def _steps_of(visited: FloatArray, size: int) -> Steps:
+def _steps_of(visited: FloatArray, size: int) -> TakenSteps:
     visited = visited[visited[:, 1] > visited[:, 0]]
     states, rest = visited[:, 2 : 2 + size], visited[:, 2 + size :]
     polynomials = rest.reshape(len(rest), rest.shape[1] // size, size)
-    return Steps(visited[:, 0], visited[:, 1], states, polynomials)
+    return TakenSteps(visited[:, 0], visited[:, 1], states, polynomials)
+
+
+def packs_of(count: int) -> list[slice]:
+    """Return which of `count` motions stand in a pack together."""
+    return [slice(k, min(k + WIDTH, count)) for k in range(0, count, WIDTH)]
+
+
+def pack_of(
+    states: States, members: slice, settings: Mapping[str, float], width: int = WIDTH
+) -> Motion:
+    """Return the motions from some of these states, (B, m), side by side under constant loads.
+
+    Lanes to spare repeat the last of them.
+    """
+    lanes = np.minimum(np.arange(width) + members.start, members.stop - 1)
+    state = innermost(np.hstack([states.q[lanes], states.u[lanes]]))
+    loads = innermost(states.loads[lanes])
+    drives = Drives(states.mechanism.n, loads, {}, loads.size)
+    return Motion(states.mechanism.of(lanes), state, drives, settings, members)

@@ -10,10 +10,11 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import Callback
-from npend_gym.physics.drives import drives_of
-from npend_gym.physics.functions import NAMES
+from npend_gym.physics.drives import Drives, slots
+from npend_gym.physics.kernels.driven import AFTER_TORQUES
 from npend_gym.physics.mechanism import Mechanism
 from npend_gym.physics.motion import Motion
+from npend_gym.physics.signals import TimeVarying, varies
 
 
 class Function:
@@ -26,14 +27,18 @@ class Function:
         self.function = function
         self.name = name or getattr(function, "__name__", type(function).__name__)
 
-    def __call__(self, *arguments: Any) -> Any:
-        """Return what the function says."""
+    def required(self) -> Callable[..., Any]:
+        """Return the function; a copy that lost it raises a ValueError."""
         if self.function is None:
             raise ValueError(
                 f"this needs the function {self.name}, which could not be pickled with the "
                 "trajectory: define it at the top of a module, or simulate again"
             )
-        return self.function(*arguments)
+        return self.function
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Return what the function says."""
+        return self.required()(*arguments)
 
     def __deepcopy__(self, _: Any) -> Function:
         return self
@@ -70,23 +75,38 @@ class Recipe(NamedTuple):
         return self._replace(**own)
 
 
+def drives_of(mechanism: Mechanism, recipe: Recipe) -> Drives:
+    """Return what drives one motion by a recipe.
+
+    Raises
+    ------
+    ValueError
+        If a copy lost a function.
+    """
+    n = mechanism.n
+    fixed, varying = np.zeros(n + AFTER_TORQUES), dict[str, TimeVarying]()
+    for name, place in slots(n).items():
+        value = getattr(recipe, name)
+        if varies(value):
+            varying[name] = value.required() if isinstance(value, Function) else value
+        elif value is not None:
+            fixed[place] = value
+    return Drives(n, fixed, varying, n + (mechanism.places > 0))
+
+
 def motion_of(
     mechanism: Mechanism,
     state: FloatArray,
     begin: float,
     recipe: Recipe,
     kept: dict[Any, Callback] | None = None,
+    members: slice | None = None,
 ) -> Motion:
     """Return a motion from a state (2m,), ready to be integrated by a recipe.
 
-    `kept` is as for `Drives.begin`.
+    `kept` is as for `Drives.begin`, `members` as for `Motion`.
     """
-    n, m = mechanism.n, mechanism.size
-    given = {name: getattr(recipe, name) for name in NAMES}
-    plain = {
-        name: each.function if isinstance(each, Function) and each.function else each
-        for name, each in given.items()
-    }
-    drives = drives_of(n, mechanism.places > 0, plain)
+    drives = drives_of(mechanism, recipe)
+    m = mechanism.size
     drives.begin(begin, state[:m], state[m:], kept)
-    return Motion(mechanism, state, drives, recipe.settings)
+    return Motion(mechanism, state, drives, recipe.settings, members)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.physics.arguments import check_inputs
-from npend_gym.physics.dense import retaken
+from npend_gym.physics.dense import retaken, state_of
 from npend_gym.physics.directions import by_names, check_directions, check_names, row_count
 from npend_gym.physics.kernels import dop853, rk4
-from npend_gym.physics.kernels.driven import Sampled, Torque
+from npend_gym.physics.kernels.driven import AFTER_TORQUES, Sampled, Torque
 from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.tape import (
     Rods,
@@ -23,9 +23,7 @@ from npend_gym.physics.kernels.tape import (
     carry_changes,
     new_scratch,
 )
-from npend_gym.physics.mechanism import AXIAL, PIVOT
-from npend_gym.physics.motion import Motion
-from npend_gym.physics.motion import Steps as Taken
+from npend_gym.physics.motion import Motion, TakenSteps
 from npend_gym.physics.trajectory import Trajectory
 
 _WORK = 10_000_000  # of one call, in stages times rods times changes: Ctrl-C is heard after it
@@ -110,7 +108,7 @@ def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterato
         yield Tape(kernel_steps, loads, span, float(end[-1]), segment.after)
 
 
-def _loads(motion: Motion, torque: Torque, taken: Taken, instants: FloatArray) -> FloatArray:
+def _loads(motion: Motion, torque: Torque, taken: TakenSteps, instants: FloatArray) -> FloatArray:
     """Return what acts at each stage of each step, (S or 1, stages or 1, loads)."""
     drives = motion.drives
     if isinstance(torque, np.ndarray):
@@ -123,34 +121,26 @@ def _loads(motion: Motion, torque: Torque, taken: Taken, instants: FloatArray) -
     return drives.at(times.ravel(), q, u).reshape(*times.shape, -1)
 
 
-class Changes(NamedTuple):
-    """What changes at the start of a motion, in D directions."""
-
-    states: FloatArray  # (D, 2m); overwritten
-    loads: FloatArray  # constant in time, (D, loads)
-    parameters: FloatArray  # (D, rows, n)
-
-
-def changes_of(motion: Motion, states: FloatArray) -> Changes:
-    """Return changes of the state alone."""
-    n, count = motion.mechanism.n, len(states)
-    return Changes(states, np.zeros((count, n + 3)), np.zeros((count, 0, n)))
-
-
 def carry(
     motion: Motion,
     times: FloatArray,
-    changes: Changes,
+    states: FloatArray,
+    loads: FloatArray | None = None,
+    parameters: FloatArray | None = None,
+    *,
     steps: int = _AT_A_TIME,
-    names: Sequence[str] = (),
+    names: Collection[str] = (),
 ) -> Iterator[tuple[slice, FloatArray, Tape]]:
-    """Carry small changes along a motion, exactly through at most `steps` steps at a time.
+    """Carry D small changes along a motion, exactly through at most `steps` steps at a time.
 
-    The changes stand between two segments at the end of the last step: whoever iterates may
-    normalise them there. Yield which instants are passed, the changes there, (F, D, 2m), and the
-    tape. `names` are the parameters that change.
+    Those of the states, (D, 2m), stand between two segments at the end of the last step: whoever
+    iterates may normalise them there. Those of the loads, (D, n + 3), are constant in time; those
+    of the parameters that `names` lists are (D, rows, n). Yield which instants are passed, the
+    changes there, (F, D, 2m), and the tape.
     """
-    count, size = changes.states.shape
+    (count, size), n = states.shape, motion.mechanism.n
+    loads = np.zeros((count, n + AFTER_TORQUES)) if loads is None else loads
+    parameters = np.zeros((count, 0, n)) if parameters is None else parameters
     stages = len(_METHODS[motion.method].tableau)
     at_a_time = max(1, min(steps, 2 * _WORK // (stages * size * max(1, count))))
     scratch, chain = new_scratch(stages, size // 2), arrays_for(motion, names)
@@ -158,14 +148,12 @@ def carry(
     for tape in tapes(motion, times, at_a_time):
         frames = np.empty((tape.steps.at.size, count, size))
         rods = Rods(chain, mass, tape.loads)
-        carry_changes(
-            tape.steps, rods, changes.states, changes.loads, changes.parameters, frames, scratch
-        )
-        _check_finite(changes.states, tape.end)
+        carry_changes(tape.steps, rods, states, loads, parameters, frames, scratch)
+        _check_finite(states, tape.end)
         yield tape.frames, frames, tape
 
 
-def arrays_for(motion: Motion, names: Sequence[str]) -> AnyArrays:
+def arrays_for(motion: Motion, names: Collection[str]) -> AnyArrays:
     """Return the chain of a motion for kernels that differentiate by the named parameters."""
     mechanism = motion.mechanism
     if not mechanism.parameters.has_drag and {"drag", "quadratic_drag"}.intersection(names):
@@ -225,17 +213,14 @@ def sensitivities(
             f"derivatives at {trajectory.times.size} instants take {bytes_wanted:.2g} bytes, and "
             f"at most {_MAX_BYTES:.2g} are allowed: simulate with fewer times, or use gradient()"
         )
-    changes = Changes(
-        np.eye(total, state.size), np.zeros((total, n + 3)),
-        np.zeros((total, directions.shape[1], n)),
-    )  # fmt: skip
-    changes.loads[range(state.size, last), wanted] = 1.0
-    changes.parameters[last:] = directions
+    states, loads = np.eye(total, state.size), np.zeros((total, n + AFTER_TORQUES))
+    changed = np.zeros((total, directions.shape[1], n))
+    loads[range(state.size, last), wanted] = 1.0
+    changed[last:] = directions
     whole = np.empty((trajectory.times.size, total, state.size))
-    whole[0], reached = changes.states, state
-    for where, frames, tape in carry(
-        motion, trajectory.times, changes, names=[*(parameters or ())]
-    ):
+    whole[0], reached = states, state
+    carried = carry(motion, trajectory.times, states, loads, changed, names=parameters or ())
+    for where, frames, tape in carried:
         whole[where], reached = frames, tape.after
     _check_same(reached, trajectory)
     columns = whole.swapaxes(1, 2)
@@ -284,7 +269,7 @@ def gradient(
         bars[:, first : first + width] = _checks.broadcast(name, given, shape)
     scratch = new_scratch(len(_METHODS[motion.method].tableau), m)
     chain, mass = arrays_for(motion, names), motion.mechanism.parameters.masses[0].copy()
-    bar, load_bar = np.zeros(2 * m), np.zeros((1, 1, n + 3))
+    bar, load_bar = np.zeros(2 * m), np.zeros((1, 1, n + AFTER_TORQUES))
     chain_bar = np.zeros((row_count(type(motion.arrays)) if names else 0, n))
     kept, held = list[Tape](), 0
     for tape in tapes(motion, trajectory.times):
@@ -327,12 +312,7 @@ def _retaken(trajectory: Trajectory) -> tuple[Motion, FloatArray]:
 
 def _check_same(reached: FloatArray, trajectory: Trajectory) -> None:
     """Refuse derivatives of a motion that does not lead where the trajectory does."""
-    halves: list[list[FloatArray]] = [[trajectory.theta[-1]], [trajectory.omega[-1]]]
-    for names in (PIVOT, AXIAL):
-        for half, name in zip(halves, names, strict=True):
-            value = getattr(trajectory, name)
-            half.extend([] if value is None else [np.atleast_1d(value[-1])])
-    if not np.array_equal(reached, np.concatenate([*halves[0], *halves[1]])):
+    if not np.array_equal(reached, state_of(trajectory, -1)):
         raise ValueError(
             "the trajectory does not end where its start and settings lead: it was changed, or "
             "made by another version, or an event ended it; simulate it again"

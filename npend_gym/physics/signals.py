@@ -88,13 +88,15 @@ class Signal:
         x = (t - times[k]) / (times[k + 1] - times[k])
         return values[k] + x * (values[k + 1] - values[k])
 
-    def lines(self) -> tuple[FloatArray, FloatArray]:
-        """Return the value at the beginning of each interval and its slope, (K - 1, m) each."""
+    def line(self, t: float) -> tuple[FloatArray, FloatArray]:
+        """Return the value at `t` and the slope from there to the next sample, (m,) each."""
         times, values = np.asarray(self.times), np.asarray(self.values)
-        rows = values.reshape(len(values), -1)
+        k = min(int(np.searchsorted(times, t, side="right")), times.size - 1) - 1
+        value = np.atleast_1d(values[k])
         if self.kind == "previous":
-            return rows[: times.size - 1], np.zeros_like(rows[: times.size - 1])
-        return rows[:-1], np.diff(rows, axis=0) / np.diff(times)[:, None]
+            return value, np.zeros_like(value)
+        slope = (np.atleast_1d(values[k + 1]) - value) / (times[k + 1] - times[k])
+        return value + (t - times[k]) * slope, slope
 
 
 TimeVarying = Signal | Callable[..., Any]

@@ -16,11 +16,11 @@ from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.events import Event, EventFunction, Watch, watched
 from npend_gym.physics.integration import check_times
-from npend_gym.physics.many import Packs, frames_of_packs, stacked
-from npend_gym.physics.recipe import motion_of
+from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism
+from npend_gym.physics.motion import packs_of
 from npend_gym.physics.signals import TimeVarying
 from npend_gym.physics.start import Start
-from npend_gym.physics.trajectory import Trajectory, columns_of
+from npend_gym.physics.trajectory import EVENTS, Trajectory
 
 
 @_checks.keywords_moved(
@@ -136,72 +136,94 @@ def simulate(
     threads = _checks.count("threads", threads, high=MAX_THREADS)
     single = isinstance(chain, Chain) or not isinstance(chain, (list, tuple))
     chains = (check_chain(chain),) if single else tuple(cast("Sequence[Chain]", chain))
-    own = [_checks.array("theta", theta), _checks.array("omega", omega)]
-    one = single and max(each.ndim for each in own) < 2
+    angles, speeds = _checks.array("theta", theta), _checks.array("omega", omega)
+    one = single and max(angles.ndim, speeds.ndim) < 2
     instants = check_times(times, check_chain(chains[0] if chains else None).n)
     drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
     places = {"position": position, "velocity": velocity}
     axial = {"stretch": stretch, "stretch_rate": stretch_rate}
     begin = float(instants[0])
-    started = Start(chains, own[0], own[1], drives, places | axial, begin, one=one)
-    looked_for = watched(events, chains[0])
+    started = Start(
+        chains, angles, speeds, drives, places | axial, begin, settings, one=one
+    )  # fmt: skip
+    looked_for = range(started.count if watched(events, chains[0]) else 0)
+    watches = [Watch(events, started.chain(k)) for k in looked_for]
+    frames, counts = _follow(started, instants, watches, threads)
+    instants, frames = _until_ends(watches, instants, frames, one=one)
+    which = 0 if one else slice(None)  # one motion has no leading axis
+    parts: dict[str, Any] = _columns_of(started.states.mechanism, frames[which])
+    parts |= _found(watches, started.count, one=one)
+    return Trajectory(
+        chains[0], instants, provenance=provenance(started.described()), recipe=started.recipe,
+        counts=counts[:, which].astype(np.int64) if "rtol" in settings else None,
+        chains=chains if len(chains) > 1 else (), **parts,
+    )  # fmt: skip
+
+
+def _follow(
+    started: Start, times: FloatArray, watches: list[Watch], threads: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the states of all motions at the times, (B, T, 2m), and what was counted, (3, B).
+
+    After the first terminal event of a motion they mean nothing.
+    """
+    mechanism, count = started.states.mechanism, started.count
+    mechanism.check_vibrations(float(times[-1] - times[0]))
+    check_times(times, count * mechanism.size)
+    packed = not (watches or started.is_one or started.varying)
+    frames, counts = np.empty((count, times.size, 2 * mechanism.size)), np.zeros((3, count))
+    frames[:, 0] = np.hstack(started.states[1:3])
+
+    def follow(members: slice, call: Call) -> None:
+        motion, most = started.motion(members, packed=packed), members.stop - members.start
+        for segment in motion.segments(times, kept=bool(watches)):
+            frames[members, segment.frames] = segment.states[:most]
+            counts[:, members] += segment.counts.reshape(3, -1)[:, :most]
+            if segment.steps is not None and watches[members.start].look(segment.steps):
+                return
+            if call.stopped:
+                return
+
+    each = [slice(k, k + 1) for k in range(count)]
+    share_out(packs_of(count) if packed else each, threads, follow)
+    return frames, counts
+
+
+def _until_ends(
+    watches: list[Watch], times: FloatArray, frames: FloatArray, *, one: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return times and states up to the terminal events; of many motions NaN follows their own."""
+    ends = [watch.end for watch in watches]
+    lasts = [times.size if end is None else int(np.searchsorted(times, end.time)) for end in ends]
+    if one and ends and ends[0] is not None:
+        time, state = ends[0]
+        before = frames[:, : lasts[0]]
+        return np.append(times[: lasts[0]], time), np.append(before, state[None, None], axis=1)
+    for own, last in zip(frames, lasts, strict=False):
+        own[last:] = np.nan
+    last = max(lasts, default=times.size)
+    return times[:last], frames[:, :last]
+
+
+def _found(watches: list[Watch], count: int, *, one: bool) -> dict[str, Any]:
+    """Return what was found in each of `count` motions, by the names of `Trajectory`."""
+    found = [watch.as_dict() for watch in watches]
+    ended = [watch.end is not None for watch in watches] or [False] * count
     if one:
-        return _simulate_one(started, 0, instants, settings, events)
-    if not started.varying and not looked_for:
-        return _simulate_packs(started, instants, settings, threads)
-    each: list[Trajectory | None] = [None] * started.count
-
-    def follow(k: int, call: Call) -> None:
-        if not call.stopped:
-            each[k] = _simulate_one(started, k, instants, settings, events)
-
-    share_out(range(started.count), threads, follow)
-    return stacked([motion for motion in each if motion is not None], started)
+        return {"status": int(ended[0])} | {name: own[name] for own in found for name in EVENTS}
+    each = {name: zip(*(own[name] for own in found), strict=True) for name in EVENTS}
+    lists = {name: [list(of_event) for of_event in own] for name, own in each.items()}
+    return {"status": np.array(ended, np.int64)} | lists
 
 
-def _simulate_one(
-    started: Start, k: int, times: FloatArray, settings: dict[str, float], events: Any
-) -> Trajectory:
-    """Return one motion, until the last of the times or the first terminal event."""
-    chain, mechanism, recipe = started.chain(k), started.one(k), started.recipe(settings, k)
-    mechanism.check_vibrations(float(times[-1] - times[0]))
-    state = np.concatenate([started.q[k], started.u[k]])
-    motion = motion_of(mechanism, state, float(times[0]), recipe, started.callbacks)
-    found = watched(events, chain)
-    frames, counts, watch = np.empty((times.size, state.size)), np.zeros(3), Watch(found, chain)
-    frames[0] = state
-    for segment in motion.segments(times, kept=bool(found)):
-        frames[segment.frames] = segment.states
-        counts += segment.counts
-        end = None if segment.steps is None else watch.look(segment.steps)
-        if end is not None:
-            before = times < end.time
-            times = np.append(times[before], end.time)
-            frames = np.concatenate([frames[: times.size - 1], [end.state]])
-            break
-    made = started.described(recipe) | motion.drives.as_dict()
-    parts: dict[str, Any] = columns_of(mechanism, frames) | watch.as_dict()
-    return Trajectory(
-        chain, times, provenance=provenance(made), recipe=recipe,
-        counts=counts.astype(np.int64) if "rtol" in settings else None, **parts,
-    )  # fmt: skip
-
-
-def _simulate_packs(
-    started: Start, times: FloatArray, settings: dict[str, float], threads: int
-) -> Trajectory:
-    """Return many motions that nothing drives but constants, in packs."""
-    mechanism, recipe = started.mechanism, started.recipe(settings)
-    mechanism.check_vibrations(float(times[-1] - times[0]))
-    packs = Packs(mechanism, np.hstack([started.q, started.u]), started.loads, settings)
-    frames, counts = frames_of_packs(packs, times, threads)
-    made: dict[str, Any] = {"motions": started.count} | started.described(recipe)
-    if np.all(started.loads == started.loads[0]):
-        made["torque"] = started.loads[0, : mechanism.n].tolist()
-    parts: dict[str, Any] = dict(columns_of(mechanism, frames))
-    return Trajectory(
-        started.chains[0], times, **parts, provenance=provenance(made),
-        status=np.zeros(started.count, np.int64), recipe=recipe,
-        counts=None if counts is None else counts.astype(np.int64),
-        chains=started.chains if len(started.chains) > 1 else (),
-    )  # fmt: skip
+def _columns_of(mechanism: Mechanism, frames: FloatArray) -> dict[str, FloatArray]:
+    """Return the parts of states (..., 2m) by the names of `Trajectory`."""
+    n, m, places = mechanism.n, mechanism.size, mechanism.places
+    q, u = frames[..., :m], frames[..., m:]
+    parts = {"theta": q[..., :n].copy(), "omega": u[..., :n].copy()}
+    if places:
+        at = n if places == 1 else slice(n, n + 2)
+        parts |= zip(PIVOT, (q[..., at].copy(), u[..., at].copy()), strict=True)
+    if mechanism.springs is not None:
+        parts |= zip(AXIAL, (q[..., -n:].copy(), u[..., -n:].copy()), strict=True)
+    return parts

@@ -14,7 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym._faces import MethodFromAbove
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
-from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism
+from npend_gym.physics.mechanism import AXIAL, PIVOT
 from npend_gym.physics.recipe import Recipe
 
 EVENTS = ("t_events", "theta_events", "omega_events")
@@ -23,26 +23,13 @@ _STAGES, _DENSE = 12, 3  # evaluations in a step, and more for dense output
 IntArray = NDArray[np.int64]
 
 
-def columns_of(mechanism: Mechanism, frames: FloatArray) -> dict[str, FloatArray]:
-    """Return the parts of states (..., 2m) by the names of `Trajectory`."""
-    n, m, places = mechanism.n, mechanism.size, mechanism.places
-    q, u = frames[..., :m], frames[..., m:]
-    parts = {"theta": q[..., :n].copy(), "omega": u[..., :n].copy()}
-    if places:
-        at = n if places == 1 else slice(n, n + 2)
-        parts |= zip(PIVOT, (q[..., at].copy(), u[..., at].copy()), strict=True)
-    if mechanism.springs is not None:
-        parts |= zip(AXIAL, (q[..., -n:].copy(), u[..., -n:].copy()), strict=True)
-    return parts
-
-
 def _each_chain(method: Callable[[Trajectory], FloatArray]) -> Callable[[Trajectory], FloatArray]:
     """Let a method do for motions of chains that differ: one by one."""
 
     @wraps(method)
     def of_each(self: Trajectory) -> FloatArray:
         if self.chains:
-            return np.array([method(self._lane(k)) for k in range(len(self))])
+            return np.array([method(self[k]) for k in range(len(self))])
         return method(self)
 
     return of_each
@@ -173,25 +160,17 @@ class Trajectory:
         count = len(self)
         if not -count <= k < count:
             raise IndexError(f"motion must be from {-count} to {count - 1}, got {k}")
-        return self._lane(k)
-
-    def _lane(self, k: int) -> Trajectory:
-        count = len(self)
         status = int(np.broadcast_to(self.status, count)[k])
         last = int(np.isfinite(self.theta[k]).all(axis=1).sum()) if status else None
-        own: dict[str, Any] = {
-            name: None if value is None else value[k][:last]
-            for name in (*PIVOT, *AXIAL)
-            for value in [getattr(self, name)]
-        }
-        for name in EVENTS:
-            own[name] = [each[k] for each in getattr(self, name)]
+        own: dict[str, Any] = {name: [each[k] for each in getattr(self, name)] for name in EVENTS}
+        for name in ("theta", "omega", *PIVOT, *AXIAL):
+            many = getattr(self, name)
+            own[name] = None if many is None else many[k][:last]
         return Trajectory(
-            self.chains[k] if self.chains else self.chain,
-            self.times[:last], self.theta[k][:last], self.omega[k][:last],
+            self.chains[k] if self.chains else self.chain, self.times[:last], **own,
             provenance=self.provenance, status=status,
             recipe=self.recipe and self.recipe.of_motion(k),
-            counts=None if self.counts is None else self.counts[:, k], **own,
+            counts=None if self.counts is None else self.counts[:, k],
         )  # fmt: skip
 
     @property

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
@@ -130,41 +131,48 @@ def _read(path: Path) -> Trajectory:
     """Return the trajectory in an npz archive, every part of it checked."""
     data = _files.read_arrays(path, 2 * MAX_BYTES)
     about = _files.parse_json(str(data["about"]))
-    times, theta, omega = (_checks.array(name, data[name]) for name in ("times", "theta", "omega"))
-    chain = Chain.from_dict(about["chain"])
-    shape = (times.size, chain.n)
-    if times.ndim != 1 or theta.shape[-2:] != shape or omega.shape != theta.shape:
-        raise ValueError(f"theta and omega must have the shape {shape}, or (B, *{shape})")
+    times, chain = _checks.array("times", data["times"]), Chain.from_dict(about["chain"])
+    widths = {"theta": (chain.n,), "omega": (chain.n,)}
+    if chain.base is not None or "position" in data:
+        widths |= dict.fromkeys(PIVOT, (2,) if chain.base is None else ())
+    if chain.stiffness is not None:
+        widths |= dict.fromkeys(AXIAL, (chain.n,))
+    status = data.get("status", np.array(0))
+    beyond: dict[str, Any] = {name: _numbers(data, name, status) for name in widths}
+    leading = beyond["theta"].shape[:-1]
+    if times.ndim != 1 or leading[-1:] != times.shape:
+        raise ValueError(f"theta must have the shape {(times.size, chain.n)}, or (B, ...)")
+    for name, width in widths.items():
+        if beyond[name].shape != (*leading, *width):
+            raise ValueError(f"{name} must have the shape {(*leading, *width)}")
     if not isinstance(about["provenance"], dict):
         raise TypeError("its provenance must be a dict")
     made_by = cast("dict[str, Any]", about["provenance"])
     made = _read_recipe(about["recipe"], chain)
-    pair = chain.base is None and "position" in data
-    beyond: dict[str, Any] = {}
-    for names, width in (
-        (PIVOT, (2,) if pair else None if chain.base is None else ()),
-        (AXIAL, None if chain.stiffness is None else (chain.n,)),
-    ):
-        for name in names if width is not None else ():
-            beyond[name] = _checks.array(name, data[name])
-            if beyond[name].shape != (*theta.shape[:-1], *(width or ())):
-                raise ValueError(
-                    f"{name} must have the shape {(*theta.shape[:-1], *(width or ()))}"
-                )
     if "counts" in data:
         counts = data["counts"]
-        if counts.dtype.kind != "i" or counts.shape != (3, *theta.shape[:-2]):
+        if counts.dtype.kind != "i" or counts.shape != (3, *leading[:-1]):
             raise ValueError(f"counts must hold three integers for each motion, got {counts.shape}")
         beyond["counts"] = counts
     events: dict[str, Any] = {name: _read_events(data, name) for name in EVENTS}
-    status = data.get("status", np.array(0))
-    if status.dtype.kind != "i" or status.shape not in ((), theta.shape[:-2]):
+    if status.dtype.kind != "i" or status.shape not in ((), leading[:-1]):
         raise ValueError(f"status must hold an integer for each motion, got shape {status.shape}")
     return Trajectory(
-        chain, times, theta, omega, provenance=made_by, recipe=made,
+        chain, times, provenance=made_by, recipe=made,
         status=status if status.ndim else int(status), **beyond, **events,
         chains=tuple(Chain.from_dict(each) for each in about.get("chains", [])),
     )  # fmt: skip
+
+
+def _numbers(data: dict[str, Any], name: str, status: NDArray[Any]) -> FloatArray:
+    """Return an array of finite numbers, or NaN after the ends of motions by their `status`."""
+    values = data[name]
+    if not np.any(status):
+        return _checks.array(name, values)
+    gaps = np.isnan(values)
+    numbers = _checks.array(name, np.where(gaps, 0.0, values))
+    numbers[gaps] = np.nan
+    return numbers
 
 
 def _read_events(data: dict[str, Any], name: str) -> list[Any]:
