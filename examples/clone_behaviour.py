@@ -1,7 +1,7 @@
 """Behaviour cloning: a network learns the actions of a data set, and is judged in the environment.
 
-python examples/make_dataset.py expert --n 2
-python examples/clone_behaviour.py npend/swingup-2/expert-v0
+python examples/make_dataset.py medium --n 2
+python examples/clone_behaviour.py npend/swingup-2/medium-v0
 """
 
 import sys

@@ -1,7 +1,7 @@
 """Data sets of episodes for offline learning, in the format of Minari.
 
-    python examples/make_dataset.py expert --n 3
-    python examples/clone_behaviour.py npend/swingup-3/expert-v0
+    python examples/make_dataset.py medium --n 3
+    python examples/clone_behaviour.py npend/swingup-3/medium-v0
 
 The kinds are "random", "medium" and "expert" swing-ups of two to four rods, free releases, and
 "transitions" between all equilibria. It needs `pip install "minari[create]" pyarrow`, which keeps
@@ -26,7 +26,7 @@ from npend_gym.rl import Controller, PlannedTransitions, Policy, planned_transit
 
 KINDS = "random", "medium", "expert", "release", "transitions"
 # Deviation of the noise on the actions of "medium", under which a part of the episodes fails
-MEDIUM = {2: 0.08, 3: 0.1, 4: 0.08}
+MEDIUM = {2: 0.3, 3: 0.15, 4: 0.08}
 
 
 class Source(NamedTuple):

@@ -31,7 +31,7 @@ RK4_ROWS = WORK + WORK_ROWS
 ALPHA, OMEGA, STAGE_ROWS = WORK_ROWS + 1, WORK_ROWS + 2, WORK_ROWS + 3
 TAPE_ROWS = 4 * STAGE_ROWS + 1
 
-TABLEAU = np.diag([0.5, 0.5, 1.0], -1)  # the method as `sensitivities.Steps` has it
+TABLEAU = np.diag([0.5, 0.5, 1.0], -1)  # as `sensitivities` has the method
 WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 INSTANTS = np.array([0.0, 0.5, 0.5, 1.0])
 
