@@ -85,7 +85,7 @@ def place(task: str) -> tuple[int, int, str]:
 
 def train_and_keep(task: str, agent: str, seed: int, out: Path) -> None:
     """Train one policy, evaluate it and write policy and curve, unless they exist already."""
-    path, trainer = out / f"{task}-{agent}-seed{seed}.npz", TRAINERS[agent]
+    path, trainer = out / f"{task}-{agent}-seed{seed}.safetensors", TRAINERS[agent]
     if path.exists() or task not in trainer.TASKS:
         return
     policy, curve = trainer.train(trainer.settings_of(task, seed=seed), path.stem)
@@ -163,7 +163,7 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
     curves: list[dict[str, Any]] = []
     for task in tasks:
         rows += [evaluated(task, name, agent) for name, agent in references(task).items()]
-        for path in sorted(out.glob(f"{task}-*-seed*.npz")):
+        for path in sorted(out.glob(f"{task}-*-seed*.safetensors")):
             agent, seed = path.stem.removeprefix(f"{task}-").split("-seed")
             run = {"task": task, "agent": agent, "seed": int(seed)}
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
@@ -264,12 +264,14 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
     PRETRAINED.mkdir(exist_ok=True)
     for task in dict.fromkeys(row["task"] for row in rows):
         trained = [row for row in rows if row["task"] == task and row["agent"] in TRAINERS]
-        policies = [Policy.load(out / f"{task}-{r['agent']}-seed{r['seed']}.npz") for r in trained]
+        policies = [
+            Policy.load(out / f"{task}-{r['agent']}-seed{r['seed']}.safetensors") for r in trained
+        ]
         shipped = Policy.pretrained(task) if task in pretrained_names() else None
         candidates = [shipped, *policies] if shipped else policies
         best = max(candidates, key=score, default=None)
         if best and best is not shipped and best.provenance["evaluation"]["success"] > 0.9:
-            best.save(PRETRAINED / f"{task}.npz")
+            best.save(PRETRAINED / f"{task}.safetensors")
 
 
 def score(policy: Policy) -> tuple[float, float, float]:

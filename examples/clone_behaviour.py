@@ -39,4 +39,4 @@ found = evaluate(policy, policy.env)
 print(
     f"loss {loss.item():.5f}, success {found.success_rate:.0%}, return {found.returns.mean():.0f}"
 )
-policy.save("cloned.npz")
+policy.save("cloned.safetensors")

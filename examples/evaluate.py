@@ -81,7 +81,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--pretrained", choices=pretrained_names(), help="comes with the package")
-    what.add_argument("--policy", type=Path, help=".npz that a training script has written")
+    what.add_argument("--policy", type=Path, help=".safetensors that a training script has written")
     what.add_argument("--run", type=Path, help="folder that train_sb3.py has written")
     what.add_argument("--controller", choices=CONTROLLERS)
     parser.add_argument("--task", default="swingup-2", help='of the controller, as in "balance-3"')

@@ -1,8 +1,8 @@
 """Evolution strategies: a linear policy from the returns of whole episodes, without gradients.
 
-Run it with `python examples/evolution_strategies.py calm-20`: it writes `calm-20.npz`, a policy of
-plain numbers for `npend evaluate`, and `calm-20.csv`, its learning curve. It is also a trainer as a
-package of your own would offer it to `npend train`, see docs/howto/own_trainer.md.
+Run it with `python examples/evolution_strategies.py calm-20`: it writes `calm-20.safetensors`, a
+policy of plain numbers for `npend evaluate`, and `calm-20.csv`, its learning curve. It is also a
+trainer as a package of your own would offer it to `npend train`, see docs/howto/own_trainer.md.
 
 Salimans, Ho, Chen, Sidor, Sutskever, arXiv:1703.03864, with all candidates side by side in one
 vector environment.
@@ -151,7 +151,7 @@ def main() -> None:
     changes = {"updates": arguments.updates} if arguments.updates else {}
     settings = settings_of(arguments.task, seed=arguments.seed, **changes)
     policy, curve = train(settings, arguments.task)
-    path = arguments.out / f"{arguments.task}.npz"
+    path = arguments.out / f"{arguments.task}.safetensors"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_csv(path.with_suffix(".csv"), curve)
     policy.save(path)

@@ -1,7 +1,7 @@
 """PPO by TorchRL, on the native vector environment.
 
-Run it with `python examples/train_torchrl.py swingup-1`: it writes `swingup-1.npz`, a policy of
-plain numbers for `npend evaluate`, and `swingup-1.csv`, its learning curve. It needs
+Run it with `python examples/train_torchrl.py swingup-1`: it writes `swingup-1.safetensors`, a
+policy of plain numbers for `npend evaluate`, and `swingup-1.csv`, its learning curve. It needs
 `pip install "npend-gym[rl]" torchrl`.
 """
 
@@ -157,7 +157,7 @@ def main() -> None:
     changes = {"total_timesteps": arguments.steps} if arguments.steps else {}
     settings = settings_of(arguments.task, seed=arguments.seed, **changes)
     policy, curve = train(settings, arguments.task)
-    path = arguments.out / f"{arguments.task}.npz"
+    path = arguments.out / f"{arguments.task}.safetensors"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_csv(path.with_suffix(".csv"), curve)
     policy.save(path)

@@ -16,6 +16,7 @@ from typing import Any
 import mutations
 import numpy as np
 from campaign_tables import part_of
+from policy_files import save_changed
 
 from npend_gym import Chain, Trajectory, simulate
 from npend_gym.chain import as_chain
@@ -107,31 +108,14 @@ def _policies(folder: Path) -> dict[str, Reader]:
         _network([(2, 14), (1, 2)], np.ones((2, 7)), random_env),
         _network([(1, 4)], np.ones(4), {"n": 2, "chain": "acrobot", "actuated": [1], "dt": 0.02}),
     ]
-    kept: dict[str, list[bytes]] = {".npz": [], ".json": [], ".safetensors": []}
-    for policy in policies:
-        for suffix in (".npz", ".safetensors"):
-            policy.save(folder / f"a{suffix}")
-            kept[suffix].append((folder / f"a{suffix}").read_bytes())
-    places = {suffix: folder / suffix[1:] for suffix in kept}
-    for place in places.values():
-        place.mkdir()
-    (folder / "a.npz").write_bytes(kept[".npz"][0])
-    with np.load(folder / "a.npz") as file:  # the two files of version 0.1
-        arrays = dict(file)
-    kept[".json"].append(str(arrays.pop("about")).encode())
-    np.savez_compressed(places[".json"] / "a.npz", **arrays)
-
-    def reader(suffix: str, mutate: mutations.Mutation, opened: str) -> Reader:
-        file = places[suffix] / f"a{opened}"
-        return Reader(
-            places[suffix] / f"a{suffix}", lambda: _act(Policy.load(file)), mutate, FILES,
-            kept[suffix],
-        )  # fmt: skip
-
+    path, seeds = folder / "a.safetensors", list[bytes]()
+    policies[0].save(path)
+    seeds.append(path.read_bytes())
+    for policy in policies:  # without the checksum, at which most mutants would end
+        save_changed(policy, path)
+        seeds.append(path.read_bytes())
     return {
-        "policy_npz": reader(".npz", mutations.of_archive, ".npz"),
-        "policy_json": reader(".json", mutations.of_json, ".npz"),
-        "policy_safetensors": reader(".safetensors", mutations.of_tensors, ".safetensors"),
+        "policy": Reader(path, lambda: _act(Policy.load(path)), mutations.of_tensors, FILES, seeds)
     }
 
 

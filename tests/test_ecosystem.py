@@ -112,4 +112,4 @@ def test_behaviour_is_cloned_from_a_minari_dataset(tmp_path, monkeypatch):
         printed = run_script(examples / "clone_behaviour.py", dataset.id, 20, cwd=tmp_path)
         returns[kind] = float(printed.split("return ")[1])
     assert returns["medium"] > 300.0 > returns["random"]
-    assert Policy.load(tmp_path / "cloned.npz").env["n"] == 2
+    assert Policy.load(tmp_path / "cloned.safetensors").env["n"] == 2

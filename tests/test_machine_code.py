@@ -113,7 +113,7 @@ def test_eight_processes_that_compile_at_once_leave_whole_files(tmp_path):
 
 
 def copy_of_the_package(to):
-    ignored = shutil.ignore_patterns("__pycache__", "*.npz")
+    ignored = shutil.ignore_patterns("__pycache__", "*.safetensors")
     shutil.copytree(Path(npend_gym.__file__).parent, to / "npend_gym", ignore=ignored)
     return to
 

@@ -22,7 +22,7 @@ FACES = (
     "npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl", "npend_gym.experiments",
     "npend_gym.report",
 )  # fmt: skip
-HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
+HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame", "safetensors")
 
 
 def python(code, **environment):

@@ -11,9 +11,8 @@ import pytest
 from readers import CORPUS, make_readers, mutants
 
 NAMES = (
-    "policy_npz", "policy_json", "policy_safetensors", "trajectory", "part", "plan",
-    "plan_toml", "plan_yaml", "plan_json", "manifest", "release", "periods", "motion",
-    "chain", "transitions",
+    "policy", "trajectory", "part", "plan", "plan_toml", "plan_yaml", "plan_json", "manifest",
+    "release", "periods", "motion", "chain", "transitions",
 )  # fmt: skip
 
 
@@ -30,7 +29,6 @@ def strict():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message="theta reaches")
-        warnings.filterwarnings("ignore", message=".*does not say for which environment")
         yield
 
 

@@ -1,7 +1,5 @@
 """Training that is interrupted and resumed ends with the same policy, to the last bit."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -9,6 +7,7 @@ torch = pytest.importorskip("torch")
 
 from npend_gym import _progress  # noqa: E402
 from npend_gym.cli import main  # noqa: E402
+from npend_gym.rl.policies.files import read_policy  # noqa: E402
 from npend_gym.rl.training import experts, imitation, shac  # noqa: E402
 from npend_gym.rl.training.checkpoints import Checkpoint  # noqa: E402
 
@@ -122,16 +121,12 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
     assert "--resume goes on" in capsys.readouterr().err
     assert main([*common, *out, "--resume"]) == 0
     assert not list(tmp_path.glob("two/*.checkpoint"))
-    runs = list[dict[str, np.ndarray]]()
-    for folder in ("whole", "two"):
-        with np.load(tmp_path / folder / "calm-1.npz") as file:
-            runs.append(dict(file))
-    told = [json.loads(str(run.pop("about"))) for run in runs]
-    for about in told:
+    runs = [read_policy(tmp_path / folder / "calm-1.safetensors") for folder in ("whole", "two")]
+    for _, about in runs:
         about["training"].pop("seconds")  # of the processor
-    assert told[0] == told[1]
-    for name in runs[0]:
-        np.testing.assert_array_equal(*(run[name] for run in runs))
+    assert runs[0][1] == runs[1][1]
+    for name in runs[0][0]:
+        np.testing.assert_array_equal(*(arrays[name] for arrays, _ in runs))
 
 
 def test_where_the_error_stream_is_no_terminal_lines_tell_how_far_training_is(monkeypatch, capsys):

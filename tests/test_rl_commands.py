@@ -24,7 +24,7 @@ def trained(tmp_path_factory):
 
 
 def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
-    policy = Policy.load(trained / "swingup-1.npz")
+    policy = Policy.load(trained / "swingup-1.safetensors")
     assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
     assert policy.env == env_of_task("swingup-1") | {"damping": 0.02}
     about = policy.provenance
@@ -38,17 +38,17 @@ def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
 def test_training_is_the_same_again_and_overwrites_nothing_unasked(trained, refusal):
     arguments = ["--seed", "3", "--set", "total_timesteps=960", "--env", "damping=0.02"]
     command = ["train", "swingup-1", *arguments, "--out", str(trained)]
-    first = Policy.load(trained / "swingup-1.npz")
+    first = Policy.load(trained / "swingup-1.safetensors")
     assert "give --overwrite to train it again" in refusal(*command)
     assert main([*command, "--overwrite"]) == 0
-    again = Policy.load(trained / "swingup-1.npz")
+    again = Policy.load(trained / "swingup-1.safetensors")
     for one, other in zip(first.weights, again.weights, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.long
 def test_evaluate_tells_what_evaluate_and_robustness_return(trained, tmp_path, capsys):
-    path = trained / "swingup-1.npz"
+    path = trained / "swingup-1.safetensors"
     options = ["--episodes", "5", "--seed", "7", "--env", "max_torque=6.0"]
     arguments = [*options, "--robust", "--json", "--out", str(tmp_path)]
     assert main(["evaluate", str(path), *arguments]) == 0

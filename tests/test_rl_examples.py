@@ -149,9 +149,9 @@ def test_results_trains_what_is_missing_and_writes_tables_and_curves(tmp_path, m
     arguments = ["--out", str(tmp_path), "--tasks", "balance-1", "--seeds", "0", "1"]
     monkeypatch.setattr("sys.argv", ["algorithms.py", *arguments])
     algorithms.main()
-    trained = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")}
+    trained = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.safetensors")}
     algorithms.main()
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")} == trained
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.safetensors")} == trained
     assert len(trained) == 2
     with (tmp_path / "results.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -183,10 +183,10 @@ def test_train_torchrl_writes_a_policy_that_can_be_evaluated(script, tmp_path):
     arguments = ["swingup-1", "--steps", 8192, "--out", "."]
     out = run_python("-W", "ignore", EXAMPLES / "train_torchrl.py", *arguments, cwd=tmp_path)
     assert "'steps': 8192, 'return': " in out
-    policy = Policy.load(tmp_path / "swingup-1.npz")
+    policy = Policy.load(tmp_path / "swingup-1.safetensors")
     assert policy.scale.tolist() == [1.0, 1.0, 5.0]
     assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
-    assert successes_in(script("evaluate.py", "--policy", "swingup-1.npz"))[1] == "100"
+    assert successes_in(script("evaluate.py", "--policy", "swingup-1.safetensors"))[1] == "100"
 
 
 def test_train_rllib_runs_one_iteration(tmp_path):

@@ -1,7 +1,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from test_rl_policies import save_changed
+from policy_files import save_changed
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.rl import Policy, evaluate
@@ -115,8 +115,8 @@ def test_a_policy_with_memory_refuses_environments_that_it_does_not_remember():
 
 def test_a_saved_policy_with_memory_remembers_as_long_when_it_is_loaded(tmp_path):
     policy = policy_with_memory()
-    policy.save(tmp_path / "a.npz")
-    again = Policy.load(tmp_path / "a.npz")
+    policy.save(tmp_path / "a.safetensors")
+    again = Policy.load(tmp_path / "a.safetensors")
     observations = np.random.default_rng(3).normal(size=(5, 2, K)).astype(np.float32)
     for each in (policy, again):
         each.reset(2)
@@ -126,9 +126,9 @@ def test_a_saved_policy_with_memory_remembers_as_long_when_it_is_loaded(tmp_path
 
 @pytest.mark.parametrize("shape", [(LENGTH, 1), (0, K + 1), (LENGTH, K + 2), (1, LENGTH, K + 1)])
 def test_frames_that_do_not_fit_the_network_are_refused(shape, tmp_path):
-    save_changed(policy_with_memory(), tmp_path / "a.npz", scale=np.ones(shape, np.float32))
+    save_changed(policy_with_memory(), tmp_path / "a.safetensors", scale=np.ones(shape, np.float32))
     with pytest.raises(ValueError, match="is no policy"):
-        Policy.load(tmp_path / "a.npz")
+        Policy.load(tmp_path / "a.safetensors")
 
 
 def test_a_policy_without_memory_needs_no_reset():

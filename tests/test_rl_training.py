@@ -249,7 +249,7 @@ def test_a_trainer_of_another_package_is_found_by_its_entry_point(tmp_path, monk
     command = ["train", "balance-1", "--algorithm", "mine", "--set", "rounds=2", "--out", str(out)]
     assert main(command) == 0
     assert "balance-1 by mine, 2 steps" in capsys.readouterr().out
-    policy = Policy.load(out / "balance-1.npz")
+    policy = Policy.load(out / "balance-1.safetensors")
     assert policy.weights[0].tolist() == [[-3.0, 0.0, 0.0]]
     with pytest.raises(ValueError, match=r"algorithm must be one of shac, imitation, mine"):
         trainer("yours")

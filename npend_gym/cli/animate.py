@@ -12,7 +12,7 @@ Examples
   npend animate --chain acrobot --amplitude 2 -o acrobot.gif
   npend animate swingup-2 --duration 8 -o swingup.gif
   npend animate calm-2 --plain --size 240 -o small.gif
-  npend animate mine.npz --seed 7 -o mine.mp4
+  npend animate mine.safetensors --seed 7 -o mine.mp4
 """
 
 from __future__ import annotations

@@ -6,10 +6,10 @@ wrong model, noise, delay, a slow motor and pushes; see docs/howto/robustness.md
 Examples
 --------
   npend evaluate swingup-2                    a policy of the package
-  npend evaluate mine.npz --episodes 500
+  npend evaluate mine.safetensors --episodes 500
   npend evaluate swingup-2 --robust -o results
   npend evaluate swingup-2 --env damping=0.05 --env "masses=[1.0, 1.1]"
-  npend evaluate mine.npz --env chain=results/fit.json --env max_torque=0.5
+  npend evaluate mine.safetensors --env chain=results/fit.json --env max_torque=0.5
   npend evaluate --controller plan --task swingup-3 --scores
 """
 
@@ -48,7 +48,7 @@ def run(
     Parameters
     ----------
     policy : policy, optional
-        The name of a policy in the package, or a file (.npz).
+        The name of a policy in the package, or a file (.safetensors).
     trust : bool
         The file may name a mode of yours, package.module:Class, which is imported.
     controller : name, optional

@@ -1,8 +1,8 @@
 r"""Train a policy for a task, by one of several algorithms.
 
 The task is one such as swingup-2, balance-3, calm-5 or swingup-1-robust. The policy is evaluated in
-100 held-out episodes, and written as OUT/TASK.npz with its learning curve TASK.csv. On one machine
-a seed gives the same policy again, with any number of threads. Now and then it writes
+100 held-out episodes, and written as OUT/TASK.safetensors with its learning curve TASK.csv. On one
+machine a seed gives the same policy again, with any number of threads. Now and then it writes
 OUT/TASK.checkpoint, from which --resume goes on, to the same policy. Needs the extra "rl".
 
 Examples
@@ -13,7 +13,7 @@ Examples
   npend train calm-2 --env damping=0.02 --set total_timesteps=100000
   npend train swingup-1 --env "randomize={\"masses\": [0.8, 1.2]}" -o heavy
   npend train swingup-4 --resume              goes on with what was interrupted
-  npend evaluate runs/swingup-2.npz --robust
+  npend evaluate runs/swingup-2.safetensors --robust
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def run(
     from npend_gym.rl.training.trainers import trainer
 
     algorithm = _algorithm(task, algorithm)
-    path = out / f"{task}.npz"
+    path = out / f"{task}.safetensors"
     outputs.prepare_folder(path.parent)
     if path.exists() and not overwrite:
         raise ValueError(f"{path} exists: give --overwrite to train it again, or another --out")

@@ -14,7 +14,7 @@ from npend_gym.chain import plain_keywords
 from npend_gym.envs.registration import ENV_ID, TASKS
 from npend_gym.rl.evaluation.episodes import Evaluation, evaluate
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.policies.hub import POLICY_FILE
+from npend_gym.rl.policies.files import POLICY_FILE
 from npend_gym.rl.policies.policy import Policy
 
 _CARD = """---

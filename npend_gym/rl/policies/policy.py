@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,11 +13,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from npend_gym._extras import require
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.policies.checks import USUAL, check_env, check_functions, check_network
-from npend_gym.rl.policies.files import Float32Array, pretrained_path, read_policy, write_policy
+from npend_gym.rl.policies.files import (
+    POLICY_FILE,
+    Float32Array,
+    pretrained_path,
+    read_policy,
+    write_policy,
+)
 from npend_gym.rl.policies.history import History
-from npend_gym.rl.policies.hub import POLICY_FILE, download
 
 if TYPE_CHECKING:
     from npend_gym.envs.config import EnvConfig
@@ -229,15 +234,12 @@ class Policy:
         Parameters
         ----------
         path : path-like
-            Ends in ".npz", for NumPy, or in ".safetensors", which needs the extra "hub". Either
-            is one file: after an error, what stood there before is still whole.
+            Ends in ".safetensors". After an error, what stood there before is still whole.
 
         Raises
         ------
         ValueError
             If it ends otherwise.
-        ImportError
-            If safetensors is not installed.
         """
         about = {"env": plain_keywords(self.env)} | self.provenance
         functions = {k: getattr(self, k) for k, v in USUAL.items() if getattr(self, k) != v}
@@ -283,33 +285,22 @@ class Policy:
         Raises
         ------
         ValueError
-            If the file is no policy: pickled, too large, with other names, types or shapes, with
-            numbers that may overflow, or for an environment that it does not fit.
-
-        Warns
-        -----
-        UserWarning
-            If the file does not say for which environment the policy is made: `env` is then empty.
+            If the file is no policy: not a .safetensors file, damaged, too large, not described,
+            with other names, types or shapes, with numbers that may overflow, or for an
+            environment that it does not fit.
         """
         path = Path(path)
         arrays, about = read_policy(path)
-        env = about.pop("env", None)
+        env = about.pop("env")
         try:
             functions = check_functions(about.pop("network", {}))
             offset = arrays.pop("offset", None)
             layers = check_network(arrays, offset, functions)
-            policy = cls(*layers, env or {}, about, offset, **functions)
+            policy = cls(*layers, env, about, offset, **functions)
             if env:
                 check_env(env, policy.observed, len(policy.biases[-1]), trust=trust)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} is no policy: {error}") from error
-        if env is None:
-            warnings.warn(
-                f"{path} does not say for which environment its policy is made, so that env is "
-                "empty: Policy.save writes it, and a .npz of version 0.1 has it in a .json beside",
-                UserWarning,
-                stacklevel=2,
-            )
         return policy
 
     @classmethod
@@ -318,7 +309,7 @@ class Policy:
     ) -> Policy:
         """Load a policy from the Hugging Face Hub; it is downloaded once and kept.
 
-        The formats hold numbers and text: whoever wrote the file, nothing of it is executed.
+        The file holds numbers and text: whoever wrote it, nothing of it is executed.
 
         Parameters
         ----------
@@ -334,9 +325,10 @@ class Policy:
         ImportError
             If the extra "hub" is not installed.
         ValueError, OSError
-            If the file is no policy, or cannot be downloaded. `load` says of what it warns.
+            If the file is no policy, or cannot be downloaded.
         """
-        return cls.load(download(repo_id, filename, revision))
+        hub = require("huggingface_hub", "hub", "policies of the Hugging Face Hub")
+        return cls.load(hub.hf_hub_download(repo_id, filename, revision=revision))
 
     @classmethod
     def pretrained(cls, name: str) -> Policy:
