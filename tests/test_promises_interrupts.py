@@ -168,7 +168,7 @@ print(time.time())
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
     )
-    assert time.time() - float(done.stdout) < 3.0
+    assert time.time() - float(done.stdout) < 30.0  # not for ever, on the busiest machine
     assert done.stderr == ""
 
 
