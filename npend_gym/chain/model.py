@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._faces import MethodFromAbove
-from npend_gym.chain import parameters, presets
+from npend_gym.chain import parameters
 from npend_gym.chain.cart import Cart, as_base
 from npend_gym.chain.parameters import (
     FRICTION_SPEED,
@@ -21,10 +21,11 @@ from npend_gym.chain.parameters import (
     STANDARD_GRAVITY,
     ChainParameters,
 )
+from npend_gym.chain.presets import NamedChains
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Chain:
+class Chain(NamedChains):
     r"""A planar chain of n links: point masses on massless rods, or rigid bodies.
 
     ::
@@ -172,14 +173,6 @@ class Chain:
                 f"left out with it, got {', '.join(self.repeated(1).beyond_ideal())}"
             )
 
-    uniform = classmethod(presets.uniform)
-    rods = classmethod(presets.rods)
-    preset = classmethod(presets.preset)
-    acrobot = classmethod(presets.acrobot)
-    cartpole = classmethod(presets.cartpole)
-    realaigym = classmethod(presets.realaigym)
-    multiarm = classmethod(presets.multiarm)
-    dm_control = classmethod(presets.dm_control)
     _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")
 
     @property
