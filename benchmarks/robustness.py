@@ -26,7 +26,7 @@ from npend_gym.rl.training.tasks import ROBUST, env_of_task
 TASKS = ("swingup-1", "calm-2")
 FACTORED = ("masses", "lengths", "gravity", "max_torque")  # of ROBUST; damping has values
 FACTORS = [round(0.1 * tenth, 1) for tenth in range(5, 16)]
-PAGE = DOCS / "howto" / "randomize.md"
+PAGE = DOCS / "notes" / "randomized_training.md"
 TABLE = re.compile(r"\| chain \|.*?\n\n", re.DOTALL)
 NOMINAL, WHOLE, LOW, HIGH = "as made", "drawn from the whole range", "all low", "all high"
 
