@@ -30,8 +30,8 @@ class Call:
     __slots__ = ("failure", "stopped", "work")
 
     def __init__(self, work: Callable[[int, Call], None]) -> None:
-        self.work = work
-        self.stopped = False
+        self.work: Callable[[int, Call], None] = work
+        self.stopped: bool = False
         self.failure: BaseException | None = None
 
 

@@ -46,7 +46,9 @@ class Shooting:
     """
 
     def __init__(self, chain: Chain, frequency: float) -> None:
-        self.chain, self.n, self.frequency = chain, chain.n, frequency
+        self.chain: Chain = chain
+        self.n: int = chain.n
+        self.frequency: float = frequency
 
     def period(self, x: FloatArray) -> float:
         """Return the period [s] of the orbit `x`."""

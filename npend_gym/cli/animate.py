@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from npend_gym.recording import Recording
 
 _FPS = 25.0
-FILLS = {
+FILLS: dict[str, Any] = {
     "npend_gym.cli.evaluate:run": ("trust",),
     "npend_gym.report.animation:Film": ("fps", "speed", "size"),
     "npend_gym.experiments.release:ReleaseExperiment": (

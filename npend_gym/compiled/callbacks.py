@@ -54,13 +54,15 @@ class Callback:
     def __init__(self, writer: Any, entries: int, *, compiled: bool) -> None:
         self.failure: BaseException | None = None
         self.stopped = False
-        self.compiled, self._writer, self._entries = compiled, writer, entries
+        self.compiled: bool = compiled
+        self._writer = writer
+        self._entries = entries
         # kept alive as long as its address is used
         self._function: Any = _in_c(writer, entries) if compiled else _IN_C(self._in_python)
         if compiled:
             self.address = int(self._function.address)
         else:
-            self.address = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
+            self.address: int = int(ctypes.cast(self._function, ctypes.c_void_p).value or 0)
 
     def _in_python(self, t: float, q: Any, u: Any, out: Any, m: int, n: int) -> None:
         values = np.ctypeslib.as_array(out, (n + self._entries,))

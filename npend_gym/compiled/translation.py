@@ -66,10 +66,12 @@ class Translation:
         dtype: np.dtype[Any],
         replaced: Mapping[Any, Any],
     ) -> None:
-        self.cuda, self.device_function = cuda, device_function
-        self.kinds, self.single = kinds, dtype == np.float32
-        self.replaced = _OF_ONE_LANE | dict(replaced)
-        self.float_type = getattr(import_module("numba"), dtype.name)
+        self.cuda: Any = cuda
+        self.device_function: Callable[[FunctionType, str], Any] = device_function
+        self.kinds: Collection[type | int] = kinds
+        self.single: bool = dtype == np.float32
+        self.replaced: dict[Any, Any] = _OF_ONE_LANE | dict(replaced)
+        self.float_type: Any = getattr(import_module("numba"), dtype.name)
         self.done: dict[FunctionType, Any] = {}
 
     def function(self, function: FunctionType) -> FunctionType:

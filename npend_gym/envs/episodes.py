@@ -15,7 +15,7 @@ from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import generator
 from npend_gym.envs.config import EnvConfig, task_numbers
-from npend_gym.envs.hardware import fit_hardware
+from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.kernels import step_many, step_one
 from npend_gym.envs.modes import left_rail, rail_factor
@@ -68,7 +68,9 @@ class Episodes:
     def __init__(
         self, config: EnvConfig, count: int, threads: int = 1, max_steps: int | None = None
     ) -> None:
-        self.config, self.count, self._max_steps = config, count, max_steps
+        self.config: EnvConfig = config
+        self.count: int = count
+        self._max_steps = max_steps
         n, joints, random = config.chain.n, config.joints, config.randomization
         poses = len(Pose) if config.mode.has_goals else 0
         base = mechanism_of([config.chain]).base
@@ -82,7 +84,7 @@ class Episodes:
         members[Episode.HAS_BOBS] = random.has_bobs
         members[Episode.AMPLITUDE] = config.amplitude
         members[Member.WITH_COM] = config.mode.measures_com
-        self.seeds = Seeds(count, lanes)
+        self.seeds: Seeds = Seeds(count, lanes)
         nominal = config.chain.repeated(1).stacked()[0]
         self._context = np.zeros((lanes, len(random.names)))
         self._start = start_plan(config.mode, config.spread)
@@ -99,17 +101,22 @@ class Episodes:
             self._memory.plan(*timing), self._memory.plan(0.0, 0, math.inf)
         )  # fmt: skip
         self._commands = self._actions  # what the step kernel turns into torques
+        self.motors: Motors | None
+        self.sensors: Sensors | None
         self.motors, self.sensors = fit_hardware(config, self._memory)
         if self.motors is not None:
             self._stepping = self.motors.plan
             self._commands = self.motors.no_actions
-        self.snapshots = Snapshots(config, self._memory, self.seeds.keys, self._kept_arrays)
-        self.outputs = Outputs(
+        self.snapshots: Snapshots = Snapshots(
+            config, self._memory, self.seeds.keys, self._kept_arrays
+        )
+        self.outputs: Outputs = Outputs(
             config, self._memory, self.motors, self._context, with_quantities=self._judge == 0
         )
         self._kept = KeptOptions(count)
         # lanes that are not as made, by options or a state, and whether there are any
-        self._altered, self.some_altered = np.zeros(count, np.bool_), False
+        self._altered = np.zeros(count, np.bool_)
+        self.some_altered: bool = False
         self._memory.write_chain(np.arange(lanes), config.chain.repeated(1))
         scale_all(*self._memory.arrays[:2], n, np.arange(lanes))
 
@@ -222,7 +229,8 @@ class Episodes:
         """Put lanes into the states of records that `snapshots.check` returned, and show them."""
         self.snapshots.put(lanes, states)
         self.seeds.read_keys(lanes)
-        self._altered[lanes] = self.some_altered = True
+        self._altered[lanes] = True
+        self.some_altered = True
         self.observe()
 
     def beginnings(self) -> Beginnings:

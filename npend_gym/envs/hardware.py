@@ -58,10 +58,10 @@ class Motors:
         varies |= config.action_delay % 1.0 > 0.0 or "action_delay" in config.context_names
         self._pieces = substeps if varies else 1
         piece = config.dt / self._pieces, substeps // self._pieces, config.max_rotation
-        self.plan = memory.plan(*piece)
+        self.plan: Plan = memory.plan(*piece)
         kernels = (apply_one, advance_one) if memory.size == 1 else (apply_many, advance_many)
         self._apply, self._advance = kernels
-        self.no_actions = np.zeros((0, memory.lanes))
+        self.no_actions: FloatArray = np.zeros((0, memory.lanes))
         self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
 
@@ -120,7 +120,7 @@ class Sensors:
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._dt = memory, config.dt
         self._sense = sense_one if memory.size == 1 else sense_many
-        self.no_observation = np.zeros((memory.lanes, 0), np.float32)
+        self.no_observation: NDArray[np.float32] = np.zeros((memory.lanes, 0), np.float32)
         delay = config.largest["observation_delay"]
         size = memory.n + 1 if config.has_cart else memory.n
         self._history = np.zeros((memory.lanes, _slots(delay) if delay > 0.0 else 0, 2, size))

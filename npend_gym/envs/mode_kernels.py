@@ -54,4 +54,4 @@ def _dispatch(modes: Sequence[type[Mode]]) -> Any:
     return judge
 
 
-judged = _dispatch(list(NUMBER_OF))
+judged: Any = _dispatch(list(NUMBER_OF))

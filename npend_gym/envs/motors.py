@@ -41,7 +41,7 @@ class CommandFields(NamedTuple):
     TORQUE: int = 6  # N m, or N of a cart: mean over the step of what the motor exerts
 
 
-Command = CommandFields()
+Command: CommandFields = CommandFields()
 
 
 @inlined_kernel

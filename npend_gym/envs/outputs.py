@@ -9,6 +9,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import ChainParameters
@@ -91,7 +92,9 @@ class Outputs:
         self, config: EnvConfig, memory: Memory, motors: Motors | None, context: FloatArray,
         *, with_quantities: bool,
     ) -> None:  # fmt: skip
-        self.config, self.count, n = config, memory.size, config.n
+        self.config: EnvConfig = config
+        self.count: int = memory.size
+        n = config.n
         self._memory, self._motors, self._context = memory, motors, context
         joints = config.joints
         first = np.array_equal(np.arange(joints.size), joints)
@@ -141,8 +144,9 @@ class Outputs:
     def renew(self) -> None:
         """Make new arrays: those handed out before are not written again."""
         observations, rows, flags = self._shapes
-        self.observations, self.rows = np.empty(observations, np.float32), np.empty(rows)
-        self.flags = np.empty(flags, np.bool_)
+        self.observations: NDArray[np.float32] = np.empty(observations, np.float32)
+        self.rows: FloatArray = np.empty(rows)
+        self.flags: BoolArray = np.empty(flags, np.bool_)
 
     def beginnings(self, state: FloatArray) -> Beginnings:
         """Return how the present episodes began, in these states."""

@@ -35,7 +35,8 @@ class Camera:
     def __init__(self, render_mode: str | None, config: EnvConfig) -> None:
         if render_mode is not None:
             _checks.choice("render_mode", render_mode, RENDER_MODES)
-        self.mode, self.fps = render_mode, config.render_fps
+        self.mode: str | None = render_mode
+        self.fps: int = config.render_fps
         self._traces: dict[int, deque[FloatArray]] = {}
         self._pushes: dict[int, tuple[float, int]] = {}  # with the number of pictures to come
         self._painter: render.Painter | None = None

@@ -36,10 +36,10 @@ class EpisodeFields(NamedTuple):
     AMPLITUDE: int = len(Member) + 12  # rad, of a release
 
 
-Episode = EpisodeFields()
+Episode: EpisodeFields = EpisodeFields()
 
 # Rows of `members`, after those of `Episode`: the keywords that each lane has a value of
-SettingFields = _named("SettingFields", OF_LANES)
+SettingFields: Any = _named("SettingFields", OF_LANES)
 Setting: Any = SettingFields(*(len(Member) + len(Episode) + k for k in range(len(OF_LANES))))
 ROWS = len(Episode) + len(Setting)  # of `members`, after those of `Member`
 
@@ -54,18 +54,18 @@ class PoseFields(NamedTuple):
     GOAL: int = len(Rod) + 1  # which is to be reached
 
 
-Pose = PoseFields()
+Pose: PoseFields = PoseFields()
 
 # Rows of `outputs` and of `flags`, an entry for each lane: what the table of the info says, and
 # what a step returns beside the info
-OutputFields = _named("OutputFields", [*map(str.upper, NUMBERS), "REWARD"])
-FlagFields = _named("FlagFields", [*map(str.upper, TRUTHS), "TERMINATED", "TRUNCATED"])
+OutputFields: Any = _named("OutputFields", [*map(str.upper, NUMBERS), "REWARD"])
+FlagFields: Any = _named("FlagFields", [*map(str.upper, TRUTHS), "TERMINATED", "TRUNCATED"])
 Output: Any = OutputFields(*range(len(OutputFields._fields)))
 Flag: Any = FlagFields(*range(len(FlagFields._fields)))
 
 # Blocks of rows of `outputs` after those of `Output`: n rows for the rods of each, and the last,
 # written where Python judges and in modes with goals, with the rows of `Quantity`
-BlockFields = _named("BlockFields", [*map(str.upper, OF_RODS), "COSINES", "QUANTITIES"])
+BlockFields: Any = _named("BlockFields", [*map(str.upper, OF_RODS), "COSINES", "QUANTITIES"])
 Block: Any = BlockFields(*range(len(BlockFields._fields)))
 Quantity: Any = Quantities(*range(len(Quantities._fields)))  # type: ignore[arg-type]
 OF_LANE = Quantity.theta  # number of quantities before the angles and angular velocities
@@ -92,7 +92,7 @@ class TaskFields(NamedTuple):
     VELOCITIES: int = 10  # 1: velocities are observed
 
 
-Task = TaskFields()
+Task: TaskFields = TaskFields()
 
 
 class WiringFields(NamedTuple):
@@ -102,7 +102,7 @@ class WiringFields(NamedTuple):
     PER_SPEED: int = 1  # s/rad, by which the observed angular velocity of a rod is multiplied
 
 
-Wiring = WiringFields()
+Wiring: WiringFields = WiringFields()
 
 
 ANGLES, SINCOS = 0.0, 1.0  # forms of the observation

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium import Space
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
@@ -42,11 +43,11 @@ class Session:
         self.config = config
         self.metadata = Session.metadata | {"render_fps": config.render_fps}
         self.render_mode = render_mode
-        self.camera = Camera(render_mode, config)
+        self.camera: Camera = Camera(render_mode, config)
         self._episodes: Episodes = Episodes(config, lanes, threads, max_steps)
         self._calls = CallGuard()
         if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them
-            self.compute_reward = GoalReward(config.mode)
+            self.compute_reward: GoalReward = GoalReward(config.mode)
 
     def _begin(self, call: str, before: Progress) -> Episodes:
         """Begin a call that replaces everything; return the episodes for it."""
@@ -91,15 +92,17 @@ class ManyLanes(Session):
         self, config: EnvConfig, num_envs: int, max_episode_steps: int | None,
         autoreset_mode: AutoresetMode | str, render_mode: str | None = None, threads: int = 1,
     ) -> None:  # fmt: skip
-        self.num_envs = checked_num_envs(num_envs, config.n)
-        self.max_episode_steps = checked_episode_steps(max_episode_steps)
-        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
+        self.num_envs: int = checked_num_envs(num_envs, config.n)
+        self.max_episode_steps: int | None = checked_episode_steps(max_episode_steps)
+        self.autoreset_mode: AutoresetMode = checked_autoreset_mode(autoreset_mode)
         self._open(config, render_mode, self.num_envs, threads, self.max_episode_steps)
-        self.metadata |= {"autoreset_mode": self.autoreset_mode}
-        self.single_action_space = config.action_space
-        self.single_observation_space = config.observation_space
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.metadata: dict[str, Any] = self.metadata | {"autoreset_mode": self.autoreset_mode}
+        self.single_action_space: Space[Any] = config.action_space
+        self.single_observation_space: Space[Any] = config.observation_space
+        self.action_space: Space[Any] = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space: Space[Any] = batch_space(
+            self.single_observation_space, self.num_envs
+        )
 
     def _begin_lanes(
         self, seed: Any, options: dict[str, Any] | None

@@ -154,8 +154,8 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     def __init__(self, *, render_mode: str | None = None, **keywords: Unpack[EnvKeywords]) -> None:
         config = make_config(NPendulumEnv, keywords)
         self._open(config, render_mode)
-        self.action_space = config.action_space
-        self.observation_space = config.observation_space
+        self.action_space: gym.Space[Any] = config.action_space
+        self.observation_space: gym.Space[ObsArray] = config.observation_space
         self._action_shape = (config.joints.size,)
         self._is_seeded = False
 

@@ -54,7 +54,7 @@ class Snapshots:
         parts += [(name, "<f8", values.shape[1:]) for name, values in more().items()]
         head: list[Any] = [("version", "<u8"), ("environment", "<u8"), ("sum", "<u8")]
         head += [("done", "<u8"), ("key", "<u8", (2,))]
-        self.dtype = np.dtype([*head, *parts])
+        self.dtype: np.dtype[np.void] = np.dtype([*head, *parts])
         self._first = len(head) + 1  # columns before `parts`
         one = memory.read_lanes(np.zeros(1, np.int64))
         self._shapes = [part.shape[1:] for part in (*one, *more().values())]

@@ -37,7 +37,7 @@ class StartFields(NamedTuple):
     GOALS: int = 4  # 1: it is near an equilibrium that is drawn, and so is a goal
 
 
-Start = StartFields()
+Start: StartFields = StartFields()
 BY_PYTHON, RELEASE, NEAR_POSE = range(3)  # kinds of start
 CHOSEN = 2.0  # times the cosines of an equilibrium that reset options choose
 
@@ -52,7 +52,7 @@ class DrawFields(NamedTuple):
     HIGH: int = 4
 
 
-Draw = DrawFields()
+Draw: DrawFields = DrawFields()
 
 
 @inlined_kernel

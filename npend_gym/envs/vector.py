@@ -73,7 +73,7 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         threads: int = 1,
         **keywords: Unpack[EnvKeywords],
     ) -> None:
-        self.closed = True  # until there is something to close
+        self.closed: bool = True  # until there is something to close
         config = make_config(NPendulumVectorEnv, keywords)
         self._open_lanes(config, num_envs, max_episode_steps, autoreset_mode, render_mode, threads)
         self._done = np.zeros(self.num_envs, np.bool_)  # lanes whose episode is over

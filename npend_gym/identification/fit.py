@@ -173,16 +173,16 @@ class Problem:
             raise ValueError(
                 f"chain must have a link for each of {motion.links} angles, got {known.n}"
             )
-        self.held_out = _checks.nonnegative_number("held_out", held_out)
+        self.held_out: float = _checks.nonnegative_number("held_out", held_out)
         if self.held_out > 0.5:
             raise ValueError(f"held_out must be a share between 0 and 0.5, got {held_out}")
-        self.driven = motion.torque is not None and bool(np.any(motion.torque))
+        self.driven: bool = motion.torque is not None and bool(np.any(motion.torque))
         check_units(known, motion, driven=self.driven)
-        self.stages = Stages(motion, new_model(known, fit, driven=self.driven))
+        self.stages: Stages = Stages(motion, new_model(known, fit, driven=self.driven))
         self.longest = self.stages.period * _PERIODS
         if segment is not None:
-            self.longest = _checks.positive_number("segment", segment)
-        self.provenance = provenance(
+            self.longest: float = _checks.positive_number("segment", segment)
+        self.provenance: dict[str, Any] = provenance(
             {
                 "chain": known.as_dict(),
                 "fit": None if fit is None else list(fit),

@@ -51,7 +51,8 @@ class Shooting:
     def __init__(
         self, model: Model, motion: Motion, rows: Sequence[slice], longest: float, rate: float
     ) -> None:
-        self.model, self.rows = model, list(rows)
+        self.model: Model = model
+        self.rows: list[slice] = list(rows)
         counts = np.array([each.stop - each.start for each in rows])
         self.measured: BoolArray = np.arange(int(counts.max())) < counts[:, None]
         times = self._side_by_side(motion.times)

@@ -79,7 +79,9 @@ class Stages:
     """
 
     def __init__(self, motion: Motion, model: Model) -> None:
-        self.motion, self.model, self.period = motion, model, motion.period()
+        self.motion: Motion = motion
+        self.model: Model = model
+        self.period: float = motion.period()
         self._interval = float(np.median(np.diff(motion.times)))
         self._curves = smooth(motion, 0.25 * self.period)
         speed = float(np.nanquantile(np.abs(self._curves.omega), 0.999))

@@ -42,7 +42,9 @@ class Drives:
     def __init__(
         self, n: int, fixed: FloatArray, varying: dict[str, TimeVarying], loads: int
     ) -> None:
-        self.n, self.fixed, self.varying = n, fixed, varying
+        self.n: int = n
+        self.fixed: FloatArray = fixed
+        self.varying: dict[str, TimeVarying] = varying
         self._loads = loads
         self._callback: Callback | None = None
         self._broken = np.full(1, np.nan)  # instant at which a function wrote NaN or infinity

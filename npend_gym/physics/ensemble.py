@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -86,14 +86,17 @@ class Ensemble(Members):
         joints: Sequence[int] = (0,),
         threads: int = 1,
     ) -> None:
+        self.size: int
         mechanism, self.size = check_chains(chains, size)
         if mechanism.springs is not None:
             raise ValueError(
                 "chains of an ensemble must have rigid rods, because equal steps do not resolve "
                 "the vibrations of springs: leave out stiffness, or use simulate"
             )
-        self.n = mechanism.n
-        self.joints = np.array([_checks.count("joint", j, low=0, high=self.n - 1) for j in joints])
+        self.n: int = mechanism.n
+        self.joints: NDArray[Any] = np.array(
+            [_checks.count("joint", j, low=0, high=self.n - 1) for j in joints]
+        )
         super().__init__(
             Memory(
                 mechanism.parameters, self.size, threads, base=mechanism.base,

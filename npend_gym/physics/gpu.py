@@ -68,15 +68,17 @@ class DeviceChains:
         dtype: DTypeLike = np.float64,
         drag: bool = False,
     ) -> None:
-        self.cuda = require_device()
+        self.cuda: Any = require_device()
+        self.size: int
         mechanism, self.size = check_chains(chains, size)
         if mechanism.springs is not None or mechanism.base is not None:
             raise ValueError(
                 "chains on a GPU must have rigid rods and a pivot at rest: leave out stiffness and "
                 "base, or use the processor"
             )
-        self.parameters = mechanism.parameters
-        self.n, self.dtype = self.parameters.masses.shape[1], np.dtype(dtype)
+        self.parameters: ChainParameters = mechanism.parameters
+        self.n: int = self.parameters.masses.shape[1]
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
         _checks.choice("dtype", self.dtype.name, ("float64", "float32"))
         self._rows = self.cuda.to_device(self.parameters.stacked().astype(self.dtype))
         self._resisted = drag or self.parameters.has_drag

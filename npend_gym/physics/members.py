@@ -15,7 +15,8 @@ class Members:
     """The members of an `Ensemble`, read: every property is a new array."""
 
     def __init__(self, memory: Memory) -> None:
-        self.n, self.size = memory.n, memory.size
+        self.n: int = memory.n
+        self.size: int = memory.size
         self._memory = memory
         self._ready = True  # no call was interrupted
         self._substeps: dict[float, int] = {}  # by default, of the last dt

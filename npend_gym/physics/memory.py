@@ -89,13 +89,15 @@ class Memory:
         spare_rod_rows: int = 0,
         packed: bool = False,
     ) -> None:
-        self.n, self.size = chains.masses.shape[1], size
-        self.threads = _checks.count("threads", threads, high=MAX_THREADS)
-        self.width = WIDTH if packed else group_width(size)
-        self.groups = -(-size // self.width)
-        self.lanes = lanes = self.groups * self.width
+        self.n: int = chains.masses.shape[1]
+        self.size: int = size
+        self.threads: int = _checks.count("threads", threads, high=MAX_THREADS)
+        self.width: int = WIDTH if packed else group_width(size)
+        self.groups: int = -(-size // self.width)
+        lanes = self.groups * self.width
+        self.lanes: int = lanes
         # rows that all begin at the same places of the cache would push each other out of it
-        self.columns = lanes + (self.width if lanes % _ALIASED == 0 else 0)
+        self.columns: int = lanes + (self.width if lanes % _ALIASED == 0 else 0)
         terms = model_terms(chains, base)
         self.arrays: tuple[FloatArray, FloatArray, Model] = (
             aligned_zeros(len(Member) + spare_rows, self.columns),

@@ -33,6 +33,7 @@ from npend_gym.physics.kernels.dop853 import (
 )
 from npend_gym.physics.kernels.drive import Frames, Observer, drive_many, drive_one
 from npend_gym.physics.kernels.driven import Torque
+from npend_gym.physics.kernels.dynamics import AnyArrays
 from npend_gym.physics.kernels.rk4 import new_rk4_scratch, rk4_frames, rk4_frames_of_packs
 from npend_gym.physics.mechanism import Mechanism
 
@@ -116,12 +117,16 @@ class Motion:
         settings: Mapping[str, float],
         members: slice | None = None,
     ) -> None:
-        self.mechanism, self.state = mechanism, state
-        self.drives, self.settings, self.members = drives, settings, members
-        self.arrays, self.width = mechanism.arrays(), state.size // (2 * mechanism.size)
+        self.mechanism: Mechanism = mechanism
+        self.state: FloatArray = state
+        self.drives: Drives = drives
+        self.settings: Mapping[str, float] = settings
+        self.members: slice | None = members
+        self.arrays: AnyArrays = mechanism.arrays()
+        self.width: int = state.size // (2 * mechanism.size)
         self.method = "dop853" if "rtol" in settings else "rk4"
         most = RODS_PER_CALL if self.width == 1 else RODS_PER_PACK_CALL
-        self.steps_of_call = max(1, most // (mechanism.n * self.width))
+        self.steps_of_call: int = max(1, most // (mechanism.n * self.width))
 
     def segments(
         self, times: FloatArray, *, kept: bool = False, dense: bool = True, most: int = 0

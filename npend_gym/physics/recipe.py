@@ -25,7 +25,7 @@ class Function:
 
     def __init__(self, function: Callable[..., Any] | None, name: str | None = None) -> None:
         self.function = function
-        self.name = name or getattr(function, "__name__", type(function).__name__)
+        self.name: str | Any = name or getattr(function, "__name__", type(function).__name__)
 
     def required(self) -> Callable[..., Any]:
         """Return the function; a copy that lost it raises a ValueError."""

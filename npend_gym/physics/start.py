@@ -58,10 +58,13 @@ class Start:
         drives: dict[str, Any], state: dict[str, Any], begin: float, settings: dict[str, float],
         *, one: bool,
     ) -> None:  # fmt: skip
-        self.chains, first = chains, chains[0]
-        self._begin, self._settings, self.is_one = begin, settings, one
+        self.chains: tuple[Chain, ...] = chains
+        first = chains[0]
+        self._begin = begin
+        self._settings = settings
+        self.is_one: bool = one
         self._callbacks = dict[Any, Callback]()  # functions as machine code, for all motions
-        self.varying = {name: each for name, each in drives.items() if varies(each)}
+        self.varying: dict[str, Any] = {name: each for name, each in drives.items() if varies(each)}
         if "force" in self.varying and first.base is None:
             raise ValueError("force acts on a cart: the chain must have base=Cart(mass)")
         constant = drives | {name: _INSTEAD[name] for name in self.varying}
@@ -74,8 +77,8 @@ class Start:
             accelerated = np.asarray(accelerated, float)
         if len(chains) > 1:
             mechanism = mechanism_of(chains, accelerated)
-        self.states = States(mechanism, *states.rows)
-        self.count = len(self.states.q)
+        self.states: States = States(mechanism, *states.rows)
+        self.count: int = len(self.states.q)
         force = states.loads[..., first.n] if mechanism.places == 1 else np.zeros(())
         recipe = Recipe(
             "dop853" if "rtol" in settings else "rk4", settings, states.loads[..., : first.n],
@@ -83,7 +86,7 @@ class Start:
         )  # fmt: skip
         functions = {name: each if isinstance(each, (Signal, Function)) else Function(each)
                      for name, each in self.varying.items()}  # fmt: skip
-        self.recipe = recipe._replace(**functions)
+        self.recipe: Recipe = recipe._replace(**functions)
         chosen = first.stiffness is not None and state["stretch"] is None
         if chosen and (self.varying or len(chains) > 1):
             for k in range(self.count):

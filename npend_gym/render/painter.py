@@ -39,8 +39,8 @@ class Painter:
     """
 
     def __init__(self, size: int = 480, plain: bool = False) -> None:
-        self.size = _checks.picture_size("size", size)
-        self.plain = _checks.truth("plain", plain)
+        self.size: int = _checks.picture_size("size", size)
+        self.plain: bool = _checks.truth("plain", plain)
         pygame_module()
 
     def paint(self, scene: Scene) -> Frame:

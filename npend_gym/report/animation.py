@@ -21,8 +21,8 @@ try:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
-except ImportError as error:
-    raise _extras.missing("matplotlib", "plot,render", "films", error) from error
+except ImportError as _error:
+    raise _extras.missing("matplotlib", "plot,render", "films", _error) from _error
 from npend_gym.report.style import legend_below, styled
 
 SUFFIXES = (".gif", ".mp4")
@@ -67,8 +67,8 @@ class Film:
         diagrams: bool = True,
     ) -> None:
         self.recording = recording
-        self.fps = _checks.positive_number("fps", fps)
-        self.speed = _checks.positive_number("speed", speed)
+        self.fps: float = _checks.positive_number("fps", fps)
+        self.speed: float = _checks.positive_number("speed", speed)
         if _checks.picture_size("size", size, low=120) % 2:
             raise ValueError(f"size must be even, because videos have even sizes, got {size}")
         self._painter = Painter(size)

@@ -15,8 +15,8 @@ try:
     import matplotlib.style
     from matplotlib.figure import Figure
     from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
-except ImportError as error:
-    raise _extras.missing("matplotlib", "plot", "figures", error) from error
+except ImportError as _error:
+    raise _extras.missing("matplotlib", "plot", "figures", _error) from _error
 
 TRIALS = (("o", SKY), ("s", BLUE), ("^", BLACK))
 

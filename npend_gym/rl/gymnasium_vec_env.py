@@ -61,7 +61,7 @@ class SB3VecEnv(VecEnv):
                 'make it with gym.make_vec(..., autoreset_mode="SAME_STEP")'
             )
         self.venv = venv
-        self.info_keys = tuple(info_keys)
+        self.info_keys: tuple[str, ...] = tuple(info_keys)
         self._actions: Array | None = None
         self._returns = np.zeros(venv.num_envs)
         self._lengths = np.zeros(venv.num_envs, np.int64)
@@ -73,7 +73,7 @@ class SB3VecEnv(VecEnv):
         options = self._merged_options()
         seed: Any = None if all(s is None for s in self._seeds) else list(self._seeds)
         observation, info = self.venv.reset(seed=seed, options=options or None)
-        self.reset_infos = [_lane_info(info, k) for k in range(self.num_envs)]
+        self.reset_infos: list[dict[str, Any]] = [_lane_info(info, k) for k in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0

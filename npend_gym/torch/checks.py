@@ -32,7 +32,8 @@ class DivergedError(FloatingPointError):
     """
 
     def __init__(self, lanes: Sequence[int], step: int | None = None) -> None:
-        self.lanes, self.step = list(lanes), step
+        self.lanes: list[int] = list(lanes)
+        self.step: int | None = step
         which = "the step" if step is None else f"step {step}"
         super().__init__(
             f"lanes {_checks.show(self.lanes)} leave all bounds in {which}, where nothing can be "

@@ -79,7 +79,10 @@ class CompiledSteps:
         threads: int = 1,
         timing: tuple[int, float] | None = None,
     ) -> None:
-        self.chain, self.joints, self.threads, self.timing = chain, joints, threads, timing
+        self.chain: Chain = chain
+        self.joints: Sequence[int] = joints
+        self.threads: int = threads
+        self.timing: tuple[int, float] | None = timing
         self._own = chain.repeated(1)
         self._changed: dict[int, tuple[dict[str, FloatArray], ChainParameters]] = {}
         self._ensembles: dict[int, _Lanes] = {}

@@ -36,7 +36,9 @@ class DeviceSteps:
     def __init__(
         self, chain: Chain, joints: Sequence[int], timing: tuple[int, float] | None
     ) -> None:
-        self.chain, self.joints, self.timing = chain, list(joints), timing
+        self.chain: Chain = chain
+        self.joints: list[int] = list(joints)
+        self.timing: tuple[int, float] | None = timing
         self._kept: dict[Any, DifferentiableDeviceChains] = {}
         self._rows: tuple[ChainParameters, Tensor] | None = None  # those of the last call
         self._needed: tuple[ChainParameters, float, int] | None = None  # with dt and substeps

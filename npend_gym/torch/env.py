@@ -84,9 +84,11 @@ class DifferentiableVectorEnv(ManyLanes):
         config = make_config(DifferentiableVectorEnv, keywords)
         if dtype not in (torch.float64, torch.float32):
             raise TypeError(f"dtype must be torch.float64 or torch.float32, got {dtype}")
-        self.dtype, self.device = dtype, check_device(device)
+        self.dtype: torch.dtype = dtype
+        self.device: torch.device = check_device(device)
         self._open_lanes(config, num_envs, max_episode_steps, autoreset_mode)
-        self.observation_size, self.action_size = config.observed, config.joints.size
+        self.observation_size: int = config.observed
+        self.action_size: int = config.joints.size
         self._check_config()
         self._fit_hardware()
         timing = config.min_substeps // self._motors.pieces, config.max_rotation

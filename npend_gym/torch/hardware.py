@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.sensors import interpolate
 from npend_gym.physics.kernels.layout import MAX_SPEED
@@ -62,11 +63,14 @@ class Motors:
 
     def __init__(self, episodes: Episodes, device: torch.device) -> None:
         self._motors, self._keys, config = episodes.motors, episodes.seeds.keys, episodes.config
-        self.config, n, acted = config, config.n, config.joints.tolist()
+        self.config: EnvConfig = config
+        n = config.n
+        acted = config.joints.tolist()
         if self._motors is None:
             self.pieces, self.joints = 1, [joint for joint in acted if joint < n] or [0]
         else:
-            self.pieces, self.joints = self._motors.pieces, list(range(n))
+            self.pieces: int = self._motors.pieces
+            self.joints: list[int] = list(range(n))
         columns = {joint: k for k, joint in enumerate((*self.joints, n))}  # of loads; n: a cart
         places = torch.tensor([columns[joint] for joint in acted], dtype=torch.int64)
         self._places = places.to(device)

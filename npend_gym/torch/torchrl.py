@@ -15,8 +15,8 @@ try:
     from tensordict import TensorDict, TensorDictBase
     from torchrl.data import Bounded, Categorical, Composite, Unbounded
     from torchrl.envs import EnvBase
-except ImportError as error:
-    raise ImportError("TorchRLEnv needs TorchRL: pip install torchrl", name="torchrl") from error
+except ImportError as _error:
+    raise ImportError("TorchRLEnv needs TorchRL: pip install torchrl", name="torchrl") from _error
 
 
 class TorchRLEnv(EnvBase):
@@ -42,10 +42,11 @@ class TorchRLEnv(EnvBase):
         threads: int = 1,
         **keywords: Unpack[EnvKeywords],
     ) -> None:
-        self.env = env = DifferentiableVectorEnv(
+        env = DifferentiableVectorEnv(
             num_envs, max_episode_steps=max_episode_steps, dtype=dtype, threads=threads,
             autoreset_mode=AutoresetMode.DISABLED, **keywords,
         )  # fmt: skip
+        self.env: DifferentiableVectorEnv = env
         if env.config.goal_env:
             raise ValueError(
                 "goal_env must be False for TorchRLEnv, whose observation is one tensor; "

@@ -220,13 +220,13 @@ class Campaign:
     """
 
     def __init__(self, plan: CampaignPlan | None, out: Path | str) -> None:
-        self.out = resolved(out)
+        self.out: Path = resolved(out)
         present = read_plan(self.out)
         if plan is None and present is None:
             raise ValueError(f"there is no campaign in {self.out}: give a plan, or another folder")
         if plan is not None and present is not None and plan != present:
             raise ValueError(f"{self.out} holds another plan, with {_difference(plan, present)}")
-        self.plan = plan or present or CampaignPlan()
+        self.plan: CampaignPlan = plan or present or CampaignPlan()
         self.status: FolderStatus
         self._new = present is None
         self._lock = filelock.FileLock(self.out / _LOCK, blocking=False)

@@ -46,7 +46,7 @@ class MemberFields(NamedTuple):
     WITH_COM: int = 7  # 1 where the pseudo-period of the centre of mass is measured too
 
 
-Member = MemberFields()
+Member: MemberFields = MemberFields()
 
 
 class RodFields(NamedTuple):
@@ -74,7 +74,7 @@ class RodFields(NamedTuple):
     INVERSE_MASS: int = 16  # at joints 0..n: the one row that fills its n + 1 entries
 
 
-Rod = RodFields()
+Rod: RodFields = RodFields()
 
 
 class ScratchFields(NamedTuple):
@@ -96,7 +96,7 @@ class ScratchFields(NamedTuple):
     DURATION: int = 13  # first entry: s, of the substep
 
 
-Scratch = ScratchFields()
+Scratch: ScratchFields = ScratchFields()
 
 
 RK4 = len(Scratch)  # from here on RK4_ROWS rows of the work space are for the Runge-Kutta step
@@ -114,7 +114,7 @@ class TimingFields(NamedTuple):
     LAST_SUBSTEP: int = 6  # to the one before this
 
 
-Timing = TimingFields()
+Timing: TimingFields = TimingFields()
 
 
 # What chains need beside `rods`: nothing if they are ideal; (terms,) if they are links; and

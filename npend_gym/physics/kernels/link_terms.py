@@ -28,7 +28,7 @@ class LinkFields(NamedTuple):
     INERTIA: int = 7  # I, about the centre
 
 
-Link = LinkFields()
+Link: LinkFields = LinkFields()
 
 
 class JointFields(NamedTuple):
@@ -45,7 +45,7 @@ class JointFields(NamedTuple):
     FRICTION_SPEED: int = 8
 
 
-Joint = JointFields()
+Joint: JointFields = JointFields()
 
 
 class BaseFields(NamedTuple):
@@ -57,7 +57,7 @@ class BaseFields(NamedTuple):
     DAMPING: int = 3  # of the rail, N s/m
 
 
-Base = BaseFields()
+Base: BaseFields = BaseFields()
 
 
 class LinkArrays(NamedTuple):

@@ -236,9 +236,10 @@ def _articulated(machine: bool, kept: bool = False) -> Callable[..., Any]:
     return solve
 
 
-solve_links, solve_machine = _articulated(machine=False), _articulated(machine=True)
-solve_links_kept = _articulated(machine=False, kept=True)
-solve_machine_kept = _articulated(machine=True, kept=True)
+solve_links: Callable[..., Any] = _articulated(machine=False)
+solve_machine: Callable[..., Any] = _articulated(machine=True)
+solve_links_kept: Callable[..., Any] = _articulated(machine=False, kept=True)
+solve_machine_kept: Callable[..., Any] = _articulated(machine=True, kept=True)
 
 
 def _response(machine: bool) -> Callable[..., None]:
@@ -278,7 +279,8 @@ def _response(machine: bool) -> Callable[..., None]:
     return respond
 
 
-links_respond, machine_respond = _response(machine=False), _response(machine=True)
+links_respond: Callable[..., None] = _response(machine=False)
+machine_respond: Callable[..., None] = _response(machine=True)
 
 
 @inlined_kernel

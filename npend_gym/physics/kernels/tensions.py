@@ -245,7 +245,8 @@ def _point_masses(kept: bool) -> Callable[..., float]:
     return solve
 
 
-solve_tensions, solve_tensions_kept = _point_masses(kept=False), _point_masses(kept=True)
+solve_tensions: Callable[..., float] = _point_masses(kept=False)
+solve_tensions_kept: Callable[..., float] = _point_masses(kept=True)
 
 
 @inlined_kernel

@@ -101,7 +101,8 @@ class ILQR:
     """Motions over a horizon that are improved step by step."""
 
     def __init__(self, cost: Cost) -> None:
-        self.model, self.cost = StepModel(cost.config), cost
+        self.model: StepModel = StepModel(cost.config)
+        self.cost: Cost = cost
 
     def begin(
         self, start: FloatArray, actions: FloatArray, about: FloatArray, gain: FloatArray

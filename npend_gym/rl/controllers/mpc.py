@@ -91,8 +91,8 @@ class MPC:
     ) -> None:
         if config.joints.size == 0:
             raise ValueError(f'the environment must have motors, got mode "{config.mode.name}"')
-        self.iterations = _checks.count("iterations", iterations)
-        self.first_iterations = _checks.count("first_iterations", first_iterations)
+        self.iterations: int = _checks.count("iterations", iterations)
+        self.first_iterations: int = _checks.count("first_iterations", first_iterations)
         self._config = config
         ahead = fundamental_period(config.chain.hung()) if horizon is None else horizon
         if horizon is None and np.isnan(ahead):
@@ -135,7 +135,8 @@ class MPC:
         if not known.all():
             parts.append(self._first_plan(states[~known]))
         order = np.concatenate([np.flatnonzero(known), np.flatnonzero(~known)])
-        self.plans, self._time = joined(parts).of(np.argsort(order)), time.copy()
+        self.plans: Motions = joined(parts).of(np.argsort(order))
+        self._time = time.copy()
         return self.plans.actions[0]
 
     def _first_plan(self, states: FloatArray) -> Motions:

@@ -7,9 +7,10 @@ chains of three rods and more, whose motion no guess can foresee, are no harder 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solveh_banded
 
 from npend_gym._checks import FloatArray
@@ -51,15 +52,17 @@ class Transcription:
     """
 
     def __init__(self, config: EnvConfig, steps: int, start: FloatArray, goal: FloatArray) -> None:
-        self.n, self.joints, self.steps, self.dt = (
-            config.chain.n, config.joints.size, steps, config.dt
-        )  # fmt: skip
-        self.size, self.model = config.state_size, StepModel(config)
-        self.begin = at_rest(config, start)  # the state in which the trajectory begins
+        self.n: int = config.chain.n
+        self.joints: int = config.joints.size
+        self.steps: int = steps
+        self.dt: float = config.dt
+        self.size: int = config.state_size
+        self.model: StepModel = StepModel(config)
+        self.begin: FloatArray = at_rest(config, start)  # the state in which the trajectory begins
         self.goal = goal
         self.end = np.zeros(self.size)  # the state in which the trajectory ends
         self.wanted = np.zeros((steps, self.joints))  # v
-        self.scale = np.repeat([1.0, 0.3], self.size // 2)
+        self.scale: NDArray[Any] = np.repeat([1.0, 0.3], self.size // 2)
 
     def solve(
         self, end: FloatArray, z: FloatArray, like: NominalTrajectory | None = None
@@ -70,9 +73,10 @@ class Transcription:
         Levenberg and Marquardt. A defect depends on two states that follow each other, so that the
         normal equations in the order of time are a band.
         """
-        self.end, self.wanted = end, np.zeros((self.steps, self.joints))
+        self.end: FloatArray = end
+        self.wanted = np.zeros((self.steps, self.joints))
         if like is not None:
-            self.wanted = self.rows(self.unknowns(*like)[1])[1]
+            self.wanted: FloatArray = self.rows(self.unknowns(*like)[1])[1]
         defects, weight, damping = self.defects(z), 1.0, 1e-2
         for _ in range(_MAX_ITERATIONS):
             try:

@@ -47,7 +47,8 @@ class PlannedTransitions:
     def __init__(
         self, plans: Mapping[Pair, PlannedTransition], arguments: Mapping[str, Any] | None = None
     ) -> None:
-        self.plans, self.arguments = dict(plans), dict(arguments or {})
+        self.plans: dict[Pair, PlannedTransition] = dict(plans)
+        self.arguments: dict[str, Any] = dict(arguments or {})
         self._numbers = {pair: number for number, pair in enumerate(self.plans)}
         self.reset()
 

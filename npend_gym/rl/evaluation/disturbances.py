@@ -40,8 +40,10 @@ class DisturbedEnvs:
     """
 
     def __init__(self, setting: Setting, num_envs: int, disturbance: Disturbance) -> None:
-        config = self.config = setting.config
-        self.num_envs, self.disturbance = num_envs, disturbance
+        config = setting.config
+        self.config: EnvConfig = config
+        self.num_envs: int = num_envs
+        self.disturbance: Disturbance = disturbance
         every = {"actuated": tuple(range(config.n)), "max_torque": 2.0 * config.max_torque}
         every |= {"difficulty": None, "torque_levels": None}
         if config.has_cart:

@@ -87,9 +87,10 @@ class Lanes:
     """
 
     def __init__(self, envs: Sequence[Any]) -> None:
-        self.envs = list(envs)
+        self.envs: list[Any] = list(envs)
         sizes = [env.num_envs for env in self.envs]
-        self.num_envs, self._firsts = sum(sizes), np.cumsum([0, *sizes[:-1]])
+        self.num_envs: int = sum(sizes)
+        self._firsts = np.cumsum([0, *sizes[:-1]])
 
     def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the parts of an array, (B, ...), that belong to each of the environments."""

@@ -97,7 +97,8 @@ class ChainPlans:
         wrong: Sequence[Changes] = (),
         start_cost: float = 1.0,
     ) -> None:
-        self._config, self.steps = config, len(base.gains)
+        self._config = config
+        self.steps: int = len(base.gains)
         nominal = parameters(config.chain)
         whole = [nominal | dict(changes) for changes in wrong]
         near_first = sorted(whole, key=lambda each: self._distance(nominal, each))

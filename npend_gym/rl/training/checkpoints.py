@@ -126,7 +126,7 @@ class Checkpoint:
 class Stopwatch:
     """Processor time that a run has taken, also before it was resumed."""
 
-    changes = ("seconds",)
+    changes: tuple[str, ...] = ("seconds",)
 
     def __init__(self) -> None:
         self._began = time.process_time()

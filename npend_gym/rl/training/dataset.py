@@ -18,11 +18,13 @@ _MAX_LABEL = 1.5  # of the expert's actions, in units of the limit
 class Dataset:
     """What a student was given, what the expert would have done, and how much that matters."""
 
-    changes = ("size", "filled")
+    changes: tuple[str, ...] = ("size", "filled")
 
     def __init__(self, max_states: int, inputs: int, joints: int) -> None:
-        self.size = 0
-        self.inputs = torch.empty(max_states, inputs)
+        self.size: int = 0
+        self.inputs: torch.Tensor = torch.empty(max_states, inputs)
+        self.actions: torch.Tensor
+        self.weights: torch.Tensor
         self.actions, self.weights = torch.empty(2, max_states, joints)
 
     @property

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.envs import EnvConfig
 from npend_gym.rl.evaluation.criteria import CRITERIA, Criterion, Pushes
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
 from npend_gym.rl.evaluation.rollouts import Lanes
@@ -57,7 +58,7 @@ class ErrorLanes:
         How many episodes have been judged at this level, and how many were good.
     """
 
-    changes = ("levels", "judged")
+    changes: tuple[str, ...] = ("levels", "judged")
 
     def __init__(
         self,
@@ -72,18 +73,21 @@ class ErrorLanes:
             _checks.nonnegative_number(f"errors[{name!r}]", share)
         shares = {name: share for name, share in errors.items() if share > 0.0} or {NOTHING: 1.0}
         self._setting = setting._replace(keywords=setting.keywords | {"max_episode_steps": None})
-        self.config, self._steps = setting.config, steps
+        self.config: EnvConfig = setting.config
+        self._steps = steps
         ends = np.rint(size * np.cumsum([*shares.values()]) / sum(shares.values())).astype(np.int64)
         counts = np.diff(ends, prepend=0)
-        self.names = [name for name, count in zip(shares, counts, strict=True) if count > 0]
+        self.names: list[str] = [
+            name for name, count in zip(shares, counts, strict=True) if count > 0
+        ]
         counts = counts[counts > 0]
-        self.group = np.repeat(np.arange(counts.size), counts)
-        self.which = np.zeros(size, np.int64)
+        self.group: NDArray[np.int64] = np.repeat(np.arange(counts.size), counts)
+        self.which: NDArray[np.int64] = np.zeros(size, np.int64)
         self._parts = [np.flatnonzero(self.group == k) for k in range(counts.size)]
         fixed = [name in (NOTHING, CHAIN) for name in self.names]
         self.levels: FloatArray = np.where(fixed, 1.0, first_level)
-        self.judged = np.zeros((2, counts.size), np.int64)
-        self.lanes = Lanes([self._make(k) for k in range(counts.size)])
+        self.judged: NDArray[np.int64] = np.zeros((2, counts.size), np.int64)
+        self.lanes: Lanes = Lanes([self._make(k) for k in range(counts.size)])
 
     @property
     def rank(self) -> FloatArray:

@@ -80,7 +80,7 @@ class Rescued:
 
     def __init__(self, expert: Expert, policy: Policy, lost: float) -> None:
         self._expert, self._policy, self._lost = expert, policy, lost
-        self.chains = expert.chains
+        self.chains: Sequence[Changes] = expert.chains
 
     def begin(self, which: NDArray[np.int64]) -> None:
         """Begin episodes in lanes with the chains of these numbers, (B,)."""

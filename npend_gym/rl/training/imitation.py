@@ -90,31 +90,34 @@ class Settings(TrainingSettings):
 class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
-    changes = (
+    changes: tuple[str, ...] = (
         "student", "learner", "dataset", "optimizer", "shuffler", "updates", "distance", "lanes"
     )  # fmt: skip
 
     def __init__(self, settings: Settings, expert: Expert) -> None:
-        self.settings, self.expert = settings, expert
+        self.settings: Settings = settings
+        self.expert: Expert = expert
         setting, size = setting_of(settings.env), settings.num_envs
         config = setting.config
-        self.episode_steps = round(settings.seconds / config.dt) + settings.standing
+        self.episode_steps: int = round(settings.seconds / config.dt) + settings.standing
         errors, level = settings.errors, settings.first_level
-        self.lanes = ErrorLanes(setting, size, errors, self.episode_steps, level)
+        self.lanes: ErrorLanes = ErrorLanes(setting, size, errors, self.episode_steps, level)
         episodes = size * (settings.rounds + 1)
-        self.seeds = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
+        self.seeds: range = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
         scales = settings.obs_scale, settings.change_scale
         obs_scale, change_scale = (observation_scale(config, each) for each in scales)
         joints = config.joints.size
-        self.to_inputs = differences(settings.length, obs_scale, change_scale, joints)
-        self.history = History(settings.length, config.observed, joints)
+        self.to_inputs: torch.Tensor = differences(settings.length, obs_scale, change_scale, joints)
+        self.history: History = History(settings.length, config.observed, joints)
         inputs = self.to_inputs.shape[1]
-        self.learner = network(inputs, joints, settings.hidden, last_gain=0.1)
-        self.student = copy.deepcopy(self.learner)  # what acts, with averages of its parameters
-        self.dataset = Dataset(settings.max_states, inputs, joints)
-        self.optimizer = torch.optim.Adam(self.learner.parameters(), fused=True)
-        self.shuffler = torch.Generator().manual_seed(settings.seed)
-        self.updates = 0  # so far
+        self.learner: nn.Sequential = network(inputs, joints, settings.hidden, last_gain=0.1)
+        self.student: nn.Sequential = copy.deepcopy(
+            self.learner
+        )  # what acts, with averages of its parameters
+        self.dataset: Dataset = Dataset(settings.max_states, inputs, joints)
+        self.optimizer: torch.optim.Adam = torch.optim.Adam(self.learner.parameters(), fused=True)
+        self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
+        self.updates: int = 0  # so far
         self.distance = math.inf  # of the learner's actions from the expert's, in `learn`
 
     @torch.no_grad()
@@ -187,7 +190,7 @@ class DAgger:
             with torch.no_grad():
                 for mean, latest in pairs:
                     mean.lerp_(latest, moved)
-        self.distance = float(np.mean(distances))
+        self.distance: float = float(np.mean(distances))
 
     def update(self) -> float:
         """Fit the learner to some states; return the distance of its actions from the expert's."""

@@ -71,16 +71,17 @@ class Settings(TrainingSettings):
 class Learner:
     """The actor, the critic and the critic's target, with what has been simulated lately."""
 
-    changes = ("actor", "critic", "target", "memory")
+    changes: tuple[str, ...] = ("actor", "critic", "target", "memory")
 
     def __init__(self, task: Task, actions: int, settings: Settings) -> None:
-        self.task, self.settings = task, settings
-        self.actor = network(task.inputs, actions, settings.hidden, last_gain=0.1)
-        self.critic = network(task.judged, 1, settings.critic_hidden, last_gain=1.0)
-        self.target = copy.deepcopy(self.critic)
+        self.task: Task = task
+        self.settings: Settings = settings
+        self.actor: nn.Sequential = network(task.inputs, actions, settings.hidden, last_gain=0.1)
+        self.critic: nn.Sequential = network(task.judged, 1, settings.critic_hidden, last_gain=1.0)
+        self.target: nn.Sequential = copy.deepcopy(self.critic)
         self.memory: Horizons | None = None
-        self.discounts = settings.gamma ** torch.arange(settings.horizon + 1.0)
-        self.optimizers = [
+        self.discounts: torch.Tensor = settings.gamma ** torch.arange(settings.horizon + 1.0)
+        self.optimizers: list[torch.optim.Adam] = [
             torch.optim.Adam(self.actor.parameters(), betas=(0.9, 0.95), fused=True),
             torch.optim.Adam(self.critic.parameters(), betas=(0.9, 0.98), fused=True),
         ]

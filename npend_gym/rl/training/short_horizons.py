@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from npend_gym._checks import BoolArray, FloatArray
@@ -51,22 +52,23 @@ class Task:
     def __init__(
         self, config: EnvConfig, gamma: float, obs_scale: tuple[float, float, float]
     ) -> None:
-        self.config, self.gamma = config, gamma
-        self.varied = bool(config.randomization.names) or config.mode.has_goals
-        self.obs_scale = observation_scale(config, obs_scale)
+        self.config: EnvConfig = config
+        self.gamma: float = gamma
+        self.varied: bool = bool(config.randomization.names) or config.mode.has_goals
+        self.obs_scale: torch.Tensor = observation_scale(config, obs_scale)
         # of the states: near pi a sine is its angle; on a cart a metre is as far as a length
         of_q = torch.ones(config.state_size // 2)
         of_q[config.n :] = config.chain.total_length
-        self.state_scale = torch.cat([of_q, obs_scale[2] * of_q])
-        self.start = config.amplitude + 0.5 * config.spread  # of a release
+        self.state_scale: torch.Tensor = torch.cat([of_q, obs_scale[2] * of_q])
+        self.start: float = config.amplitude + 0.5 * config.spread  # of a release
         episodes = Episodes(config, 1)
         episodes.start(np.ones(1, np.bool_))
         self._own = self._lanes_of(episodes.beginnings())
         self._parts = [part.float() for part in _parts(self._own)]
         self._own = self._with(self._parts)
-        self.inputs = len(self.obs_scale)  # of the actor
+        self.inputs: int = len(self.obs_scale)  # of the actor
         drawn = 0 if config.observe_context else len(config.randomization.names)
-        self.judged = self.inputs + drawn  # of the critic
+        self.judged: int = self.inputs + drawn  # of the critic
 
     def _lanes_of(self, began: Beginnings) -> Lanes:
         return Lanes.of(began, self.config, torch.device("cpu"), alike=not self.varied)
@@ -191,22 +193,27 @@ class Collector:
         Those of `shac`.
     """
 
-    changes = ("rng", "numbers", "states", "noise", "age")
+    changes: tuple[str, ...] = ("rng", "numbers", "states", "noise", "age")
 
     def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:
-        self.config, self.task, self.settings = config, task, settings
-        self.rng, size = np.random.default_rng(settings.seed), settings.num_envs
-        self.episodes = Episodes(config, size)
+        self.config: EnvConfig = config
+        self.task: Task = task
+        self.settings: Any = settings
+        self.rng: np.random.Generator = np.random.default_rng(settings.seed)
+        size = settings.num_envs
+        self.episodes: Episodes = Episodes(config, size)
         first = episode_seeds("training", size, run=settings.seed, spacing=1000).start
         everywhere = np.ones(size, np.bool_)
         self.episodes.seed(first, everywhere)
-        self.lanes = DifferentiableEnsemble(config.richest, size, joints=motors(config))
+        self.lanes: DifferentiableEnsemble = DifferentiableEnsemble(
+            config.richest, size, joints=motors(config)
+        )
         self.noise = np.zeros((size, config.joints.size))
         self.knocked = np.zeros((0, config.state_size))  # states to start from
         if settings.knocked > 0.0:
-            self.knocked = knocked_down(config, self.rng)
+            self.knocked: FloatArray = knocked_down(config, self.rng)
         self.restart(everywhere)
-        self.age = self.rng.integers(0, settings.episode, size)
+        self.age: NDArray[np.int64] = self.rng.integers(0, settings.episode, size)
 
     @property
     def numbers(self) -> FloatArray:
@@ -262,7 +269,8 @@ class Collector:
         """Draw what belongs to new episodes."""
         self.episodes.start(mask)
         began = self.episodes.beginnings()
-        self.context, self.limits = self.task.context_of(began), began.limits
+        self.context: torch.Tensor = self.task.context_of(began)
+        self.limits: FloatArray = began.limits
         if self.config.randomization.names:
             rows = ChainParameters(*(field[mask] for field in began.chains))
             self.lanes.set_chain(np.flatnonzero(mask), rows)
@@ -274,7 +282,7 @@ class Collector:
         states, actions, jacobians = [self._tensors()], [], []
         config, context, limits = self.config, self.context, self.limits
         for _ in range(self.settings.horizon):
-            self.noise = 0.8 * self.noise + 0.6 * self.rng.normal(size=self.noise.shape)
+            self.noise: FloatArray = 0.8 * self.noise + 0.6 * self.rng.normal(size=self.noise.shape)
             action = torch.tanh(actor(self.task.observe(states[-1], context))).double().numpy()
             action = np.clip(action + exploration * self.noise, -1.0, 1.0)
             torque, force = loads_of(config, action, limits)
