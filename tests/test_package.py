@@ -20,7 +20,7 @@ from npend_gym.compiled.jit import PACKAGE, cache_folder
 
 FACES = (
     "npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl", "npend_gym.experiments",
-    "npend_gym.report",
+    "npend_gym.export", "npend_gym.report",
 )  # fmt: skip
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame")
 

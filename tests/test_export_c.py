@@ -1,0 +1,311 @@
+import ctypes
+import dataclasses
+import re
+import shutil
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from test_rl_memory import policy_with_memory
+
+from npend_gym import __version__
+from npend_gym.cli import main
+from npend_gym.envs import EnvConfig
+from npend_gym.export import to_c
+from npend_gym.rl import Policy, observation_of, pretrained_names
+
+COMPILERS = [
+    pytest.param(name, marks=pytest.mark.skipif(not shutil.which(name), reason=f"no {name} here"))
+    for name in ("gcc", "clang", "tcc")
+]
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror")
+# Calls the functions of a header for many states, lane by lane
+DRIVER = """
+#include "policy.h"
+void acts(int lanes, int steps, const double *theta, const double *omega, const double *cart,
+    const double *goal, float *observation, float *action, double *torque)
+{
+    static p_policy policy;
+    int lane, step;
+    for (lane = 0; lane < lanes; lane++) {
+        p_policy_reset(&policy);
+        for (step = 0; step < steps; step++) {
+            p_policy_observe(theta, omega, cart, goal, observation);
+            p_policy_act(&policy, observation, action);
+            p_policy_torque(action, torque);
+            theta += P_RODS, omega += P_RODS, cart += 2, goal += P_RODS;
+            observation += P_OBSERVED, action += P_JOINTS, torque += P_JOINTS;
+        }
+    }
+}
+void tanhs(int size, const float *x, float *y)
+{
+    for (; size--; x++, y++)
+        *y = p_tanh(*x);
+}
+"""
+
+# What a program calls, one function for each
+CALLS = """
+#include "policy.h"
+static p_policy policy;
+void begin(void) { p_policy_reset(&policy); }
+void observe(const double *angle, const double *speed, float *observation)
+{
+    p_policy_observe(angle, speed, 0, 0, observation);
+}
+void act(const float *observation, float *action) { p_policy_act(&policy, observation, action); }
+void drive(const float *action, double *torque) { p_policy_torque(action, torque); }
+"""
+
+
+def compiled(policy, folder, compiler="gcc", *flags, **options):
+    """Return the functions of DRIVER for a policy."""
+    if not shutil.which(compiler):
+        pytest.skip(f"no {compiler} here")
+    to_c(policy, folder / "policy.h", prefix="p", **options)
+    (folder / "driver.c").write_text(DRIVER)
+    command = [compiler, *FLAGS, "-O2", *flags, "-shared", "-fPIC", "-o", "driver.so", "driver.c"]
+    subprocess.run(command, cwd=folder, check=True)
+    return ctypes.CDLL(str(folder / "driver.so"))
+
+
+def draw(config, lanes, steps):
+    """Return states: theta, omega, cart and goal, each (lanes, steps, ...)."""
+    rng = np.random.default_rng(0)
+    shape = (lanes, steps, config.n)
+    return (
+        rng.uniform(-20.0, 20.0, shape), rng.normal(size=shape) * 6.0,
+        rng.normal(size=(lanes, steps, 2)), rng.uniform(-np.pi, np.pi, shape),
+    )  # fmt: skip
+
+
+def in_c(library, policy, states):
+    """Return what C observes and how it acts: observations, actions and torques."""
+    lead, joints = states[0].shape[:2], policy.config.joints.size
+    found = (
+        np.empty((*lead, policy.observed), np.float32), np.empty((*lead, joints), np.float32),
+        np.empty((*lead, joints)),
+    )  # fmt: skip
+    library.acts(*lead, *(array.ctypes.data_as(ctypes.c_void_p) for array in (*states, *found)))
+    return found
+
+
+def observed(config, states, **options):
+    """Return what Python observes in those states."""
+    theta, omega, cart, goal = (array.reshape(-1, array.shape[-1]) for array in states)
+    if config.has_cart:
+        options |= {"cart_position": cart[:, 0], "cart_velocity": cart[:, 1]}
+    if config.observes_goals:
+        options["goal"] = goal
+    return observation_of(config, theta, omega, **options).reshape(*states[0].shape[:2], -1)
+
+
+def in_python(policy, observations):
+    """Return the actions of the policy in NumPy, lanes side by side."""
+    policy.reset(len(observations))
+    return np.stack([policy(each) for each in observations.swapaxes(0, 1)], axis=1)
+
+
+def in_float64(policy, observations, actions):
+    """Return the exact actions of the float32 network, and how far rounding may lead away.
+
+    `actions` are those that a policy with memory remembers. The bound is that of float32 sums in
+    any order (N. Higham, Accuracy and Stability of Numerical Algorithms, section 3.1), carried
+    through the layers, with 2 ulp of tanh.
+    """
+    signal, unit = observations.astype(np.float64), 2.0**-24
+    if policy.has_memory:
+        length, before = len(policy.scale), np.zeros_like(actions)
+        before[:, 1:] = actions[:, :-1]
+        pairs = np.concatenate([observations, before], axis=-1).astype(np.float64)
+        start = np.concatenate([pairs[:, :1]] * (length - 1), axis=1)
+        whole = np.concatenate([start, pairs], axis=1)
+        steps = observations.shape[1]
+        frames = [whole[:, length - 1 - j : length - 1 - j + steps] for j in range(length)]
+        signal = np.concatenate(frames, axis=-1)
+    shift = 0.0 if policy.offset is None else policy.offset.ravel().astype(np.float64)
+    signal = (signal - shift) / policy.scale.ravel().astype(np.float64)
+    error = 3.0 * unit * (abs(signal) + abs(shift) / policy.scale.ravel())
+    signal = np.clip(signal, -policy.limit, policy.limit)
+    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        w, b = weight.astype(np.float64), bias.astype(np.float64)
+        size = abs(signal) @ abs(w).T + abs(b)
+        signal, error = signal @ w.T + b, error @ abs(w).T + (w.shape[1] + 1) * unit * size
+        last = k == len(policy.weights) - 1
+        function = policy.output if last else policy.activation
+        if function == "tanh":
+            signal = np.tanh(signal)
+            error += 4.0 * unit * abs(signal)
+        else:
+            signal = np.clip(signal, -1.0, 1.0) if last else np.maximum(signal, 0.0)
+    return signal, error
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("name", [
+    "balance-1", "calm-10", "transition-2",
+    *(pytest.param(name, marks=pytest.mark.long) for name in pretrained_names()),
+])  # fmt: skip
+def test_c_observes_and_acts_as_python_does_in_100_000_states(name, compiler, tmp_path):
+    policy = Policy.pretrained(name)
+    states = draw(policy.config, 1000, 100)
+    observations, actions, torques = in_c(compiled(policy, tmp_path, compiler), policy, states)
+    np.testing.assert_array_equal(observations, observed(policy.config, states))
+    ours = in_python(policy, observations)
+    print(f"{name}: largest difference {abs(actions - ours).max() * 2**24:.0f} of 2^-24")
+    np.testing.assert_allclose(actions, ours, rtol=0.0, atol=1e-5)
+    exact, bound = in_float64(policy, observations, actions)
+    assert (abs(actions - exact) <= bound).all()
+    assert np.any(abs(actions) < 1.0)
+    np.testing.assert_array_equal(torques, actions * policy.config.action_limits)
+
+
+def network(env, seed=0, **functions):
+    """Return a policy of random numbers for an environment."""
+    rng, config = np.random.default_rng(seed), EnvConfig(**env)
+    sizes = config.observed, 8, 5, config.joints.size
+    scale, offset = rng.uniform(0.5, 2.0, sizes[0]), rng.normal(size=sizes[0])
+    shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
+    return Policy(
+        np.float32(scale), [np.float32(rng.normal(size=shape) * 0.5) for shape in shapes],
+        [np.float32(rng.normal(size=size)) for size, _ in shapes], env,
+        offset=np.float32(offset), **functions,
+    )  # fmt: skip
+
+
+CART = {"n": 2, "base": "cart", "mode": "balance"}
+
+
+@pytest.mark.parametrize("policy", [
+    policy_with_memory(),
+    network(CART | {"observation": "scaled", "actuated": (0, 1)}, activation="relu", limit=1.5),
+    network(CART | {"observation": "sincos", "observe_velocities": False}, output="tanh"),
+    network(CART | {"observation": "angles"}, limit=2.0),
+], ids=["memory", "relu, clipped", "no velocities", "angles"])  # fmt: skip
+@pytest.mark.parametrize("relative", [False, True])
+def test_whatever_a_policy_observes_and_computes_is_in_the_header(policy, relative, tmp_path):
+    states = draw(policy.config, 200, 20)
+    observations, actions, torques = in_c(
+        compiled(policy, tmp_path, relative=relative), policy, states
+    )
+    expected = observed(policy.config, states, relative=relative)
+    np.testing.assert_array_equal(observations, expected)
+    exact, bound = in_float64(policy, observations, actions)
+    assert (abs(actions - exact) <= bound).all()
+    np.testing.assert_allclose(actions, in_python(policy, observations), rtol=0.0, atol=1e-5)
+    np.testing.assert_array_equal(torques, actions * policy.config.action_limits)
+
+
+def test_tanh_in_c_is_within_2_ulp(tmp_path):
+    library = compiled(Policy.pretrained("calm-1"), tmp_path)
+    x = np.concatenate([np.linspace(-10.0, 10.0, 10**6), 10.0 ** np.linspace(-30, 30, 10**4)])
+    x = np.float32(x)
+    y = np.empty_like(x)
+    library.tanhs(x.size, *(array.ctypes.data_as(ctypes.c_void_p) for array in (x, y)))
+    exact = np.tanh(x.astype(np.float64))
+    ulp = np.spacing(abs(np.float32(exact))).astype(np.float64)
+    ours, theirs = (abs((each - exact) / ulp).max() for each in (y, np.tanh(x)))
+    print(f"tanh: {ours:.2f} ulp, in NumPy {theirs:.2f}")
+    assert ours < 2.0
+
+
+def test_a_number_that_is_none_stays_one(tmp_path):
+    policy = Policy.pretrained("calm-1")
+    states = draw(policy.config, 3, 1)
+    states[0][0], states[1][1] = np.nan, np.nan
+    observations, actions, torques = in_c(compiled(policy, tmp_path), policy, states)
+    assert [
+        np.isnan(array).any(axis=(1, 2)).tolist() for array in (observations, actions, torques)
+    ] == [[True, True, False]] * 3
+
+
+def test_two_rods_need_less_than_20_kilobytes_and_no_library(tmp_path):
+    tools = ("gcc", "size", "nm")
+    if not all(map(shutil.which, tools)):
+        pytest.skip(f"one of {', '.join(tools)} is not here")
+    to_c(Policy.pretrained("swingup-2"), tmp_path / "policy.h", prefix="p")
+    (tmp_path / "small.c").write_text(CALLS)
+    size = ["gcc", *FLAGS, "-Os", "-fno-asynchronous-unwind-tables", "-c", "small.c"]
+    subprocess.run(size, cwd=tmp_path, check=True)
+    shown = subprocess.check_output(["size", "small.o"], cwd=tmp_path, text=True)
+    text, data = map(int, shown.splitlines()[1].split()[:2])
+    print(f"swingup-2: {text + data} bytes")
+    assert text + data < 20 * 1024
+    needed = subprocess.check_output(["nm", "--undefined-only", "small.o"], cwd=tmp_path, text=True)
+    assert needed == ""
+
+
+def test_a_call_of_the_policy_for_four_rods_is_measured(tmp_path):
+    policy = Policy.pretrained("swingup-4")
+    library = compiled(policy, tmp_path)
+    states = draw(policy.config, 10, 1000)
+    seconds = []
+    for _ in range(5):
+        begin = time.process_time()
+        in_c(library, policy, states)
+        seconds.append((time.process_time() - begin) / 1e4)
+    print(f"swingup-4: {min(seconds) * 1e6:.1f} us a call with gcc -O2")
+    assert min(seconds) < policy.config.dt
+
+
+def test_several_policies_stand_in_one_program_of_c_or_cpp(tmp_path):
+    for name in ("calm-1", "swingup-2"):
+        to_c(Policy.pretrained(name), tmp_path / f"{name}.h", prefix=name.replace("-", "_"))
+    headers = ("calm-1.h", "swingup-2.h", "calm-1.h")
+    text = "".join(f'#include "{name}"\n' for name in headers) + "int main(void) { return 0; }"
+    for compiler, name, flags in (("gcc", "a.c", FLAGS), ("g++", "a.cc", ("-std=c++17", "-Wall"))):
+        if not shutil.which(compiler):
+            pytest.skip(f"no {compiler} here")
+        (tmp_path / name).write_text(text)
+        subprocess.run([compiler, *flags, "-Werror", "-c", name], cwd=tmp_path, check=True)
+
+
+def test_the_header_says_what_it_is_for_and_what_made_it(tmp_path):
+    policy = Policy.pretrained("swingup-2")
+    hostile = dataclasses.replace(policy, provenance={"note": "*/ #error /* ${numbers} \\"})
+    to_c(hostile, tmp_path / "hostile.h")
+    subprocess.run(
+        ["gcc", *FLAGS, "-c", "-x", "c", "hostile.h", "-o", "a.o"], cwd=tmp_path, check=True
+    )
+    to_c(policy, tmp_path / "policy.h")
+    text = (tmp_path / "policy.h").read_text()
+    assert text.startswith(f"/* A policy, written by npend_gym {__version__}\n")
+    assert '"trained_by": "shac"' in text
+    assert "#define NPEND_DT 0.05 /* [s]" in text
+    assert "6 numbers" not in text.partition("#define")[0]
+    assert max(map(len, text.splitlines())) <= 110
+    numbers = re.search(r"npend_numbers\[\] = \{(.*?)\}", text, re.DOTALL)[1].split(",")
+    weights = np.array([float.fromhex(each.strip().removesuffix("f")) for each in numbers])
+    np.testing.assert_array_equal(weights[:64], policy.biases[0])
+    np.testing.assert_array_equal(weights[64:128], policy.weights[0][:, 0])
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path):
+    policy, path = Policy.pretrained("swingup-2"), tmp_path / "policy.h"
+    for prefix in ("", "2", "a-b", "a b", "\u00e4"):
+        with pytest.raises(ValueError, match="prefix must be a letter, then letters, digits or _"):
+            to_c(policy, path, prefix=prefix)
+    with pytest.raises(ValueError, match="env of the policy must say"):
+        to_c(dataclasses.replace(policy, env={}), path)
+    with pytest.raises(ValueError, match="the policy is for 6 and 1"):
+        to_c(dataclasses.replace(policy, env=policy.env | {"n": 3}), path)
+    context = {"observe_context": True, "randomize": {"gravity": (9.0, 10.0)}}
+    with pytest.raises(ValueError, match="observe_context must be False"):
+        to_c(network(policy.env | context), path)
+    with pytest.raises(TypeError, match="relative must be True or False"):
+        to_c(policy, path, relative="joints")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_writes_what_the_function_writes(tmp_path, refusal):
+    expected, written = tmp_path / "expected.h", tmp_path / "new" / "policy.h"
+    to_c(Policy.pretrained("calm-1"), expected, prefix="arm", relative=True)
+    options = ["--to", "c", "--prefix", "arm", "--relative", "--out", str(written)]
+    assert main(["export", "calm-1", *options]) == 0
+    assert written.read_bytes() == expected.read_bytes()
+    assert "out must be a file that ends in .h" in refusal(
+        "export", "calm-1", "--to", "c", "--out", str(tmp_path / "policy.c")
+    )
+    assert "policy must be a file or one of" in refusal("export", "calm", *options)
