@@ -13,7 +13,7 @@ from npend_gym import __version__
 from npend_gym.cli import main
 from npend_gym.envs import EnvConfig
 from npend_gym.export import to_c
-from npend_gym.rl import Policy, observation_of, pretrained_names
+from npend_gym.rl import Policy, VelocityEstimator, observation_of, pretrained_names
 
 COMPILERS = [
     pytest.param(name, marks=pytest.mark.skipif(not shutil.which(name), reason=f"no {name} here"))
@@ -43,6 +43,14 @@ void tanhs(int size, const float *x, float *y)
 {
     for (; size--; x++, y++)
         *y = p_tanh(*x);
+}
+void estimates(int size, const double *shown, const double *dt, double time_constant,
+    double period, double *velocity)
+{
+    p_estimator state;
+    p_estimate_reset(&state);
+    for (; size--; shown++, dt++)
+        *velocity++ = p_estimate(&state, *shown, *dt, time_constant, period);
 }
 """
 
@@ -209,6 +217,20 @@ def test_tanh_in_c_is_within_2_ulp(tmp_path):
     ours, theirs = (abs((each - exact) / ulp).max() for each in (y, np.tanh(x)))
     print(f"tanh: {ours:.2f} ulp, in NumPy {theirs:.2f}")
     assert ours < 2.0
+
+
+@pytest.mark.parametrize(("tau", "period"), [(0.02, 2.0 * np.pi), (0.005, 0.0)])
+def test_velocities_in_c_have_the_bits_of_the_estimator(tau, period, tmp_path):
+    library, rng = compiled(Policy.pretrained("calm-1"), tmp_path), np.random.default_rng(0)
+    dt = rng.uniform(0.001, 0.02, 20_000)
+    angle = np.cumsum(dt * 9.0 * np.sin(np.arange(dt.size) / 300.0))
+    shown = np.round(angle * 4096 / (2.0 * np.pi)) % 4096 * (2.0 * np.pi / 4096)
+    estimator, found = VelocityEstimator(tau, period), np.empty_like(shown)
+    doubles = ctypes.c_double(tau), ctypes.c_double(period)
+    pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (shown, dt, found)]
+    library.estimates(shown.size, *pointers[:2], *doubles, pointers[2])
+    expected = [float(estimator(*now)) for now in zip(shown, dt, strict=True)]
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_a_number_that_is_none_stays_one(tmp_path):
