@@ -116,10 +116,3 @@ def test_the_command_writes_the_file(form, file, tmp_path, refusal):
     assert f"out must be a file that ends in {file[6:]}" in refusal("export", "calm-1", *wrong)
     given = ["--to", form, "-o", str(tmp_path / file)]
     assert "--prefix is for --to c" in refusal("export", "calm-1", *given, "--prefix", "a")
-
-
-def test_without_onnx_the_error_names_the_extra(monkeypatch, tmp_path):
-    monkeypatch.setitem(__import__("sys").modules, "onnx", None)
-    with pytest.raises(ImportError, match=r'pip install "npend-gym\[export\]"|cannot be imported'):
-        to_onnx(Policy.pretrained("calm-1"), tmp_path / "policy.onnx")
-    assert list(tmp_path.iterdir()) == []

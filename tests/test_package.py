@@ -40,7 +40,7 @@ from importlib.machinery import PathFinder
 
 EXTRAS = {
     "PIL", "filelock", "imageio", "imageio_ffmpeg", "joblib", "matplotlib", "mujoco",
-    "pyarrow", "pygame", "sb3_contrib", "stable_baselines3", "sympy", "torch", "yaml",
+    "onnx", "pyarrow", "pygame", "sb3_contrib", "stable_baselines3", "sympy", "torch", "yaml",
 }
 
 class Finder(PathFinder):
@@ -65,6 +65,8 @@ NEEDED = {  # the extra that is named
     "animate --n 1 --out film.gif": "plot,render",
     "campaign --n 1 --out campaign": "campaign",
     "analyse campaign": "campaign",
+    "export calm-1 --to c --out policy.h": None,
+    "export calm-1 --to onnx --out policy.onnx": "export",
 }
 
 

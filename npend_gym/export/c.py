@@ -90,7 +90,7 @@ def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
         shifted = f"(state->frames[k] - {prefix}_offset[k])"
     scaled = f"{shifted} / {prefix}_scale[k]"
     limited = f"{prefix}_clip({scaled}, {_exact(policy.limit)}f)"
-    functions = {"clip": f"{prefix}_clip(sum[i], 1.0f)", "relu": f"{prefix}_relu(sum[i])"}
+    functions = {"clip": f"{prefix}_clip(sum[i], 1.0f)", "relu": "sum[i] < 0.0f ? 0.0f : sum[i]"}
     functions["tanh"] = f"{prefix}_tanh(sum[i])"
     activation, output = functions[policy.activation], functions[policy.output]
     is_last = f"layer == {prefix.upper()}_LAYERS - 1"

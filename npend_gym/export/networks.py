@@ -1,18 +1,12 @@
-"""Policies as files of PyTorch and ONNX: float32 networks, with their memory as a tensor.
-
-Both have the same inputs and outputs, of B environments side by side:
-
-- ``observation``, float32 (B, k), gives ``action``, float32 (B, joints), within [-1, 1].
-- Policies with memory also take ``memory``, float32 (B, length, k + joints), of any numbers at
-  first, and ``begins``, bool (B,): where an episode begins. They also give the memory of the next
-  step.
-"""
+"""Policies as files of PyTorch and ONNX: float32 networks, with their memory as a tensor."""
 
 from __future__ import annotations
 
 import json
+import re
 from os import PathLike
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import numpy as np
@@ -24,6 +18,36 @@ from npend_gym.chain import plain_keywords
 from npend_gym.rl.policies.policy import Policy
 
 _OPSET, _IR = 17, 8  # of ONNX 1.12, which every runtime reads
+# Models in the text of ONNX
+_WITHOUT_MEMORY = """
+<ir_version: $ir, opset_import: ["" : $opset]>
+policy (float[B, $k] observation) => (float[B, $joints] action) { $network }
+"""
+_WITH_MEMORY = """
+<ir_version: $ir, opset_import: ["" : $opset]>
+policy (float[B, $k] observation, float[B, $length, $entries] memory, bool[B] begins)
+  => (float[B, $joints] action, float[B, $length, $entries] next_memory)
+<int64[1] at_0 = {0}, int64[1] at_1 = {1}, int64[1] to_end = {$length}, int64[1] to_last = {$older},
+ int64[2] axes = {1, 2}, int64[2] from = {0, $k}, int64[2] to = {1, $entries},
+ int64[6] behind = {0, 0, 0, 0, 0, $joints}, int64[6] before = {0, 0, $k, 0, 0, 0}>
+{
+  now = Unsqueeze (observation, at_1)
+  taken = Slice (memory, from, to, axes)
+  newest = Concat <axis = 2> (now, taken)
+  older = Slice (memory, at_1, to_end, at_1)
+  going = Concat <axis = 1> (newest, older)
+  first = Pad (now, behind)
+  shape = Shape (memory)
+  start = Expand (first, shape)
+  which = Unsqueeze (begins, axes)
+  frames = Where (which, start, going)
+  $network
+  acted = Unsqueeze (action, at_1)
+  kept = Pad (acted, before)
+  others = Slice (frames, at_0, to_last, at_1)
+  next_memory = Concat <axis = 1> (kept, others)
+}
+"""
 
 
 def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
@@ -51,14 +75,18 @@ def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
     >>> to_onnx(Policy.pretrained("swingup-2"), "policy.onnx")
     """
     onnx = require("onnx", "export", "files of ONNX")
-    graph = _Graph(onnx, policy)
-    model = onnx.helper.make_model(
-        graph.made(),
-        producer_name="npend_gym",
-        producer_version=__version__,
-        opset_imports=[onnx.helper.make_opsetid("", _OPSET)],
-        ir_version=_IR,
-    )
+    k, joints, length = policy.observed, len(policy.biases[-1]), len(policy.scale)
+    text = _WITH_MEMORY if policy.has_memory else _WITHOUT_MEMORY
+    nodes = _nodes(policy, "frames" if policy.has_memory else "observation")
+    fields = {"k": k, "joints": joints, "length": length, "entries": k + joints}
+    fields |= {"older": length - 1, "network": "\n".join(nodes), "opset": _OPSET, "ir": _IR}
+    model = onnx.parser.parse_model(Template(text).substitute(fields))
+    model.producer_name, model.producer_version = "npend_gym", __version__
+    numbers = _numbers(policy) | {"least": np.float32(-1.0), "most": np.float32(1.0)}
+    numbers |= {"low": np.float32(-policy.limit), "high": np.float32(policy.limit)}
+    for name, array in numbers.items():
+        if any(re.search(rf"\b{name}\b", node) for node in nodes):
+            model.graph.initializer.append(onnx.numpy_helper.from_array(np.asarray(array), name))
     onnx.helper.set_model_props(model, described(policy))
     onnx.checker.check_model(model, full_check=True)
     with replacing(Path(path), binary=True) as file:
@@ -126,11 +154,7 @@ def _module(torch: Any, policy: Policy) -> Any:
     class Network(torch.nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            arrays = {"scale": policy.scale}
-            arrays |= {} if policy.offset is None else {"offset": policy.offset}
-            for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
-                arrays |= {f"weight{k}": weight, f"bias{k}": bias}
-            for name, array in arrays.items():
+            for name, array in _numbers(policy).items():
                 self.register_buffer(name, torch.tensor(array))
 
         def act(self, signal: Any) -> Any:
@@ -158,82 +182,25 @@ def _module(torch: Any, policy: Policy) -> Any:
     return Network().eval()
 
 
-class _Graph:
-    """The nodes and numbers of a model of ONNX, one operation after the other."""
+def _numbers(policy: Policy) -> dict[str, Any]:
+    """Return the arrays of a network by their names in the files."""
+    arrays: dict[str, Any] = {"scale": policy.scale}
+    arrays |= {} if policy.offset is None else {"offset": policy.offset}
+    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        arrays |= {f"weight{k}": weight, f"bias{k}": bias}
+    return arrays
 
-    def __init__(self, onnx: Any, policy: Policy) -> None:
-        self._onnx, self._policy = onnx, policy
-        self._nodes, self._numbers = list[Any](), list[Any]()
 
-    def made(self) -> Any:
-        """Return the graph of the policy."""
-        policy, tensor = self._policy, self._onnx.helper.make_tensor_value_info
-        number, joints = self._onnx.TensorProto.FLOAT, len(policy.biases[-1])
-        inputs = [tensor("observation", number, ["B", policy.observed])]
-        outputs = [tensor("action", number, ["B", joints])]
-        if policy.has_memory:
-            shape = ["B", *policy.scale.shape]
-            inputs += [
-                tensor("memory", number, shape),
-                tensor("begins", self._onnx.TensorProto.BOOL, ["B"]),
-            ]
-            outputs.append(tensor("next_memory", number, shape))
-            self._remember(policy.observed, joints, len(policy.scale))
-        else:
-            self._act("observation")
-        return self._onnx.helper.make_graph(
-            self._nodes, "policy", inputs, outputs, initializer=self._numbers
-        )
-
-    def _remember(self, k: int, joints: int, length: int) -> None:
-        """Act on the frames, which are the memory with the present observation."""
-        now = self._do("Unsqueeze", "observation", self._ints(1))
-        before = self._do("Slice", "memory", *map(self._ints, ((0, k), (1, k + joints), (1, 2))))
-        newest = self._do("Concat", now, before, axis=2)
-        older = self._do("Slice", "memory", *map(self._ints, (1, length, 1)))
-        going = self._do("Concat", newest, older, axis=1)
-        first = self._do("Pad", now, self._ints((0, 0, 0, 0, 0, joints)))
-        start = self._do("Concat", *[first] * length, axis=1)
-        begins = self._do("Unsqueeze", "begins", self._ints((1, 2)))
-        frames = self._do("Where", begins, start, going)
-        self._act(frames)
-        kept = self._do("Pad", self._do("Unsqueeze", "action", self._ints(1)),
-                        self._ints((0, 0, k, 0, 0, 0)))  # fmt: skip
-        others = self._do("Slice", frames, *map(self._ints, (0, length - 1, 1)))
-        self._do("Concat", kept, others, axis=1, out="next_memory")
-
-    def _act(self, signal: str) -> None:
-        """Put the network behind `signal`."""
-        policy = self._policy
-        if policy.offset is not None:
-            signal = self._do("Sub", signal, self._array(policy.offset))
-        signal = self._do("Div", signal, self._array(policy.scale))
-        if policy.limit < np.inf:
-            signal = self._clip(signal, policy.limit)
-        signal = self._do("Flatten", signal)
-        layers = list(zip(policy.weights, policy.biases, strict=True))
-        for weight, bias in layers[:-1]:
-            signal = self._do("Gemm", signal, self._array(weight), self._array(bias), transB=1)
-            signal = self._do({"tanh": "Tanh", "relu": "Relu"}[policy.activation], signal)
-        signal = self._do("Gemm", signal, *map(self._array, layers[-1]), transB=1)
-        if policy.output == "tanh":
-            self._do("Tanh", signal, out="action")
-        else:
-            self._clip(signal, 1.0, out="action")
-
-    def _clip(self, signal: str, limit: float, out: str = "") -> str:
-        ends = (self._array(np.float32(end)) for end in (-limit, limit))
-        return self._do("Clip", signal, *ends, out=out)
-
-    def _do(self, operation: str, *inputs: str, out: str = "", **options: Any) -> str:
-        out = out or f"signal{len(self._nodes)}"
-        self._nodes.append(self._onnx.helper.make_node(operation, inputs, [out], **options))
-        return out
-
-    def _ints(self, values: int | tuple[int, ...]) -> str:
-        return self._array(np.atleast_1d(np.array(values, np.int64)))
-
-    def _array(self, array: Any) -> str:
-        name = f"number{len(self._numbers)}"
-        self._numbers.append(self._onnx.numpy_helper.from_array(np.asarray(array), name))
-        return name
+def _nodes(policy: Policy, given: str) -> list[str]:
+    """Return the operations of the network, from what `given` names to the action."""
+    shifted = f"shifted = Sub ({given}, offset)"
+    nodes = [] if policy.offset is None else [shifted]
+    nodes += [f"scaled = Div ({given if policy.offset is None else 'shifted'}, scale)"]
+    nodes += ["limited = Clip (scaled, low, high)"] if policy.limit < np.inf else []
+    nodes += [f"layer0 = Flatten ({'limited' if policy.limit < np.inf else 'scaled'})"]
+    function, last = policy.activation.title(), len(policy.weights) - 1
+    for k in range(last + 1):
+        nodes += [f"sum{k} = Gemm <transB = 1> (layer{k}, weight{k}, bias{k})"]
+        nodes += [f"layer{k + 1} = {function} (sum{k})"] if k < last else []
+    ends = ", least, most" if policy.output == "clip" else ""
+    return [*nodes, f"action = {policy.output.title()} (sum{last}{ends})"]
