@@ -237,9 +237,13 @@ def test_whatever_a_policy_observes_and_computes_is_in_the_header(policy, relati
 
 
 @pytest.mark.parametrize(
-    "name", ["swingup-2", pytest.param("swingup-3-robust", marks=pytest.mark.long)]
+    ("name", "relative"),
+    [
+        ("swingup-2", True),
+        pytest.param("swingup-2", False, marks=pytest.mark.long),
+        pytest.param("swingup-3-robust", True, marks=pytest.mark.long),
+    ],
 )
-@pytest.mark.parametrize("relative", [False, True])
 def test_c_swings_rods_up_from_what_encoders_of_4096_counts_show(name, relative, tmp_path):
     policy = Policy.pretrained(name)
     library = compiled(policy, tmp_path, driver=LOOP, relative=relative)
