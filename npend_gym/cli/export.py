@@ -2,7 +2,8 @@
 
 A policy becomes a C99 header, which needs no library and allocates nothing: it builds observations
 of measured angles and velocities, and acts. Files of ONNX and PyTorch have the network, with its
-memory as a tensor. A chain becomes a model of MuJoCo. See docs/howto/export.md.
+memory as a tensor. A chain becomes a model of MuJoCo, or a robot in URDF. See
+docs/howto/export.md.
 
 Examples
 --------
@@ -27,13 +28,13 @@ FILLS = {
     "npend_gym.cli.evaluate:run": ("trust",),
     "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
 }
-_SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml"}
+_SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf"}
 
 
 def run(
     policy: str | None = None,
     *,
-    to: Literal["c", "onnx", "torch", "mjcf"],
+    to: Literal["c", "onnx", "torch", "mjcf", "urdf"],
     out: Path,
     chain: Chain | Mapping[str, Any] | str | None = None,
     prefix: str | None = None,
@@ -48,11 +49,11 @@ def run(
     policy : policy, optional
         The name of a policy in the package, or a file (.npz).
     to : format
-        What is written: a header in c, a file of onnx or torch, or a model in mjcf.
+        What is written: a header in c, a file of onnx or torch, or a chain in mjcf or urdf.
     out : file
-        File to write, .h, .onnx, .pt2 or .xml; folders that are missing are made.
+        File to write, .h, .onnx, .pt2, .xml or .urdf; folders that are missing are made.
     chain : Chain, optional
-        The chain, for mjcf: a preset or a JSON file.
+        The chain, for mjcf and urdf: a preset or a JSON file.
     prefix : name, optional
         What the names in the header begin with (default npend).
     relative : bool
@@ -61,9 +62,11 @@ def run(
     prepare_file(out, (_SUFFIXES[to],))
     of_c = {"prefix": prefix is not None, "relative": relative}
     _refuse([name for name in of_c if of_c[name]], to, "c")
-    _refuse([*model, *(["chain"] if chain is not None else [])], to, "mjcf")
-    if to == "mjcf":
-        _write_chain(policy, out, chain, trust=trust, **model)
+    _refuse(list(model), to, "mjcf")
+    if to in ("mjcf", "urdf"):
+        _write_chain(policy, to, out, chain, trust=trust, **model)
+    elif chain is not None:
+        raise ValueError("--chain is for --to mjcf or urdf")
     else:
         _write_policy(policy, to, out, prefix, relative=relative, trust=trust)
     show_file(out)
@@ -75,17 +78,20 @@ def _refuse(given: list[str], to: str, format_of_them: str) -> None:
         raise ValueError(f"--{given[0]} is for --to {format_of_them}")
 
 
-def _write_chain(policy: str | None, out: Path, chain: Any, *, trust: bool, **model: Any) -> None:
+def _write_chain(
+    policy: str | None, to: str, out: Path, chain: Any, *, trust: bool, **model: Any
+) -> None:
     from npend_gym._files import replacing
     from npend_gym.chain import as_chain
-    from npend_gym.export import to_mjcf
+    from npend_gym.export import to_mjcf, to_urdf
 
     if chain is None:
-        raise ValueError("--to mjcf needs --chain")
+        raise ValueError(f"--to {to} needs --chain")
     if policy is not None or trust:
-        raise ValueError("policy must be left out with --to mjcf, which writes a chain")
+        raise ValueError(f"policy must be left out with --to {to}, which writes a chain")
+    text = to_mjcf(as_chain(chain), **model) if to == "mjcf" else to_urdf(as_chain(chain))
     with replacing(out) as file:
-        file.write(to_mjcf(as_chain(chain), **model))
+        file.write(text)
 
 
 def _write_policy(

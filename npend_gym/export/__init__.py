@@ -1,4 +1,4 @@
-"""Policies and chains for other programs: C, ONNX, PyTorch and MuJoCo."""
+"""Policies and chains for other programs: C, ONNX, PyTorch, MuJoCo and URDF."""
 
 from npend_gym._faces import attach_stub
 

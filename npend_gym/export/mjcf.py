@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym.chain import Chain, check_chain
 
-MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
+_MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
 _OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
 
 
@@ -62,66 +63,69 @@ def to_mjcf(
     >>> print(text.splitlines()[-3].strip())
     <motor name="motor0" joint="joint0" gear="1" ctrlrange="-5.0 5.0" />
     """
-    _check_known(check_chain(chain))
+    check_known(check_chain(chain), "MuJoCo", ("drag", "quadratic_drag", "gear"))
     root = ET.Element("mujoco", model=f"chain of {chain.n}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     step = _checks.positive_number("timestep", timestep)
-    gravity = _text(0.0, 0.0, -chain.gravity)
-    option = ET.SubElement(root, "option", timestep=_text(step), integrator="RK4", gravity=gravity)
+    gravity = text_of(0.0, 0.0, -chain.gravity)
+    option = ET.SubElement(
+        root, "option", timestep=text_of(step), integrator="RK4", gravity=gravity
+    )
     ET.SubElement(option, "flag", contact="disable")
-    body, place = ET.SubElement(root, "worldbody"), _text(0.0, 0.0, 0.0)
+    body, place = ET.SubElement(root, "worldbody"), text_of(0.0, 0.0, 0.0)
     if chain.base is not None:
         body = ET.SubElement(body, "body", name="cart")
-        _inertial(body, chain.base.mass, place, 0.0)
-        damping = _text(chain.base.damping)
+        _inertial(body, chain.base.mass, place, _MIN_INERTIA)
+        damping = text_of(chain.base.damping)
         ET.SubElement(body, "joint", name="cart", type="slide", axis="1 0 0", damping=damping)
-        _shape(body, type="box", size=_text(*0.05 * chain.total_length * np.array([2, 1, 1])))
+        _shape(body, type="box", size=text_of(*0.05 * chain.total_length * np.array([2, 1, 1])))
     for i in range(chain.n):
         body = _link(chain, i, body, place)
-        place = _text(0.0, 0.0, -chain.lengths[i])
+        place = text_of(0.0, 0.0, -chain.lengths[i])
     _motors(root, chain, motors, limits)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _check_known(chain: Chain) -> None:
-    """Refuse what MuJoCo does not know of a chain."""
+def check_known(chain: Chain, where: str, lacks: Sequence[str]) -> None:
+    """Refuse the parameters that another format `lacks`; gears matter to rotors behind joint 0."""
     geared = np.isfinite(chain.gear[1:]) & (chain.armature[1:] > 0.0)
-    unknown = {
-        "drag": np.any(chain.drag),
-        "quadratic_drag": np.any(chain.quadratic_drag),
-        "gear": np.any(geared),
-    }
-    for name, given in unknown.items():
-        if given:
-            value = _checks.show(getattr(chain, name).tolist())
-            raise ValueError(f"{name} must be left out: MuJoCo has no such thing; got {value}")
+    for name in lacks:
+        value: Any = getattr(chain, name)
+        if np.any(geared) if name == "gear" else value is not None and np.any(value):
+            shown = _checks.show(value.tolist())
+            raise ValueError(f"{name} must be left out: {where} has no such thing; got {shown}")
 
 
 def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:
     """Add link i below `parent`, where the link above ends."""
     body = ET.SubElement(parent, "body", name=f"link{i}", pos=place)
-    mass, centre, end = chain.masses[i], chain.centres[i], -chain.lengths[i]
-    inertia = chain.inertias[i] or _OF_POINT_MASS * mass * centre**2
-    _inertial(body, mass, _text(0.0, 0.0, -centre), inertia)
+    centre, end = chain.centres[i], -chain.lengths[i]
+    _inertial(body, chain.masses[i], text_of(0.0, 0.0, -centre), inertia_of(chain, i))
     joint = ET.SubElement(body, "joint", name=f"joint{i}", type="hinge", axis="0 -1 0")
     for name, mine in (("damping", "damping"), ("frictionloss", "friction"), ("armature",) * 2):
-        joint.set(name, _text(getattr(chain, mine)[i]))
+        joint.set(name, text_of(getattr(chain, mine)[i]))
     if chain.stiffness is not None:
         stretch = ET.SubElement(body, "joint", name=f"stretch{i}", type="slide", axis="0 0 -1")
-        stretch.set("stiffness", _text(chain.stiffness[i]))
-        stretch.set("damping", _text(chain.axial_damping[i]))
+        stretch.set("stiffness", text_of(chain.stiffness[i]))
+        stretch.set("damping", text_of(chain.axial_damping[i]))
     thickness = 0.02 * chain.total_length / chain.n
-    _shape(body, type="capsule", fromto=_text(0.0, 0.0, 0.0, 0.0, 0.0, end), size=_text(thickness))
-    _shape(body, type="sphere", pos=_text(0.0, 0.0, -centre), size=_text(3.0 * thickness))
+    _shape(
+        body, type="capsule", fromto=text_of(0.0, 0.0, 0.0, 0.0, 0.0, end), size=text_of(thickness)
+    )
+    _shape(body, type="sphere", pos=text_of(0.0, 0.0, -centre), size=text_of(3.0 * thickness))
     return body
 
 
+def inertia_of(chain: Chain, i: int) -> float:
+    """Return the inertia of link i about its centre [kg m^2], a little for a point mass."""
+    inertia = chain.inertias[i] or _OF_POINT_MASS * chain.masses[i] * chain.centres[i] ** 2
+    return max(float(inertia), _MIN_INERTIA)
+
+
 def _inertial(body: ET.Element, mass: float, place: str, inertia: float) -> None:
-    turning = max(inertia, MIN_INERTIA)
-    ET.SubElement(
-        body, "inertial", mass=_text(mass), pos=place, diaginertia=_text(turning, turning, turning)
-    )
+    turning = text_of(inertia, inertia, inertia)
+    ET.SubElement(body, "inertial", mass=text_of(mass), pos=place, diaginertia=turning)
 
 
 def _shape(body: ET.Element, **about: str) -> None:
@@ -143,9 +147,9 @@ def _motors(
         name = f"joint{joint}" if joint < chain.n else "cart"
         motor = ET.SubElement(actuators, "motor", name=f"motor{k}", joint=name, gear="1")
         if ends is not None:
-            motor.set("ctrlrange", _text(-ends[k], ends[k]))
+            motor.set("ctrlrange", text_of(-ends[k], ends[k]))
 
 
-def _text(*numbers: float) -> str:
+def text_of(*numbers: float) -> str:
     """Return numbers with all their digits."""
     return " ".join(repr(float(number)) for number in numbers)
