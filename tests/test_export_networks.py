@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from test_export_c import CART, draw, in_float64, network, observed
+from headers import CART, draw, in_float64, network, observed
 from test_rl_memory import policy_with_memory
 
 from npend_gym import __version__
