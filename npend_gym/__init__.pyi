@@ -1,6 +1,7 @@
 from npend_gym import chaos as chaos
 from npend_gym import envs as envs
 from npend_gym import experiments as experiments
+from npend_gym import export as export
 from npend_gym import identification as identification
 from npend_gym import physics as physics
 from npend_gym import rl as rl

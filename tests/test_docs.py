@@ -82,7 +82,7 @@ def test_the_gallery_has_every_picture_with_what_makes_it():
 
 
 @pytest.mark.parametrize(
-    "face", ["physics", "chaos", "envs", "rl", "torch", "experiments", "identification"]
+    "face", ["physics", "chaos", "envs", "rl", "torch", "experiments", "export", "identification"]
 )
 def test_the_reference_has_every_public_name(face):
     pages = (ROOT / "docs" / "reference").glob("*.md")

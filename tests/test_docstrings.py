@@ -12,8 +12,8 @@ import npend_gym
 pytestmark = pytest.mark.long
 
 PACKAGE = Path(npend_gym.__file__).parent
-FACES = ("chaos", "experiments", "identification", "physics", "rl", "theory", "torch")
-NEEDS = {"torch": "torch", "rl": "stable_baselines3", "notebook": "PIL"}
+FACES = ("chaos", "experiments", "export", "identification", "physics", "rl", "theory", "torch")
+NEEDS = {"torch": "torch", "rl": "stable_baselines3", "notebook": "PIL", "networks": "onnx"}
 
 
 def modules_with_examples():

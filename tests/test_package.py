@@ -20,7 +20,7 @@ from npend_gym.compiled.jit import PACKAGE, cache_folder
 
 FACES = (
     "npend_gym", "npend_gym.physics", "npend_gym.envs", "npend_gym.rl", "npend_gym.experiments",
-    "npend_gym.report",
+    "npend_gym.export", "npend_gym.report",
 )  # fmt: skip
 HEAVY = ("numba", "scipy", "matplotlib", "torch", "stable_baselines3", "pygame", "safetensors")
 
@@ -40,7 +40,7 @@ from importlib.machinery import PathFinder
 
 EXTRAS = {
     "PIL", "filelock", "imageio", "imageio_ffmpeg", "joblib", "matplotlib", "mujoco",
-    "pyarrow", "pygame", "sb3_contrib", "stable_baselines3", "sympy", "torch", "yaml",
+    "onnx", "pyarrow", "pygame", "sb3_contrib", "stable_baselines3", "sympy", "torch", "yaml",
 }
 
 class Finder(PathFinder):
@@ -65,6 +65,8 @@ NEEDED = {  # the extra that is named
     "animate --n 1 --out film.gif": "plot,render",
     "campaign --n 1 --out campaign": "campaign",
     "analyse campaign": "campaign",
+    "export calm-1 --to c --out policy.h": None,
+    "export calm-1 --to onnx --out policy.onnx": "export",
 }
 
 

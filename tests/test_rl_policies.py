@@ -25,6 +25,13 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
     assert 0 < np.sum(np.abs(policy(obs)) < 1.0) < 50  # some are clipped, some are not
 
 
+def test_a_policy_may_observe_one_number_of_each_rod(tmp_path):
+    env = {"n": 3, "observation": "angles", "observe_velocities": False}
+    policy = Policy(np.ones(3, np.float32), [np.ones((1, 3), np.float32)], [np.zeros(1)], env)
+    policy.save(tmp_path / "angles.safetensors")
+    assert Policy.load(tmp_path / "angles.safetensors").env == env
+
+
 def test_policies_are_equal_where_their_numbers_and_their_environments_are(tmp_path):
     policy = small_policy()
     policy.save(str(tmp_path / "a.safetensors"))

@@ -173,6 +173,8 @@ class Chain(NamedChains):
                 f"left out with it, got {', '.join(self.repeated(1).beyond_ideal())}"
             )
 
+    to_mjcf = MethodFromAbove("npend_gym.export.mjcf:to_mjcf")
+    to_urdf = MethodFromAbove("npend_gym.export.urdf:to_urdf")
     _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")
 
     @property

@@ -26,7 +26,7 @@ from npend_gym.cli.streams import open_closed_streams
 
 COMMANDS = (
     "release", "animate", "page", "play", "campaign", "analyse", "chaos", "identify", "train",
-    "evaluate", "examples", "verify",
+    "evaluate", "export", "examples", "verify",
 )  # fmt: skip
 _EXAMPLES = """\
 examples:

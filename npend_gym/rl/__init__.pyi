@@ -32,3 +32,4 @@ from npend_gym.rl.policies.files import pretrained_names as pretrained_names
 from npend_gym.rl.policies.model_card import write_repository as write_repository
 from npend_gym.rl.policies.observations import observation_of as observation_of
 from npend_gym.rl.policies.policy import Policy as Policy
+from npend_gym.rl.policies.velocities import VelocityEstimator as VelocityEstimator

@@ -134,8 +134,8 @@ def check_env(env: dict[str, Any], observed: int, actions: int, *, trust: bool) 
             f"its mode {_checks.show(mode)} would be imported, which runs code: give trust=True "
             "(--trust) if you trust whoever wrote the file"
         )
-    if "n" in env:  # each rod is observed by two numbers at least
-        _checks.count("n", env["n"], high=max(1, observed // 2))
+    if "n" in env:  # each rod is observed by one number at least
+        _checks.count("n", env["n"], high=max(1, observed))
     _check_lists(env, max(observed, _MAX_ENTRIES))
     if env.get("dt") is not None:
         dt = _checks.positive_number("dt", env["dt"])

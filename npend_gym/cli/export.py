@@ -1,0 +1,109 @@
+"""Write a policy or a chain for other programs.
+
+A policy becomes a C99 header, which needs no library and allocates nothing: it builds observations
+of measured angles and velocities, and acts. Files of ONNX and PyTorch have the network, with its
+memory as a tensor. A chain becomes a model of MuJoCo, or a robot in URDF. See
+docs/howto/export.md.
+
+Examples
+--------
+  npend export swingup-2 --to c -o policy.h
+  npend export mine.npz --to c --prefix arm --relative -o arm.h
+  npend export swingup-3-robust --to torch -o policy.pt2
+  npend export --chain results/fit.json --to mjcf --motors 0 --limits 0.5 -o chain.xml
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from npend_gym.cli.common import OK, prepare_file, show_file
+
+if TYPE_CHECKING:
+    from npend_gym.chain import Chain
+
+FILLS = {
+    "npend_gym.cli.evaluate:run": ("trust",),
+    "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
+}
+_SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf"}
+
+
+def run(
+    policy: str | None = None,
+    *,
+    to: Literal["c", "onnx", "torch", "mjcf", "urdf"],
+    out: Path,
+    chain: Chain | Mapping[str, Any] | str | None = None,
+    prefix: str | None = None,
+    relative: bool = False,
+    trust: bool = False,
+    **model: Any,
+) -> int:
+    """Write the file; return the exit code.
+
+    Parameters
+    ----------
+    policy : policy, optional
+        The name of a policy in the package, or a file (.npz).
+    to : format
+        What is written: a header in c, a file of onnx or torch, or a chain in mjcf or urdf.
+    out : file
+        File to write, .h, .onnx, .pt2, .xml or .urdf; folders that are missing are made.
+    chain : Chain, optional
+        The chain, for mjcf and urdf: a preset or a JSON file.
+    prefix : name, optional
+        What the names in the header begin with (default npend).
+    relative : bool
+        Sensors show the angle of each rod relative to the rod above it.
+    """
+    prepare_file(out, (_SUFFIXES[to],))
+    of_c = {"prefix": prefix is not None, "relative": relative}
+    _refuse([name for name in of_c if of_c[name]], to, "c")
+    _refuse(list(model), to, "mjcf")
+    if to in ("mjcf", "urdf"):
+        _write_chain(policy, to, out, chain, trust=trust, **model)
+    elif chain is not None:
+        raise ValueError("--chain is for --to mjcf or urdf")
+    else:
+        _write_policy(policy, to, out, prefix, relative=relative, trust=trust)
+    show_file(out)
+    return OK
+
+
+def _refuse(given: list[str], to: str, format_of_them: str) -> None:
+    if given and to != format_of_them:
+        raise ValueError(f"--{given[0]} is for --to {format_of_them}")
+
+
+def _write_chain(
+    policy: str | None, to: str, out: Path, chain: Any, *, trust: bool, **model: Any
+) -> None:
+    from npend_gym._files import replacing
+    from npend_gym.chain import as_chain
+    from npend_gym.export import to_mjcf, to_urdf
+
+    if chain is None:
+        raise ValueError(f"--to {to} needs --chain")
+    if policy is not None or trust:
+        raise ValueError(f"policy must be left out with --to {to}, which writes a chain")
+    text = to_mjcf(as_chain(chain), **model) if to == "mjcf" else to_urdf(as_chain(chain))
+    with replacing(out) as file:
+        file.write(text)
+
+
+def _write_policy(
+    policy: str | None, to: str, out: Path, prefix: str | None, *, relative: bool, trust: bool
+) -> None:
+    from npend_gym.export import to_c, to_onnx, to_torch
+    from npend_gym.rl.policies.shipped import find_policy
+
+    if policy is None:
+        raise ValueError(f"--to {to} needs a policy: a name or a file")
+    loaded = find_policy(policy, trust=trust)
+    if to == "c":
+        to_c(loaded, out, "npend" if prefix is None else prefix, relative=relative)
+    else:
+        {"onnx": to_onnx, "torch": to_torch}[to](loaded, out)

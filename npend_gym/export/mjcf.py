@@ -1,0 +1,155 @@
+"""Chains as models of MuJoCo (MJCF)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from npend_gym import _checks
+from npend_gym.chain import Chain, check_chain
+
+_MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
+_OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
+
+
+def to_mjcf(
+    chain: Chain,
+    motors: Sequence[int] = (),
+    limits: ArrayLike | None = None,
+    timestep: float = 0.001,
+) -> str:
+    """Return a chain as a model of MuJoCo, in its XML format.
+
+    The plane of the chain is x, z: link i turns about -y in the hinge "joint{i}", whose angle is
+    theta_i - theta_{i-1}. Rods that stretch have the slide "stretch{i}" beside it, and a cart has
+    the slide "cart". Coordinates of MuJoCo have the order cart, then joint and stretch of each rod.
+
+    Parameters
+    ----------
+    chain : Chain
+    motors : sequence of int
+        Joints that have a motor, for mjcf; n is the force on the cart. Controls are in N m and N.
+    limits : float or array_like, shape (motors,), optional
+        Largest torque [N m] or force [N] of each motor, for mjcf. Without limits by default.
+    timestep : float
+        Interval of MuJoCo's integrator, RK4, for mjcf [s].
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        If MuJoCo has no such thing as the chain's `drag`, `quadratic_drag`, or armature of joints
+        behind the first with a finite `gear`; or a motor is at no joint.
+
+    Notes
+    -----
+    MuJoCo's bodies have inertia. A point mass gets 1e-13 m c^2, c being its distance from the
+    joint, so that motions agree as far as MuJoCo's time step allows: to 1e-9 over 2 s in the tests.
+    Dry friction is another law there: `frictionloss` holds a joint at rest, where `friction` fades
+    below `friction_speed`.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain
+    >>> from npend_gym.export import to_mjcf
+    >>> text = to_mjcf(Chain.uniform(2), motors=(0,), limits=5.0)
+    >>> print(text.splitlines()[-3].strip())
+    <motor name="motor0" joint="joint0" gear="1" ctrlrange="-5.0 5.0" />
+    """
+    check_known(check_chain(chain), "MuJoCo", ("drag", "quadratic_drag", "gear"))
+    root = ET.Element("mujoco", model=f"chain of {chain.n}")
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    step = _checks.positive_number("timestep", timestep)
+    gravity = text_of(0.0, 0.0, -chain.gravity)
+    option = ET.SubElement(
+        root, "option", timestep=text_of(step), integrator="RK4", gravity=gravity
+    )
+    ET.SubElement(option, "flag", contact="disable")
+    body, place = ET.SubElement(root, "worldbody"), text_of(0.0, 0.0, 0.0)
+    if chain.base is not None:
+        body = ET.SubElement(body, "body", name="cart")
+        _inertial(body, chain.base.mass, place, _MIN_INERTIA)
+        damping = text_of(chain.base.damping)
+        ET.SubElement(body, "joint", name="cart", type="slide", axis="1 0 0", damping=damping)
+        _shape(body, type="box", size=text_of(*0.05 * chain.total_length * np.array([2, 1, 1])))
+    for i in range(chain.n):
+        body = _link(chain, i, body, place)
+        place = text_of(0.0, 0.0, -chain.lengths[i])
+    _motors(root, chain, motors, limits)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def check_known(chain: Chain, where: str, lacks: Sequence[str]) -> None:
+    """Refuse the parameters that another format `lacks`; gears matter to rotors behind joint 0."""
+    geared = np.isfinite(chain.gear[1:]) & (chain.armature[1:] > 0.0)
+    for name in lacks:
+        value: Any = getattr(chain, name)
+        if np.any(geared) if name == "gear" else value is not None and np.any(value):
+            shown = _checks.show(value.tolist())
+            raise ValueError(f"{name} must be left out: {where} has no such thing; got {shown}")
+
+
+def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:
+    """Add link i below `parent`, where the link above ends."""
+    body = ET.SubElement(parent, "body", name=f"link{i}", pos=place)
+    centre, end = chain.centres[i], -chain.lengths[i]
+    _inertial(body, chain.masses[i], text_of(0.0, 0.0, -centre), inertia_of(chain, i))
+    joint = ET.SubElement(body, "joint", name=f"joint{i}", type="hinge", axis="0 -1 0")
+    for name, mine in (("damping", "damping"), ("frictionloss", "friction"), ("armature",) * 2):
+        joint.set(name, text_of(getattr(chain, mine)[i]))
+    if chain.stiffness is not None:
+        stretch = ET.SubElement(body, "joint", name=f"stretch{i}", type="slide", axis="0 0 -1")
+        stretch.set("stiffness", text_of(chain.stiffness[i]))
+        stretch.set("damping", text_of(chain.axial_damping[i]))
+    thickness = 0.02 * chain.total_length / chain.n
+    _shape(
+        body, type="capsule", fromto=text_of(0.0, 0.0, 0.0, 0.0, 0.0, end), size=text_of(thickness)
+    )
+    _shape(body, type="sphere", pos=text_of(0.0, 0.0, -centre), size=text_of(3.0 * thickness))
+    return body
+
+
+def inertia_of(chain: Chain, i: int) -> float:
+    """Return the inertia of link i about its centre [kg m^2], a little for a point mass."""
+    inertia = chain.inertias[i] or _OF_POINT_MASS * chain.masses[i] * chain.centres[i] ** 2
+    return max(float(inertia), _MIN_INERTIA)
+
+
+def _inertial(body: ET.Element, mass: float, place: str, inertia: float) -> None:
+    turning = text_of(inertia, inertia, inertia)
+    ET.SubElement(body, "inertial", mass=text_of(mass), pos=place, diaginertia=turning)
+
+
+def _shape(body: ET.Element, **about: str) -> None:
+    """Add what is drawn, which has no mass and touches nothing."""
+    ET.SubElement(body, "geom", about | {"mass": "0", "contype": "0", "conaffinity": "0"})
+
+
+def _motors(
+    root: ET.Element, chain: Chain, motors: Sequence[int], limits: ArrayLike | None
+) -> None:
+    """Add the motors, in their order."""
+    last = chain.n - (chain.base is None)
+    joints = [_checks.count("a motor", joint, low=0, high=last) for joint in motors]
+    ends = None
+    if limits is not None:
+        ends = _checks.positive("limits", _checks.vector("limits", limits, len(joints)))
+    actuators = ET.SubElement(root, "actuator")
+    for k, joint in enumerate(joints):
+        name = f"joint{joint}" if joint < chain.n else "cart"
+        motor = ET.SubElement(actuators, "motor", name=f"motor{k}", joint=name, gear="1")
+        if ends is not None:
+            motor.set("ctrlrange", text_of(-ends[k], ends[k]))
+
+
+def text_of(*numbers: float) -> str:
+    """Return numbers with all their digits."""
+    return " ".join(repr(float(number)) for number in numbers)

@@ -1,0 +1,81 @@
+"""Chains as robots in the Unified Robot Description Format (URDF)."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+from npend_gym.chain import Chain, check_chain
+from npend_gym.export.mjcf import check_known, inertia_of, text_of
+
+_LACKS = ("drag", "quadratic_drag", "armature", "stiffness")
+_NO_LIMIT = {"lower": "-1000", "upper": "1000", "effort": "1e9", "velocity": "1e9"}
+
+
+def to_urdf(chain: Chain) -> str:
+    """Return a chain as a robot in URDF, for Pinocchio, Drake, Gazebo and ROS.
+
+    The plane of the chain is x, z: link i turns about -y in the continuous joint "joint{i}", whose
+    angle is theta_i - theta_{i-1}. A cart is moved by the prismatic joint "cart". A point mass has
+    the inertia 1e-13 m c^2, c being its distance from the joint, because programs drop links
+    without any. The format knows no gravity: the simulator has its own.
+
+    Parameters
+    ----------
+    chain : Chain
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        If URDF has no such thing as the chain's `drag`, `quadratic_drag`, `armature` or
+        `stiffness`.
+
+    Examples
+    --------
+    >>> from npend_gym import Chain
+    >>> from npend_gym.export import to_urdf
+    >>> to_urdf(Chain.uniform(2)).count("<joint ")
+    2
+    """
+    check_known(check_chain(chain), "URDF", _LACKS)
+    root = ET.Element("robot", name=f"chain_of_{chain.n}")
+    parent, place = "base", text_of(0.0, 0.0, 0.0)
+    ET.SubElement(root, "link", name=parent)
+    if chain.base is not None:
+        _link(root, "cart", chain.base.mass, 0.0, inertia_of(chain, 0))  # of any: it never turns
+        joint = _joint(root, "cart", "prismatic", parent, "cart", place, "1 0 0")
+        ET.SubElement(joint, "limit", _NO_LIMIT)
+        ET.SubElement(joint, "dynamics", damping=text_of(chain.base.damping))
+        parent = "cart"
+    for i in range(chain.n):
+        child = f"link{i}"
+        _link(root, child, chain.masses[i], chain.centres[i], inertia_of(chain, i))
+        joint = _joint(root, f"joint{i}", "continuous", parent, child, place, "0 -1 0")
+        losses = {"damping": text_of(chain.damping[i]), "friction": text_of(chain.friction[i])}
+        ET.SubElement(joint, "dynamics", losses)
+        parent, place = child, text_of(0.0, 0.0, -chain.lengths[i])
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _link(root: ET.Element, name: str, mass: float, centre: float, inertia: float) -> None:
+    inertial = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")
+    ET.SubElement(inertial, "origin", xyz=text_of(0.0, 0.0, -centre))
+    ET.SubElement(inertial, "mass", value=text_of(mass))
+    turning = text_of(inertia)
+    about = {"ixx": turning, "iyy": turning, "izz": turning, "ixy": "0", "ixz": "0", "iyz": "0"}
+    ET.SubElement(inertial, "inertia", about)
+
+
+def _joint(
+    root: ET.Element, name: str, kind: str, parent: str, child: str, place: str, axis: str
+) -> ET.Element:
+    joint = ET.SubElement(root, "joint", name=name, type=kind)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    ET.SubElement(joint, "origin", xyz=place)
+    ET.SubElement(joint, "axis", xyz=axis)
+    return joint

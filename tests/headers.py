@@ -1,0 +1,184 @@
+"""Policies for exports, the headers compiled, and the exact actions to compare with."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from npend_gym.envs import EnvConfig
+from npend_gym.export import to_c
+from npend_gym.rl import Policy, observation_of
+
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-ffp-contract=off")
+# Calls the functions of a header for many states, lane by lane
+DRIVER = """
+#include "policy.h"
+void acts(int lanes, int steps, const double *theta, const double *omega, const double *cart,
+    const double *goal, float *observation, float *action, double *torque)
+{
+    static p_policy policy;
+    int lane, step;
+    for (lane = 0; lane < lanes; lane++) {
+        p_policy_reset(&policy);
+        for (step = 0; step < steps; step++) {
+            p_policy_observe(theta, omega, cart, goal, observation);
+            p_policy_act(&policy, observation, action);
+            p_policy_torque(action, torque);
+            theta += P_RODS, omega += P_RODS, cart += 2, goal += P_RODS;
+            observation += P_OBSERVED, action += P_JOINTS, torque += P_JOINTS;
+        }
+    }
+}
+void tanhs(int size, const float *x, float *y)
+{
+    for (; size--; x++, y++)
+        *y = p_tanh(*x);
+}
+void estimates(int size, const double *shown, const double *dt, double time_constant,
+    double period, double *velocity)
+{
+    p_estimator state;
+    p_estimate_reset(&state);
+    for (; size--; shown++, dt++)
+        *velocity++ = p_estimate(&state, *shown, *dt, time_constant, period);
+}
+"""
+
+# What a program calls, one function for each
+CALLS = """
+#include "policy.h"
+static p_policy policy;
+void begin(void) { p_policy_reset(&policy); }
+void observe(const double *angle, const double *speed, float *observation)
+{
+    p_policy_observe(angle, speed, 0, 0, observation);
+}
+void act(const float *observation, float *action) { p_policy_act(&policy, observation, action); }
+void drive(const float *action, double *torque) { p_policy_torque(action, torque); }
+"""
+
+# A control loop, called each time the encoders are read
+LOOP = """
+#include "policy.h"
+void control(int begins, int acts, const double *shown, double dt, double *torque)
+{
+    static p_policy policy;
+    static p_estimator encoders[P_RODS];
+    double omega[P_RODS];
+    float observation[P_OBSERVED], action[P_JOINTS];
+    int i;
+    if (begins)
+        p_policy_reset(&policy);
+    for (i = 0; i < P_RODS; i++) {
+        if (begins)
+            p_estimate_reset(&encoders[i]);
+        omega[i] = p_estimate(&encoders[i], shown[i], dt, 0.005, 6.28318530717958623);
+    }
+    if (acts) {
+        p_policy_observe(shown, omega, 0, 0, observation);
+        p_policy_act(&policy, observation, action);
+        p_policy_torque(action, torque);
+    }
+}
+"""
+
+
+def compiled(policy, folder, compiler="gcc", driver=DRIVER, **options):
+    """Return the functions of a driver for a policy."""
+    if not shutil.which(compiler):
+        pytest.skip(f"no {compiler} here")
+    to_c(policy, folder / "policy.h", prefix="p", **options)
+    (folder / "driver.c").write_text(driver)
+    command = [compiler, *FLAGS, "-O2", "-shared", "-fPIC", "-o", "driver.so", "driver.c"]
+    subprocess.run(command, cwd=folder, check=True)
+    return ctypes.CDLL(str(folder / "driver.so"))
+
+
+def draw(config, lanes, steps):
+    """Return states: theta, omega, cart and goal, each (lanes, steps, ...)."""
+    rng = np.random.default_rng(0)
+    shape = (lanes, steps, config.n)
+    return (
+        rng.uniform(-20.0, 20.0, shape), rng.normal(size=shape) * 6.0,
+        rng.normal(size=(lanes, steps, 2)), rng.uniform(-np.pi, np.pi, shape),
+    )  # fmt: skip
+
+
+def in_c(library, policy, states):
+    """Return what C observes and how it acts: observations, actions and torques."""
+    lead, joints = states[0].shape[:2], policy.config.joints.size
+    found = (
+        np.empty((*lead, policy.observed), np.float32), np.empty((*lead, joints), np.float32),
+        np.empty((*lead, joints)),
+    )  # fmt: skip
+    library.acts(*lead, *(array.ctypes.data_as(ctypes.c_void_p) for array in (*states, *found)))
+    return found
+
+
+def observed(config, states, **options):
+    """Return what Python observes in those states."""
+    theta, omega, cart, goal = (array.reshape(-1, array.shape[-1]) for array in states)
+    if config.has_cart:
+        options |= {"cart_position": cart[:, 0], "cart_velocity": cart[:, 1]}
+    if config.observes_goals:
+        options["goal"] = goal
+    return observation_of(config, theta, omega, **options).reshape(*states[0].shape[:2], -1)
+
+
+def in_python(policy, observations):
+    """Return the actions of the policy in NumPy, lanes side by side."""
+    policy.reset(len(observations))
+    return np.stack([policy(each) for each in observations.swapaxes(0, 1)], axis=1)
+
+
+def in_float64(policy, observations, actions):
+    """Return the exact actions of the float32 network, and how far rounding may lead away.
+
+    `actions` are those that a policy with memory remembers. The bound is that of float32 sums in
+    any order (N. Higham, Accuracy and Stability of Numerical Algorithms, section 3.1), carried
+    through the layers, with 2 ulp of tanh.
+    """
+    signal, unit = observations.astype(np.float64), 2.0**-24
+    if policy.has_memory:
+        length, before = len(policy.scale), np.zeros_like(actions)
+        before[:, 1:] = actions[:, :-1]
+        pairs = np.concatenate([observations, before], axis=-1).astype(np.float64)
+        start = np.concatenate([pairs[:, :1]] * (length - 1), axis=1)
+        whole = np.concatenate([start, pairs], axis=1)
+        steps = observations.shape[1]
+        frames = [whole[:, length - 1 - j : length - 1 - j + steps] for j in range(length)]
+        signal = np.concatenate(frames, axis=-1)
+    shift = 0.0 if policy.offset is None else policy.offset.ravel().astype(np.float64)
+    signal = (signal - shift) / policy.scale.ravel().astype(np.float64)
+    error = 3.0 * unit * (abs(signal) + abs(shift) / policy.scale.ravel())
+    signal = np.clip(signal, -policy.limit, policy.limit)
+    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        w, b = weight.astype(np.float64), bias.astype(np.float64)
+        size = abs(signal) @ abs(w).T + abs(b)
+        signal, error = signal @ w.T + b, error @ abs(w).T + (w.shape[1] + 1) * unit * size
+        last = k == len(policy.weights) - 1
+        function = policy.output if last else policy.activation
+        if function == "tanh":
+            signal = np.tanh(signal)
+            error += 4.0 * unit * abs(signal)
+        else:
+            signal = np.clip(signal, -1.0, 1.0) if last else np.maximum(signal, 0.0)
+    return signal, error
+
+
+def network(env, seed=0, **functions):
+    """Return a policy of random numbers for an environment."""
+    rng, config = np.random.default_rng(seed), EnvConfig(**env)
+    sizes = config.observed, 8, 5, config.joints.size
+    scale, offset = rng.uniform(0.5, 2.0, sizes[0]), rng.normal(size=sizes[0])
+    shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
+    return Policy(
+        np.float32(scale), [np.float32(rng.normal(size=shape) * 0.5) for shape in shapes],
+        [np.float32(rng.normal(size=size)) for size, _ in shapes], env,
+        offset=np.float32(offset), **functions,
+    )  # fmt: skip
+
+
+CART = {"n": 2, "base": "cart", "mode": "balance"}

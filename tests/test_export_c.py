@@ -1,0 +1,229 @@
+import ctypes
+import dataclasses
+import os
+import re
+import shutil
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from headers import (
+    CALLS,
+    CART,
+    FLAGS,
+    LOOP,
+    compiled,
+    draw,
+    in_c,
+    in_float64,
+    in_python,
+    network,
+    observed,
+)
+from test_rl_memory import policy_with_memory
+
+from npend_gym import __version__
+from npend_gym.cli import main
+from npend_gym.export import to_c
+from npend_gym.physics import Ensemble
+from npend_gym.rl import Policy, VelocityEstimator, pretrained_names
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="the options of compilers elsewhere")
+
+COMPILERS = [
+    pytest.param(name, marks=pytest.mark.skipif(not shutil.which(name), reason=f"no {name} here"))
+    for name in ("gcc", "clang", "tcc")
+]
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("name", [
+    "balance-1", "calm-10",
+    *(pytest.param(name, marks=pytest.mark.long) for name in pretrained_names()),
+])  # fmt: skip
+def test_c_observes_and_acts_as_python_does_in_100_000_states(name, compiler, tmp_path):
+    policy = Policy.pretrained(name)
+    states = draw(policy.config, 1000, 100)
+    observations, actions, torques = in_c(compiled(policy, tmp_path, compiler), policy, states)
+    np.testing.assert_array_equal(observations, observed(policy.config, states))
+    ours = in_python(policy, observations)
+    print(f"{name}: largest difference {abs(actions - ours).max() * 2**24:.0f} of 2^-24")
+    np.testing.assert_allclose(actions, ours, rtol=0.0, atol=1e-5)
+    exact, bound = in_float64(policy, observations, actions)
+    assert (abs(actions - exact) <= bound).all()
+    assert np.any(abs(actions) < 1.0)
+    np.testing.assert_array_equal(torques, actions * policy.config.action_limits)
+
+
+@pytest.mark.parametrize("policy", [
+    policy_with_memory(),
+    network(CART | {"observation": "scaled", "actuated": (0, 1)}, activation="relu", limit=1.5),
+    network(CART | {"observation": "sincos", "observe_velocities": False}, output="tanh"),
+    network(CART | {"observation": "angles"}, limit=2.0),
+    network({"n": 2, "mode": "transition", "observation": "sincos"}),
+], ids=["memory", "relu, clipped", "no velocities", "angles", "goals"])  # fmt: skip
+@pytest.mark.parametrize("relative", [False, True])
+def test_whatever_a_policy_observes_and_computes_is_in_the_header(policy, relative, tmp_path):
+    states = draw(policy.config, 200, 20)
+    observations, actions, torques = in_c(
+        compiled(policy, tmp_path, relative=relative), policy, states
+    )
+    expected = observed(policy.config, states, relative=relative)
+    np.testing.assert_array_equal(observations, expected)
+    exact, bound = in_float64(policy, observations, actions)
+    assert (abs(actions - exact) <= bound).all()
+    np.testing.assert_allclose(actions, in_python(policy, observations), rtol=0.0, atol=1e-5)
+    np.testing.assert_array_equal(torques, actions * policy.config.action_limits)
+
+
+@pytest.mark.parametrize(
+    ("name", "relative"),
+    [
+        ("swingup-2", True),
+        pytest.param("swingup-2", False, marks=pytest.mark.long),
+        pytest.param("swingup-3-robust", True, marks=pytest.mark.long),
+    ],
+)
+def test_c_swings_rods_up_from_what_encoders_of_4096_counts_show(name, relative, tmp_path):
+    policy = Policy.pretrained(name)
+    library = compiled(policy, tmp_path, driver=LOOP, relative=relative)
+    every, ensemble = round(1000 * policy.config.dt), Ensemble(policy.config.chain, size=1)
+    ensemble.set_state([0], [[0.1, -0.05, 0.02][: policy.config.n]], 0.0)
+    torque, standing = np.zeros(policy.config.joints.size), 0
+    for tick in range(25_000):  # at 1 kHz
+        angles = np.diff(ensemble.theta[0], prepend=0.0) if relative else ensemble.theta[0]
+        shown = np.round(angles * 4096 / (2.0 * np.pi)) % 4096 * (2.0 * np.pi / 4096)
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (shown, torque)]
+        acts = tick % every == 0
+        library.control(tick == 0, acts, pointers[0], ctypes.c_double(0.001), pointers[1])
+        ensemble.advance(torque[None], dt=0.001, substeps=1)
+        standing = standing + 1 if np.all(np.cos(ensemble.theta[0]) < -0.95) else 0
+    assert standing > 5000
+
+
+def test_tanh_in_c_is_within_2_ulp(tmp_path):
+    library = compiled(Policy.pretrained("calm-1"), tmp_path)
+    x = np.concatenate([np.linspace(-10.0, 10.0, 10**6), 10.0 ** np.linspace(-30, 30, 10**4)])
+    x = np.float32(x)
+    y = np.empty_like(x)
+    library.tanhs(x.size, *(array.ctypes.data_as(ctypes.c_void_p) for array in (x, y)))
+    exact = np.tanh(x.astype(np.float64))
+    ulp = np.spacing(abs(np.float32(exact))).astype(np.float64)
+    ours, theirs = (abs((each - exact) / ulp).max() for each in (y, np.tanh(x)))
+    print(f"tanh: {ours:.2f} ulp, in NumPy {theirs:.2f}")
+    assert ours < 2.0
+
+
+@pytest.mark.parametrize(("tau", "period"), [(0.02, 2.0 * np.pi), (0.005, 0.0)])
+def test_velocities_in_c_have_the_bits_of_the_estimator(tau, period, tmp_path):
+    library, rng = compiled(Policy.pretrained("calm-1"), tmp_path), np.random.default_rng(0)
+    dt = rng.uniform(0.001, 0.02, 20_000)
+    angle = np.cumsum(dt * 9.0 * np.sin(np.arange(dt.size) / 300.0))
+    shown = np.round(angle * 4096 / (2.0 * np.pi)) % 4096 * (2.0 * np.pi / 4096)
+    estimator, found = VelocityEstimator(tau, period), np.empty_like(shown)
+    doubles = ctypes.c_double(tau), ctypes.c_double(period)
+    pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (shown, dt, found)]
+    library.estimates(shown.size, *pointers[:2], *doubles, pointers[2])
+    expected = [float(estimator(*now)) for now in zip(shown, dt, strict=True)]
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_number_that_is_none_stays_one(tmp_path):
+    policy = Policy.pretrained("calm-1")
+    states = draw(policy.config, 3, 1)
+    states[0][0], states[1][1] = np.nan, np.nan
+    observations, actions, torques = in_c(compiled(policy, tmp_path), policy, states)
+    assert [
+        np.isnan(array).any(axis=(1, 2)).tolist() for array in (observations, actions, torques)
+    ] == [[True, True, False]] * 3
+
+
+def test_two_rods_need_less_than_20_kilobytes_and_no_library(tmp_path):
+    tools = ("gcc", "size", "nm")
+    if not all(map(shutil.which, tools)):
+        pytest.skip(f"one of {', '.join(tools)} is not here")
+    to_c(Policy.pretrained("swingup-2"), tmp_path / "policy.h", prefix="p")
+    (tmp_path / "small.c").write_text(CALLS)
+    size = ["gcc", *FLAGS, "-Os", "-fno-asynchronous-unwind-tables", "-c", "small.c"]
+    subprocess.run(size, cwd=tmp_path, check=True)
+    shown = subprocess.check_output(["size", "small.o"], cwd=tmp_path, text=True)
+    text, data = map(int, shown.splitlines()[1].split()[:2])
+    print(f"swingup-2: {text + data} bytes")
+    assert text + data < 20 * 1024
+    needed = subprocess.check_output(["nm", "--undefined-only", "small.o"], cwd=tmp_path, text=True)
+    assert needed == ""
+
+
+def test_a_call_of_the_policy_for_four_rods_is_measured(tmp_path):
+    policy = Policy.pretrained("swingup-4")
+    library = compiled(policy, tmp_path)
+    states = draw(policy.config, 10, 100)
+    seconds = []
+    for _ in range(5):
+        begin = time.process_time()
+        in_c(library, policy, states)
+        seconds.append((time.process_time() - begin) / 1e3)
+    print(f"swingup-4: {min(seconds) * 1e6:.1f} us a call with gcc -O2")
+    assert min(seconds) < policy.config.dt
+
+
+def test_several_policies_stand_in_one_program_of_c_or_cpp(tmp_path):
+    for name in ("calm-1", "swingup-2"):
+        to_c(Policy.pretrained(name), tmp_path / f"{name}.h", prefix=name.replace("-", "_"))
+    headers = ("calm-1.h", "swingup-2.h", "calm-1.h")
+    text = "".join(f'#include "{name}"\n' for name in headers) + "int main(void) { return 0; }"
+    for compiler, name, flags in (("gcc", "a.c", FLAGS), ("g++", "a.cc", ("-std=c++17", "-Wall"))):
+        if not shutil.which(compiler):
+            pytest.skip(f"no {compiler} here")
+        (tmp_path / name).write_text(text)
+        subprocess.run([compiler, *flags, "-Werror", "-c", name], cwd=tmp_path, check=True)
+
+
+def test_the_header_says_what_it_is_for_and_what_made_it(tmp_path):
+    policy = Policy.pretrained("swingup-2")
+    hostile = dataclasses.replace(policy, provenance={"note": "*/ #error /* ${numbers} \\"})
+    to_c(hostile, tmp_path / "hostile.h")
+    subprocess.run(
+        ["gcc", *FLAGS, "-c", "-x", "c", "hostile.h", "-o", "a.o"], cwd=tmp_path, check=True
+    )
+    to_c(policy, tmp_path / "policy.h")
+    text = (tmp_path / "policy.h").read_text()
+    assert text.startswith(f"/* A policy, written by npend_gym {__version__}\n")
+    assert '"trained_by": "shac"' in text
+    assert "#define NPEND_DT 0.05 /* [s]" in text
+    assert "6 numbers" not in text.partition("#define")[0]
+    assert max(map(len, text.splitlines())) <= 110
+    numbers = re.search(r"npend_numbers\[\] = \{(.*?)\}", text, re.DOTALL)[1].split(",")
+    weights = np.array([float.fromhex(each.strip().removesuffix("f")) for each in numbers])
+    np.testing.assert_array_equal(weights[:64], policy.biases[0])
+    np.testing.assert_array_equal(weights[64:128], policy.weights[0][:, 0])
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path):
+    policy, path = Policy.pretrained("swingup-2"), tmp_path / "policy.h"
+    for prefix in ("", "2", "a-b", "a b", "\u00e4"):
+        with pytest.raises(ValueError, match="prefix must be a letter, then letters, digits or _"):
+            to_c(policy, path, prefix=prefix)
+    with pytest.raises(ValueError, match="env of the policy must say"):
+        to_c(dataclasses.replace(policy, env={}), path)
+    with pytest.raises(ValueError, match="the policy is for 6 and 1"):
+        to_c(dataclasses.replace(policy, env=policy.env | {"n": 3}), path)
+    context = {"observe_context": True, "randomize": {"gravity": (9.0, 10.0)}}
+    with pytest.raises(ValueError, match="observe_context must be False"):
+        to_c(network(policy.env | context), path)
+    with pytest.raises(TypeError, match="relative must be True or False"):
+        to_c(policy, path, relative="joints")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_writes_what_the_function_writes(tmp_path, refusal):
+    expected, written = tmp_path / "expected.h", tmp_path / "new" / "policy.h"
+    to_c(Policy.pretrained("calm-1"), expected, prefix="arm", relative=True)
+    options = ["--to", "c", "--prefix", "arm", "--relative", "--out", str(written)]
+    assert main(["export", "calm-1", *options]) == 0
+    assert written.read_bytes() == expected.read_bytes()
+    assert "out must be a file that ends in .h" in refusal(
+        "export", "calm-1", "--to", "c", "--out", str(tmp_path / "policy.c")
+    )
+    assert "policy must be a file or one of" in refusal("export", "calm", *options)

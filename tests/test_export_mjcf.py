@@ -1,0 +1,157 @@
+"""Chains as models of MuJoCo, whose motions are compared with `simulate`."""
+
+import numpy as np
+import pytest
+from engines import mujoco_accelerations
+
+from npend_gym import Cart, Chain, simulate
+from npend_gym.chain import PRESETS
+from npend_gym.cli import main
+from npend_gym.export import to_mjcf, to_urdf
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+
+SECONDS = 2.0
+LINKS = Chain(
+    [1.0, 0.7, 0.4], [0.8, 0.5, 0.6], damping=[0.02, 0.01, 0.03], centres=[0.5, 0.2, 0.3],
+    inertias=[0.02, 0.0, 0.01], armature=[0.01, 0.0, 0.02],
+)  # fmt: skip
+BOBS = Chain([1.0, 0.5], [1.0, 0.4], gravity=9.5, damping=[0.05, 0.0])
+CHAINS = {
+    "bob": Chain.uniform(1),
+    "bobs": BOBS,
+    "links": LINKS,
+    "cart": Chain.from_dict(LINKS.as_dict() | {"base": Cart(1.5, 0.3)}),
+    "springs": Chain.from_dict(BOBS.as_dict() | {"stiffness": 2000.0, "axial_damping": 1.0}),
+    "springs on a cart": Chain([1.0, 0.5], 1.0, stiffness=500.0, base=Cart(2.0)),
+    "a rotor on the base with a gear": Chain([1.0, 0.5], 1.0, armature=[0.1, 0.0], gear=[6.0, 3.0]),
+}
+
+
+def model_of(chain, **options):
+    return mujoco.MjModel.from_xml_string(to_mjcf(chain, **options))
+
+
+def in_mujoco(model, coordinates, control=()):
+    """Return MuJoCo's coordinates after 2 s."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.ctrl[:] = coordinates, control
+    mujoco.mj_step(model, data, nstep=round(SECONDS / model.opt.timestep))
+    return data.qpos.copy()
+
+
+def coordinates_of(chain, theta, position, stretch):
+    """Return what MuJoCo has for a state: the cart, then angle and stretch of each joint."""
+    angles = np.diff(theta, prepend=0.0)
+    rods = angles if stretch is None else np.stack([angles, stretch], -1).ravel()
+    return rods if chain.base is None else np.r_[position, rods]
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_motions_of_mujoco_are_those_of_simulate(name):
+    chain = CHAINS[name]
+    theta, springs = np.linspace(1.2, 0.7, chain.n), chain.stiffness is not None
+    started = {"stretch": np.full(chain.n, 0.01)} if springs else {}
+    motors = (0, chain.n) if chain.base is not None else (0,)
+    control = np.array([0.3, -0.8])[: len(motors)]
+    driven = {"force": control[1]} if chain.base is not None else {}
+    motion = simulate(
+        chain, theta, 0.0, [0.0, SECONDS], torque=control[0], rtol=1e-12, atol=1e-13,
+        **driven, **started,
+    )  # fmt: skip
+    first, last = (
+        coordinates_of(
+            chain, motion.theta[k],
+            motion.position[k] if chain.base is not None else 0.0,
+            motion.stretch[k] if springs else None,
+        )
+        for k in (0, 1)
+    )  # fmt: skip
+    found = in_mujoco(model_of(chain, motors=motors, timestep=1e-4), first, control)
+    print(f"{name}: {abs(found - last).max():.1e}")
+    np.testing.assert_allclose(found, last, rtol=0.0, atol=1e-9)
+    assert abs(last - first).max() > 0.1
+
+
+def test_bodies_stand_where_the_bobs_are():
+    model = model_of(CHAINS["cart"])
+    data, theta = mujoco.MjData(model), np.array([0.3, -1.0, 2.0])
+    data.qpos[:] = np.r_[0.4, np.diff(theta, prepend=0.0)]
+    mujoco.mj_forward(model, data)
+    x, z = 0.4 + np.cumsum(LINKS.lengths * np.sin(theta)), -np.cumsum(LINKS.lengths * np.cos(theta))
+    np.testing.assert_allclose(data.body("link2").xpos, [x[1], 0.0, z[1]], atol=1e-12)
+    assert model.body("link1").mass == LINKS.masses[1]
+
+
+def test_the_model_written_by_hand_for_the_tests_has_the_same_accelerations():
+    chain = Chain([1.0, 0.7], [0.8, 0.5], centres=[0.5, 0.2], inertias=0.02, armature=[0.0, 0.3])
+    model = model_of(chain, motors=(0, 1))
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = [1.0, 0.5], [2.0, -1.0], [3.0, 0.7]
+    mujoco.mj_forward(model, data)
+    expected = mujoco_accelerations(chain, [1.0, 1.5], [2.0, 1.0], [3.0, 0.7])
+    np.testing.assert_allclose(np.cumsum(data.qacc), expected, rtol=1e-10)
+
+
+def test_dry_friction_is_that_of_mujoco_which_holds_a_joint_at_rest():
+    chain = Chain(1.0, [1.0, 1.0], friction=0.3, friction_speed=0.01)
+    still = in_mujoco(model_of(chain), [0.01, 0.0])
+    assert abs(still - [0.01, 0.0]).max() < 1e-3
+    theta = simulate(chain, [1.0, 1.0], 0.0, [0.0, SECONDS]).theta[-1]
+    np.testing.assert_allclose(np.cumsum(in_mujoco(model_of(chain), [1.0, 0.0])), theta, atol=0.03)
+
+
+def test_a_chain_has_its_models_as_methods():
+    chain = Chain.uniform(2)
+    assert chain.to_mjcf(motors=[0]) == to_mjcf(chain, motors=[0])
+    assert chain.to_urdf() == to_urdf(chain)
+
+
+def test_motors_have_their_joints_and_limits():
+    chain = CHAINS["cart"]
+    model = model_of(chain, motors=(3, 1), limits=[5.0, 2.0], timestep=0.004)
+    assert [model.joint(k).name for k in model.actuator_trnid[:, 0]] == ["cart", "joint1"]
+    np.testing.assert_array_equal(model.actuator_ctrlrange, [[-5.0, 5.0], [-2.0, 2.0]])
+    assert model.opt.timestep == 0.004
+    assert model_of(chain).nu == 0
+    np.testing.assert_array_equal(model_of(chain, motors=(0,)).actuator_ctrllimited, [0])
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_is_exported_or_the_error_names_what_mujoco_lacks(name):
+    chain = Chain.preset(name)
+    if chain.has_drag or np.any(np.isfinite(chain.gear[1:]) & (chain.armature[1:] > 0.0)):
+        with pytest.raises(ValueError, match=r"^(drag|quadratic_drag|gear) must be left out"):
+            to_mjcf(chain)
+    else:
+        assert model_of(chain).body_mass.sum() == pytest.approx(
+            chain.masses.sum() + (chain.base.mass if chain.base else 0.0)
+        )
+
+
+def test_what_mujoco_does_not_know_is_refused_by_its_name():
+    for name, keywords in {
+        "drag": {"drag": 0.1},
+        "quadratic_drag": {"quadratic_drag": [0.0, 0.1]},
+        "gear": {"armature": 0.1, "gear": 6.0},
+    }.items():
+        with pytest.raises(ValueError, match=f"^{name} must be left out: MuJoCo has no such"):
+            to_mjcf(Chain(1.0, [1.0, 1.0], **keywords))
+    with pytest.raises(ValueError, match="a motor must be between 0 and 1, got 2"):
+        to_mjcf(Chain.uniform(2), motors=(2,))
+    with pytest.raises(ValueError, match="limits must be greater than zero"):
+        to_mjcf(Chain.uniform(2), motors=(0,), limits=0.0)
+    with pytest.raises(ValueError, match="timestep must be greater than zero"):
+        to_mjcf(Chain.uniform(2), timestep=0.0)
+
+
+def test_the_command_writes_the_model(tmp_path, refusal):
+    out = tmp_path / "chain.xml"
+    options = ["export", "--chain", "acrobot", "--to", "mjcf", "--out", str(out)]
+    assert main([*options, "--motors", "1", "--limits", "1.5"]) == 0
+    assert out.read_text() == to_mjcf(Chain.preset("acrobot"), (1,), 1.5)
+    assert "--to mjcf needs --chain" in refusal("export", "--to", "mjcf", "-o", str(out))
+    assert "policy must be left out with --to mjcf" in refusal(*options, "calm-1")
+    assert "--motors is for --to mjcf" in refusal(
+        "export", "calm-1", "--to", "c", "-o", str(tmp_path / "a.h"), "--motors", "1"
+    )
