@@ -27,7 +27,9 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
 
 def test_a_policy_may_observe_one_number_of_each_rod(tmp_path):
     env = {"n": 3, "observation": "angles", "observe_velocities": False}
-    policy = Policy(np.ones(3, np.float32), [np.ones((1, 3), np.float32)], [np.zeros(1)], env)
+    policy = Policy(
+        np.ones(3, np.float32), [np.ones((1, 3), np.float32)], [np.zeros(1, np.float32)], env
+    )
     policy.save(tmp_path / "angles.safetensors")
     assert Policy.load(tmp_path / "angles.safetensors").env == env
 

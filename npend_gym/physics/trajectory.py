@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,19 +103,19 @@ class Trajectory:
     counts: IntArray | None = field(default=None, repr=False)
     chains: tuple[Chain, ...] = field(default=(), repr=False)
 
-    at: ClassVar[MethodFromAbove] = MethodFromAbove("npend_gym.physics.dense:at")
-    cart_at: ClassVar[MethodFromAbove] = MethodFromAbove("npend_gym.physics.dense:cart_at")
-    sensitivities: ClassVar[MethodFromAbove] = MethodFromAbove(
+    at = MethodFromAbove("npend_gym.physics.dense:at")
+    cart_at = MethodFromAbove("npend_gym.physics.dense:cart_at")
+    sensitivities = MethodFromAbove(
         "npend_gym.physics.sensitivities:sensitivities"
     )
-    gradient: ClassVar[MethodFromAbove] = MethodFromAbove(
+    gradient = MethodFromAbove(
         "npend_gym.physics.sensitivities:gradient"
     )
-    save: ClassVar[MethodFromAbove] = MethodFromAbove("npend_gym.physics.trajectory_file:save")
-    load: ClassVar[MethodFromAbove] = MethodFromAbove("npend_gym.physics.trajectory_file:load")
-    to_csv: ClassVar[MethodFromAbove] = MethodFromAbove("npend_gym.physics.trajectory_file:to_csv")
-    plot: ClassVar[MethodFromAbove] = MethodFromAbove("npend_gym.report.notebook:plot")
-    animate: ClassVar[MethodFromAbove] = MethodFromAbove("npend_gym.report.notebook:animate")
+    save = MethodFromAbove("npend_gym.physics.trajectory_file:save")
+    load = MethodFromAbove("npend_gym.physics.trajectory_file:load")
+    to_csv = MethodFromAbove("npend_gym.physics.trajectory_file:to_csv")
+    plot = MethodFromAbove("npend_gym.report.notebook:plot")
+    animate = MethodFromAbove("npend_gym.report.notebook:animate")
     _repr_html_ = MethodFromAbove("npend_gym.report.notebook:as_html")
 
     @property
