@@ -74,7 +74,7 @@ def test_what_is_no_description_is_refused_by_its_path(text, message, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"n": 1_000_000}, "n must be between 1 and 3"),
+        ({"n": 1_000_000}, "n must be between 1 and 6"),
         ({"n": 1.5}, "n must be an integer"),
         ({"n": 1}, "observes 3 numbers"),
         ({"chain": {"masses": [1.0] * 5, "lengths": 1.0}, "n": None}, "n must be an integer"),
