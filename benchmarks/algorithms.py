@@ -47,6 +47,7 @@ LABELS = {
     "damping": "modal damping", "LQR": "LQR", "energy": "energy, then LQR",
     "plan": "plan, then LQR", "MPC": "MPC",
 }  # fmt: skip
+POLES = range(1, 6)  # on carts, for which controllers are compared
 REFERENCES = tuple(LABELS.values())
 TABLE = re.compile(r"\| task \| controllers.*?\n\n", re.DOTALL)
 
@@ -55,12 +56,13 @@ def references(task: str) -> dict[str, Controller]:
     """Return what a policy is compared with: chance, and controllers that know the equations."""
     keywords, rng = env_of_task(task), np.random.default_rng(0)
     mode, n = keywords["mode"], keywords["n"]
+    plans = POLES if "base" in keywords else PLANS
     names = {
         "balance": ["LQR"],
         "calm": ["damping", "LQR"],
         "transition": ["plan"],
         # with more rods MPC takes many minutes
-        "swingup": ["energy"] * (n <= 2) + ["plan"] * (n in PLANS) + ["MPC"] * (n <= 3),
+        "swingup": ["energy"] * (n <= 2) + ["plan"] * (n in plans) + ["MPC"] * (n <= 3),
     }[mode]
     found: dict[str, Controller] = {
         "random": lambda observation, _: rng.uniform(-1.0, 1.0, (len(observation), 1))
@@ -74,7 +76,8 @@ def tasks() -> list[str]:
         task for trainer in TRAINERS.values() for task in trainer.TASKS
         if trainer is not imitation or "robust" not in task  # which robustness.py judges
     }  # fmt: skip
-    return sorted(named | {f"swingup-{n}" for n in PLANS}, key=place)
+    on_carts = {f"{mode}-{n}-cart" for mode in ("swingup", "balance") for n in POLES}
+    return sorted(named | {f"swingup-{n}" for n in PLANS} | on_carts, key=place)
 
 
 def place(task: str) -> tuple[int, int, str]:

@@ -1,13 +1,14 @@
 """Write the tables of the policies that ship, from the records of the policies.
 
-Run it with `python docs/shipped_policies.py`. The tables stand between two comments in README.md
-and docs/results.md. A test compares them with what the records say.
+Run it with `python docs/shipped_policies.py`. The tables stand between two comments in README.md,
+docs/results.md and the pages of the carts. A test compares them with what the records say.
 """
 
 from __future__ import annotations
 
 import csv
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,8 @@ TASKS = (
     (TRANSITION, "from any of 4 equilibria to any other", "transition-2"),
     ("`npend/Balance-v1`, `n=3`", "stay upright", "balance-3"),
     ("`npend/Calm-v1`, `n=20`", "bring a released chain to rest", "calm-20"),
-    ("`npend/CartPole-v1`, `CartDoublePole`, `CartTriplePole`", "poles on a cart", ""),
+    ("`npend/CartTriplePole-v1`", "keep three poles upright on a cart", "balance-3-cart"),
+    ('`npend/CartDoublePole-v1`, `mode="swingup"`', "swing up two poles", "swingup-2-cart"),
     ("`npend/Release-v1`", "none: the free release is measured", ""),
 )
 CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MPC")
@@ -53,11 +55,16 @@ def record(name: str) -> dict[str, Any]:
     }
 
 
-def controllers(task: str) -> str:
-    """Return the controllers that succeed most often, as docs/results/learning.csv has them."""
+def successes(task: str) -> dict[str, float]:
+    """Return the success of controllers, as docs/results/learning.csv has it."""
     with (ROOT / "docs" / "results" / "learning.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["task"] == task]
-    found = {row["agent"]: float(row["success"]) for row in rows if row["agent"] in CONTROLLERS}
+    return {row["agent"]: float(row["success"]) for row in rows if row["agent"] in CONTROLLERS}
+
+
+def controllers(task: str) -> str:
+    """Return the controllers that succeed most often."""
+    found = successes(task)
     if not found:
         return ""
     best = [name.replace(",", "") for name in found if found[name] == max(found.values())]
@@ -95,7 +102,25 @@ def of_results() -> str:
     return table(titles, [[name, *record(name).values()] for name in names])
 
 
-TABLES = {"README.md": of_readme, "docs/results.md": of_results}
+def of_cart(*poles: int) -> str:
+    """Return the table of a page of a cart: a line for each task with so many poles."""
+    titles = ["task", "controllers that know the equations", "policy by", "seed", "steps", "time",
+              "clock", "success", "settling time"]  # fmt: skip
+    rows = list[list[str]]()
+    for name in (f"{mode}-{n}-cart" for n in poles for mode in ("balance", "swingup")):
+        known = [f"{who.replace(',', '')}: {100 * x:.0f} %" for who, x in successes(name).items()]
+        shipped = record(name) if name in pretrained_names() else dict.fromkeys(titles[2:], "")
+        rows.append([name, ", ".join(known), *shipped.values()])
+    return table(titles, rows)
+
+
+TABLES = {
+    "README.md": of_readme,
+    "docs/results.md": of_results,
+    "docs/tasks/cart_pole.md": partial(of_cart, 1),
+    "docs/tasks/cart_double_pole.md": partial(of_cart, 2),
+    "docs/tasks/cart_triple_pole.md": partial(of_cart, 3, 4, 5),
+}
 
 
 def with_table(text: str, made: str) -> str:

@@ -108,7 +108,7 @@ def script_of_docs(name):
     return module
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+@pytest.mark.parametrize("page", script_of_docs("shipped_policies").TABLES)
 def test_tables_of_the_policies_that_ship_are_what_docs_shipped_policies_writes(page):
     script, text = script_of_docs("shipped_policies"), (ROOT / page).read_text(encoding="utf-8")
     assert script.with_table(text, script.TABLES[page]()) == text

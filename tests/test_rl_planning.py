@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym import simulate
+from npend_gym import Chain, simulate
 from npend_gym.rl import evaluate, planned_swing_up
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.controllers.step_model import StepModel, state_of
@@ -55,10 +55,16 @@ def test_a_plan_swings_up_on_a_cart_within_its_rail_in_held_out_episodes(seconds
     assert evaluation.success_rate == 1.0
 
 
+SHORT_RAIL = {"base": "cart", "rail": 1.8, "max_force": 10.0}  # of "npend/CartTriplePole-v1"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("n", [3, 4, 5])
-def test_a_plan_swings_up_three_to_five_rods_on_a_cart_in_held_out_episodes(n):
+@pytest.mark.parametrize("rail", ["default", "short"])
+def test_a_plan_swings_up_three_to_five_rods_on_a_cart_in_held_out_episodes(n, rail):
     keywords = {"n": n, "mode": "swingup", "base": "cart"}
+    if rail == "short":
+        keywords |= SHORT_RAIL | {"chain": Chain.dm_control("cartpole", n)}
     plan = reference_controller("plan", keywords)
     seconds = plan.settle + len(plan.gains) * 0.05
     steps = round((seconds + 7.0) / 0.05)

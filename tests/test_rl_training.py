@@ -6,6 +6,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from scripts import run_python
@@ -21,7 +22,7 @@ torch = pytest.importorskip("torch")
 from npend_gym.cli import main  # noqa: E402
 from npend_gym.rl.training import imitation, shac, trainer, trainer_names  # noqa: E402
 from npend_gym.rl.training.short_horizons import Collector, Task  # noqa: E402
-from npend_gym.rl.training.tasks import env_around  # noqa: E402
+from npend_gym.rl.training.tasks import env_around, env_of_task  # noqa: E402
 
 VALIDATION = 900_000
 
@@ -97,6 +98,28 @@ def test_small_seeds_train_in_the_episodes_of_the_policies_that_ship(monkeypatch
         "shac": [2000],
         "imitation": [200_000, 200_512, 200_000 + 15 * 512],
     }
+
+
+@pytest.mark.parametrize("mode", ["swingup", "balance"])
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_a_task_on_a_cart_is_the_registered_cart_in_its_mode(n, mode):
+    names = {1: "CartPole", 2: "CartDoublePole", 3: "CartTriplePole", 4: "CartTriplePole"}
+    more = {"chain": Chain.dm_control("cartpole", 4).as_dict()} if n == 4 else {}
+    keywords = {"mode": mode, "observation": "sincos"} | more
+    registered = gym.make(f"npend/{names[n]}-v1", **keywords).unwrapped.config
+    config = EnvConfig(**env_of_task(f"{mode}-{n}-cart"))
+    for name in ("rail", "max_force", "dt", "cart_mass", "rail_damping", "observation_space"):
+        assert getattr(config, name) == getattr(registered, name)
+    assert config.chain.as_dict() == registered.chain.as_dict()
+    assert config.mode.name == registered.mode.name
+
+
+@pytest.mark.parametrize(
+    "task", ["swingup-0-cart", "swingup-x-cart", "swing-1-cart", "calm-1-rail"]
+)
+def test_what_names_no_task_on_a_cart_is_refused(task):
+    with pytest.raises(ValueError, match="must be"):
+        EnvConfig(**env_of_task(task))
 
 
 ONE_ROD = {"n": 1, "mode": "swingup", "observation": "sincos"}

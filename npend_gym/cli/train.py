@@ -10,6 +10,7 @@ Examples
   npend train swingup-1                       ten seconds
   npend train swingup-2 --seed 3 -o runs
   npend train swingup-2-robust                survives wrong chains, noise, delay, pushes
+  npend train balance-1-cart                  a pole on a cart
   npend train calm-2 --env damping=0.02 --set total_timesteps=100000
   npend train swingup-1 --env "randomize={\"masses\": [0.8, 1.2]}" -o heavy
   npend train swingup-4 --resume              goes on with what was interrupted
@@ -46,7 +47,8 @@ def run(
     Parameters
     ----------
     task : task
-        Mode and number of rods, such as swingup-2; swingup-2-robust draws a chain each episode.
+        Mode and number of rods, such as swingup-2; swingup-2-robust draws a chain each episode, and
+        swingup-2-cart is on the cart of npend/CartDoublePole-v1.
     algorithm : name, optional
         One of shac, imitation, or of another package (default: the one with settings for the task).
     seed : int, optional

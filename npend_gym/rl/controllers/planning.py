@@ -22,8 +22,10 @@ from npend_gym.rl.controllers.mpc import MPC
 from npend_gym.rl.controllers.regulators import StateFeedback, lqr, riccati, state_weights
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, env_actions, state_of
 from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
+from npend_gym.rl.evaluation.settings import keywords_of
 
 GUESSES = "waves", "mpc"
+_LONGER = 5.0 / 3.0  # rail on which MPC guesses where its motions on the real one lead to no plan
 _START = 0.05  # rad and rad/s from the equilibrium, as far as environments start from it
 
 
@@ -142,7 +144,8 @@ def planned_transition(
         Number of first guesses, drawn from `seed`.
     guess : str
         "waves", random paths that are no motions; or "mpc", transitions by `MPC` from near the
-        start, which take longer to guess, but lead to a trajectory more often.
+        start, which take longer to guess, but lead to a trajectory more often. On a cart, where
+        none of these does, `MPC` guesses again on a longer rail.
     seed : int
         Seed of the guesses.
     progress : callable
@@ -181,20 +184,34 @@ def planned_transition(
     settle = _checks.nonnegative_number("settle", settle)
     _checks.choice("guess", guess, GUESSES)
     problem = Transcription(config, steps, begin, end)
-    rngs = [np.random.default_rng([seed, k]) for k in range(_checks.count("tries", tries))]
-    motions = mpc_motions(config, begin, end, steps, rngs) if guess == "mpc" else []
-    begun = [problem.unknowns(*each) for each in motions] or [*map(problem.wavy_guess, rngs)]
-    found: list[PlannedTransition] = []
-    for attempt in progress(range(tries)):
-        nominal = problem.solve(*begun[attempt])
-        if nominal is not None:
-            found.append(track(config, nominal, settle))
+    tries = _checks.count("tries", tries)
+
+    def plans(guesses: Sequence[tuple[FloatArray, FloatArray]]) -> list[PlannedTransition]:
+        nominals = [problem.solve(*guesses[attempt]) for attempt in progress(range(tries))]
+        return [track(config, nominal, settle) for nominal in nominals if nominal is not None]
+
+    def by_mpc(config: EnvConfig) -> list[tuple[FloatArray, FloatArray]]:
+        motions = mpc_motions(config, begin, end, steps, _generators(seed, tries))
+        return [problem.unknowns(*motion) for motion in motions]
+
+    if guess == "waves":
+        found = plans([problem.wavy_guess(rng) for rng in _generators(seed, tries)])
+    else:
+        found = plans(by_mpc(config))
+        if not found and config.rail is not None:
+            # MPC may never stand up on a short rail; its motion on a longer one can be made to fit
+            longer: dict[str, Any] = keywords_of(config) | {"rail": _LONGER * config.rail}
+            found = plans(by_mpc(EnvConfig(**longer)))
     if not found:
         raise RuntimeError(
             f"no trajectory of {steps * config.dt:g} s was found in {tries} tries: "
             "give it more seconds, tries or torque, or another seed"
         )
     return min(found, key=lambda controller: controller.sensitivity)
+
+
+def _generators(seed: int, tries: int) -> list[np.random.Generator]:
+    return [np.random.default_rng([seed, k]) for k in range(tries)]
 
 
 def mpc_motions(

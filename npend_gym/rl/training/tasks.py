@@ -14,6 +14,7 @@ from npend_gym import _files
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain
 from npend_gym.envs.modes import MODES
+from npend_gym.envs.registration import TASKS as REGISTERED
 from npend_gym.rl.evaluation.seeds import training_seed
 from npend_gym.rl.policies.policy import Policy
 
@@ -63,18 +64,31 @@ ROBUST: dict[str, Any] = {
 }
 
 
-def _variants() -> dict[str, dict[str, Any]]:
+def _variant(name: str, n: int) -> dict[str, Any] | None:
     """Return the keywords of the environment that follow from the end of a task's name."""
-    robot = Chain.realaigym("C.1", motors=False).as_dict()
-    # the Pendubot of RealAIGym's leaderboard
-    pendubot = {"chain": robot, "max_torque": 6.0, "dt": 0.02}  # N m, s
-    return {"robust": {"randomize": ROBUST}, "pendubot": pendubot}
+    match name:
+        case "robust":
+            return {"randomize": ROBUST}
+        case "pendubot":  # of RealAIGym's leaderboard
+            robot = Chain.realaigym("C.1", motors=False).as_dict()
+            return {"chain": robot, "max_torque": 6.0, "dt": 0.02}  # N m, s
+        case "cart":  # mode and observation are those of the task
+            carts = "CartPole", "CartDoublePole", "CartTriplePole"
+            registered = REGISTERED[f"npend/{carts[min(n, 3) - 1]}-v1"].keywords
+            more = {"chain": Chain.dm_control("cartpole", n).as_dict()} if n > 3 else {}
+            names = "chain", "base", "rail", "max_force"
+            return {keyword: registered[keyword] for keyword in names} | more
+        case _:
+            return None
 
 
 def env_of_task(task: str) -> dict[str, Any]:
     """Return the keywords of the environment of a task such as "swingup-2" or "calm-2-robust".
 
     Of a "robust" task every episode has another chain; "swingup-2-pendubot" is for RealAIGym's.
+    "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
+    three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1", and more
+    rods on the latter's, as poles like its own.
 
     Raises
     ------
@@ -82,10 +96,11 @@ def env_of_task(task: str) -> dict[str, Any]:
         If it is no such name.
     """
     mode, n, *variant = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
-    keywords = _variants().get(variant[0]) if variant else {}
-    if mode not in MODES or not n.isdecimal() or keywords is None:
+    known = mode in MODES and n.isdecimal()
+    keywords = _variant(variant[0], int(n)) if known and variant else {}
+    if not known or keywords is None:
         raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
-    if "chain" in keywords and n != "2":
+    if variant == ["pendubot"] and n != "2":
         raise ValueError(f'task must have two links, as "{mode}-2-pendubot", got {task!r}')
     return {"n": int(n), "mode": mode, "observation": "sincos"} | keywords
 
