@@ -304,6 +304,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-4-robust": _LONG
     | {"demonstrator": "swingup-4", "first_level": 0.2, "errors": _ANGLES_4},
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
+    "swingup-3-cart": {"seconds": 8.0, "rounds": 55, "averaging": 0.998},
     "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
 }
 _FROM_ANGLES = ("swingup-5", "swingup-3-robust", "swingup-4-robust")  # no velocities are observed
