@@ -207,7 +207,9 @@ def test_an_interrupted_ensemble_is_complete_or_unchanged_or_refuses(alarm, thre
     advance()
     duration = time.perf_counter() - began
     draw, refused = random.Random(0), 0
-    for _ in range(150):
+    for tried in range(3000):
+        if tried >= 150 and refused > 10:  # a busy machine needs more of them
+            break
         if alarm.interrupts(advance, 1e-6 + 1.2 * duration * draw.random()):
             try:
                 found = chains.theta
