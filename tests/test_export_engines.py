@@ -48,13 +48,13 @@ def test_motions_agree_over_the_first_second_and_are_judged_alike(name):
         (*expected, about), (*found, shown) = own.step(action), other.step(action)
         assert type(found[0]) is type(expected[0])
         for mine, of_mujoco in zip(expected[1:], found[1:], strict=True):
-            np.testing.assert_allclose(of_mujoco, mine, rtol=0.0, atol=1e-6)
+            np.testing.assert_allclose(of_mujoco, mine, rtol=0.0, atol=1e-8)
         for key in ("theta", "omega", "time", "tip_height", "success", "torque", "cart_position"):
             if key in about:
-                np.testing.assert_allclose(shown[key], about[key], rtol=0.0, atol=1e-6)
+                np.testing.assert_allclose(shown[key], about[key], rtol=0.0, atol=1e-8)
     away = abs(own.state - other.unwrapped.state).max()
     print(f"{name}: {away:.1e}")
-    assert away < 1e-6
+    assert away < 1e-8
     assert np.any(own.state != other.unwrapped.state)
 
 
@@ -97,13 +97,13 @@ def test_a_motion_beyond_all_bounds_ends_the_episode():
 
 
 def test_other_dynamics_would_be_noticed():
-    """Rewards and success are those of MuJoCo's motion: without gravity there is another one."""
+    """Rewards and success are those of MuJoCo's motion: one under an upward gravity is seen."""
     policy = rl.Policy.pretrained("balance-2")
     envs = in_mujoco(policy.env, 4)
     envs.unwrapped._episodes._model.opt.gravity[2] = 9.81
     envs.reset(seed=0)
     rewards = [envs.step(np.zeros((4, 1)))[1] for _ in range(100)]
-    assert np.all(np.array(rewards) > 0.9)  # what stands hangs, if gravity points upwards
+    assert np.all(np.array(rewards) > 0.9)  # what stands is stable there
 
 
 @pytest.mark.parametrize("name", ["swingup-1", "balance-2"])
