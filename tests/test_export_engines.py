@@ -71,7 +71,8 @@ def test_episodes_end_and_begin_as_in_our_dynamics():
 
 
 def test_no_lane_depends_on_another_and_a_state_goes_on():
-    chain = Chain(1.0, [1.0, 1.0], friction=0.1)  # MuJoCo's friction is found by iteration
+    # MuJoCo's friction is found by iteration
+    chain = Chain(1.0, [1.0, 1.0], friction=0.1, centres=0.5, inertias=0.1, base=Cart(1.0))
     many, one = in_mujoco({"chain": chain}, 3).unwrapped, in_mujoco({"chain": chain}).unwrapped
     many.reset(seed=0), one.reset(seed=2)
     action = np.array([[0.3], [-0.2], [0.9]])
@@ -145,6 +146,16 @@ def test_what_mujoco_does_not_play_is_refused_by_its_name():
     envs = in_mujoco({"n": 2})
     with pytest.raises(ValueError, match=r"^options\['masses'\] must be left out"):
         envs.reset(options={"masses": 2.0})
+    own = NPendulumVectorEnv(1, n=2)
+    for options in ({"masses": 2.0}, {"gravity": 1.0}):
+        own.reset(options=options)
+        with pytest.raises(ValueError, match=r"^state must be one of the chain as made"):
+            envs.unwrapped.set_state(own.get_state())
+    own.reset(options={"theta": 1.0, "omega": 0.0})
+    envs.unwrapped.set_state(own.get_state())
+    assert envs.unwrapped.state.tolist() == [[1.0, 1.0, 0.0, 0.0]]
+    with pytest.raises(TypeError, match=r"^state must come from get_state"):
+        envs.unwrapped.set_state(own.state)
     stacked = gym.wrappers.vector.RescaleObservation(
         NPendulumVectorEnv(2, n=1), np.float32(-1.0), np.float32(1.0)
     )

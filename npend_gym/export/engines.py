@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -20,6 +21,7 @@ from npend_gym.envs.observing import ObsArray
 from npend_gym.envs.registration import MAX_EPISODE_STEPS, register_envs
 from npend_gym.envs.rows import Flag
 from npend_gym.envs.settings import COUNTED, HARDWARE
+from npend_gym.envs.snapshots import States
 from npend_gym.export.mjcf import to_mjcf
 from npend_gym.physics.kernels.layout import MAX_SPEED, Member
 from npend_gym.physics.memory import Plan
@@ -28,6 +30,9 @@ from npend_gym.rl.evaluation.settings import EnvLike, setting_of
 MUJOCO_ID = "npend/MuJoCo-v0"
 _ENTRY_POINT = "npend_gym.export.engines:MujocoVectorEnv"
 _MAX_TIMESTEP = 0.001  # s
+# What states hold of the chain
+_OF_RODS = "mass", "length", "damping"
+_OF_MODEL = "links", "joints", "base"
 
 
 def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
@@ -51,7 +56,8 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
     ------
     ValueError
         If the chain has what `to_mjcf` does not know; if the environment has errors of motors or
-        sensors, pushes or randomized chains; or if options of `reset` change the chain.
+        sensors, pushes or randomized chains. Its `reset` and `set_state` raise one if they are to
+        change the chain.
     ImportError
         If MuJoCo is not installed.
 
@@ -113,10 +119,9 @@ class MujocoEpisodes(Episodes):
         moves = members[Member.ACTIVE] > 0.0
         for lane in np.flatnonzero(moves).tolist():
             after[lane] = self._moved(before[lane], self._actions[:, lane])
-        size = np.abs(after)  # of NaN no comparison holds
-        n, is_speed = self.config.n, np.zeros(size.shape[1], np.bool_)
-        is_speed[n : 2 * n] = is_speed[2 * n + 1 :] = True
-        sound = np.all(size <= np.where(is_speed, MAX_SPEED, MAX_ANGLE), axis=1)
+        n, carts = self.config.n, int(self.config.has_cart)
+        limits = np.repeat([MAX_ANGLE, MAX_SPEED] * 2, [n, n, carts, carts])
+        sound = np.all(np.abs(after) <= limits, axis=1)  # no comparison holds for NaN
         after = np.where(sound[:, None], after, before)
         for field, values in zip(STATE, (after[:, :n], after[:, n : 2 * n]), strict=True):
             memory.fill(memory.per_rod(field), values)
@@ -162,6 +167,27 @@ class MujocoVectorEnv(NPendulumVectorEnv):
                     f"got {_checks.show(options[name])}"
                 )
         return super().reset(seed=seed, options=options)
+
+    def set_state(
+        self, state: States, lanes: ArrayLike | None = None
+    ) -> tuple[ObsArray, dict[str, Any]]:
+        """Continue from states as `NPendulumVectorEnv.set_state` does, all of the chain as made."""
+        mine = self._episodes.snapshots.take(np.zeros(1, np.int64), np.zeros(1, np.bool_))
+        same_kind = getattr(state, "dtype", None) == mine.dtype
+        if same_kind and np.any(_parameters(state) != _parameters(mine)):
+            raise ValueError(
+                "state must be one of the chain as made, which MuJoCo's model has: take it from an "
+                "episode without options for the chain"
+            )
+        return super().set_state(state, lanes)
+
+
+def _parameters(states: Any) -> FloatArray:
+    """Return the parameters of the chains in records of `get_state`, (k, numbers)."""
+    records: Any = np.atleast_1d(states)
+    parts = [records["members"]["gravity"], *(records["rods"][name] for name in _OF_RODS)]
+    parts += [records[name] for name in _OF_MODEL if name in records.dtype.names]
+    return np.hstack([part.reshape(len(records), -1) for part in parts])
 
 
 def _mujoco() -> Any:
