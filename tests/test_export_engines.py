@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import sys
 
 import gymnasium as gym
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from npend_gym import Cart, Chain, NPendulumVectorEnv, rl
 from npend_gym.cli import main
-from npend_gym.envs import SwingUp
+from npend_gym.envs import ResetNeeded, SwingUp
 from npend_gym.export import in_mujoco
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
@@ -95,6 +96,29 @@ def test_a_motion_beyond_all_bounds_ends_the_episode():
     np.testing.assert_array_equal(envs.state[0], before[0])
     assert info["time"].tolist() == [0.0, 1.0]
     assert not envs.step([[0.0], [0.0]])[-1]["diverged"].any()
+
+
+def test_an_interrupted_step_is_followed_by_new_episodes_in_mujoco(monkeypatch):
+    own, other = pair(2, n=2)
+    with monkeypatch.context() as patch:
+
+        def interrupt(*_):
+            raise KeyboardInterrupt
+
+        patch.setattr(type(other.unwrapped._episodes), "_moved", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            other.step(np.zeros((2, 1)))
+    with pytest.raises(ResetNeeded):
+        other.step(np.zeros((2, 1)))
+    own.reset(seed=1), other.reset(seed=1)
+    own.step(np.ones((2, 1))), other.step(np.ones((2, 1)))
+    assert 0.0 < abs(own.state - other.unwrapped.state).max() < 1e-6
+
+
+def test_without_mujoco_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match=r"^motions in MuJoCo need mujoco: .*\[mujoco\]"):
+        in_mujoco({"n": 1})
 
 
 def test_other_dynamics_would_be_noticed():

@@ -192,7 +192,7 @@ def _parameters(states: Any) -> FloatArray:
 
 def _mujoco() -> Any:
     """Return the module of MuJoCo, which environments that are copied cannot hold."""
-    return require("mujoco", "bench", "motions in MuJoCo")
+    return require("mujoco", "mujoco", "motions in MuJoCo")
 
 
 def _check(config: EnvConfig) -> None:
