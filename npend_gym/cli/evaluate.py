@@ -10,6 +10,7 @@ Examples
   npend evaluate swingup-2 --robust -o results
   npend evaluate swingup-2 --env damping=0.05 --env "masses=[1.0, 1.1]"
   npend evaluate mine.safetensors --env chain=results/fit.json --env max_torque=0.5
+  npend evaluate swingup-2 --engine mujoco
   npend evaluate --controller plan --task swingup-3 --scores
 """
 
@@ -18,7 +19,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from npend_gym.cli.common import OK, can_draw, progress, show_written, warn
 
@@ -38,6 +39,7 @@ def run(
     env_id: str = "NPendulum-v0",
     episodes: int = 100,
     seed: int | None = None,
+    engine: Literal["npend", "mujoco"] = "npend",
     robust: bool = False,
     scores: bool = False,
     as_json: bool = False,
@@ -59,6 +61,8 @@ def run(
         A keyword of the environment, such as damping=0.05; may be repeated.
     env_id : id
         Id of the environment, such as npend/SwingUp-v1.
+    engine : name
+        What moves the chain: the package's own dynamics (npend), or MuJoCo.
     robust : bool
         Try wrong models, noise, delay, lag and pushes, and print the share survived.
     scores : bool
@@ -74,17 +78,23 @@ def run(
     from npend_gym._provenance import provenance
     from npend_gym.chain import plain_keywords
     from npend_gym.envs.registration import register_envs
+    from npend_gym.export import in_mujoco
     from npend_gym.report import outputs
     from npend_gym.report import robustness_report as report
 
+    if robust and engine == "mujoco":
+        raise ValueError("--robust must be left out with --engine mujoco, which has ideal motors")
     if out is not None:
         outputs.prepare_folder(out)
     seed = rl.HELD_OUT if seed is None else seed
     changed = [key for key, _ in settings if policy is not None]
     name, model, keywords = _chosen(policy, controller, task, dict(settings), trust=trust)
-    env = keywords | {"id": env_id}
+    env: Any = keywords | {"id": env_id}
+    if engine == "mujoco":
+        env = in_mujoco(env)
     row = rl.evaluate(model, env, episodes=episodes, seed=seed).as_row()
     made = {"env": plain_keywords(keywords), "env_id": env_id, "episodes": episodes}
+    made["engine"] = engine
     about = {"name": name, "provenance": provenance(made, seed)}
     result: dict[str, Any] = about | {"evaluation": row}
     if row["success"] == 0.0:

@@ -129,7 +129,7 @@ class Episodes:
 
     def renewed(self) -> Episodes:
         """Return new episodes with the seeds of these, for after an interruption."""
-        fresh = Episodes(self.config, self.count, self._memory.threads, self._max_steps)
+        fresh: Episodes = type(self)(self.config, self.count, self._memory.threads, self._max_steps)
         fresh.seeds.take(self.seeds)
         fresh._memory.members[Episode.EPISODE] = self._memory.members[Episode.EPISODE]
         fresh._kept, fresh.some_altered = self._kept, True

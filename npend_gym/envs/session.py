@@ -26,6 +26,7 @@ from npend_gym.envs.inputs import (
 from npend_gym.envs.keywords import PlainSpec
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import CallGuard, Progress
+from npend_gym.envs.registration import ENV_ID
 from npend_gym.envs.snapshots import States
 
 
@@ -34,7 +35,9 @@ class Session:
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
     spec: Any = PlainSpec()
+    env_id: str = ENV_ID  # of `gym.make_vec`, for another one like it
     _is_single = False
+    _kind: type[Episodes] = Episodes
 
     def _open(
         self, config: EnvConfig, render_mode: str | None, lanes: int = 1, threads: int = 1,
@@ -44,7 +47,7 @@ class Session:
         self.metadata = Session.metadata | {"render_fps": config.render_fps}
         self.render_mode = render_mode
         self.camera: Camera = Camera(render_mode, config)
-        self._episodes: Episodes = Episodes(config, lanes, threads, max_steps)
+        self._episodes: Episodes = self._kind(config, lanes, threads, max_steps)
         self._calls = CallGuard()
         if config.goal_env:  # no other has it: Stable-Baselines3 would expect a Dict of them
             self.compute_reward: GoalReward = GoalReward(config.mode)

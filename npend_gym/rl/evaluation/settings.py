@@ -119,7 +119,7 @@ def setting_of(env: EnvLike) -> Setting:
     steps = getattr(base, "max_episode_steps", None)  # of a vector environment of ours
     steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
     keywords = keywords_of(config) | {"max_episode_steps": steps}
-    return Setting(ENV_ID, keywords, changing_wrappers(env))
+    return Setting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
 
 
 def keywords_of(config: EnvConfig) -> dict[str, Any]:
