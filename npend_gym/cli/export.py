@@ -8,7 +8,7 @@ docs/howto/export.md.
 Examples
 --------
   npend export swingup-2 --to c -o policy.h
-  npend export mine.npz --to c --prefix arm --relative -o arm.h
+  npend export mine.safetensors --to c --prefix arm --relative -o arm.h
   npend export swingup-3-robust --to torch -o policy.pt2
   npend export --chain results/fit.json --to mjcf --motors 0 --limits 0.5 -o chain.xml
 """
@@ -47,7 +47,7 @@ def run(
     Parameters
     ----------
     policy : policy, optional
-        The name of a policy in the package, or a file (.npz).
+        The name of a policy in the package, or a file (.safetensors).
     to : format
         What is written: a header in c, a file of onnx or torch, or a chain in mjcf or urdf.
     out : file

@@ -105,12 +105,8 @@ class Trajectory:
 
     at = MethodFromAbove("npend_gym.physics.dense:at")
     cart_at = MethodFromAbove("npend_gym.physics.dense:cart_at")
-    sensitivities = MethodFromAbove(
-        "npend_gym.physics.sensitivities:sensitivities"
-    )
-    gradient = MethodFromAbove(
-        "npend_gym.physics.sensitivities:gradient"
-    )
+    sensitivities = MethodFromAbove("npend_gym.physics.sensitivities:sensitivities")
+    gradient = MethodFromAbove("npend_gym.physics.sensitivities:gradient")
     save = MethodFromAbove("npend_gym.physics.trajectory_file:save")
     load = MethodFromAbove("npend_gym.physics.trajectory_file:load")
     to_csv = MethodFromAbove("npend_gym.physics.trajectory_file:to_csv")
