@@ -142,11 +142,10 @@ def test_a_policy_succeeds_as_often_in_mujoco(name):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["swingup-1", "swingup-2", "swingup-3", "balance-2"])
-def test_policies_lose_at_most_two_in_a_hundred_episodes(name):
+def test_policies_succeed_as_often_in_thirty_episodes(name):
     policy = rl.Policy.pretrained(name)
-    own = rl.evaluate(policy, policy.env).success_rate
-    found = rl.evaluate(policy, in_mujoco(policy.env)).success_rate
-    print(f"{name}: {own:.2f} in our dynamics, {found:.2f} in MuJoCo")
+    own = rl.evaluate(policy, policy.env, episodes=30).success_rate
+    found = rl.evaluate(policy, in_mujoco(policy.env), episodes=30).success_rate
     assert found >= own - 0.02
 
 
