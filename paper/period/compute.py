@@ -26,7 +26,7 @@ from paper.findings import outcome
 from paper.readings import grid
 
 FILE = Path(__file__).with_name("numbers.json")
-LYAPUNOV = FILE.with_name("lyapunov.csv")
+GROWTH = FILE.with_name("growth.csv")
 J01 = float(jn_zeros(0, 1)[0])
 ANGLES = (0.1, 0.2, 0.4, 0.6, QUARTER, 0.9, 1.0)  # rad, up to where the law is stated
 WIDE = (*ANGLES, 1.2)
@@ -191,13 +191,13 @@ def _onset(quick: bool) -> dict[str, str]:
     }
 
 
-@number("lyapunov")
-def _lyapunov(_quick: bool) -> list[list[str]]:
-    """N, offset of the start, seconds, exponent, onset of fast growth [s], exponent after it.
+@number("growth")
+def _growth(_quick: bool) -> list[list[str]]:
+    """N, window [s], mean rate of growth [1/s], its standard error, and the range of the starts.
 
-    From the table that `python -m paper.period.metastable` makes.
+    From the table that `python -m paper.period.growth` makes, with that of linear growth last.
     """
-    with LYAPUNOV.open(newline="", encoding="utf-8") as file:
+    with GROWTH.open(newline="", encoding="utf-8") as file:
         return [list(row.values()) for row in csv.DictReader(file)]
 
 

@@ -13,7 +13,7 @@ FOLDER = Path(compute.__file__).parent
 
 QUICK = (
     "com-limit", "com-small", "factor", "slowest-factor", "slowest-next-order", "front-small",
-    "lyapunov", "source-error", "series",
+    "growth", "source-error", "series",
 )  # fmt: skip
 
 
@@ -50,9 +50,30 @@ def test_the_paper_can_be_set_from_what_is_kept(tmp_path):
     assert (tmp_path / "paper.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_metastable_writes_a_row_for_each_run(tmp_path):
-    out = tmp_path / "lyapunov.csv"
-    run_script(FOLDER / "metastable.py", out, "2:300", "3:200:1e-9", cwd=tmp_path)
+def test_rates_of_growth_have_a_row_for_each_window(tmp_path):
+    out = tmp_path / "growth.csv"
+    run_script(FOLDER / "growth.py", out, "2:320", "3:160", cwd=tmp_path)
     rows = [line.split(",") for line in out.read_text(encoding="utf-8").splitlines()[1:]]
-    assert [row[:3] for row in rows] == [["2", "0.0", "300"], ["3", "1e-09", "200"]]
+    assert [row[:3] for row in rows[::5]] == [["2", "10", "20"], ["3", "5", "10"]]
+    assert [row[2] for row in rows[:5]] == ["20", "40", "80", "160", "320"]
+    for row in rows:
+        mean, error, lowest, highest = map(float, row[3:7])
+        assert lowest <= mean <= highest
+        assert 0.0 < error < 0.001  # such neighbours have not parted yet
     assert all(abs(float(row[3])) < 0.2 for row in rows)  # it grows with time, no faster
+
+
+def test_the_paper_says_of_kept_rates_what_they_show():
+    table = {}
+    for n, _, _, *rates in kept()["growth"]:
+        table.setdefault(int(n), []).append([float(one) for one in rates])
+    last = {n: rows[-1] for n, rows in table.items()}
+    assert abs(last[2][0]) < 2.0 * last[2][4]  # no faster than linear growth
+    for n in (3, 4, 5):
+        (before, error, *_), (rate, last_error, *_) = table[n][-2:]
+        assert abs(rate - before) < 2.0 * (error + last_error)
+        assert 10.0 * last[n][4] < rate < 0.003
+    for n in (6, 8, 10, 20):
+        means = [row[0] for row in table[n]]
+        assert means == sorted(means)
+        assert means[-1] > 5.0 * means[0]
