@@ -147,22 +147,28 @@ def _early_table(quick: bool) -> list[list[str]]:
     return [[format(row[key], form) for key, form in keys.items()] for row in _early(quick)]
 
 
-@number("early-limits")
-def _early_limits(quick: bool) -> dict[str, str]:
-    """Limits for many rods at pi/4, with the spread of the extrapolations."""
-    rows = _early(quick)[-5:]
-    counts = [row["n"] for row in rows]
-    found = {key: hesitation.limit(counts, [row[key] for row in rows])
-             for key in ("share", "lowest", "mean")}  # fmt: skip
-    return {key: f"{one.value:.2f} ± {one.error:.2f}" for key, one in found.items()}
-
-
 @number("fronts")
-def _fronts(quick: bool) -> list[list[str]]:
-    """Angle, and when the front is at the free end and back at the pivot, over T1."""
-    n = 50 if quick else 400
-    rows = ((a, *hesitation.front_times(n, a)) for a in (0.1, 0.5, QUARTER, 1.0))
-    return [[f"{one:.3g}" for one in row] for row in rows]
+def _fronts(_quick: bool) -> list[list[str]]:
+    """Angle, and when the front is at the free end and back at the pivot, over T1: N = 50, 400."""
+    rows: list[list[str]] = []
+    for a in (0.1, 0.5, QUARTER, 1.0):
+        times = [f"{one:.3f}" for n in (50, 400) for one in hesitation.front_times(n, a)]
+        rows.append([f"{a:.3g}", *times])
+    return rows
+
+
+@number("front-passes")
+def _front_passes(_quick: bool) -> list[list[str]]:
+    """Height of bobs of 400 rods, when the front from pi/4 is back there, and they turn, over T1.
+
+    They turn for the third time, and so swing back, with the front.
+    """
+    found = hesitation.velocities(400, QUARTER, (0.9, 0.8), frames=12_000)
+    rows: list[list[str]] = []
+    for height, passes, values in zip(found.heights, found.passes, found.values, strict=True):
+        turns = np.flatnonzero((values[:-1] < 0.0) & (values[1:] > 0.0))
+        rows.append([f"{height:.1f}", f"{passes:.3f}", f"{found.times[turns[1]]:.3f}"])
+    return rows
 
 
 @number("front-small")
@@ -182,12 +188,9 @@ def _early_times(quick: bool) -> list[str]:
 
 @number("onset")
 def _onset(quick: bool) -> dict[str, str]:
-    """Angle [rad] from which the bob at 0.9 of the height is early, and its limit."""
-    counts = (50, 100) if quick else (100, 200, 400, 800)
-    found = {str(n): hesitation.onset(n) for n in counts}
-    limit = hesitation.limit(list(counts), list(found.values()))
-    return {n: f"{a:.3f}" for n, a in found.items()} | {
-        "limit": f"{limit.value:.2f} ± {max(limit.error, 0.01):.2f}"
+    """Angle [rad] from which the bob at 0.9 of the height is early, by the number of rods."""
+    return {
+        str(n): f"{hesitation.onset(n):.3f}" for n in ((50, 100) if quick else (100, 200, 400, 800))
     }
 
 
