@@ -96,9 +96,10 @@ def front_passes(n: int, amplitude: float, at: ArrayLike, frames: int = 2000) ->
     ratio: FloatArray = tensions(chain, motion.theta, motion.omega)[:, ::-1] / below
 
     def speed(k: int, u: float) -> float:
-        return 0.5 * math.sqrt(max(float(np.interp(u * u, below, ratio[k])), 0.0))
+        here: Any = np.interp(u * u, below, ratio[k])
+        return 0.5 * math.sqrt(max(float(here), 0.0))
 
-    step = float(times[1])
+    step = t1 / (frames - 1)
     passed: FloatArray = np.empty(frames)  # -u, from -sqrt(n + 1/2) upwards
     passed[0] = -math.sqrt(n + 0.5)
     for k in range(frames - 1):

@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 from scripts import run_script
 
+from npend_gym import Chain
+from paper.com_law import LawGrid
 from paper.period import compute
+from paper.third_order import amplitude_growth
 
 FOLDER = Path(compute.__file__).parent
 
@@ -42,6 +45,20 @@ def test_the_law_meets_the_measured_period_of_two_rods():
         assert 100.0 * off <= float(errors["2"][0]) + 0.005
     assert all(float(errors[n][0]) <= 0.4 for n in ("2", "3"))
     assert all(float(row[0]) <= 0.2 for n, row in errors.items() if int(n) >= 5)
+
+
+def test_errors_beyond_one_radian_are_kept_with_the_sign_of_the_audit():
+    beyond = {row[0]: row[1:] for row in kept()["law-beyond"]}
+    (cell,) = LawGrid([5], [1.2]).measure(5)
+    assert f"{100.0 * cell.law_error:+.1f}" == beyond["5"][0]
+    assert all(0.0 < float(near) < float(far) for near, far in beyond.values())
+
+
+def test_growth_is_the_third_orders_and_the_simulations():
+    rows = {row[0]: row[1:] for row in kept()["com-growth"]}
+    assert all(third == simulated for third, simulated in rows.values())
+    assert rows["5"] == [f"{amplitude_growth(Chain.uniform(5)).com:.4f}"] * 2
+    assert f"{compute.simulated_growth(5):.4f}" == rows["5"][1]
 
 
 def test_the_paper_can_be_set_from_what_is_kept(tmp_path):
