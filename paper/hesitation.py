@@ -96,8 +96,8 @@ def front_passes(n: int, amplitude: float, at: ArrayLike, frames: int = 2000) ->
     ratio: FloatArray = tensions(chain, motion.theta, motion.omega)[:, ::-1] / below
 
     def speed(k: int, u: float) -> float:
-        here: Any = np.interp(u * u, below, ratio[k])
-        return 0.5 * math.sqrt(max(float(here), 0.0))
+        row: FloatArray = ratio[k]
+        return 0.5 * math.sqrt(max(float(np.interp(u * u, below, row)), 0.0))
 
     step = t1 / (frames - 1)
     passed: FloatArray = np.empty(frames)  # -u, from -sqrt(n + 1/2) upwards
