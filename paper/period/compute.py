@@ -23,6 +23,7 @@ from npend_gym.experiments.release import PAPER_AMPLITUDE as QUARTER
 from paper import hesitation
 from paper.checks.law import growth_of_the_middle
 from paper.findings import outcome
+from paper.period import limits
 from paper.readings import grid
 from paper.third_order import amplitude_growth
 
@@ -130,6 +131,31 @@ def simulated_growth(n: int) -> float:
 def _growth_over_pendulum(quick: bool) -> str:
     """Return 16 b of long chains: their growth over a pendulum's."""
     return f"{16.0 * amplitude_growth(Chain.uniform(50 if quick else 200)).com:.3f}"
+
+
+@number("other-starts")
+def _other_starts(_quick: bool) -> list[list[str]]:
+    """Start of 20 rods, and the error of the pendulum's factor at pi/4 and at 1 rad [%]."""
+    return [
+        [name, *(f"{error:+.1f}" for error in limits.start_errors(shape))]
+        for name, shape in limits.starts().items()
+    ]
+
+
+@number("heavy-tip")
+def _heavy_tip(_quick: bool) -> list[str]:
+    """Errors of 20 rods with a last bob of ten times the mass, at 0.5, pi/4 and 1 rad [%]."""
+    return [f"{one:+.1f}" for one in limits.chain_errors(Chain([1.0] * 19 + [10.0], [1.0] * 20))]
+
+
+@number("other-chains")
+def _other_chains(quick: bool) -> list[list[str]]:
+    """N, and median and worst error of random chains at 0.5 rad, at pi/4 and at 1 rad [%]."""
+    rows: list[list[str]] = []
+    for n in limits.RANDOM_N[:2] if quick else limits.RANDOM_N:
+        pairs = zip(*limits.random_errors(n), strict=True)
+        rows.append([str(n), *(f"{one:.1f}" for pair in pairs for one in pair)])
+    return rows
 
 
 @number("middle-growth")

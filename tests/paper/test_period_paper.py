@@ -16,7 +16,7 @@ FOLDER = Path(compute.__file__).parent
 
 QUICK = (
     "com-limit", "com-small", "factor", "slowest-factor", "slowest-next-order", "front-small",
-    "growth", "source-error", "series",
+    "growth", "heavy-tip", "other-starts", "source-error", "series",
 )  # fmt: skip
 
 
@@ -59,6 +59,13 @@ def test_growth_is_the_third_orders_and_the_simulations():
     assert all(third == simulated for third, simulated in rows.values())
     assert rows["5"] == [f"{amplitude_growth(Chain.uniform(5)).com:.4f}"] * 2
     assert f"{compute.simulated_growth(5):.4f}" == rows["5"][1]
+
+
+def test_random_chains_are_those_of_the_page():
+    page = (FOLDER.parents[1] / "docs" / "explanation" / "pseudo_period.md").read_text("utf-8")
+    rows = kept()["other-chains"]
+    assert compute.NUMBERS["other-chains"](True) == rows[:2]
+    assert all(f"| {' | '.join(row)} |" in page for row in rows)
 
 
 def test_the_paper_can_be_set_from_what_is_kept(tmp_path):

@@ -1,0 +1,67 @@
+"""How far the law of the centre of mass holds for other starts, and for other chains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from npend_gym import Chain, pseudo_periods, theory
+from npend_gym.theory import normal_modes
+from paper.arrays import FloatArray
+
+RODS = 20
+SMALL = 1e-3  # rad: the greatest angle from which the limit of small angles is measured
+RANDOM_N, CHAINS = (2, 3, 5, 10, 20), 40
+ANGLES = (0.5, math.pi / 4, 1.0)  # rad
+
+
+def measured(chain: Chain, theta: FloatArray | float) -> float:
+    """Return the pseudo-period [s] of the centre of mass after a release from rest at `theta`."""
+    return float(pseudo_periods(chain, theta, reading="com", rtol=1e-10)[0])
+
+
+def starts() -> dict[str, FloatArray]:
+    """Return the shapes of some starts of 20 rods: the angle of each rod over the greatest."""
+    down: FloatArray = (np.arange(RODS) + 0.5) / RODS  # of the middle of each rod
+    mode = normal_modes(Chain.uniform(RODS))[1][:, 0]
+    return {
+        "straight": np.ones(RODS),
+        "the slowest mode": mode / mode.max(),
+        "from a/2 at the pivot to a at the tip": (1.0 + down) / (2.0 - 0.5 / RODS),
+        "from a at the pivot to a/2 at the tip": 1.0 - 0.5 * down,
+        "lower half at a, upper half at rest": np.where(down > 0.5, 1.0, 0.0),
+    }
+
+
+def start_errors(shape: FloatArray, angles: tuple[float, ...] = ANGLES[1:]) -> FloatArray:
+    """Return the error [%] of the pendulum's factor for a start that is not straight.
+
+    The period at small angles, of this start, times the factor of the greatest angle, over the
+    measured period, less one.
+    """
+    chain = Chain.uniform(RODS)
+    limit = measured(chain, SMALL * shape)
+    law = [limit * (1.0 + float(theory.amplitude_correction(a))) for a in angles]
+    periods = [measured(chain, a * shape) for a in angles]
+    return 100.0 * (np.array(law) / np.array(periods) - 1.0)
+
+
+def chain_errors(chain: Chain) -> FloatArray:
+    """Return the error of `theory.com_period`, over the measured period [%], at `ANGLES`."""
+    return np.array(
+        [100.0 * (float(theory.com_period(chain, a)) / measured(chain, a) - 1.0) for a in ANGLES]
+    )
+
+
+def random_chains(n: int) -> Iterator[Chain]:
+    """Return 40 chains of `n` rods; masses and lengths are drawn between 0.5 and 2."""
+    rng = np.random.default_rng(n)
+    return (Chain(*rng.uniform(0.5, 2.0, (2, n))) for _ in range(CHAINS))
+
+
+def random_errors(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the median and the largest absolute errors [%] of those chains, at `ANGLES`."""
+    errors = np.abs([chain_errors(chain) for chain in random_chains(n)])
+    return np.median(errors, axis=0), errors.max(axis=0)
