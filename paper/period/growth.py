@@ -1,6 +1,6 @@
 """How fast a small change of a release grows, against time, from the paper's 45 degrees.
 
-`python -m paper.period.growth` follows four releases each of 2 to 20 rods, in some three minutes,
+`python -m paper.period.growth` follows four releases each of 2 to 20 rods, in some four minutes,
 and writes `growth.csv` beside this file: for each number of rods, the mean rate over the windows
 T/32 to T/16, ..., T/2 to T of the runs. `python -m paper.period.growth out.csv 2:640 10:320`
 follows two rods for 640 s and ten for 320 s.
