@@ -38,6 +38,12 @@ def test_kept_numbers_are_those_that_are_computed_now(key):
     assert compute.NUMBERS[key](True) == kept()[key]
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("key", sorted(set(compute.NUMBERS) - set(QUICK)))
+def test_costly_kept_numbers_are_those_that_are_computed_now(key):
+    assert compute.NUMBERS[key](False) == kept()[key]
+
+
 def test_the_law_meets_the_measured_period_of_two_rods():
     errors = {row[0]: row[1:] for row in kept()["law-errors"]}
     for a in (0.2, 1.0):
