@@ -142,6 +142,21 @@ def _other_starts(_quick: bool) -> list[list[str]]:
     ]
 
 
+@number("links")
+def _links(quick: bool) -> list[list[str]]:
+    """N uniform links, T_com / (2 pi sqrt(L/g)) at small angles, largest error up to 1 rad [%]."""
+    rows: list[list[str]] = []
+    for n in (1, 2, 3, 5, 10, 20) if quick else (1, 2, 3, 5, 10, 20, 50, 100):
+        error = limits.links_error(n, ANGLES)
+        rows.append([str(n), f"{limits.links_constant(n):.6f}", f"{error:.2f}"])
+    return rows
+
+
+@number("rope")
+def _rope(_quick: bool) -> str:
+    return f"{limits.rope(1.0) / theory.single_period(1.0):.6f}"
+
+
 @number("heavy-tip")
 def _heavy_tip(_quick: bool) -> list[str]:
     """Errors of 20 rods with a last bob of ten times the mass, at 0.5, pi/4 and 1 rad [%]."""

@@ -1,4 +1,4 @@
-"""How far the law of the centre of mass holds for other starts, and for other chains."""
+"""How far the law of the centre of mass holds for heavy links, other starts, and other chains."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.special import jn_zeros
 
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.theory import normal_modes
@@ -65,3 +66,25 @@ def random_errors(n: int) -> tuple[FloatArray, FloatArray]:
     """Return the median and the largest absolute errors [%] of those chains, at `ANGLES`."""
     errors = np.abs([chain_errors(chain) for chain in random_chains(n)])
     return np.median(errors, axis=0), errors.max(axis=0)
+
+
+def rope(length: float, amplitude: float = 0.0) -> float:
+    """Return the law of a rope of `length` [m] released straight [s]: small angles are exact."""
+    slowest = 2.0 / float(jn_zeros(0, 1)[0]) * theory.single_period(length)
+    return theory.com_ratio() * slowest * (1.0 + float(theory.amplitude_correction(amplitude)))
+
+
+def links(n: int) -> Chain:
+    """Return `n` uniform rods of 1 m and 1 kg, which carry no bobs."""
+    return Chain.rods(np.ones(n), np.ones(n))
+
+
+def links_constant(n: int) -> float:
+    """Return the small-angle period of the centre of mass of `n` links, over 2 pi sqrt(L/g)."""
+    return float(theory.com_period(links(n))) / theory.single_period(float(n))
+
+
+def links_error(n: int, angles: tuple[float, ...]) -> float:
+    """Return the largest error of the rope's law for `n` links, over the measured period [%]."""
+    errors = [rope(float(n), a) / measured(links(n), a) - 1.0 for a in angles]
+    return 100.0 * max(map(abs, errors))

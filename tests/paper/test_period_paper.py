@@ -9,14 +9,14 @@ from scripts import run_script
 
 from npend_gym import Chain
 from paper.com_law import LawGrid
-from paper.period import compute
+from paper.period import compute, limits
 from paper.third_order import amplitude_growth
 
 FOLDER = Path(compute.__file__).parent
 
 QUICK = (
     "com-limit", "com-small", "factor", "slowest-factor", "slowest-next-order", "front-small",
-    "growth", "heavy-tip", "other-starts", "source-error", "series",
+    "growth", "heavy-tip", "other-starts", "rope", "source-error", "series",
 )  # fmt: skip
 
 
@@ -72,6 +72,16 @@ def test_random_chains_are_those_of_the_page():
     rows = kept()["other-chains"]
     assert compute.NUMBERS["other-chains"](True) == rows[:2]
     assert all(f"| {' | '.join(row)} |" in page for row in rows)
+
+
+def test_heavy_links_have_the_constant_of_the_rope():
+    page = (FOLDER.parents[1] / "docs" / "explanation" / "pseudo_period.md").read_text("utf-8")
+    rows = kept()["links"]
+    for n, constant, _ in rows:
+        assert f"{limits.links_constant(int(n)):.6f}" == constant
+        assert int(n) < 10 or float(constant) == pytest.approx(float(kept()["rope"]), abs=1e-4)
+    assert f"{limits.links_error(5, compute.ANGLES):.2f}" == rows[3][2]
+    assert all(" | ".join(row[k] for row in rows) in page for k in (0, 1, 2))
 
 
 def test_the_paper_can_be_set_from_what_is_kept(tmp_path):
