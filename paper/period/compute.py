@@ -23,7 +23,7 @@ from npend_gym.experiments.release import PAPER_AMPLITUDE as QUARTER
 from paper import hesitation
 from paper.checks.law import growth_of_the_middle
 from paper.findings import outcome
-from paper.period import limits
+from paper.period import limits, rope
 from paper.readings import grid
 from paper.third_order import amplitude_growth
 
@@ -131,6 +131,20 @@ def simulated_growth(n: int) -> float:
 def _growth_over_pendulum(quick: bool) -> str:
     """Return 16 b of long chains: their growth over a pendulum's."""
     return f"{16.0 * amplitude_growth(Chain.uniform(50 if quick else 200)).com:.3f}"
+
+
+@number("rope-growth")
+def _rope_growth(quick: bool) -> list[list[str]]:
+    """Modes of the rope, b by Bessel integrals [1/rad^2], and 16 b."""
+    found = {modes: rope.growth(modes) for modes in ((10, 20) if quick else (10, 20, 40, 80))}
+    return [[str(modes), f"{b:.5f}", f"{16.0 * b:.3f}"] for modes, b in found.items()]
+
+
+@number("tip-growth")
+def _tip_growth(_quick: bool) -> list[list[str]]:
+    """Mass at the tip over that of the rope, and 16 b: 100 equal rods and bobs, third order."""
+    tips = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
+    return [[f"{tip:g}", f"{16.0 * limits.tip_growth(100, tip):.2f}"] for tip in tips]
 
 
 @number("other-starts")

@@ -11,6 +11,7 @@ from scipy.special import jn_zeros
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym.theory import normal_modes
 from paper.arrays import FloatArray
+from paper.third_order import amplitude_growth
 
 RODS = 20
 SMALL = 1e-3  # rad: the greatest angle from which the limit of small angles is measured
@@ -88,3 +89,10 @@ def links_error(n: int, angles: tuple[float, ...]) -> float:
     """Return the largest error of the rope's law for `n` links, over the measured period [%]."""
     errors = [rope(float(n), a) / measured(links(n), a) - 1.0 for a in angles]
     return 100.0 * max(map(abs, errors))
+
+
+def tip_growth(n: int, tip: float) -> float:
+    """Return b [1/rad^2] of `n` equal rods and bobs with `tip` times their mass at the last bob."""
+    masses: FloatArray = np.ones(n)
+    masses[-1] += n * tip
+    return amplitude_growth(Chain(masses, np.ones(n))).com

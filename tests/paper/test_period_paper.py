@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from scripts import run_script
 
-from npend_gym import Chain
+from npend_gym import Chain, theory
 from paper.com_law import LawGrid
-from paper.period import compute, limits
+from paper.period import compute, limits, rope
 from paper.third_order import amplitude_growth
 
 FOLDER = Path(compute.__file__).parent
@@ -82,6 +82,20 @@ def test_heavy_links_have_the_constant_of_the_rope():
         assert int(n) < 10 or float(constant) == pytest.approx(float(kept()["rope"]), abs=1e-4)
     assert f"{limits.links_error(5, compute.ANGLES):.2f}" == rows[3][2]
     assert all(" | ".join(row[k] for row in rows) in page for k in (0, 1, 2))
+
+
+def test_bessel_integrals_have_the_growth_of_long_chains():
+    found = {modes: rope.growth(modes) for modes in (10, 40)}
+    rows = {int(modes): b for modes, b, _ in kept()["rope-growth"]}
+    assert all(f"{b:.5f}" == rows[modes] for modes, b in found.items())
+    assert found[40] == pytest.approx(amplitude_growth(Chain.uniform(150)).com, rel=1e-3)
+
+
+def test_a_mass_at_the_tip_changes_the_growth_as_simulation_says():
+    chain = Chain([1.0] * 9 + [4.0], [1.0] * 10)
+    limit = float(theory.com_period(chain))
+    small, large = ((limits.measured(chain, a) / limit - 1.0) / a**2 for a in (0.02, 0.04))
+    assert (4.0 * small - large) / 3.0 == pytest.approx(limits.tip_growth(10, 0.3), abs=2e-4)
 
 
 def test_the_paper_can_be_set_from_what_is_kept(tmp_path):
