@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
-from npend_gym.experiments import Estimate
 from npend_gym.physics import tensions
 from paper.arrays import FloatArray
 
@@ -74,41 +73,56 @@ def _lowest(early: NDArray[np.bool_], height: FloatArray) -> float:
     return lowest
 
 
-def front_times(n: int, amplitude: float, frames: int = 2000) -> tuple[float, float]:
-    """Return when the front of a release reaches the free end, and the pivot again, over T1.
+def front_times(n: int, amplitude: float) -> tuple[float, float]:
+    """Return when the front of a release reaches the free end, and the pivot again, over T1."""
+    tip, back = front_passes(n, amplitude, [0.0, 1.0])
+    return float(tip), float(back)
+
+
+def front_passes(n: int, amplitude: float, at: ArrayLike, frames: int = 2000) -> FloatArray:
+    """Return when the front of a release, on its way back, is at the heights `at`, over T1.
 
     The front moves along the chain, of two or more rods, at the speed of its waves: sqrt(T/(m l))
-    rods a second with the tension T [N] of the simulation.
+    rods a second with the tension T [N] of the simulation, which is zero at the free end of the
+    rope, half a rod below the last bob. With y the rods from there to the front, u = sqrt(y) moves
+    at sqrt(T/y)/2, and is reflected at u = 0. NaN where the front is not back within T1.
     """
     chain = Chain.uniform(n)
     t1 = theory.fundamental_period(chain)
     times = np.linspace(0.0, t1, frames)
     motion = simulate(chain, amplitude, 0.0, times, rtol=_RTOL, atol=1e-2 * _RTOL)
-    tension: FloatArray = tensions(chain, motion.theta, motion.omega)
-    place, direction, tip = 0.5, 1.0, math.nan
+    below: FloatArray = np.arange(1.0, n + 1.0)  # rods from the middle of each rod to the free end
+    # the last rod's stands for all nearer to the free end, for T goes to zero as y does
+    ratio: FloatArray = tensions(chain, motion.theta, motion.omega)[:, ::-1] / below
+
+    def speed(k: int, u: float) -> float:
+        row: FloatArray = ratio[k]
+        return 0.5 * math.sqrt(max(float(np.interp(u * u, below, row)), 0.0))
+
+    step = t1 / (frames - 1)
+    passed: FloatArray = np.empty(frames)  # -u, from -sqrt(n + 1/2) upwards
+    passed[0] = -math.sqrt(n + 0.5)
     for k in range(frames - 1):
-        rod = min(max(int(place - 0.5), 0), n - 2)
-        share = min(max(place - 0.5 - rod, 0.0), 1.0)  # of the way to the middle of the next rod
-        here = (1.0 - share) * float(tension[k, rod]) + share * float(tension[k, rod + 1])
-        speed = math.sqrt(max(here, 0.0))
-        place += direction * speed * float(times[1])
-        if direction > 0.0 and place >= n - 0.5:
-            direction, place, tip = -1.0, n - 0.5, float(times[k]) / t1
-        elif direction < 0.0 and place <= 0.0:
-            return tip, float(times[k]) / t1
-    return tip, math.nan
+        first = speed(k, float(passed[k]))
+        passed[k + 1] = passed[k] + 0.5 * step * (
+            first + speed(k + 1, float(passed[k]) + step * first)
+        )
+    marks: FloatArray = np.sqrt((n + 0.5) * np.asarray(at, float))
+    return np.interp(marks, passed, times / t1, right=math.nan)
 
 
 class Velocities(NamedTuple):
     """Horizontal velocities of some bobs of a release.
 
     times : (T,), over T1. heights : (H,), over the length. values : (H, T), by the greatest speed
-    that the bob has had. front : when the front is back at the pivot, over T1.
+    that the bob has had. passes : (H,), when the front comes back to each bob, over T1. front :
+    when it is back at the pivot, over T1.
     """
 
     times: FloatArray
     heights: FloatArray
     values: FloatArray
+    passes: FloatArray
     front: float
 
 
@@ -121,7 +135,8 @@ def velocities(n: int, amplitude: float, at: ArrayLike, frames: int = 1200) -> V
     bobs = np.abs(heights(n)[:, None] - np.asarray(at)).argmin(axis=0)
     speeds = motion.velocities()[:, bobs, 0].T
     speeds = speeds / np.abs(speeds[:, times < 0.5]).max(axis=1, keepdims=True)
-    return Velocities(times, heights(n)[bobs], speeds, front_times(n, amplitude)[1])
+    passes = front_passes(n, amplitude, np.append(heights(n)[bobs], 1.0))
+    return Velocities(times, heights(n)[bobs], speeds, passes[:-1], float(passes[-1]))
 
 
 def onset(n: int, height: float = 0.9, low: float = 0.5, high: float = 0.75) -> float:
@@ -146,30 +161,3 @@ def _dip(n: int, amplitude: float, height: float) -> float:
     change: FloatArray = np.diff(at)
     inner = np.flatnonzero((change[:-1] < 0.0) & (change[1:] >= 0.0)) + 1
     return float(at[inner].min() if inner.size else at.min())
-
-
-def limit(n_values: ArrayLike, values: ArrayLike) -> Estimate:
-    """Return the limit of `values` for many rods, by v + c N^-p, with the spread of the fits.
-
-    For each exponent p the limit v and c follow by least squares; p is the one that fits best
-    between 1/4 and 1. The error is half the range of the limits that fits without the first, or
-    without the last of the values, and with p moved by 0.1 either way, give.
-    """
-    n, y = np.asarray(n_values, float), np.asarray(values, float)
-    fits = [(n, y), (n[1:], y[1:]), (n[:-1], y[:-1])]
-    best = [_best_exponent(*some) for some in fits]
-    found = [_limit_with(*some, p)[0] for some, p in zip(fits, best, strict=True)]
-    found += [_limit_with(n, y, best[0] + step)[0] for step in (-0.1, 0.1)]
-    return Estimate(found[0], 0.5 * float(np.ptp(found)))
-
-
-def _best_exponent(n: FloatArray, y: FloatArray) -> float:
-    fit = minimize_scalar(lambda p: _limit_with(n, y, p)[1], bounds=(0.25, 1.0), method="bounded")
-    return float(fit.x)
-
-
-def _limit_with(n: FloatArray, y: FloatArray, p: float) -> tuple[float, float]:
-    """Return v of the best v + c n^-p, and the sum of its squared residuals."""
-    design = np.column_stack([np.ones_like(n), n**-p])
-    solution = np.linalg.lstsq(design, y, rcond=None)[0]
-    return float(solution[0]), float(np.sum((design @ solution - y) ** 2))

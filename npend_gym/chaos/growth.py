@@ -57,7 +57,8 @@ class Growth:
     def onset(self, rate: float = 0.3, share: float = 0.02) -> float | None:
         """Return when fast growth begins [s]: at `rate` [1/s] and more over a `share` of the run.
 
-        None where it does not. A motion can stay near order for long and then leave it.
+        None where it does not. The time depends on both arguments: it says when this run passes
+        them, and is no property of the motion.
         """
         window = max(1, round(share * self.times.size))
         rates = (self.logarithm[window:] - self.logarithm[:-window]) / (

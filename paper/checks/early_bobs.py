@@ -26,8 +26,7 @@ def _early_bobs(n_values: tuple[int, ...] = COUNTS) -> Outcome:
     return holds_if(
         shares[-1] > 5.0 * small[-1]["share"], counts=list(n_values), shares=shares,
         small=[row["share"] for row in small], means=[row["mean"] for row in paper], onset=onset,
-        limit=str(hesitation.limit(n_values[-3:], onset)), earliest=paper[-1]["earliest"], tip=tip,
-        back=back,
+        earliest=paper[-1]["earliest"], tip=tip, back=back,
     )  # fmt: skip
 
 
@@ -47,8 +46,9 @@ class Hesitation(NamedTuple):
 @figure(
     "hesitation", "hesitation",
     "Above: horizontal velocity of bobs near the pivot, 400 rods, by the greatest speed they have "
-    "had; the grey line marks the front's return to the pivot, the dots where a pseudo-period is "
-    "complete. Below: the share of bobs that complete early, and the mean over the bobs.",
+    "had; the grey band marks the front's way back from the lowest of them to the pivot, the dots "
+    "where a pseudo-period is complete. Below: the share of bobs that complete early, and the mean "
+    "over the bobs.",
     size=(7.2, 5.2),
     data=lambda: Hesitation([hesitation.velocities(COUNTS[-1], a, BOBS) for a in SHOWN], rows()),
 )  # fmt: skip
@@ -58,7 +58,7 @@ def _draw_hesitation(figure: Figure, data: Hesitation) -> None:
     for axes, angle, shown in zip(above.subplots(1, 3), SHOWN, data.velocities,
                                   strict=True):  # fmt: skip
         axes.axhline(0.0, color=BLACK, linewidth=0.6)
-        axes.axvline(shown.front, color="0.6", linewidth=3.0, alpha=0.6)
+        axes.axvspan(shown.passes.min(), shown.front, color="0.6", alpha=0.4, linewidth=0.0)
         for height, values, color in zip(shown.heights, shown.values, (BLUE, GREEN, AMBER, ORANGE),
                                          strict=True):  # fmt: skip
             axes.plot(shown.times, values, color=color, linewidth=1.0, label=f"s = {height:.2f}")

@@ -1,25 +1,31 @@
 """What the paper says of integrators: Runge-Kutta of appendix C, Euler's error, odeint."""
 
+import math
 from collections.abc import Callable
 from functools import cache
+from itertools import count
 from typing import Any, cast
 
 import numpy as np
 from scipy.integrate import odeint
 
-from npend_gym import Chain, simulate
+from npend_gym import Chain, IntegrationError, simulate, theory
 from npend_gym._palette import BLUE, ORANGE
 from npend_gym.experiments import power_law
+from npend_gym.experiments.release import PAPER_AMPLITUDE
 from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import energy
 from npend_gym.physics.kernels.dynamics import arrays_of, derivative, new_work
 from paper.arrays import FloatArray
 from paper.checks.chaos import neighbour_growth
+from paper.estimator import LISTING_DURATION
 from paper.motions import samples
 from paper.registry import Figure, Outcome, check, figure, holds_if, slip_if
 
 CHAIN = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4])
 START = np.array([0.9, 0.4, 0.6, 0.5, -0.3, 0.8])  # a generic state: angles, angular velocities
+FRAME = 0.01  # s, between the frames of the listing
+STABLE = 2.0 * math.sqrt(2.0)  # RK4: longest step of an oscillation times its frequency
 STEPS: FloatArray = 0.02 * 0.5 ** np.arange(5.0)  # s
 
 
@@ -64,7 +70,32 @@ def _orders() -> Outcome:
     local, after = (power_law(STEPS, error).value for error in errors)
     halving = float(errors[1][-2] / errors[1][-1])
     holds = abs(local - 5.0) < 0.2 and abs(after - 4.0) < 0.2 and abs(halving - 16.0) < 1.6
-    return holds_if(holds, local=local, after=after, halving=halving)
+    return holds_if(holds, local=local, after=after, halving=halving, frame=FRAME, limit=STABLE,
+                    unstable=first_unstable(), diverging=first_diverging())  # fmt: skip
+
+
+def first_unstable() -> int:
+    """Return the least n whose n rods of 1/n m, near rest, RK4 cannot follow by `FRAME` seconds."""
+    return next(n for n in count(1) if _listed(n)[1] * FRAME > STABLE)
+
+
+def first_diverging() -> int:
+    """Return the least n whose release from pi/4 does not stay finite for the listing's 10 s."""
+    return next(n for n in count(first_unstable() // 2) if not _stays_finite(_listed(n)[0]))
+
+
+def _listed(n: int) -> tuple[Chain, float]:
+    """Return n rods of 1/n m, and their fastest frequency [rad/s]."""
+    chain = Chain.uniform(n, length=1.0 / n)
+    return chain, theory.fastest_frequency(chain)
+
+
+def _stays_finite(chain: Chain) -> bool:
+    try:
+        simulate(chain, PAPER_AMPLITUDE, 0.0, [0.0, LISTING_DURATION], method="rk4", dt=FRAME)
+    except IntegrationError:
+        return False
+    return True
 
 
 @figure(

@@ -1,6 +1,7 @@
 """Section 1 and what else the paper says of one pendulum: T0, isochrony, the small angle."""
 
 import math
+from itertools import product
 
 import numpy as np
 from scipy.special import ellipj, ellipk
@@ -8,7 +9,7 @@ from scipy.special import ellipj, ellipk
 from npend_gym import Chain, pseudo_periods, simulate, theory
 from npend_gym.chain import STANDARD_GRAVITY
 from npend_gym.experiments import power_law
-from npend_gym.physics import accelerations
+from npend_gym.physics import accelerations, linearise
 from npend_gym.physics.energy import potential_energy
 from paper.registry import Outcome, Verdict, check, holds_if, slip_if
 
@@ -122,7 +123,11 @@ def _zero_offset() -> Outcome:
 @check("right-angle")
 def _right_angle() -> Outcome:
     alpha = float(accelerations(Chain.uniform(1), math.pi / 2, 0.0)[0])
-    return holds_if(abs(alpha) < 1e-9, alpha=alpha, relative=alpha / STANDARD_GRAVITY)
+    rods, states = 3, list(product((0.0, math.pi), repeat=3))
+    matrices = [linearise(Chain.uniform(rods), np.array(state)).A for state in states]
+    others = sum(float(np.linalg.eigvals(A).real.max()) > 1e-3 for A in matrices)
+    return holds_if(abs(alpha) < 1e-9, alpha=alpha, relative=alpha / STANDARD_GRAVITY,
+                    others=others, rods=rods)  # fmt: skip
 
 
 @check("third-order")

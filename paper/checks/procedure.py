@@ -60,8 +60,8 @@ def _trajectory() -> Outcome:
 
 @figure(
     "trajectory", "figure-2",
-    "Three bobs released from 45 degrees, and how fast a neighbouring start drifts away from there "
-    "and from 135 degrees.",
+    "Three bobs on rods of 1/3 m released from 45 degrees, and how fast a neighbouring start "
+    "drifts away from there and from 135 degrees.",
     size=(7.2, 3.0), data=figure2,
 )  # fmt: skip
 def _draw_trajectory(figure: Figure, data: Figure2) -> None:
@@ -73,7 +73,7 @@ def _draw_trajectory(figure: Figure, data: Figure2) -> None:
     left.plot(0.0, 0.0, ".", color=BLACK)
     left.annotate("pivot", (0.0, 0.0), xytext=(5, -3), textcoords="offset points")
     left.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", xlim=(-0.85, 1.1))
-    left.set_title(f"Three bobs for {data.motion.times[-1]:g} s from 45°")
+    left.set_title(f"Rods of 1/3 m for {data.motion.times[-1]:g} s from 45°")
     right.plot(data.times[: data.wide.size], data.wide, color=ORANGE, label="from 135°")
     right.plot(data.times, data.growth, color=BLUE, label="from 45°")
     line = float(np.median(data.growth / data.times)) * data.times

@@ -23,13 +23,15 @@ from npend_gym.experiments.release import PAPER_AMPLITUDE as QUARTER
 from paper import hesitation
 from paper.checks.law import growth_of_the_middle
 from paper.findings import outcome
+from paper.period import limits, rope
 from paper.readings import grid
+from paper.third_order import amplitude_growth
 
 FILE = Path(__file__).with_name("numbers.json")
-LYAPUNOV = FILE.with_name("lyapunov.csv")
+GROWTH = FILE.with_name("growth.csv")
 J01 = float(jn_zeros(0, 1)[0])
-ANGLES = (0.1, 0.2, 0.4, 0.6, QUARTER, 0.9, 1.0)  # rad, up to where the law is stated
-WIDE = (*ANGLES, 1.2)
+ANGLES = (*(k / 20 for k in range(1, 21)), QUARTER)  # rad, up to where the law is stated
+BEYOND = (1.2, 1.4)  # rad
 
 NUMBERS: dict[str, Callable[[bool], Any]] = {}
 
@@ -86,31 +88,102 @@ def law(n: int, amplitude: float) -> float:
     return float(theory.large_n_com_period(n, amplitude))
 
 
+def error(n: int, amplitude: float) -> float:
+    """Return the closed law over the measured period, less one [%]."""
+    return 100.0 * (law(n, amplitude) / com_period(n, amplitude) - 1.0)
+
+
 @number("law-errors")
 def _law_errors(quick: bool) -> list[list[str]]:
     """N, and the largest errors of the closed law and of that with exact modes, up to 1 rad [%]."""
     rows: list[list[str]] = []
     for n in (1, 2, 3, 5, 10, 20) if quick else (1, 2, 3, 5, 10, 20, 50, 100, 200, 400):
-        closed = [com_period(n, a) / law(n, a) - 1.0 for a in ANGLES]
-        exact = [com_period(n, a) / float(theory.com_period(n, a)) - 1.0 for a in ANGLES]
-        rows.append([str(n), *(f"{100 * max(map(abs, one)):.2f}" for one in (closed, exact))])
+        closed = [error(n, a) for a in ANGLES]
+        exact = [100.0 * (float(theory.com_period(n, a)) / com_period(n, a) - 1.0) for a in ANGLES]
+        rows.append([str(n), *(f"{max(map(abs, one)):.2f}" for one in (closed, exact))])
     return rows
 
 
 @number("law-beyond")
 def _law_beyond(quick: bool) -> list[list[str]]:
-    """Error of the closed law at 1.2 rad [%], with its sign."""
+    """N, and the errors of the closed law at 1.2 and 1.4 rad [%], with their signs."""
     counts = (5, 20) if quick else (5, 20, 100, 400)
-    return [[str(n), f"{100 * (com_period(n, 1.2) / law(n, 1.2) - 1.0):+.2f}"] for n in counts]
+    return [[str(n), *(f"{error(n, a):+.1f}" for a in BEYOND)] for n in counts]
 
 
 @number("com-growth")
 def _com_growth(quick: bool) -> list[list[str]]:
-    """Coefficient b of T(a) = T(0) (1 + b a^2) of the centre of mass as a -> 0 [1/rad^2]."""
+    """N, and b of T(a) = T(0) (1 + b a^2) as a -> 0 [1/rad^2]: third order, and simulation."""
+    counts = (1, 2, 5, 20) if quick else (1, 2, 3, 5, 10, 20, 100, 200)
+    third = [amplitude_growth(Chain.uniform(n)).com for n in counts]
+    found = zip(counts, third, map(simulated_growth, counts), strict=True)
+    return [[str(n), f"{exact:.4f}", f"{measured:.4f}"] for n, exact, measured in found]
+
+
+def simulated_growth(n: int) -> float:
+    """Return b from measured periods at 0.05 and 0.1 rad, whose next order in a^2 it removes."""
+    limit = float(theory.com_period(n))
+    small, large = ((com_period(n, a, 1e-12) / limit - 1.0) / a**2 for a in (0.05, 0.1))
+    return (4.0 * small - large) / 3.0
+
+
+@number("growth-over-pendulum")
+def _growth_over_pendulum(quick: bool) -> str:
+    """Return 16 b of long chains: their growth over a pendulum's."""
+    return f"{16.0 * amplitude_growth(Chain.uniform(50 if quick else 200)).com:.3f}"
+
+
+@number("rope-growth")
+def _rope_growth(quick: bool) -> list[list[str]]:
+    """Modes of the rope, b by Bessel integrals [1/rad^2], and 16 b."""
+    found = {modes: rope.growth(modes) for modes in ((10, 20) if quick else (10, 20, 40, 80))}
+    return [[str(modes), f"{b:.5f}", f"{16.0 * b:.3f}"] for modes, b in found.items()]
+
+
+@number("tip-growth")
+def _tip_growth(_quick: bool) -> list[list[str]]:
+    """Mass at the tip over that of the rope, and 16 b: 100 equal rods and bobs, third order."""
+    tips = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
+    return [[f"{tip:g}", f"{16.0 * limits.tip_growth(100, tip):.2f}"] for tip in tips]
+
+
+@number("other-starts")
+def _other_starts(_quick: bool) -> list[list[str]]:
+    """Start of 20 rods, and the error of the pendulum's factor at pi/4 and at 1 rad [%]."""
+    return [
+        [name, *(f"{error:+.1f}" for error in limits.start_errors(shape))]
+        for name, shape in limits.starts().items()
+    ]
+
+
+@number("links")
+def _links(quick: bool) -> list[list[str]]:
+    """N uniform links, T_com / (2 pi sqrt(L/g)) at small angles, largest error up to 1 rad [%]."""
     rows: list[list[str]] = []
-    for n in (1, 2, 5, 20) if quick else (1, 2, 3, 5, 10, 20, 100, 400):
-        small, large = (com_period(n, a, 1e-12) for a in (0.02, 0.1))
-        rows.append([str(n), f"{(large / small - 1.0) / (0.1**2 - 0.02**2):.4f}"])
+    for n in (1, 2, 3, 5, 10, 20) if quick else (1, 2, 3, 5, 10, 20, 50, 100):
+        error = limits.links_error(n, ANGLES)
+        rows.append([str(n), f"{limits.links_constant(n):.6f}", f"{error:.2f}"])
+    return rows
+
+
+@number("rope")
+def _rope(_quick: bool) -> str:
+    return f"{limits.rope(1.0) / theory.single_period(1.0):.6f}"
+
+
+@number("heavy-tip")
+def _heavy_tip(_quick: bool) -> list[str]:
+    """Errors of 20 rods with a last bob of ten times the mass, at 0.5, pi/4 and 1 rad [%]."""
+    return [f"{one:+.1f}" for one in limits.chain_errors(Chain([1.0] * 19 + [10.0], [1.0] * 20))]
+
+
+@number("other-chains")
+def _other_chains(quick: bool) -> list[list[str]]:
+    """N, and median and worst error of random chains at 0.5 rad, at pi/4 and at 1 rad [%]."""
+    rows: list[list[str]] = []
+    for n in limits.RANDOM_N[:2] if quick else limits.RANDOM_N:
+        pairs = zip(*limits.random_errors(n), strict=True)
+        rows.append([str(n), *(f"{one:.1f}" for pair in pairs for one in pair)])
     return rows
 
 
@@ -147,22 +220,28 @@ def _early_table(quick: bool) -> list[list[str]]:
     return [[format(row[key], form) for key, form in keys.items()] for row in _early(quick)]
 
 
-@number("early-limits")
-def _early_limits(quick: bool) -> dict[str, str]:
-    """Limits for many rods at pi/4, with the spread of the extrapolations."""
-    rows = _early(quick)[-5:]
-    counts = [row["n"] for row in rows]
-    found = {key: hesitation.limit(counts, [row[key] for row in rows])
-             for key in ("share", "lowest", "mean")}  # fmt: skip
-    return {key: f"{one.value:.2f} ± {one.error:.2f}" for key, one in found.items()}
-
-
 @number("fronts")
-def _fronts(quick: bool) -> list[list[str]]:
-    """Angle, and when the front is at the free end and back at the pivot, over T1."""
-    n = 50 if quick else 400
-    rows = ((a, *hesitation.front_times(n, a)) for a in (0.1, 0.5, QUARTER, 1.0))
-    return [[f"{one:.3g}" for one in row] for row in rows]
+def _fronts(_quick: bool) -> list[list[str]]:
+    """Angle, and when the front is at the free end and back at the pivot, over T1: N = 50, 400."""
+    rows: list[list[str]] = []
+    for a in (0.1, 0.5, QUARTER, 1.0):
+        times = [f"{one:.3f}" for n in (50, 400) for one in hesitation.front_times(n, a)]
+        rows.append([f"{a:.3g}", *times])
+    return rows
+
+
+@number("front-passes")
+def _front_passes(_quick: bool) -> list[list[str]]:
+    """Height of bobs of 400 rods, when the front from pi/4 is back there, and they turn, over T1.
+
+    They turn for the third time, and so swing back, with the front.
+    """
+    found = hesitation.velocities(400, QUARTER, (0.9, 0.8), frames=12_000)
+    rows: list[list[str]] = []
+    for height, passes, values in zip(found.heights, found.passes, found.values, strict=True):
+        turns = np.flatnonzero((values[:-1] < 0.0) & (values[1:] > 0.0))
+        rows.append([f"{height:.1f}", f"{passes:.3f}", f"{found.times[turns[1]]:.3f}"])
+    return rows
 
 
 @number("front-small")
@@ -182,22 +261,19 @@ def _early_times(quick: bool) -> list[str]:
 
 @number("onset")
 def _onset(quick: bool) -> dict[str, str]:
-    """Angle [rad] from which the bob at 0.9 of the height is early, and its limit."""
-    counts = (50, 100) if quick else (100, 200, 400, 800)
-    found = {str(n): hesitation.onset(n) for n in counts}
-    limit = hesitation.limit(list(counts), list(found.values()))
-    return {n: f"{a:.3f}" for n, a in found.items()} | {
-        "limit": f"{limit.value:.2f} ± {max(limit.error, 0.01):.2f}"
+    """Angle [rad] from which the bob at 0.9 of the height is early, by the number of rods."""
+    return {
+        str(n): f"{hesitation.onset(n):.3f}" for n in ((50, 100) if quick else (100, 200, 400, 800))
     }
 
 
-@number("lyapunov")
-def _lyapunov(_quick: bool) -> list[list[str]]:
-    """N, offset of the start, seconds, exponent, onset of fast growth [s], exponent after it.
+@number("growth")
+def _growth(_quick: bool) -> list[list[str]]:
+    """N, window [s], mean rate of growth [1/s], its standard error, and the range of the starts.
 
-    From the table that `python -m paper.period.metastable` makes.
+    From the table that `python -m paper.period.growth` makes, with that of linear growth last.
     """
-    with LYAPUNOV.open(newline="", encoding="utf-8") as file:
+    with GROWTH.open(newline="", encoding="utf-8") as file:
         return [list(row.values()) for row in csv.DictReader(file)]
 
 

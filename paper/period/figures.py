@@ -14,11 +14,12 @@ from matplotlib.figure import Figure
 from npend_gym import Chain, pseudo_periods, theory
 from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
 from npend_gym.report import panels, styled
-from paper.period.compute import QUARTER, WIDE, com_period, law
+from paper.period.compute import BEYOND, QUARTER, com_period, law
 from paper.registry import DRAWINGS, call
 
 HERE = Path(__file__).parent
 COUNTS = (1, 2, 5, 20, 100)  # on the left of the figure of the law
+SHOWN = (0.1, 0.2, 0.4, 0.6, QUARTER, 0.9, 1.0, *BEYOND)  # rad
 ALONG = (1, 2, 3, 5, 10, 20, 50, 100, 200, 400)  # on its right
 
 
@@ -27,12 +28,12 @@ def draw_law() -> Figure:
     """Draw the measured periods of the centre of mass over the angle and over N, and the law."""
     figure = Figure(figsize=(7.2, 3.2))
     left, right = panels(figure, 1, 2)
-    fine = np.linspace(0.0, max(WIDE), 200)
+    fine = np.linspace(0.0, max(SHOWN), 200)
     left.plot(fine, 1.0 + theory.amplitude_correction(fine), color=BLACK, label="the pendulum's")
     markers = zip(COUNTS, "osD^v", (BLUE, GREEN, AMBER, ORANGE, BLACK), strict=True)
     for n, marker, color in markers:
-        ratio = [com_period(n, a) / float(theory.com_period(n)) for a in WIDE]
-        left.plot(WIDE, ratio, marker, color=color, markersize=4, label=f"N = {n}")
+        ratio = [com_period(n, a) / float(theory.com_period(n)) for a in SHOWN]
+        left.plot(SHOWN, ratio, marker, color=color, markersize=4, label=f"N = {n}")
     left.set(xlabel="starting angle a [rad]", ylabel="T(N, a) / T(N, 0)")
     left.legend(fontsize=7)
     counts = np.array(ALONG)

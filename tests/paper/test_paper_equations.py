@@ -182,3 +182,16 @@ def test_the_listings_estimate_is_its_printed_loop():
     assert listings.printed_estimate(height) == pytest.approx(
         listings.listing_estimate(height), rel=1e-13
     )
+
+
+def test_runge_kutta_follows_the_longest_listed_chain_that_is_called_stable_near_rest():
+    times, n = np.linspace(0.0, 10.0, 101), integrators.first_unstable()
+    for rods, stays in ((n - 1, True), (n, False)):
+        chain = Chain.uniform(rods, length=1.0 / rods)
+        theta = simulate(chain, 1e-6, 0.0, times, method="rk4", dt=integrators.FRAME).theta
+        assert (np.abs(theta).max() < 1e-5) == stays
+
+
+def test_every_rest_but_the_one_that_hangs_is_unstable():
+    numbers = outcome("right-angle").numbers
+    assert numbers["others"] == 2 ** numbers["rods"] - 1

@@ -7,13 +7,16 @@ from pathlib import Path
 import pytest
 from scripts import run_script
 
-from paper.period import compute
+from npend_gym import Chain, theory
+from paper.com_law import LawGrid
+from paper.period import compute, limits, rope
+from paper.third_order import amplitude_growth
 
 FOLDER = Path(compute.__file__).parent
 
 QUICK = (
     "com-limit", "com-small", "factor", "slowest-factor", "slowest-next-order", "front-small",
-    "lyapunov", "source-error", "series",
+    "growth", "heavy-tip", "other-starts", "rope", "source-error", "series",
 )  # fmt: skip
 
 
@@ -35,6 +38,12 @@ def test_kept_numbers_are_those_that_are_computed_now(key):
     assert compute.NUMBERS[key](True) == kept()[key]
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("key", sorted(set(compute.NUMBERS) - set(QUICK)))
+def test_costly_kept_numbers_are_those_that_are_computed_now(key):
+    assert compute.NUMBERS[key](False) == kept()[key]
+
+
 def test_the_law_meets_the_measured_period_of_two_rods():
     errors = {row[0]: row[1:] for row in kept()["law-errors"]}
     for a in (0.2, 1.0):
@@ -44,15 +53,81 @@ def test_the_law_meets_the_measured_period_of_two_rods():
     assert all(float(row[0]) <= 0.2 for n, row in errors.items() if int(n) >= 5)
 
 
+def test_errors_beyond_one_radian_are_kept_with_the_sign_of_the_audit():
+    beyond = {row[0]: row[1:] for row in kept()["law-beyond"]}
+    (cell,) = LawGrid([5], [1.2]).measure(5)
+    assert f"{100.0 * cell.law_error:+.1f}" == beyond["5"][0]
+    assert all(0.0 < float(near) < float(far) for near, far in beyond.values())
+
+
+def test_growth_is_the_third_orders_and_the_simulations():
+    rows = {row[0]: row[1:] for row in kept()["com-growth"]}
+    assert all(third == simulated for third, simulated in rows.values())
+    assert rows["5"] == [f"{amplitude_growth(Chain.uniform(5)).com:.4f}"] * 2
+    assert f"{compute.simulated_growth(5):.4f}" == rows["5"][1]
+
+
+def test_random_chains_are_those_of_the_page():
+    page = (FOLDER.parents[1] / "docs" / "explanation" / "pseudo_period.md").read_text("utf-8")
+    rows = kept()["other-chains"]
+    assert compute.NUMBERS["other-chains"](True) == rows[:2]
+    assert all(f"| {' | '.join(row)} |" in page for row in rows)
+
+
+def test_heavy_links_have_the_constant_of_the_rope():
+    page = (FOLDER.parents[1] / "docs" / "explanation" / "pseudo_period.md").read_text("utf-8")
+    rows = kept()["links"]
+    for n, constant, _ in rows:
+        assert f"{limits.links_constant(int(n)):.6f}" == constant
+        assert int(n) < 10 or float(constant) == pytest.approx(float(kept()["rope"]), abs=1e-4)
+    assert f"{limits.links_error(5, compute.ANGLES):.2f}" == rows[3][2]
+    assert all(" | ".join(row[k] for row in rows) in page for k in (0, 1, 2))
+
+
+def test_bessel_integrals_have_the_growth_of_long_chains():
+    found = {modes: rope.growth(modes) for modes in (10, 40)}
+    rows = {int(modes): b for modes, b, _ in kept()["rope-growth"]}
+    assert all(f"{b:.5f}" == rows[modes] for modes, b in found.items())
+    assert found[40] == pytest.approx(amplitude_growth(Chain.uniform(150)).com, rel=1e-3)
+
+
+def test_a_mass_at_the_tip_changes_the_growth_as_simulation_says():
+    chain = Chain([1.0] * 9 + [4.0], [1.0] * 10)
+    limit = float(theory.com_period(chain))
+    small, large = ((limits.measured(chain, a) / limit - 1.0) / a**2 for a in (0.02, 0.04))
+    assert (4.0 * small - large) / 3.0 == pytest.approx(limits.tip_growth(10, 0.3), abs=2e-4)
+
+
 def test_the_paper_can_be_set_from_what_is_kept(tmp_path):
     typst = pytest.importorskip("typst")
     typst.compile(FOLDER / "period.typ", output=tmp_path / "paper.pdf")
     assert (tmp_path / "paper.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_metastable_writes_a_row_for_each_run(tmp_path):
-    out = tmp_path / "lyapunov.csv"
-    run_script(FOLDER / "metastable.py", out, "2:300", "3:200:1e-9", cwd=tmp_path)
+def test_rates_of_growth_have_a_row_for_each_window(tmp_path):
+    out = tmp_path / "growth.csv"
+    run_script(FOLDER / "growth.py", out, "2:320", "3:160", cwd=tmp_path)
     rows = [line.split(",") for line in out.read_text(encoding="utf-8").splitlines()[1:]]
-    assert [row[:3] for row in rows] == [["2", "0.0", "300"], ["3", "1e-09", "200"]]
+    assert [row[:3] for row in rows[::5]] == [["2", "10", "20"], ["3", "5", "10"]]
+    assert [row[2] for row in rows[:5]] == ["20", "40", "80", "160", "320"]
+    for row in rows:
+        mean, error, lowest, highest = map(float, row[3:7])
+        assert lowest <= mean <= highest
+        assert 0.0 < error < 0.001  # such neighbours have not parted yet
     assert all(abs(float(row[3])) < 0.2 for row in rows)  # it grows with time, no faster
+
+
+def test_the_paper_says_of_kept_rates_what_they_show():
+    table = {}
+    for n, _, _, *rates in kept()["growth"]:
+        table.setdefault(int(n), []).append([float(one) for one in rates])
+    last = {n: rows[-1] for n, rows in table.items()}
+    assert abs(last[2][0]) < 2.0 * last[2][4]  # no faster than linear growth
+    for n in (3, 4, 5):
+        (before, error, *_), (rate, last_error, *_) = table[n][-2:]
+        assert abs(rate - before) < 2.0 * (error + last_error)
+        assert 10.0 * last[n][4] < rate < 0.003
+    for n in (6, 8, 10, 20):
+        means = [row[0] for row in table[n]]
+        assert means == sorted(means)
+        assert means[-1] > 5.0 * means[0]
