@@ -30,9 +30,9 @@ def to_c(
 ) -> None:
     """Write a policy as a C99 header, which needs no library and allocates nothing.
 
-    The header has functions that build the observation of measured angles and velocities, that
-    act, with the memory that the policy has, and that turn actions into torques. It says for which
-    environment and for how many calls a second they are made.
+    Its functions build the observation from measured angles and velocities, compute the action,
+    and turn it into torques. They keep the memory of a policy that has one. The head of the file
+    names the environment and the time between two calls.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ def to_c(
     Raises
     ------
     ValueError
-        If the prefix is no name of C, or the policy has no environment or one whose observations
-        nobody measures.
+        If the prefix is no identifier of C, the policy has no environment, or it observes the
+        drawn parameters (`observe_context`), which no sensor measures.
 
     Examples
     --------

@@ -27,11 +27,8 @@ class History:
         start of an episode the observation was that of the start, and the action 0.
     """
 
-    changes: tuple[str, ...] = (
-        "frames",
-        "_action",
-        "_begins",
-    )  # of a training run, see its checkpoints
+    # in a training run, see its checkpoints
+    changes: tuple[str, ...] = ("frames", "_action", "_begins")
 
     def __init__(self, length: int, observed: int, joints: int) -> None:
         self._shape, self._observed = (length, observed + joints), observed

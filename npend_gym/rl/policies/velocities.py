@@ -1,4 +1,4 @@
-"""Velocities of what encoders show: a filter for controllers outside of environments."""
+"""Angular velocities from encoder angles, for controllers outside of environments."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from npend_gym._checks import FloatArray
 
 
 class VelocityEstimator:
-    """Estimate angular velocities from angles that encoders show.
+    """Estimate angular velocities from encoder angles.
 
-    A fading-memory filter of degree 1: it fits a straight line to all angles so far by least
-    squares, in which an angle that was shown a time t ago counts as (1 + dt/T)^(-t/dt), nearly
-    e^(-t/T). A constant velocity is found exactly, whatever the intervals are, and a change of the
-    velocity is seen 2 T + dt/2 late. It is the Kalman filter in its steady state of an
-    angle whose acceleration is white noise, but for the choice of its two poles, which are equal.
+    This is a fading-memory filter of degree 1. It fits a straight line to all angles so far by
+    least squares. An angle of age t has the weight (1 + dt/T)^(-t/dt), nearly e^(-t/T). The
+    estimate of a constant velocity is exact, also for unequal intervals. A change of the velocity
+    appears 2 T + dt/2 late. A steady-state Kalman filter of an angle with white acceleration has
+    the same form; here its two poles are equal.
 
-    Only sums, products and quotients are taken, so that the header of `npend_gym.export.to_c`
-    computes the same bits.
+    The filter uses sums, products and quotients only. The header of `npend_gym.export.to_c`
+    therefore computes the same bits.
 
     Parameters
     ----------
     time_constant : float
-        T [s], greater than zero. Longer shows less noise, and later.
+        T [s], greater than zero. A longer one passes less noise and reacts later.
     period : float
-        What an encoder of one turn starts again after [rad], 2 pi: the shortest way to the next
-        angle counts. 0 for positions of a cart, which never start again.
+        Range of a single-turn encoder [rad], 2 pi. The filter takes the shortest way to the next
+        angle. Use 0 for the position of a cart.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class VelocityEstimator:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was shown: the next angles are those of a chain at rest."""
+        """Begin again: the next angles are taken from a chain at rest."""
         self.theta: FloatArray | None = None
         self.omega: FloatArray | None = None
 
@@ -69,7 +69,7 @@ class VelocityEstimator:
         Parameters
         ----------
         theta : array_like
-            The angles that the encoders show now [rad], of any shape, always the same.
+            The present angles [rad], of any shape, the same in every call.
         dt : float
             Time since the call before [s], by the clock of the controller. The first call does
             not use it.

@@ -111,9 +111,8 @@ class DAgger:
         self.history: History = History(settings.length, config.observed, joints)
         inputs = self.to_inputs.shape[1]
         self.learner: nn.Sequential = network(inputs, joints, settings.hidden, last_gain=0.1)
-        self.student: nn.Sequential = copy.deepcopy(
-            self.learner
-        )  # what acts, with averages of its parameters
+        # it acts, with averages of the learner's parameters
+        self.student: nn.Sequential = copy.deepcopy(self.learner)
         self.dataset: Dataset = Dataset(settings.max_states, inputs, joints)
         self.optimizer: torch.optim.Adam = torch.optim.Adam(self.learner.parameters(), fused=True)
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
