@@ -63,7 +63,7 @@ def growth(modes: int) -> float:
     --------
     >>> from paper.period.rope import growth
     >>> round(growth(10), 3)
-    0.068
+    0.069
     """
     zeros: FloatArray = jn_zeros(0, modes)
     omega, norm = 0.5 * zeros, j1(zeros) ** 2
