@@ -46,9 +46,11 @@ def test_arrays_in_any_memory_are_saved_by_their_values(change, tmp_path):
     assert found[0] == found[1]
 
 
-def test_numbers_of_the_other_byte_order_are_saved_by_their_values(tmp_path):
+@pytest.mark.parametrize("kind", [">f4", np.float64])
+def test_numbers_of_another_type_are_saved_by_their_values(kind, tmp_path):
     policy = small_policy()
-    small_policy(scale=policy.scale.astype(">f4")).save(tmp_path / "a.safetensors")
+    weights = [weight.astype(kind) for weight in policy.weights]
+    small_policy(scale=policy.scale.astype(kind), weights=weights).save(tmp_path / "a.safetensors")
     assert Policy.load(tmp_path / "a.safetensors") == policy
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,6 +85,9 @@ class Policy:
     _history: History | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        numbers = {"scale": self.scale, "weights": self.weights, "biases": self.biases}
+        for name, given in (numbers | {"offset": self.offset}).items():
+            object.__setattr__(self, name, _as_float32(given))  # as a file holds them
         history = None
         if self.scale.ndim == 2:
             length, entries = self.scale.shape
@@ -334,3 +337,10 @@ class Policy:
     def pretrained(cls, name: str) -> Policy:
         """Load a policy that comes with the package, such as "swingup-2"."""
         return cls.load(pretrained_path(name))
+
+
+def _as_float32(given: Any) -> Any:
+    """Return an array, or each array of a list, as float32; None as it is."""
+    if isinstance(given, list):
+        return [_as_float32(each) for each in cast("list[Any]", given)]
+    return given if given is None else np.asarray(given, np.float32)
