@@ -77,3 +77,16 @@ def test_a_wrong_zero_moves_the_period_by_it_times_the_period_over_the_force(tmp
     moved = analysed(tmp_path, 0)["mean"] - clean["mean"]
     force = np.interp(clean["mean"], clean["t"], clean["f"])
     assert moved == pytest.approx(-offset * clean["mean"] / force, rel=0.1)
+
+
+def test_angle_length_and_air_change_the_period_as_the_page_says():
+    def period(angle, length=0.5, **fluid):
+        chain = ball_chain.Chain.spheres(10, 0.010, length / 10, 7800.0, **fluid)
+        return pseudo_periods(chain, np.radians(angle), reading="com")[0]
+
+    steel = period(45.0)
+    assert period(60.0) / period(20.0) - 1.0 == pytest.approx(0.06, abs=0.005)
+    assert period(46.0) / steel - 1.0 == pytest.approx(0.002, abs=0.0005)
+    assert period(45.0, length=0.501) / steel - 1.0 == pytest.approx(0.001, abs=0.0001)
+    air = {"fluid_density": 1.2, "viscosity": 1.8e-5, "drag_coefficient": 0.4}
+    assert abs(period(45.0, **air) / steel - 1.0) < 0.0002
