@@ -183,12 +183,42 @@ def tutorial() -> Figure:
     return names["figure"]
 
 
+@styled
+def class_experiment() -> Figure:
+    """Draw what the last release of the class shows, by the code of the page."""
+    page = (HERE.parent / "howto" / "class_experiment.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    data = HERE.parents[1] / "examples" / "data"
+    names: dict[str, Any] = {"print": lambda *_: None}
+    exec(code.replace("examples/data", data.as_posix()), names)  # noqa: S102
+    figure = Figure(figsize=(7.2, 4.4))
+    above, below = panels(figure, 2, 1, sharex=True)
+    rows, period = names["number"] == names["k"], names["found"][-1]
+    since = names["time"][rows] - names["time"][rows][names["held"]] - names["dt"] / 2.0
+    above.plot(since, names["force"][rows], ".", color=BLUE, markersize=3)
+    above.axvline(0.0, color=FAINT)
+    above.axvline(period, color=ORANGE)
+    above.annotate("the thread burns", (0.0, 4.5), (8, 0), textcoords="offset points")
+    above.set(ylabel="force on the pivot [N]")
+    t, momentum = names["t"], names["momentum"]
+    half = np.interp(0.0, momentum[t < 0.7 * period][40:], t[t < 0.7 * period][40:])
+    below.plot(t, momentum, color=BLUE)
+    below.axhline(0.0, color=BLACK, linewidth=0.6)
+    below.axvline(period, color=ORANGE)
+    below.plot([half, period], [0.0, 0.0], "o", color=ORANGE)
+    below.annotate(f"T = {period:.3f} s", (period, 0.2), (8, 0), textcoords="offset points")
+    below.set(ylabel="momentum [kg m/s]", xlabel="time since the release [s]")
+    figure.align_ylabels([above, below])
+    return figure
+
+
 FIGURES = {
     "tensions": tensions,
     "readings": readings,
     "tolerance": tolerance,
     "noise_and_delay": noise_and_delay,
     "tutorial": tutorial,
+    "class_experiment": class_experiment,
 }
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import plain_keywords
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
+from npend_gym.experiments.sensing import signals
 from npend_gym.physics import Trajectory, simulate
 
 DEFAULT_SECONDS = 15.0  # of an episode
@@ -64,16 +65,8 @@ class Recording:
         height above the start [m]. The horizontal velocity of the centre of mass [m/s] is the same
         for all bobs.
         """
-        if self.reading == "bob":
-            return self.motion.velocities()[..., 0]
-        if self.reading == "link":
-            return self.motion.omega
-        if self.reading == "com":
-            theta, chain = self.motion.theta, self.motion.chain
-            momentum = (np.cos(theta) * self.motion.omega) @ chain.lift
-            return np.repeat(momentum[:, None] / chain.masses.sum(), chain.n, axis=1)
-        height = self.motion.positions()[..., 1]
-        return height - height[0]
+        shown = signals(self.motion, self.reading)
+        return np.broadcast_to(shown, self.motion.theta.shape)
 
     def turning_points(self) -> FloatArray:
         """Return where each bob completed its pseudo-period [m], shape (n, 2), NaN where not.

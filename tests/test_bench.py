@@ -3,10 +3,15 @@
 import csv
 import json
 import math
+import os
+import shutil
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
+import peers
 import pytest
 from peers import main
 from suites import accuracy, chaos, derivatives, dynamics, environments, episodes, timing
@@ -98,6 +103,20 @@ def test_suites_compare_positive_rates(suite, monkeypatch):
     rows = suite.rows(Peers(print))
     first = [next(rows) for _ in range(3)]
     assert all(row.ours_per_s > 0.0 and row.ratio > 0.0 for row in first if row.peer)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="two threads that spin need two cores")
+@pytest.mark.long
+def test_one_system_has_one_solution_from_one_end_from_both_and_on_two_threads(tmp_path):
+    source = Path(peers.__file__).with_name("twisted.c")
+    subprocess.run(
+        ["gcc", "-O2", "-Wall", "-Werror", "-pthread", source, "-o", tmp_path / "a"], check=True
+    )
+    done = subprocess.run([tmp_path / "a", "2"], check=True, capture_output=True, text=True)
+    rows = [line.split(", ") for line in done.stdout.splitlines()[1:]]
+    assert [int(row[0]) for row in rows] == [10, 30, 100, 300, 1000, 10_000, 100_000]
+    assert all(float(row[-1]) < 1e-12 for row in rows)
 
 
 def test_the_command_prints_every_row_and_writes_it_with_the_machine_that_made_it(

@@ -93,7 +93,7 @@ def test_the_reference_has_every_public_name(face):
         assert names >= set(import_module(f"npend_gym.{face}").__all__)
 
 
-@pytest.mark.parametrize("name", ["tensions", "readings", "tutorial"])
+@pytest.mark.parametrize("name", ["tensions", "readings", "tutorial", "class_experiment"])
 def test_figures_of_the_pages_are_drawn(name):
     figure = script_of_docs("figures").FIGURES[name]()
     assert len(figure.axes) >= 2

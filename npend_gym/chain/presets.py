@@ -1,4 +1,4 @@
-"""Chains by name: class methods of `Chain`, and the published numbers that they take."""
+"""Chains by name, or by what a bench gives: class methods of `Chain`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing_extensions import Self
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
+from npend_gym.chain.balls import Balls
 from npend_gym.chain.cart import Cart
 from npend_gym.chain.parameters import MAX_RODS, STANDARD_GRAVITY
+from npend_gym.chain.published import MULTIARM, REALAIGYM
 
 ChainT = TypeVar("ChainT", bound="NamedChains")
 
@@ -21,51 +23,6 @@ PRESETS = (
     "dm_control acrobot", "dm_control cartpole", "dm_control cartpole 2", "dm_control cartpole 3",
     "cartpole",
 )  # fmt: skip
-
-# RealAIGym: masses m [kg], lengths l and centres r [m], inertias about the joint I [kg m^2],
-# viscous b [N m s/rad] and dry friction cf [N m] of two joints; inertia of a rotor [kg m^2]
-_REALAIGYM = {
-    ("A.0", "2.0"): (
-        (0.5593806151425046, 0.6043459469186889), (0.3, 0.2), (0.3, 0.18377686083653508),
-        (0.053470810264216295, 0.02392374528789766),
-        (0.001, 0.001), (0.093, 0.078), 7.659297952841183e-05,
-    ),
-    ("C.0", "3.0"): (
-        (0.6416936775868083, 0.5639360564500752), (0.2, 0.3), (0.2, 0.32126693265850237),
-        (0.026710760905753486, 0.05387812962959988),
-        (0.001, 0.001), (0.093, 0.078), 9.937281204851094e-05,
-    ),
-    ("C.1", "1.0"): (
-        (0.5234602302310271, 0.6255677234174437), (0.2, 0.3), (0.2, 0.25569305436052964),
-        (0.031887199591513114, 0.05086984812807257),
-        (0.001, 0.001), (0.16, 0.12), 6.287203962819607e-05,
-    ),
-    ("C.1", "2.0"): (
-        (0.7586436245588385, 0.33693688400430855), (0.2, 0.3), (0.2, 0.4684380078598044),
-        (0.042111626356002546, 0.0510352807011669),
-        (0.003690870343196907, 0.0006450852127932183),
-        (0.17467189894350432, 0.10999997753612206), 6.287203962819607e-05,
-    ),
-    ("C.1", "3.0"): (
-        (0.874595478947918, 0.22041458616752638), (0.2, 0.3), (0.2, 0.3267491550003389),
-        (0.03571133360368982, 0.010000000000000002),
-        (0.049378979942464735, 0.020040916031588852),
-        (0.03314955511059797, 0.03521137546780113), 5.1336718481407864e-05,
-    ),
-}  # fmt: skip
-
-# MultiArm-Pendulum: masses, lengths, centres, inertias about them, damping, gravity
-_MULTIARM = {
-    1: ((0.147755,), (0.2,), (0.147585,), (1.09119e-4,), (2.23940e-4,), 9.81001),
-    2: (
-        (0.093844, 0.137596), (0.172719, 0.2286), (0.108565, 0.116779),
-        (4.37530e-4, 1.268829e-3), (2.37143e-4, 1.0e-5), 9.80858,
-    ),
-    3: (
-        (0.258172, 0.279428, 0.118624), (0.1728, 0.2287, 0.2413), (0.16, 0.202939, 0.183709),
-        (1.00043e-4, 3.14160e-4, 1.68739e-4), (1.477095e-3, 2.59577e-4, 1.0e-5), 9.80834,
-    ),
-}  # fmt: skip
 
 
 class NamedChains:
@@ -135,6 +92,83 @@ class NamedChains:
         return cls(whole, length, centres=centres, inertias=inertias, **parameters)
 
     @classmethod
+    def spheres(
+        cls,
+        n: int,
+        radius: ArrayLike,
+        spacing: ArrayLike,
+        density: ArrayLike,
+        *,
+        fixed: bool = True,
+        gravity: float = STANDARD_GRAVITY,
+        fluid_density: float = 0.0,
+        viscosity: float = 0.0,
+        drag_coefficient: float = 0.0,
+        **parameters: Any,
+    ) -> Self:
+        r"""Return a chain of n solid balls on massless rods or strings, in vacuum or in a fluid.
+
+        Parameters
+        ----------
+        n : int
+            Number of balls.
+        radius : float or array_like, shape (n,)
+            Of each ball [m].
+        spacing : float or array_like, shape (n,)
+            Distance of the centre of each ball from that of the ball above, and of the first from
+            the pivot [m]. The chain bends at these centres.
+        density : float or array_like, shape (n,)
+            Of each ball [kg/m^3]; in a fluid the same for all.
+        fixed : bool
+            Whether each ball turns with the rod above it, with the inertia 2/5 m r^2 of a solid
+            ball. Otherwise no ball turns, as on bearings at their centres: point masses.
+        gravity : float
+            Acceleration of gravity [m/s^2].
+        fluid_density : float
+            Of a fluid at rest around the balls [kg/m^3]: buoyancy and added mass, see the notes.
+        viscosity : float
+            Dynamic viscosity of the fluid [Pa s]: `drag` is that of Stokes, 6 pi viscosity radius.
+        drag_coefficient : float
+            Of a ball in fast flow, about 0.4: `quadratic_drag` is half of it, times the density of
+            the fluid and the cross-section. With Stokes' drag the whole coefficient is
+            24 / Re + `drag_coefficient`.
+        **parameters
+            Further parameters of `Chain`, which replace those of balls where both have them:
+            `damping`, `base`, `inertias` of hollow balls, ...
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument breaks its rule, balls overlap, or balls in a fluid have unequal
+            densities or rise in it.
+
+        Notes
+        -----
+        In an ideal fluid a ball of mass m that displaces m_f has the weight (m - m_f) g and the
+        inertia m + m_f/2; the fluid adds none against turning (K. McKee and A. Czarnecki,
+        arXiv:1901.00557). Balls of equal density move, and pull at the pivot, exactly as a chain
+        with the masses m + m_f/2 under the gravity
+        g (density - fluid_density) / (density + fluid_density / 2): these are `masses` and
+        `gravity` of the chain. Left out are the flow of one ball at another, of the order of
+        (radius / spacing)^3, walls, and the history of the flow.
+
+        Examples
+        --------
+        >>> from npend_gym import Chain
+        >>> steel = Chain.spheres(3, radius=0.01, spacing=0.1, density=7800.0)
+        >>> steel.masses.round(5).tolist()
+        [0.03267, 0.03267, 0.03267]
+        >>> in_water = Chain.spheres(3, 0.01, 0.1, 7800.0, fluid_density=1000.0, viscosity=1e-3)
+        >>> round(in_water.gravity, 4)
+        8.0371
+        """
+        n = _checks.count("n", n, high=MAX_RODS)
+        balls = Balls(n, radius, spacing, density)
+        in_fluid = balls.immersed(gravity, fluid_density, viscosity, drag_coefficient)
+        inertias = balls.inertias if _checks.truth("fixed", fixed) else 0.0
+        return cls(lengths=balls.spacing, **in_fluid | {"inertias": inertias} | parameters)
+
+    @classmethod
     def acrobot(cls) -> Self:
         """Return the two links of Gymnasium's Acrobot-v1, in its default dynamics, "book".
 
@@ -185,10 +219,10 @@ class NamedChains:
         speed of the joint, has here the same limit, pi/2 cf, and the same slope at rest. Its gear
         of 6 turns the second rotor backwards.
         """
-        _checks.choice("design", design, tuple(dict.fromkeys(of for of, _ in _REALAIGYM)))
-        models = [number for of, number in _REALAIGYM if of == design]
+        _checks.choice("design", design, tuple(dict.fromkeys(of for of, _ in REALAIGYM)))
+        models = [number for of, number in REALAIGYM if of == design]
         model = _checks.choice("model", model or models[0], (*models,))
-        m, l, r, about_joint, b, cf, rotor = map(np.array, _REALAIGYM[design, model])
+        m, l, r, about_joint, b, cf, rotor = map(np.array, REALAIGYM[design, model])
         inertias = about_joint - m * r**2
         if np.any(inertias < 0.0):
             raise ValueError(
@@ -222,7 +256,7 @@ class NamedChains:
         TypeError, ValueError
             If `arms` is another number.
         """
-        numbers = _MULTIARM[_checks.count("arms", arms, high=3)]
+        numbers = MULTIARM[_checks.count("arms", arms, high=3)]
         masses, lengths, centres, inertias, damping, gravity = numbers
         return cls(masses, lengths, gravity, damping, centres=centres, inertias=inertias)
 

@@ -11,6 +11,7 @@ Examples
   npend release -n 5 --json                for a script
   npend release -n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
   npend release --chain "multiarm 3" --amplitude 0.5
+  npend release -n 20 --sensor-interval 0.01 --sensor-offset 0.02
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from npend_gym.experiments.chains import (
     take_chain,
 )
 from npend_gym.experiments.draws import starts
+from npend_gym.experiments.sensing import Sensor, sensed_periods
 from npend_gym.period import check_reading, pseudo_periods
 
 PAPER_N = (5, 10, 20, 100)
@@ -64,6 +65,17 @@ class ReleaseExperiment:
     chain : Chain, dict or str, optional
         One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
         `Chain`, the dict of its parameters, or a preset's name.
+    sensor_interval : float
+        Time between two samples of a sensor [s], the first at the release. At 0 there is no
+        sensor: instants are exact. What it measures depends on the reading: the horizontal
+        velocity of the bob or of the centre of mass [m/s], the angular velocity of the rod
+        [rad/s], as a gyroscope does, or the height of the bob above where it hangs [m].
+    sensor_noise : float
+        Standard deviation of each sample, in the unit of what is measured.
+    sensor_offset : float
+        What the sensor shows at zero, in the same unit.
+    sensor_scale : float
+        What the sensor shows of one unit.
 
     Examples
     --------
@@ -85,12 +97,17 @@ class ReleaseExperiment:
     gravity: float = STANDARD_GRAVITY
     damping: float = 0.0
     chain: Chain | Mapping[str, Any] | str | None = None
+    sensor_interval: float = 0.0
+    sensor_noise: float = 0.0
+    sensor_offset: float = 0.0
+    sensor_scale: float = 1.0
 
     def __post_init__(self) -> None:
         take_chain(self, "n_values")
         _checks.count("trials", self.trials, high=MAX_TRIALS_PER_N)
         _checks.count("seed", self.seed, low=0, high=2**63 - 1)
         check_reading(self.reading)
+        self.sensor.check()
         amplitude = abs(_checks.number("amplitude", self.amplitude))
         spread = _checks.nonnegative_number("spread", self.spread)
         if amplitude == 0.0 or amplitude + spread >= math.pi:
@@ -116,6 +133,13 @@ class ReleaseExperiment:
         return released_chain(n, self.masses, self.lengths, self.gravity, self.damping)
 
     @property
+    def sensor(self) -> Sensor:
+        """The sensor that measures the bobs; an interval of 0 means that there is none."""
+        return Sensor(
+            self.sensor_interval, self.sensor_noise, self.sensor_offset, self.sensor_scale
+        )
+
+    @property
     def has_any_n(self) -> bool:
         """Whether it describes chains of every n, not only of those in `n_values`."""
         return self.chain is None and np.ndim(self.masses) == 0 and np.ndim(self.lengths) == 0
@@ -138,7 +162,8 @@ class ReleaseExperiment:
 class Run:
     """One release: the pseudo-period of every bob [s], NaN where it did not complete.
 
-    `com` is that of the centre of mass, the reading "com", whatever that of the bobs.
+    `com` is that of the centre of mass, the reading "com", whatever that of the bobs. A sensor
+    measures the reading of the bobs only, so `com` is exact for another reading than "com".
     """
 
     n: int
@@ -164,11 +189,15 @@ def measure(experiment: ReleaseExperiment, n: int, trial: int, start: float) -> 
     >>> experiments.measure(plan, *plan.runs()[0]).n
     2
     """
-    bobs, com = (
-        pseudo_periods(experiment.chain_of(n), start, reading=reading, duration=experiment.duration)
-        for reading in (experiment.reading, "com")
-    )
-    return Run(n, trial, start, bobs, float(com[0]))
+    chain, window, sensor = experiment.chain_of(n), experiment.duration, experiment.sensor
+
+    def periods(reading: str) -> FloatArray:
+        if sensor.interval > 0.0 and reading == experiment.reading:
+            seed = experiment.seed + trial - 1
+            return sensed_periods(chain, start, reading, sensor, window, seed)
+        return pseudo_periods(chain, start, reading=reading, duration=window)
+
+    return Run(n, trial, start, periods(experiment.reading), float(periods("com")[0]))
 
 
 def run_release(

@@ -16,7 +16,7 @@ from npend_gym.chain import Chain, preset_name
 from npend_gym.experiments import ReleaseExperiment, Run, summary_rows
 from npend_gym.recording import Recording
 from npend_gym.report import player
-from npend_gym.report.release_tables import COLUMNS, LEGEND, summary_cells
+from npend_gym.report.release_tables import COLUMNS, legend, summary_cells
 
 _SCRIPTS = "player.js", "diagram.js", "periods.js", "page.js"
 
@@ -39,7 +39,7 @@ def page(
         "about": f"Released from rest at {start:.4g} degrees plus up to {spread:.3g} degrees; "
         f'reading "{experiment.reading}", seed {experiment.seed}, {trials} for '
         "each N. The animation shows the first.",
-        "legend": LEGEND.format(reading=experiment.reading, seed=experiment.seed),
+        "legend": legend(experiment),
         "command": command(experiment),
     }
     heads = [f"{title} [{unit}]" if unit else title for title, unit, _ in COLUMNS]
@@ -65,7 +65,7 @@ def command(experiment: ReleaseExperiment) -> str:
         del values["chain"]
     for name, value in values.items():
         if value is not None and value != default[name]:
-            option = "--n" if name == "n_values" else f"--{name}"
+            option = "--n" if name == "n_values" else f"--{name.replace('_', '-')}"
             words += [option, ",".join(str(one) for one in np.atleast_1d(value).tolist())]
     return " ".join(words)
 

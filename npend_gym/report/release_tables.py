@@ -36,7 +36,18 @@ def summary_text(experiment: ReleaseExperiment, runs: Sequence[Run]) -> str:
     table = [titles, *map(summary_cells, summary_rows(experiment, runs))]
     widths = [width for _, _, width in COLUMNS]
     lines = ["".join(f"{c:>{w}}" for c, w in zip(row, widths, strict=True)) for row in table]
-    lines += ["", LEGEND.format(reading=experiment.reading, seed=experiment.seed)]
+    return "\n".join([*lines, "", legend(experiment)])
+
+
+def legend(experiment: ReleaseExperiment) -> str:
+    """Return what the columns mean, and by which sensor bobs were measured, if by one."""
+    lines = [LEGEND.format(reading=experiment.reading, seed=experiment.seed)]
+    sensor = experiment.sensor
+    if sensor.interval > 0.0:
+        lines.append(
+            f"sensor: a sample every {sensor.interval:g} s, noise {sensor.noise:g}, offset "
+            f'{sensor.offset:g}, scale {sensor.scale:g}; com is exact but for reading "com"'
+        )
     return "\n".join(lines)
 
 
