@@ -4,6 +4,7 @@ import ctypes
 import shutil
 import subprocess
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -233,6 +234,12 @@ def test_sizes_and_the_time_of_a_call_are_measured(plan, tmp_path):
         seconds = (time.process_time() - begin) / 1e5
         print(f"{name}: {1e9 * seconds:.0f} ns a call with gcc -O2")
         assert seconds < 1e-5
+
+
+def test_the_control_loop_of_the_examples_is_compiled_without_a_warning(plan, tmp_path):
+    to_c(plan, tmp_path / "arm.h", prefix="arm")
+    loop = Path(__file__).parent.parent / "examples" / "control_loop.c"
+    subprocess.run(["gcc", *FLAGS, "-O2", "-I.", "-c", str(loop)], cwd=tmp_path, check=True)
 
 
 def test_the_header_says_what_it_is_for(plan, tmp_path):
