@@ -1,6 +1,7 @@
 """Controllers as C: their torques, their plans in a loop, and what the header holds."""
 
 import ctypes
+import os
 import shutil
 import subprocess
 import time
@@ -20,7 +21,10 @@ from npend_gym.rl.angles import wrap
 from npend_gym.rl.controllers.regulators import StateFeedback
 from npend_gym.rl.controllers.step_model import joined
 
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="the options of compilers elsewhere"),
+    pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here"),
+]
 
 # Acts in many states, lane by lane
 DRIVER = """
@@ -215,6 +219,8 @@ def test_what_is_no_number_stays_none(tmp_path):
 
 
 def test_sizes_and_the_time_of_a_call_are_measured(plan, tmp_path):
+    if not all(map(shutil.which, ("size", "nm"))):
+        pytest.skip("size or nm is not here")
     for name, controller in {"lqr": lqr(plan.hold_goal.config), "plan": plan}.items():
         to_c(controller, tmp_path / "policy.h", prefix="p")
         (tmp_path / "small.c").write_text(CALLS)
