@@ -6,9 +6,11 @@ They go to `docs/images`, or to the folder that is given. The others there are c
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -176,10 +178,27 @@ def noise_and_delay() -> Figure:
 
 def tutorial() -> Figure:
     """Return the figure that the reader of the tutorial draws, by the code that is shown there."""
-    page = (HERE.parent / "tutorial.md").read_text(encoding="utf-8")
+    return figure_of_page("tutorial", 2)
+
+
+def loop_timing() -> Figure:
+    """Return the figure of the control loop, by the code of the page: its timing is measured."""
+    return figure_of_page("bench_to_controller")
+
+
+def figure_of_page(page: str, blocks: int | None = None) -> Figure:
+    """Return the figure that the code of a page draws, or the first blocks of it."""
+    text = (HERE.parent / f"{page}.md").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
-    for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL)[:2]:
-        exec(code.replace('figure.savefig("first.png", dpi=150)', ""), names)  # noqa: S102
+    examples, before = HERE.parents[1].resolve() / "examples", Path.cwd()
+    with TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            Path("examples").symlink_to(examples)
+            for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL)[:blocks]:
+                exec(code, names)  # noqa: S102
+        finally:
+            os.chdir(before)
     return names["figure"]
 
 
@@ -219,6 +238,7 @@ FIGURES = {
     "noise_and_delay": noise_and_delay,
     "tutorial": tutorial,
     "class_experiment": class_experiment,
+    "loop_timing": loop_timing,
 }
 
 if __name__ == "__main__":

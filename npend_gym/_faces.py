@@ -89,12 +89,14 @@ class MethodFromAbove:
     ----------
     source : str
         Module and function, such as "package.module:function". Its first argument is the object.
+    static : bool
+        Whether it is a static method, which is not given the object.
     """
 
-    def __init__(self, source: str) -> None:
-        self._source = source
+    def __init__(self, source: str, *, static: bool = False) -> None:
+        self._source, self._static = source, static
 
     def __get__(self, instance: object | None, owner: type) -> Callable[..., Any]:
         module, _, name = self._source.partition(":")
         function = getattr(import_module(module), name)
-        return function if instance is None else MethodType(function, instance)
+        return function if instance is None or self._static else MethodType(function, instance)

@@ -96,6 +96,12 @@ def compiled(policy, folder, compiler="gcc", driver=DRIVER, **options):
     return ctypes.CDLL(str(folder / "driver.so"))
 
 
+def encoders_shown(theta, relative):
+    """Return what encoders of 4096 counts, of one turn, show of the angles of rods [rad]."""
+    angles = np.diff(theta, prepend=0.0) if relative else theta
+    return np.round(angles * 4096 / (2.0 * np.pi)) % 4096 * (2.0 * np.pi / 4096)
+
+
 def draw(config, lanes, steps):
     """Return states: theta, omega, cart and goal, each (lanes, steps, ...)."""
     rng = np.random.default_rng(0)

@@ -15,6 +15,7 @@ from headers import (
     LOOP,
     compiled,
     draw,
+    encoders_shown,
     in_c,
     in_float64,
     in_python,
@@ -92,8 +93,7 @@ def test_c_swings_rods_up_from_what_encoders_of_4096_counts_show(name, relative,
     ensemble.set_state([0], [[0.1, -0.05, 0.02][: policy.config.n]], 0.0)
     torque, standing = np.zeros(policy.config.joints.size), 0
     for tick in range(25_000):  # at 1 kHz
-        angles = np.diff(ensemble.theta[0], prepend=0.0) if relative else ensemble.theta[0]
-        shown = np.round(angles * 4096 / (2.0 * np.pi)) % 4096 * (2.0 * np.pi / 4096)
+        shown = encoders_shown(ensemble.theta[0], relative)
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (shown, torque)]
         acts = tick % every == 0
         library.control(tick == 0, acts, pointers[0], ctypes.c_double(0.001), pointers[1])

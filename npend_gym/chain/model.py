@@ -174,6 +174,7 @@ class Chain(NamedChains):
             )
 
     to_mjcf = MethodFromAbove("npend_gym.export.mjcf:to_mjcf")
+    from_mjcf = MethodFromAbove("npend_gym.export.read_mjcf:from_mjcf", static=True)
     to_urdf = MethodFromAbove("npend_gym.export.urdf:to_urdf")
     _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")
 

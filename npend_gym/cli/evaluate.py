@@ -88,7 +88,7 @@ def run(
         outputs.prepare_folder(out)
     seed = rl.HELD_OUT if seed is None else seed
     changed = [key for key, _ in settings if policy is not None]
-    name, model, keywords = _chosen(policy, controller, task, dict(settings), trust=trust)
+    name, model, keywords = chosen(policy, controller, task, dict(settings), trust=trust)
     env: Any = keywords | {"id": env_id}
     if engine == "mujoco":
         env = in_mujoco(env)
@@ -136,7 +136,7 @@ def _line(name: str, row: dict[str, float]) -> str:
     return f"{name} {row['score']:.3f}: {rest}"
 
 
-def _chosen(
+def chosen(
     policy: str | None,
     controller: str | None,
     task: str | None,
@@ -144,7 +144,7 @@ def _chosen(
     *,
     trust: bool,
 ) -> tuple[str, Controller, dict[str, Any]]:
-    """Return name, controller and keywords of the environment."""
+    """Return name, policy or controller, and keywords of the environment."""
     from npend_gym.rl.controllers.references import reference_controller
     from npend_gym.rl.policies.shipped import find_policy
     from npend_gym.rl.training.tasks import env_of_task

@@ -1,31 +1,33 @@
-"""Write a policy or a chain for other programs.
+"""Write a policy, a controller or a chain for other programs.
 
 A policy becomes a C99 header, which needs no library and allocates nothing: it builds observations
-of measured angles and velocities, and acts. Files of ONNX and PyTorch have the network, with its
-memory as a tensor. A chain becomes a model of MuJoCo, or a robot in URDF. See
-docs/howto/export.md.
+of measured angles and velocities, and acts. So do the controllers LQR, damping and plan. Files of
+ONNX and PyTorch have the network, with its memory as a tensor. A chain becomes a model of MuJoCo,
+or a robot in URDF. See docs/howto/export.md.
 
 Examples
 --------
   npend export swingup-2 --to c -o policy.h
   npend export mine.safetensors --to c --prefix arm --relative -o arm.h
+  npend export --controller plan --task swingup-2 --to c -o plan.h
   npend export swingup-3-robust --to torch -o policy.pt2
   npend export --chain results/fit.json --to mjcf --motors 0 --limits 0.5 -o chain.xml
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from npend_gym.cli.common import OK, prepare_file, show_file
+from npend_gym.cli.evaluate import chosen
 
 if TYPE_CHECKING:
     from npend_gym.chain import Chain
 
 FILLS = {
-    "npend_gym.cli.evaluate:run": ("trust",),
+    "npend_gym.cli.evaluate:run": ("trust", "controller", "task", "settings"),
     "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
 }
 _SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf"}
@@ -40,6 +42,9 @@ def run(
     prefix: str | None = None,
     relative: bool = False,
     trust: bool = False,
+    controller: str | None = None,
+    task: str | None = None,
+    settings: Sequence[tuple[str, Any]] = (),
     **model: Any,
 ) -> int:
     """Write the file; return the exit code.
@@ -60,15 +65,19 @@ def run(
         Sensors show the angle of each rod relative to the rod above it.
     """
     prepare_file(out, (_SUFFIXES[to],))
-    of_c = {"prefix": prefix is not None, "relative": relative}
-    _refuse([name for name in of_c if of_c[name]], to, "c")
+    of_c = {"prefix": prefix, "relative": relative, "controller": controller}
+    _refuse([name for name, value in of_c.items() if value not in (None, False)], to, "c")
     _refuse(list(model), to, "mjcf")
+    if controller is None and (task is not None or settings):
+        raise ValueError("--task and --env are for a --controller: a policy has its environment")
     if to in ("mjcf", "urdf"):
         _write_chain(policy, to, out, chain, trust=trust, **model)
-    elif chain is not None:
+        show_file(out)
+        return OK
+    if chain is not None:
         raise ValueError("--chain is for --to mjcf or urdf")
-    else:
-        _write_policy(policy, to, out, prefix, relative=relative, trust=trust)
+    _, found, _ = chosen(policy, controller, task, dict(settings), trust=trust)
+    _write_policy(found, to, out, prefix, relative=relative)
     show_file(out)
     return OK
 
@@ -94,16 +103,10 @@ def _write_chain(
         file.write(text)
 
 
-def _write_policy(
-    policy: str | None, to: str, out: Path, prefix: str | None, *, relative: bool, trust: bool
-) -> None:
+def _write_policy(policy: Any, to: str, out: Path, prefix: str | None, *, relative: bool) -> None:
     from npend_gym.export import to_c, to_onnx, to_torch
-    from npend_gym.rl.policies.shipped import find_policy
 
-    if policy is None:
-        raise ValueError(f"--to {to} needs a policy: a name or a file")
-    loaded = find_policy(policy, trust=trust)
     if to == "c":
-        to_c(loaded, out, "npend" if prefix is None else prefix, relative=relative)
+        to_c(policy, out, "npend" if prefix is None else prefix, relative=relative)
     else:
-        {"onnx": to_onnx, "torch": to_torch}[to](loaded, out)
+        {"onnx": to_onnx, "torch": to_torch}[to](policy, out)

@@ -1,4 +1,4 @@
-"""Policies as C: one header, which a microcontroller or a simulator in C compiles."""
+"""Policies and controllers as C: one header, which a microcontroller or a simulator compiles."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ from typing import Any
 import numpy as np
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 from npend_gym._files import replacing
-from npend_gym._version import __version__
-from npend_gym.chain import plain_keywords
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.rows import MAX_CART_ENTRY
+from npend_gym.export.about import Feedback, config_of, described
+from npend_gym.rl.controllers.planning import PlannedTransition
+from npend_gym.rl.controllers.regulators import StateFeedback
+from npend_gym.rl.controllers.step_model import at_rest
 from npend_gym.rl.policies.checks import check_env
 from npend_gym.rl.policies.policy import Policy
 
@@ -26,17 +29,23 @@ _INDENT = "    "
 
 
 def to_c(
-    policy: Policy, path: str | PathLike[str], prefix: str = "npend", *, relative: bool = False
+    policy: Policy | Feedback,
+    path: str | PathLike[str],
+    prefix: str = "npend",
+    *,
+    relative: bool = False,
 ) -> None:
-    """Write a policy as a C99 header, which needs no library and allocates nothing.
+    """Write a policy or a controller as a C99 header, which needs no library, allocates nothing.
 
-    Its functions build the observation from measured angles and velocities, compute the action,
-    and turn it into torques. They keep the memory of a policy that has one. The head of the file
-    names the environment and the time between two calls.
+    Its functions turn measured angles and velocities into torques, and estimate velocities as
+    `VelocityEstimator` does. They keep the memory of a policy that has one, and the time of a
+    plan. The head of the file names the environment and the time between two calls.
 
     Parameters
     ----------
-    policy : Policy
+    policy : Policy or controller
+        Controllers are those of `npend_gym.rl.lqr`, `modal_damping`, `planned_swing_up` and
+        `planned_transition`.
     path : path-like
         Of the header, such as "policy.h".
     prefix : str
@@ -47,27 +56,51 @@ def to_c(
 
     Raises
     ------
+    TypeError
+        If it is neither a policy nor such a controller.
     ValueError
-        If the prefix is no identifier of C, the policy has no environment, or it observes the
-        drawn parameters (`observe_context`), which no sensor measures.
+        If the prefix is no identifier of C, the policy has no environment or observes the drawn
+        parameters (`observe_context`), which no sensor measures, or the actions of the controller
+        are discrete (`torque_levels`).
+
+    Notes
+    -----
+    A controller in C clips its actions, as the environment does. Also along a plan it takes
+    deviations of angles without whole turns, so that encoders of one turn will do.
 
     Examples
     --------
     >>> from pathlib import Path
+    >>> from npend_gym.envs import EnvConfig
     >>> from npend_gym.export import to_c
-    >>> from npend_gym.rl import Policy
+    >>> from npend_gym.rl import Policy, lqr
     >>> to_c(Policy.pretrained("swingup-2"), "policy.h", prefix="arm")
     >>> "static inline void arm_policy_act(" in Path("policy.h").read_text()
+    True
+    >>> to_c(lqr(EnvConfig(n=2, mode="balance")), "lqr.h", prefix="lqr")
+    >>> "static inline void lqr_controller_act(" in Path("lqr.h").read_text()
     True
     """
     if not re.fullmatch(r"[A-Za-z]\w*", prefix, re.ASCII):
         raise ValueError(f"prefix must be a letter, then letters, digits or _, got {prefix!r}")
-    text = Path(__file__).with_name("policy.h.in").read_text("utf-8")
-    fields = _of_network(policy, prefix) | _of_sensors(_config_of(policy))
-    fields |= {"p": prefix, "P": prefix.upper(), "about": _about(policy)}
+    if isinstance(policy, Policy):
+        kind, config = "policy", _config_of(policy)
+        fields = _of_network(policy, prefix) | _of_observations(config)
+    else:
+        kind, config = "controller", _config_of_controller(policy)
+        fields = _of_table(policy, config)
+    fields |= _of_hardware(config) | {"kind": kind, "KIND": kind.upper()}
+    fields |= {"p": prefix, "P": prefix.upper(), "about": _about(kind, described(policy))}
     fields |= {"relative": int(_checks.truth("relative", relative))}
+    fields["body"] = _filled(kind, fields).rstrip()
     with replacing(Path(path)) as file:
-        file.write(Template(text).substitute(fields))
+        file.write(_filled("header", fields))
+
+
+def _filled(name: str, fields: Mapping[str, Any]) -> str:
+    """Return a template of this folder with its fields."""
+    text = Path(__file__).with_name(f"{name}.h.in").read_text("utf-8")
+    return Template(text).substitute(fields)
 
 
 def _config_of(policy: Policy) -> EnvConfig:
@@ -78,6 +111,22 @@ def _config_of(policy: Policy) -> EnvConfig:
     if policy.config.observe_context:
         raise ValueError("observe_context must be False: nobody measures what was drawn")
     return policy.config
+
+
+def _config_of_controller(controller: Any) -> EnvConfig:
+    """Return the settings of a controller's environment, checked for what the header computes."""
+    if not isinstance(controller, (StateFeedback, PlannedTransition)):
+        raise TypeError(
+            "policy must be a Policy, or a controller of lqr, modal_damping, planned_swing_up or "
+            f"planned_transition, got {_checks.show(controller)}"
+        )
+    config = config_of(controller)
+    if config.torque_levels is not None:
+        raise ValueError(
+            "torque_levels must be left out: torques in C are not discrete; got "
+            f"{config.torque_levels}"
+        )
+    return config
 
 
 def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
@@ -109,27 +158,20 @@ def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
     }
 
 
-def _of_sensors(config: EnvConfig) -> dict[str, Any]:
-    """Return what the template has of observations and actions."""
+def _of_observations(config: EnvConfig) -> dict[str, Any]:
+    """Return what the template has of observations."""
     n = config.n
     parts = [f"{n} sines, {n} cosines" if config.with_sines else f"{n} angles"]
     parts += [f"{n} velocities"] if config.observe_velocities else []
     parts += ["the cart"] if config.has_cart else []
     parts += [f"{n} cosines of the goal"] if config.observes_goals else []
-    motors = [f"torque at joint {k}" if k < n else "force on the cart" for k in config.joints]
     return {
-        "rods": n,
         "observed": config.observed,
         "entries": ", ".join(parts),
-        "joints": config.joints.size,
-        "motors": ", ".join(motors),
-        "dt": repr(config.dt),
-        "limits": _table(config.action_limits),
         "speed_scale": _table(config.speed_scale),
         "speed_limit": _exact(config.speed_limit),
         "sines": int(config.with_sines),
         "velocities": int(config.observe_velocities),
-        "cart": int(config.has_cart),
         "goals": int(config.observes_goals),
         "rail": _exact(config.rail or 1.0),
         "cart_limit": _exact(MAX_CART_ENTRY),
@@ -141,16 +183,54 @@ def _of_sensors(config: EnvConfig) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _about(policy: Policy) -> str:
-    """Return the head of the header: what it is, for which environment, and what made it."""
-    lines = [f"A policy, written by npend_gym {__version__}", ""]
-    described: dict[str, Mapping[str, Any]] = {
-        "Its environment, in SI units": plain_keywords(policy.env),
-        "What made it": policy.provenance,
+def _of_table(controller: Feedback, config: EnvConfig) -> dict[str, Any]:
+    """Return what the template has of a controller: in each row a state, actions and gains."""
+    if isinstance(controller, StateFeedback):
+        rows, phases, wait = [_row_of(controller)], "the state that is held", 0
+    else:
+        states, actions = controller.nominal
+        steps = zip(states[:-1], actions, controller.gains, strict=True)
+        rows = [np.concatenate([state, action, gain.ravel()]) for state, action, gain in steps]
+        rows = [_row_of(controller.hold_start), *rows, _row_of(controller.hold_goal)]
+        phases = "the start that is held, the steps of the plan, the goal that is held"
+        wait = round(controller.settle / config.dt)
+    return {
+        "coordinates": config.state_size // 2,
+        "rows": len(rows),
+        "phases": phases,
+        "wait": wait,
+        "table": ",".join(f" {{{_table(row)}}}" for row in rows),
+        "call": "theta, omega, cart" if config.has_cart else "theta, omega, 0",
     }
-    for title, values in described.items():
-        lines += [f"{title}:", *json.dumps(values, indent=2).splitlines(), ""]
-    text = "\n".join(" * " + line if line else " *" for line in lines[:-1])
+
+
+def _row_of(held: StateFeedback) -> FloatArray:
+    """Return the row of a controller that holds a state, with the actions zero."""
+    rest = at_rest(held.config, held.angle)
+    return np.concatenate([rest, np.zeros(len(held.gain)), held.gain.ravel()])
+
+
+def _of_hardware(config: EnvConfig) -> dict[str, Any]:
+    """Return what the templates have of motors and sensors."""
+    n = config.n
+    motors = [f"torque at joint {k}" if k < n else "force on the cart" for k in config.joints]
+    return {
+        "rods": n,
+        "joints": config.joints.size,
+        "motors": ", ".join(motors),
+        "dt": repr(config.dt),
+        "limits": _table(config.action_limits),
+        "cart": int(config.has_cart),
+    }
+
+
+def _about(kind: str, about: Mapping[str, Any]) -> str:
+    """Return the head of the header: what it is, for which environment, and what made it."""
+    values = {name: value for name, value in about.items() if name != "npend_gym"}
+    lines = [f"A {kind}, written by npend_gym {about['npend_gym']}", ""]
+    lines += ["Its environment, in SI units, and what made it:"]
+    lines += json.dumps(values, indent=2).splitlines()[1:-1]
+    text = "\n".join(" * " + line if line else " *" for line in lines)
     return text.removeprefix(" * ").replace("*/", "* /").replace("/*", "/ *")
 
 

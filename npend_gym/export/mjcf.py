@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym.chain import Chain, check_chain
 
-_MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
-_OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
+MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
+OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
 
 
 def to_mjcf(
@@ -75,7 +75,7 @@ def to_mjcf(
     body, place = ET.SubElement(root, "worldbody"), text_of(0.0, 0.0, 0.0)
     if chain.base is not None:
         body = ET.SubElement(body, "body", name="cart")
-        _inertial(body, chain.base.mass, place, _MIN_INERTIA)
+        _inertial(body, chain.base.mass, place, MIN_INERTIA)
         damping = text_of(chain.base.damping)
         ET.SubElement(body, "joint", name="cart", type="slide", axis="1 0 0", damping=damping)
         _shape(body, type="box", size=text_of(*0.05 * chain.total_length * np.array([2, 1, 1])))
@@ -119,8 +119,8 @@ def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:
 
 def inertia_of(chain: Chain, i: int) -> float:
     """Return the inertia of link i about its centre [kg m^2], a little for a point mass."""
-    inertia = chain.inertias[i] or _OF_POINT_MASS * chain.masses[i] * chain.centres[i] ** 2
-    return max(float(inertia), _MIN_INERTIA)
+    inertia = chain.inertias[i] or OF_POINT_MASS * chain.masses[i] * chain.centres[i] ** 2
+    return max(float(inertia), MIN_INERTIA)
 
 
 def _inertial(body: ET.Element, mass: float, place: str, inertia: float) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from npend_gym._extras import require
 from npend_gym._files import replacing
 from npend_gym._version import __version__
-from npend_gym.chain import plain_keywords
+from npend_gym.export.about import described
 from npend_gym.rl.policies.policy import Policy
 
 _OPSET, _IR = 17, 8  # of ONNX 1.12, which every runtime reads
@@ -87,7 +87,7 @@ def to_onnx(policy: Policy, path: str | PathLike[str]) -> None:
     for name, array in numbers.items():
         if any(re.search(rf"\b{name}\b", node) for node in nodes):
             model.graph.initializer.append(onnx.numpy_helper.from_array(np.asarray(array), name))
-    onnx.helper.set_model_props(model, described(policy))
+    onnx.helper.set_model_props(model, _texts(policy))
     onnx.checker.check_model(model, full_check=True)
     with replacing(Path(path), binary=True) as file:
         file.write(model.SerializeToString())
@@ -130,19 +130,13 @@ def to_torch(policy: Policy, path: str | PathLike[str]) -> None:
         module, tuple(examples), dynamic_shapes=tuple({0: batch} for _ in examples)
     )
     with replacing(Path(path), binary=True) as file:
-        torch.export.save(program, file, extra_files=described(policy))
+        torch.export.save(program, file, extra_files=_texts(policy))
 
 
-def described(policy: Policy) -> dict[str, str]:
-    """Return what a file says of a policy: texts by name, of JSON but for the version."""
-    limits = policy.config.action_limits.tolist() if policy.env else None
-    about = {
-        "env": plain_keywords(policy.env),
-        "dt": policy.config.dt if policy.env else None,
-        "action_limits": limits,
-        "provenance": policy.provenance,
-    }
-    return {"npend_gym": __version__} | {k: json.dumps(value) for k, value in about.items()}
+def _texts(policy: Policy) -> dict[str, str]:
+    """Return what a file says of a policy as texts, of JSON but for the version."""
+    values = described(policy).items()
+    return {name: each if isinstance(each, str) else json.dumps(each) for name, each in values}
 
 
 def _module(torch: Any, policy: Policy) -> Any:

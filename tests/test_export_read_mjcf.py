@@ -1,0 +1,208 @@
+"""Models of MuJoCo as chains, whose mass matrix and accelerations are compared."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from npend_gym import Cart, Chain
+from npend_gym.chain import PRESETS
+from npend_gym.export import from_mjcf
+from npend_gym.physics import accelerations, mass_matrix
+
+mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+
+ARM = """
+<mujoco>
+  <compiler angle="degree"/>
+  <option gravity="0 0 -9.7"><flag contact="disable"/></option>
+  <default>
+    <joint axis="0 1 0" damping="0.02"/>
+    <geom type="capsule" size="0.03" density="700"/>
+    <default class="upper"><joint armature="0.01" damping="0.05"/></default>
+  </default>
+  <worldbody>
+    <body name="stand" pos="0.5 0 1"><geom type="box" size="0.1 0.1 0.5"/>
+      <body name="a" pos="0 0.1 0.6" childclass="upper">
+        <joint name="shoulder"/><geom fromto="0 0 0 0 0 0.5"/>
+        <body name="b" pos="0 0.08 0.5" euler="0 30 0">
+          <joint name="elbow" axis="0 -1 0"/><geom fromto="0 0 0 0 0 0.4"/>
+          <body name="c" pos="0 0 0.4">
+            <joint name="wrist"/><geom name="rod" fromto="0 0 0 0.2 0 0.1" mass="0.2"/>
+            <geom name="knob" type="sphere" pos="0.2 0 0.1" mass="0.1"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="elbow" gear="1"/></actuator>
+</mujoco>
+"""
+ON_CART = """
+<mujoco>
+  <option gravity="3 0 -9"/>
+  <default><geom contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <body name="sledge"><joint name="rail" type="slide" axis="3 0 1" damping="0.7" armature="0.2"/>
+      <geom type="box" size="0.2 0.1 0.1" mass="1.5"/>
+      <body name="pole" euler="0 20 0"><joint name="hinge" axis="0 2 0"/>
+        <geom type="cylinder" fromto="0 0 0 0 0 0.7" size="0.02" mass="0.4"/>
+        <body name="second" pos="0 0 0.7"><joint name="knee" axis="0 1 0"/>
+          <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.2"/></body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def check_dynamics(model, chain):
+    """Compare mass matrix and accelerations in random states; angles are found by where bodies are.
+
+    MuJoCo's velocities are those of a cart, then of the joints, with the signs of their axes.
+    """
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    n, carts = chain.n, int(chain.base is not None)
+    gravity = model.opt.gravity / np.linalg.norm(model.opt.gravity)
+    for _ in range(20):
+        data.qpos[:], data.qvel[:] = rng.uniform(-3.0, 3.0, n + carts), rng.normal(size=n + carts)
+        mujoco.mj_forward(model, data)
+        first = data.xaxis[carts]
+        right = np.cross(first, gravity)
+        bodies = model.jnt_bodyid[carts:]
+        along = np.diff(data.xanchor[carts:], axis=0, append=0.0)
+        along[-1] = data.xipos[bodies[-1]] - data.xanchor[-1]
+        theta = np.arctan2(along @ right, along @ gravity)
+        turns = np.zeros((n + carts,) * 2)  # rates of (theta, position) from MuJoCo's
+        turns[:n, carts:] = np.tri(n) * np.sign(data.xaxis[carts:] @ first)
+        turns[n:, :carts] = data.xaxis[0] @ right
+        speeds, inertia = turns @ data.qvel, np.empty((model.nv, model.nv))
+        for row, unit in zip(inertia, np.eye(model.nv), strict=True):
+            mujoco.mj_mulM(model, data, row, unit)
+        ours = turns.T @ mass_matrix(chain, theta) @ turns
+        np.testing.assert_allclose(inertia, ours, rtol=1e-9, atol=1e-9 * abs(ours).max())
+        given = {"velocity": speeds[n]} if carts else {}
+        expected = accelerations(chain, theta, speeds[:n], **given)
+        np.testing.assert_allclose(turns @ data.qacc, expected, rtol=1e-7, atol=1e-7)
+
+
+def readable(name):
+    """Whether to_mjcf exports a preset, without what from_mjcf cannot read back."""
+    chain = Chain.preset(name)
+    geared = np.any(np.isfinite(chain.gear) & (chain.armature > 0.0))
+    return not (chain.has_drag or geared or np.any(chain.friction))
+
+
+CHAINS = {name: Chain.preset(name) for name in PRESETS if readable(name)} | {
+    "bobs": Chain([1.0, 0.5, 0.7], [1.0, 0.4, 0.8], 9.5, damping=[0.1, 0.0, 0.2]),
+    "many bobs on a cart": Chain.uniform(30, base=Cart(2.0, 0.1)),
+    "links": Chain(
+        [1.0, 0.7, 0.4], [0.8, 0.5, 0.6], centres=[0.5, -0.2, 0.9], inertias=[0.02, 0.0, 0.01],
+        armature=[0.01, 0.0, 0.02], friction=0.1, damping=0.3,
+    ),
+    "a last link above its joint": Chain([1.0, 1.0], 1.0, centres=[0.0, -0.3], inertias=0.1),
+    "without gravity": Chain.uniform(2, gravity=0.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_what_to_mjcf_writes_is_read_back(name, tmp_path):
+    chain, path = CHAINS[name], tmp_path / "chain.xml"
+    path.write_text(chain.to_mjcf(motors=[0]))
+    for found in (Chain.from_mjcf(chain.to_mjcf()), from_mjcf(path), chain.from_mjcf(str(path))):
+        given, read = chain.as_dict(), found.as_dict()
+        assert read.keys() == given.keys()
+        for key in given.keys() - {"base"}:
+            np.testing.assert_allclose(read[key], given[key], rtol=1e-12, atol=1e-14, err_msg=key)
+        assert found.base == chain.base
+        np.testing.assert_array_equal(found.has_bobs, chain.has_bobs)
+
+
+def test_most_presets_are_read_back():
+    assert len([name for name in PRESETS if readable(name)]) >= 6
+
+
+@pytest.mark.parametrize("text", [ARM, ON_CART], ids=["arm", "cart"])
+def test_dynamics_of_a_model_written_by_hand_are_those_of_its_chain(text):
+    model = mujoco.MjModel.from_xml_string(text)
+    check_dynamics(model, from_mjcf(text))
+
+
+def test_numbers_of_a_model_written_by_hand():
+    chain = from_mjcf(ARM)
+    np.testing.assert_allclose(chain.lengths, [0.5, 0.4, np.hypot(0.2, 0.1)])
+    np.testing.assert_allclose(chain.centres[:2], [0.25, 0.2])
+    volume = np.pi * 0.03**2 * (0.5 + 4.0 / 3.0 * 0.03)
+    np.testing.assert_allclose(chain.masses, [700.0 * volume, chain.masses[1], 0.3])
+    assert chain.damping.tolist() == [0.05, 0.05, 0.05]
+    assert chain.armature.tolist() == [0.01, 0.01, 0.01]
+    assert chain.gravity == pytest.approx(9.7)
+    assert from_mjcf(ON_CART).base == Cart(1.7, 0.7)
+
+
+def test_models_of_dm_control_are_read_from_their_files():
+    spec = importlib.util.find_spec("dm_control")
+    if spec is None:
+        pytest.skip("dm_control is not installed")
+    suite = Path(spec.origin).parent / "suite"
+    found, known = from_mjcf(suite / "acrobot.xml"), Chain.preset("dm_control acrobot")
+    for name in ("masses", "lengths", "damping", "centres", "inertias", "gravity"):
+        np.testing.assert_allclose(getattr(found, name), getattr(known, name), rtol=1e-9)
+    with pytest.raises(ValueError, match="joint 'slider' must have no range"):
+        from_mjcf(suite / "cartpole.xml")
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ('<joint name="wrist"/>', "", "body 'c' must have one joint, got 0 .*fusestatic"),
+    ('<joint name="wrist"/>', '<joint name="wrist"/><joint/>', "body 'c' must have one joint, got"),
+    ('<joint name="wrist"/>', '<joint type="ball" name="w"/>', "joint 'w' must be a hinge$"),
+    ('<joint name="shoulder"/>', '<joint type="slide"/>', "joint number 0 must be perpendicular"),
+    ('name="elbow" axis="0 -1 0"', 'name="elbow" axis="0 1 0.01"', "'elbow' must be parallel to"),
+    ('axis="0 -1 0"', 'range="-90 90"', "joint 'elbow' must have no range"),
+    ('axis="0 -1 0"', 'stiffness="2"', "joint 'elbow' must have no stiffness"),
+    ('gravity="0 0 -9.7"', 'gravity="0 1 -9"', "joint 'shoulder' must be perpendicular to gravity"),
+    ('gravity="0 0 -9.7"', 'density="1.2"', "density and no viscosity"),
+    ('<flag contact="disable"/>', "", "geom .* and geom .* must not touch"),
+    ('name="c" pos="0 0 0.4"', 'name="c" pos="0.01 0 0.4"', "body 'b' must have its centre of m"),
+    ('name="c" pos="0 0 0.4"', 'name="c" pos="0 0.1 0"', "body 'b' must have a length"),
+    ('name="c"', 'name="c" gravcomp="1"', "body 'c' must have no gravcomp"),
+    ('<motor joint="elbow" gear="1"/>', '<position name="s" joint="elbow"/>', "actuator 's' must"),
+    ("</worldbody>", '<body name="d"><joint/><geom fromto="0 0 0 0 0 1"/></body></worldbody>',
+     "body 'd' must hang from body 'c': a chain has no branches"),
+    ("<actuator>", '<equality><joint joint1="elbow"/></equality><actuator>', "no <equality>"),
+    ("<actuator>", '<tendon><fixed><joint joint="wrist" coef="1"/></fixed></tendon><actuator>',
+     "no <tendon>"),
+    ("<mujoco>", "<mujoco><nothing/>", "MuJoCo cannot read the model"),
+])  # fmt: skip
+def test_what_no_chain_has_is_refused_by_its_name(old, new, message):
+    assert old in ARM
+    with pytest.raises(ValueError, match=message):
+        from_mjcf(ARM.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ('armature="0.2"', 'frictionloss="0.2"', "joint 'rail' must have no frictionloss"),
+    ('type="slide" axis="3 0 1"', 'type="slide" axis="1 0 0"', "joint 'rail' must be perpen"),
+    ('axis="0 1 0"', 'type="slide" axis="1 0 0"', "joint 'knee' must be a hinge$"),
+])  # fmt: skip
+def test_what_no_cart_has_is_refused_by_its_name(old, new, message):
+    with pytest.raises(ValueError, match=message):
+        from_mjcf(ON_CART.replace(old, new, 1))
+
+
+def test_what_a_model_disables_is_not_in_the_chain():
+    off = '<flag contact="disable" damper="disable" gravity="disable" limit="disable"/>'
+    text = ARM.replace('<flag contact="disable"/>', off)
+    chain = from_mjcf(text.replace('axis="0 -1 0"', 'range="-90 90"'))
+    assert (chain.gravity, chain.damping.max()) == (0.0, 0.0)
+
+
+def test_a_model_without_hinges_and_a_chain_with_springs_are_refused():
+    with pytest.raises(ValueError, match="the model must have a hinge"):
+        from_mjcf("<mujoco/>")
+    springs = Chain([1.0, 0.5], 1.0, stiffness=500.0)
+    with pytest.raises(ValueError, match="body 'link0' must have one joint, got 2"):
+        from_mjcf(springs.to_mjcf())
+    with pytest.raises(ValueError, match="MuJoCo cannot read the model"):
+        from_mjcf("no such file.xml")
