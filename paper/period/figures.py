@@ -71,7 +71,7 @@ def draw_front() -> Figure:
     left.plot(tau, front.acceleration(x, tau), color=BLUE, linewidth=1.0)
     for passage, name in zip(front.passages(x), ("down", "up", "down", "up"), strict=True):
         left.axvline(passage, color=FAINT, linewidth=0.8, zorder=0)
-        left.annotate(name, (passage, 2.7), fontsize=7, ha="center")
+        left.annotate(name, (passage + 0.06, 2.7), fontsize=7)
     left.set(xlabel=r"time $\tau$", ylabel=r"acceleration / $g\,a$", ylim=(-3.1, 3.1))
     left.set(title=r"small angles, $\sqrt{s}$ = 0.6")
     delta, x = np.linspace(-0.3, 0.1, 801), 0.8
@@ -87,9 +87,8 @@ def draw_front() -> Figure:
     scaled, x = np.linspace(-5.0, -0.3, 200), 0.6
     right.plot(scaled, -np.log(-scaled), "--", color=BLACK, linewidth=1.0, label="logarithm")
     for a, color in ((0.25, BLUE), (0.3, AMBER), (0.4, GREEN)):
-        inside = scaled[scaled * a**2 > front.AROUND[0]]
-        values = front.kept_at(a, x).core(inside)
-        right.plot(inside, values, color=color, linewidth=1.0, label=f"{a:g} rad")
+        values = front.kept_at(a, x).core(scaled)
+        right.plot(scaled, values, color=color, linewidth=1.0, label=f"{a:g} rad")
     right.set(xlabel=r"$\delta / a^2$", ylabel="in the logarithm's place", ylim=(-2.0, 1.5))
     right.set(title="before the front")
     right.legend(fontsize=7, loc="upper left")

@@ -40,6 +40,7 @@ RUNS = (  # rods, and angles: small ones need more rods, for what they bend is s
 )  # fmt: skip
 PLACES = (0.6, 0.8, 0.9)  # x
 AROUND = np.linspace(-0.65, 0.1, 301)  # times around the return of the front
+LEFT = 0.05  # after the free end has turned the front, all of it has
 _FEW, _MANY = 20_000, 1_000_000  # modes: for a curve, and 1e-4 away from the front
 _EXACT = 50  # zeros of J0, from which on McMahon's series has them to 1e-11
 _CUT = 3.0  # the sum is faded out at this part of its modes, so smoothly that it converges
@@ -117,12 +118,14 @@ class Return(NamedTuple):
     def core(self, scaled: ArrayLike) -> FloatArray:
         """Return what takes the place of the logarithm, at times `scaled` in units of a^2.
 
-        The rest of the measured acceleration is that of small angles; -ln|scaled| far from 0.
+        The rest of the measured acceleration is that of small angles; -ln|scaled| far from 0. NaN
+        where the front has not left the free end yet, whose whip pulls at all bobs at once.
         """
         delta = np.asarray(scaled, float) * self.amplitude**2
         values = np.interp(delta, self.delta, self.values)
         small = acceleration(self.x, 1.0 + self.x + delta)
-        return math.pi * math.sqrt(self.x) * (values - small) - np.log(np.abs(scaled))
+        found = math.pi * math.sqrt(self.x) * (values - small) - np.log(np.abs(scaled))
+        return np.where(delta > LEFT - self.x, found, math.nan)
 
 
 def measured(n: int, amplitude: float, at: Sequence[float] = PLACES) -> list[Return]:

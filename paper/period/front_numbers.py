@@ -33,7 +33,10 @@ def _front_core(_quick: bool) -> list[list[str]]:
     """
     rows = {f"{a:g}": front.kept_at(a, 0.6).core(SCALED) for a in (0.25, 0.3, 0.4)}
     rows["log"] = 0.0 - np.log(np.abs(SCALED))
-    return [[name, *(f"{one:+.2f}" for one in values)] for name, values in rows.items()]
+    return [
+        [name, *(f"{one:+.2f}".replace("+nan", "") for one in values)]
+        for name, values in rows.items()
+    ]
 
 
 @number("front-tip")

@@ -49,15 +49,10 @@ def _swing_bound(_quick: bool) -> list[str]:
 def _modes(_quick: bool) -> list[list[str]]:
     """N, duration, mean share of the slowest mode in five windows, when it is below one half [s].
 
-    And the shares of all modes in the last eighth, lowest and highest, where it has fallen in all
-    starts. From the table that `python -m paper.period.modes` makes.
+    From the table that `python -m paper.period.modes` makes.
     """
-    table: dict[str, list[dict[str, str]]] = {}
-    with modes.FILE.open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            table.setdefault(row["n"], []).append(row)
     rows: list[list[str]] = []
-    for n, starts in table.items():
+    for n, starts in _followed().items():
         shares = [
             f"{np.mean([float(row[f'share_{k}']) for row in starts]):.3f}" for k in range(1, 6)
         ]
@@ -65,6 +60,23 @@ def _modes(_quick: bool) -> list[list[str]]:
         times = "-" if math.isinf(below[0]) else f"{below[0]:.0f} to {below[-1]:.0f}"
         rows.append([n, starts[0]["seconds"], *shares, times.replace("inf", "later")])
     return rows
+
+
+@number("modes-last")
+def _modes_last(_quick: bool) -> list[str]:
+    """Return the lowest and highest share of a mode of ten rods in the last eighth, of all runs."""
+    starts = _followed()["10"]
+    lowest = min(float(row["lowest_last"]) for row in starts)
+    return [f"{one:.2f}" for one in (lowest, max(float(row["highest_last"]) for row in starts))]
+
+
+def _followed() -> dict[str, list[dict[str, str]]]:
+    """Return the rows of the table of `modes`, by the number of rods."""
+    table: dict[str, list[dict[str, str]]] = {}
+    with modes.FILE.open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            table.setdefault(row["n"], []).append(row)
+    return table
 
 
 @number("growth-starts")
