@@ -23,6 +23,7 @@ from npend_gym.chain import check_hung
 from npend_gym.chain.inertia import link_inertia
 from npend_gym.theory import com_period, normal_modes
 from paper.arrays import FloatArray
+from paper.swings import momentum, reversals
 
 MAX_THIRD_ORDER = 400  # rods: the work grows as n^3
 _POINTS = 16  # of Gauss's quadrature in a panel
@@ -50,8 +51,15 @@ class AmplitudeGrowth(NamedTuple):
     inertia: float
 
 
-def amplitude_growth(chain: Chain) -> AmplitudeGrowth:
-    """Return how the periods of a chain that is released straight begin to grow with the angle.
+def amplitude_growth(chain: Chain, shape: FloatArray | None = None) -> AmplitudeGrowth:
+    """Return how the periods of a chain that is released at rest begin to grow with the angle.
+
+    Parameters
+    ----------
+    chain : Chain
+        Any chain that hangs straight at rest.
+    shape : ndarray, shape (n,), optional
+        Angle of each rod at the start, over a. 1 for all, a straight chain, if left out.
 
     Raises
     ------
@@ -77,8 +85,12 @@ def amplitude_growth(chain: Chain) -> AmplitudeGrowth:
         raise ValueError(f"chain must hang straight at rest, under gravity; got {chain}")
     omega, modes = normal_modes(chain)
     weight = lift @ modes**2
-    columns = modes * ((lift @ modes) / weight)  # the angles of each mode, over a
-    period = float(com_period(chain))
+    start = np.ones(n) if shape is None else shape
+    columns = modes * ((modes.T @ (lift * start)) / weight)  # the angles of each mode, over a
+    if shape is None:
+        period = float(com_period(chain))
+    else:
+        period = float(reversals(*momentum(chain, shape), 2)[1])
     q, rate = np.zeros((2, n))  # of the modes, of order a^3
     count = math.ceil(period * omega[-1] / _PANEL)
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)

@@ -10,7 +10,6 @@ import argparse
 import csv
 import json
 import math
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,8 @@ from npend_gym.experiments.release import PAPER_AMPLITUDE as QUARTER
 from paper import hesitation
 from paper.checks.law import growth_of_the_middle
 from paper.findings import outcome
-from paper.period import limits, rope
+from paper.period import front_numbers, limits, rope, swing_numbers
+from paper.period.registry import NUMBERS, number
 from paper.readings import grid
 from paper.third_order import amplitude_growth
 
@@ -32,18 +32,7 @@ GROWTH = FILE.with_name("growth.csv")
 J01 = float(jn_zeros(0, 1)[0])
 ANGLES = (*(k / 20 for k in range(1, 21)), QUARTER)  # rad, up to where the law is stated
 BEYOND = (1.2, 1.4)  # rad
-
-NUMBERS: dict[str, Callable[[bool], Any]] = {}
-
-
-def number(key: str) -> Callable[[Callable[[bool], Any]], Callable[[bool], Any]]:
-    """Register a function of `quick` that returns a number of the paper, or several."""
-
-    def register(compute: Callable[[bool], Any]) -> Callable[[bool], Any]:
-        NUMBERS[key] = compute
-        return compute
-
-    return register
+ELSEWHERE = front_numbers, swing_numbers  # which register numbers, too
 
 
 @cache

@@ -9,11 +9,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from npend_gym import Chain, pseudo_periods, theory
-from npend_gym._palette import AMBER, BLACK, BLUE, GREEN, ORANGE
+from npend_gym._palette import AMBER, BLACK, BLUE, FAINT, GREEN, ORANGE, PINK
 from npend_gym.report import panels, styled
+from paper.period import front, growth_map
 from paper.period.compute import BEYOND, QUARTER, com_period, law
 from paper.registry import DRAWINGS, call
 
@@ -58,7 +61,62 @@ def draw_hesitation() -> Figure:
     return drawing.draw(call(drawing.data))
 
 
-FIGURES = {"law": draw_law, "hesitation": draw_hesitation}
+@styled
+def draw_front() -> Figure:
+    """Draw the front of a small release, its return at finite angles, and the scaled forerunner."""
+    figure = Figure(figsize=(7.2, 2.9))
+    left, middle, right = panels(figure, 1, 3)
+    x = 0.6
+    tau = np.linspace(0.0, 4.0, 1601)
+    left.plot(tau, front.acceleration(x, tau), color=BLUE, linewidth=1.0)
+    for passage, name in zip(front.passages(x), ("down", "up", "down", "up"), strict=True):
+        left.axvline(passage, color=FAINT, linewidth=0.8, zorder=0)
+        left.annotate(name, (passage + 0.06, 2.7), fontsize=7)
+    left.set(xlabel=r"time $\tau$", ylabel=r"acceleration / $g\,a$", ylim=(-3.1, 3.1))
+    left.set(title=r"small angles, $\sqrt{s}$ = 0.6")
+    delta, x = np.linspace(-0.3, 0.1, 801), 0.8
+    small = front.acceleration(x, 1.0 + x + delta)
+    middle.plot(delta, small, color=BLACK, linewidth=1.0, label="a → 0")
+    for a, color in ((0.25, BLUE), (0.4, GREEN), (0.6, ORANGE), (QUARTER, PINK)):
+        found = front.kept_at(a, x)
+        middle.plot(found.delta, found.values, color=color, linewidth=1.0, label=f"{a:.3g} rad")
+    middle.axhline(0.0, color=BLACK, linewidth=0.6)
+    middle.set(xlabel=r"$\delta$", ylabel=r"acceleration / $g\,\sin a$")
+    middle.set(xlim=(-0.3, 0.1), ylim=(-0.4, 2.2), title=r"the return, $\sqrt{s}$ = 0.8")
+    middle.legend(fontsize=7, loc="upper left")
+    scaled, x = np.linspace(-5.0, -0.3, 200), 0.6
+    right.plot(scaled, -np.log(-scaled), "--", color=BLACK, linewidth=1.0, label="logarithm")
+    for a, color in ((0.25, BLUE), (0.3, AMBER), (0.4, GREEN)):
+        values = front.kept_at(a, x).core(scaled)
+        right.plot(scaled, values, color=color, linewidth=1.0, label=f"{a:g} rad")
+    right.set(xlabel=r"$\delta / a^2$", ylabel="in the logarithm's place", ylim=(-2.0, 1.5))
+    right.set(title="before the front")
+    right.legend(fontsize=7, loc="upper left")
+    return figure
+
+
+@styled
+def draw_map() -> Figure:
+    """Draw 16 b over the masses of the rope and over its start, as kept."""
+    figure = Figure(figsize=(7.2, 2.9))
+    axes = panels(figure, 1, 3)
+    names = ("straight", "slowest mode", "bent")
+    along = (growth_map.POWERS, growth_map.POWERS, growth_map.BENDS)
+    scale = ScalarMappable(Normalize(0.0, 2.0), "RdBu")
+    for one, name, across in zip(axes, names, along, strict=True):
+        values = growth_map.kept(name)
+        one.contourf(across, growth_map.TIPS, values.clip(0.0, 2.0), 20, norm=scale.norm,
+                     cmap=scale.cmap)  # fmt: skip
+        one.contour(across, growth_map.TIPS, values, [1.0], colors=BLACK, linewidths=1.0)
+        one.set(title=f"start: {name}", xlabel="power p of the mass")
+        one.grid(visible=False)
+    axes[2].set(xlabel="bend")
+    axes[0].set(ylabel="mass at the tip / rope's")
+    figure.colorbar(scale, ax=axes, label="16 b", ticks=[0.0, 0.5, 1.0, 1.5, 2.0])
+    return figure
+
+
+FIGURES = {"law": draw_law, "hesitation": draw_hesitation, "front": draw_front, "map": draw_map}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or FIGURES:

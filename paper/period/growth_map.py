@@ -1,0 +1,95 @@
+"""How the growth of the period with the angle depends on the masses of a rope and on its start.
+
+The law has a pendulum's growth, 16 b = 1. Here b is that of the third order, for `RODS` equal rods
+whose bobs have masses like a power of their height above the free end, and a mass at the tip
+besides. The angle of a start is that of the line from the pivot to the centre of mass, for the
+pendulum that the centre of mass resembles has this angle.
+
+`python -m paper.period.growth_map` writes `growth_map.csv` beside this file, in some two minutes.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from npend_gym import Chain
+from npend_gym.theory import normal_modes
+from paper.arrays import FloatArray
+from paper.third_order import amplitude_growth
+
+FILE = Path(__file__).with_name("growth_map.csv")
+RODS = 30
+TIPS: FloatArray = np.linspace(0.0, 1.0, 26)  # over the mass of the other bobs
+POWERS: FloatArray = np.linspace(-0.8, 2.0, 15)  # of the height
+BENDS: FloatArray = np.linspace(-1.0, 1.0, 17)  # see `bent`
+
+
+def profile(power: float, tip: float, rods: int = RODS) -> Chain:
+    """Return a chain with masses like height^`power`, and `tip` times their sum at the last bob."""
+    height: FloatArray = (np.arange(rods, 0.0, -1.0) - 0.5) / (rods + 0.5)
+    masses: FloatArray = height**power
+    masses /= masses.sum()
+    masses[-1] += tip
+    return Chain(masses, np.ones(rods))
+
+
+def bent(rods: int, bend: float) -> FloatArray:
+    """Return angles that change along the chain by `bend` times the angle of its middle."""
+    down: FloatArray = (np.arange(rods) + 0.5) / rods
+    return 1.0 + bend * (down - 0.5)
+
+
+def slowest(chain: Chain) -> FloatArray:
+    """Return the angles of the slowest mode."""
+    return normal_modes(chain)[1][:, 0]
+
+
+def growth(chain: Chain, shape: FloatArray | None = None) -> float:
+    """Return 16 b of a start with angles like `shape`, straight if left out."""
+    if shape is None:
+        return 16.0 * amplitude_growth(chain).com
+    middle = float(chain.lift @ shape) / float(chain.lift.sum())  # the angle of the centre of mass
+    return 16.0 * amplitude_growth(chain, shape / middle).com
+
+
+def rows() -> Iterator[dict[str, Any]]:
+    """Yield the rows of the file: start, power, bend, mass at the tip, and 16 b."""
+    for tip in TIPS.tolist():
+        for power in POWERS.tolist():
+            chain = profile(power, tip)
+            yield _row("straight", tip, power, 0.0, growth(chain))
+            yield _row("slowest mode", tip, power, 0.0, growth(chain, slowest(chain)))
+        chain = profile(0.0, tip)
+        for bend in BENDS.tolist():
+            yield _row("bent", tip, 0.0, bend, growth(chain, bent(RODS, bend)))
+
+
+def _row(name: str, tip: float, power: float, bend: float, found: float) -> dict[str, Any]:
+    return {
+        "start": name, "power": f"{power:g}", "bend": f"{bend:g}", "tip": f"{tip:g}",
+        "growth": f"{found:.3f}",
+    }  # fmt: skip
+
+
+def kept(name: str) -> FloatArray:
+    """Return the 16 b of the start `name` in the file: tips in rows, powers or bends in columns."""
+    with FILE.open(newline="", encoding="utf-8") as file:
+        found = [float(row["growth"]) for row in csv.DictReader(file) if row["start"] == name]
+    return np.array(found).reshape(TIPS.size, -1)
+
+
+if __name__ == "__main__":
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
+    with out.open("w", newline="", encoding="utf-8") as opened:
+        table = csv.DictWriter(
+            opened, ["start", "power", "bend", "tip", "growth"], lineterminator="\n"
+        )
+        table.writeheader()
+        table.writerows(rows())
+    print("written:", out)
