@@ -36,7 +36,7 @@ PROGRAM = "python -m paper"
 LAW = "com-law"  # the key of the law of the centre of mass
 ABOUT = """\
 Every equation, number and claim of the source paper, computed again and judged. All of it takes
-some six minutes, most single findings take seconds: `python -m paper --list` shows their keys.
+some four minutes, most single findings take seconds: `python -m paper --list` shows their keys.
 
 The key com-law compares the law T(N, a) = 0.8223 2 pi sqrt((N + 1/2) l/g) (2/pi) K(sin(a/2)) of
 the centre of mass of N equal rods, released straight from the angle a, with simulation: its error
