@@ -183,7 +183,12 @@ def test_the_page_of_a_task_repeats_what_the_environment_is(env_id):
 
 
 def test_the_overview_lists_every_task_and_repeats_the_defaults():
-    tasks, arguments, observations = tables_of("overview.md")
+    tasks, arguments, by_id, observations = tables_of("overview.md")
+    for maker, shown, _ in by_id[2:]:
+        if maker.startswith("NPendulum"):
+            assert shown.strip('"') == DEFAULTS["observation"]
+        elif maker.startswith("npend/"):
+            assert {task.keywords["observation"] for task in TASKS.values()} == {shown.strip('"')}
     pages = {re.search(r"\[`(.*)`\]\((.*)\)", row[0]).groups() for row in tasks[2:]}
     assert pages == {(env_id, page_of(env_id)) for env_id in TASKS}
     defaults = DEFAULTS | {

@@ -27,11 +27,11 @@ _THE_LANE, _LANE_0 = np.ones(1, np.bool_), np.zeros(1, np.int64)
 class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     r"""The N-pendulum: n point masses on massless rods, or n links, hung from a pivot or a cart.
 
-    This is what `gym.make("NPendulum-v0")` returns inside its wrappers, and `gym.make` of a task by
-    name, "npend/SwingUp-v1", "npend/Balance-v1", "npend/Calm-v1", "npend/Release-v1" or
-    "npend/Transition-v1", which have observation="scaled", or of the classic poles on a cart,
-    "npend/CartPole-v1", "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1".
-    `NPendulumVectorEnv` steps many of them at once.
+    This is what `gym.make` returns inside its wrappers for a task by name: "npend/SwingUp-v1",
+    "npend/Balance-v1", "npend/Calm-v1", "npend/Release-v1" or "npend/Transition-v1", or one of the
+    classic poles on a cart, "npend/CartPole-v1", "npend/CartDoublePole-v1" and
+    "npend/CartTriplePole-v1". They have observation="scaled". "NPendulum-v0" has the defaults of
+    the keywords, and its task is `mode`. `NPendulumVectorEnv` steps many of them at once.
 
     Description
     -----------

@@ -31,8 +31,8 @@ class MPC:
     Parameters
     ----------
     config : EnvConfig
-        Of the environment, ``gym.make("NPendulum-v0", ...).unwrapped.config``: the plan is made of
-        its own steps, with motors and sensors that are ideal.
+        Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The plan is made
+        of its own steps, with ideal motors and sensors.
     angle : float or array_like, shape (n,)
         Where the rods shall be at rest [rad]; by default all upright.
     horizon : float, optional

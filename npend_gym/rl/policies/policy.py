@@ -67,7 +67,7 @@ class Policy:
     >>> import gymnasium as gym
     >>> from npend_gym import rl
     >>> policy = rl.Policy.pretrained("swingup-1")
-    >>> envs = gym.make_vec("NPendulum-v0", num_envs=3, **policy.env)
+    >>> envs = gym.make_vec("npend/SwingUp-v1", num_envs=3, **policy.env)
     >>> observation, info = envs.reset(seed=0)
     >>> policy(observation, info).shape
     (3, 1)
