@@ -1,7 +1,7 @@
 """Write the tables of the policies that ship, from the records of the policies.
 
 Run it with `python docs/shipped_policies.py`. The tables stand between two comments in README.md,
-docs/results.md and the pages of the carts. A test compares them with what the records say.
+docs/results.md and docs/tasks/carts.md. A test compares them with what the records say.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def of_results() -> str:
 
 
 def of_cart(*poles: int) -> str:
-    """Return the table of a page of a cart: a line for each task with so many poles."""
+    """Return the table of the page of the carts: a line for each task with so many poles."""
     titles = ["task", "controllers that know the equations", "policy by", "seed", "steps", "time",
               "clock", "success", "settling time"]  # fmt: skip
     rows = list[list[str]]()
@@ -117,9 +117,7 @@ def of_cart(*poles: int) -> str:
 TABLES = {
     "README.md": of_readme,
     "docs/results.md": of_results,
-    "docs/tasks/cart_pole.md": partial(of_cart, 1),
-    "docs/tasks/cart_double_pole.md": partial(of_cart, 2),
-    "docs/tasks/cart_triple_pole.md": partial(of_cart, 3, 4, 5),
+    "docs/tasks/carts.md": partial(of_cart, 1, 2, 3, 4, 5),
 }
 
 
