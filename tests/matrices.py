@@ -48,10 +48,8 @@ class Matrix:
         notes = [f"{mark}. {reason}" for reason, mark in marks.items()]
         text = self.text.format(works=works, cells=len(outcomes))
         head = ["| |" + "|".join(self.columns) + "|", "|---|" + ":-:|" * len(self.columns)]
-        return "\n".join(
-            [f"# {self.title}", "", text, "", "## With some", "", *head, *lines, "", *notes, ""]
-            + ["## With all", "", *everywhere, ""]
-        )
+        some = ["## With some", "", *head, *lines, "", *notes, ""]
+        return "\n".join([f"# {self.title}", "", text, "", *some, "## With all", "", *everywhere, ""])
 
     def published(self) -> Outcomes:
         """Return the cells of the page."""

@@ -3,7 +3,7 @@
 With x the square root of the height above the free end over the length L, and tau the time over
 2 sqrt(L/g), the rope moves as a round membrane does: y_tautau = (1/x) (x y_x)_x, y = 0 at x = 1.
 Its modes are J0(j_k x), with the angular frequencies j_k, the zeros of J0. What is asked of them is
-where sums over all modes are zero; `docs/explanation/pseudo_period.md` derives them.
+where sums over all modes are zero; `docs/notes/period_growth.md` derives them.
 """
 
 from __future__ import annotations
