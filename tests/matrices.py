@@ -49,7 +49,9 @@ class Matrix:
         text = self.text.format(works=works, cells=len(outcomes))
         head = ["| |" + "|".join(self.columns) + "|", "|---|" + ":-:|" * len(self.columns)]
         some = ["## With some", "", *head, *lines, "", *notes, ""]
-        return "\n".join([f"# {self.title}", "", text, "", *some, "## With all", "", *everywhere, ""])
+        return "\n".join(
+            [f"# {self.title}", "", text, "", *some, "## With all", "", *everywhere, ""]
+        )
 
     def published(self) -> Outcomes:
         """Return the cells of the page."""
