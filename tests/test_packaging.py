@@ -9,7 +9,7 @@ import pytest
 from scripts import run_python
 
 from npend_gym import __version__
-from npend_gym.cli import COMMANDS, main
+from npend_gym.cli import main
 from npend_gym.cli.examples import folder
 
 tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML by itself")
@@ -110,11 +110,6 @@ def test_examples_are_copied_whole(tmp_path, capsys, refusal):
     assert contents(target) == contents(folder())
     assert [path.name for path in target.parent.iterdir()] == ["examples"]
     assert "out must name a new folder" in refusal("examples", "--out", str(target))
-
-
-def test_the_page_of_the_command_line_has_every_command():
-    page = (ROOT / "docs" / "command_line.md").read_text("utf-8")
-    assert set(re.findall(r"^\| `npend (\w+)` \|", page, re.MULTILINE)) == set(COMMANDS)
 
 
 @pytest.mark.parametrize(
