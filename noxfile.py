@@ -24,6 +24,7 @@ def lint(session: nox.Session) -> None:
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")
     session.run("codespell")
+    session.run("python", ".ci/prose.py")
     session.run("pyright")
     session.run("lint-imports")
 

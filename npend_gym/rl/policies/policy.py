@@ -145,8 +145,8 @@ class Policy:
         Raises
         ------
         ValueError
-            If the observation has another number of entries than the policy was trained with, or a
-            policy with memory is called with other environments than before.
+            If the observation has another number of entries than in training, or a policy with
+            memory is called with other environments.
         """
         if np.shape(observation)[-1:] != (self.observed,):
             raise ValueError(
@@ -170,8 +170,9 @@ class Policy:
         expected = (len(history.frames), self.observed)
         if np.shape(observation) != expected:
             raise ValueError(
-                f"observation must have the shape {expected}, because the policy remembers so many "
-                f"environments; got {np.shape(observation)}: call reset(num_envs) before others"
+                f"observation must have the shape {expected}, because the policy has a "
+                f"memory for {len(history.frames)} environments; got {np.shape(observation)}: "
+                "call reset(num_envs) before others"
             )
         return history.observe(observation, begins)
 
@@ -285,9 +286,9 @@ class Policy:
         Raises
         ------
         ValueError
-            If the file is no policy: not a .safetensors file, damaged, too large, not described,
-            with other names, types or shapes, with numbers that may overflow, or for an
-            environment that it does not fit.
+            If the file is no policy: not a .safetensors file, damaged, too large, or not described;
+            with other names, types or shapes, or numbers that may overflow; or for an environment
+            that it does not fit.
         """
         path = Path(path)
         arrays, about = read_policy(path)
