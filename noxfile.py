@@ -37,6 +37,15 @@ def tests(session: nox.Session) -> None:
 
 
 @nox.session(default=False)
+def coverage(session: nox.Session) -> None:
+    """Run all tests, and write which lines they run to build/coverage."""
+    install(session, "test")
+    session.install("pytest-cov")
+    reports = ("--cov-report=term", "--cov-report=html:build/coverage")
+    session.run("pytest", "-m", "long or not long", "--cov=npend_gym", *reports, *session.posargs)
+
+
+@nox.session(default=False)
 def docs(session: nox.Session) -> None:
     """Build the documentation into build/docs."""
     install(session, "docs", "test")
