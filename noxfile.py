@@ -24,6 +24,7 @@ def lint(session: nox.Session) -> None:
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")
     session.run("codespell")
+    session.run("python", ".ci/prose.py")
     session.run("pyright")
     session.run("lint-imports")
 
@@ -33,6 +34,15 @@ def tests(session: nox.Session) -> None:
     """Run the tests; `nox -s tests -- -m long` runs those that take long."""
     install(session, "test")
     session.run("pytest", *session.posargs)
+
+
+@nox.session(default=False)
+def coverage(session: nox.Session) -> None:
+    """Run all tests, and write which lines they run to build/coverage."""
+    install(session, "test")
+    session.install("pytest-cov")
+    reports = ("--cov-report=term", "--cov-report=html:build/coverage")
+    session.run("pytest", "-m", "long or not long", "--cov=npend_gym", *reports, *session.posargs)
 
 
 @nox.session(default=False)

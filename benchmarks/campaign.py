@@ -6,8 +6,8 @@
 Why: a campaign also draws, writes, checks and records, in processes that have to be started. The
 plain loop measures the same releases at N = 5 and keeps nothing. CPU time is that of all processes,
 their start and imports included; that of the loop is the loop's alone. Two cores are compared with
-one by wall time, beside two plain loops at once, which show what the two cores of the machine gave
-at that moment. Memory is the largest sum over driver and workers, and the largest of one process.
+one by wall time. Two plain loops at once show what the two cores of the machine gave at that
+moment. Memory is the largest sum over driver and workers, and the largest of one process.
 """
 
 from __future__ import annotations

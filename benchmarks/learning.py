@@ -6,7 +6,7 @@
 The same PPO, policy and number of environments run on the adapter with the native vector
 environment, on DummyVecEnv and on SubprocVecEnv with single environments; runs alternate, and the
 best of each kind is kept. "collecting" is the part of a run that steps environments and evaluates
-the policy, "learning" is the whole run, "step_fraction" the part of its time that `step` takes.
+the policy. "learning" is the whole run, and "step_fraction" the part of its time that `step` takes.
 """
 
 from __future__ import annotations

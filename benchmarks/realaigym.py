@@ -6,7 +6,7 @@
     python benchmarks/realaigym.py MPC --episodes 5     of one controller
 
 Their `Simulator` moves their `DoublePendulumPlant`, and their `GlobalPolicyTestingControllerV2`
-knocks it down, with the numbers of `leaderboard/pendubot/simulation_v3`. Our controller sees their
+disturbs it, with the numbers of `leaderboard/pendubot/simulation_v3`. Our controller sees their
 state every 0.02 s, and its torque is held for as long. Their uptime is the score, with random
 numbers of their own. Nothing of their code is in this repository.
 """

@@ -1,8 +1,8 @@
 """How often policies succeed with other chains than they were made for, trained on many or on one.
 
 Run it with `python benchmarks/robustness.py`: it plays `swingup-1`, `calm-2` and their robust
-versions with chains drawn from the whole range of training, at all its corners, and with one
-parameter changed alone. It writes `robustness.csv`, a table, `robustness.md`, and a figure,
+versions with other chains. They are drawn from the whole range of training, stand at its corners,
+or differ in one parameter. It writes `robustness.csv`, a table, `robustness.md`, and a figure,
 `robustness.png`; `--publish` puts them into `docs/`.
 """
 

@@ -2,8 +2,8 @@
 
     python benchmarks/sb3_defaults.py --out results/sb3_defaults.csv
 
-trains PPO and SAC with several seeds, on a single environment as `gym.make` returns it, and writes
-a row for every run with the success in 100 held-out episodes; `docs/results/sb3_defaults.csv` is
+trains PPO and SAC with several seeds, on a single environment as `gym.make` returns it. It writes a
+row for every run, with the success in 100 held-out episodes; `docs/results/sb3_defaults.csv` is
 such a file. What is in the file already is not trained again, so it can be interrupted. PPO takes
 some minutes of processor time for a seed, SAC more than that.
 """

@@ -61,8 +61,23 @@ def short(number: float) -> str:
     return f"{number:.2g}" if number < 10 else f"{number:.0f}"
 
 
+def of_learning() -> str:
+    """Return what `python benchmarks/learning.py` has written as a table in Markdown."""
+    titles = ("learner", "environment", "frames/s, in total", "frames/s, collecting",
+              "fraction of time in `step`", "adapter's speed-up, in total",
+              "adapter's speed-up, collecting")  # fmt: skip
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    path = ROOT / "benchmarks" / "results" / "learning.csv"
+    with path.open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            *cells, learning, collecting = list(row.values())[:-1]  # the last is the machine
+            cells[-1] = f"{100 * float(cells[-1]):.0f} %"
+            lines.append(f"| {' | '.join([*cells, learning, collecting])} |")
+    return "\n".join(lines)
+
+
 SUITES = "dynamics", "environments", "episodes", "derivatives", "chaos", "ensembles"
-myst_substitutions = {suite: benchmark(suite) for suite in SUITES}
+myst_substitutions = {suite: benchmark(suite) for suite in SUITES} | {"learning": of_learning()}
 
 man_pages = [
     ("commands", "npend", "release, measure, train and look at chains of pendulums", author, 1)

@@ -1,7 +1,7 @@
 """Write the tables of the policies that ship, from the records of the policies.
 
 Run it with `python docs/shipped_policies.py`. The tables stand between two comments in README.md,
-docs/results.md and the pages of the carts. A test compares them with what the records say.
+docs/results.md and docs/tasks/carts.md. A test compares them with what the records say.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from npend_gym.rl import Policy, pretrained_names
 ROOT = Path(__file__).parents[1]
 ALGORITHMS = {
     "ppo": "PPO", "train_cleanrl": "PPO", "es": "evolution strategies",
-    "train_es": "evolution strategies", "shac": "SHAC, gradients through the simulation",
+    "train_es": "evolution strategies", "shac": "SHAC",
     "imitation": "imitation of plans", "train_imitation": "imitation of plans",
     "robust_shac": "SHAC, with errors", "robust_imitation": "imitation, from angles alone",
 }  # fmt: skip
@@ -38,7 +38,7 @@ CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MP
 
 
 def record(name: str) -> dict[str, Any]:
-    """Return what the record of a shipped policy says, under the same names for all."""
+    """Return what the record of a policy that ships says, under the same names for all."""
     about = Policy.pretrained(name).provenance
     gone = "note" in about
     seed = about["settings" if "settings" in about else "arguments"]["seed"]  # of older records
@@ -48,8 +48,7 @@ def record(name: str) -> dict[str, Any]:
         "algorithm": ALGORITHMS[Path(about["trained_by"]).stem] + (" (1)" if gone else ""),
         "seed": str(seed),
         "steps": f"{about['training']['steps'] / 1e6:.2f} M",
-        "time": f"{about['training']['seconds']:.0f} s",
-        "clock": about["clock"].removesuffix(" time"),
+        "time": f"{about['training']['seconds']:.0f} s {about['clock'].removesuffix(' time')}",
         "success": f"{100 * evaluation['success']:.0f} %",
         "settling": f"{settling:.1f} s",
     }
@@ -86,8 +85,7 @@ def of_readme() -> str:
         shipped = record(name) if name in pretrained_names() else None
         cells = ["", "", ""]
         if shipped:
-            time = f"{shipped['time']} {shipped['clock']}"
-            cells = [shipped["algorithm"], time, shipped["success"]]
+            cells = [shipped["algorithm"], shipped["time"], shipped["success"]]
         rows.append([env, task, *cells, controllers(name)])
     return table(titles, rows)
 
@@ -98,14 +96,14 @@ def of_results() -> str:
         pretrained_names(),
         key=lambda name: (ORDER.index(name.split("-")[0]), int(name.split("-")[1]), name),
     )
-    titles = ["policy", "learned by", "seed", "steps", "time", "clock", "success", "settling time"]
+    titles = ["policy", "learned by", "seed", "steps", "time", "success", "settling time"]
     return table(titles, [[name, *record(name).values()] for name in names])
 
 
 def of_cart(*poles: int) -> str:
-    """Return the table of a page of a cart: a line for each task with so many poles."""
+    """Return the table of the page of the carts: a line for each task with so many poles."""
     titles = ["task", "controllers that know the equations", "policy by", "seed", "steps", "time",
-              "clock", "success", "settling time"]  # fmt: skip
+              "success", "settling time"]  # fmt: skip
     rows = list[list[str]]()
     for name in (f"{mode}-{n}-cart" for n in poles for mode in ("balance", "swingup")):
         known = [f"{who.replace(',', '')}: {100 * x:.0f} %" for who, x in successes(name).items()]
@@ -117,9 +115,7 @@ def of_cart(*poles: int) -> str:
 TABLES = {
     "README.md": of_readme,
     "docs/results.md": of_results,
-    "docs/tasks/cart_pole.md": partial(of_cart, 1),
-    "docs/tasks/cart_double_pole.md": partial(of_cart, 2),
-    "docs/tasks/cart_triple_pole.md": partial(of_cart, 3, 4, 5),
+    "docs/tasks/carts.md": partial(of_cart, 1, 2, 3, 4, 5),
 }
 
 

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from matplotlib.figure import Figure
 
-import npend_gym  # noqa: F401  registers "NPendulum-v0" with Gymnasium
+import npend_gym  # noqa: F401  registers the environments with Gymnasium
 
 TRIALS = 3  # one row of every array each; up to 0.017 rad is added to their start at pi/4
 LIMIT = 4000  # steps of 0.01 s
@@ -19,8 +19,8 @@ left, right = figure.subplots(1, 2)
 
 print("  N  measured mean   over trials   ideal   error   completed")
 for n in (5, 10, 20, 100):
-    options = {"n": n, "mode": "passive", "max_episode_steps": LIMIT}
-    envs = gym.make_vec("NPendulum-v0", num_envs=TRIALS, **options)
+    options = {"n": n, "max_episode_steps": LIMIT}
+    envs = gym.make_vec("npend/Release-v1", num_envs=TRIALS, **options)
     _, info = envs.reset(seed=0)
     wait, truncated = (
         np.zeros(TRIALS, np.int64),
@@ -48,7 +48,7 @@ left.minorticks_off()
 left.legend(loc="lower right")
 
 # Three pendulums released from high up: where does the tip go? The angles in info are not wrapped.
-env = gym.make("NPendulum-v0", n=3, mode="passive")
+env = gym.make("npend/Release-v1", n=3)
 theta = [env.reset(options={"theta": [2.0, 2.0, 2.0]})[1]["theta"]]
 theta += [env.step(0)[-1]["theta"] for _ in range(1000)]  # the episode of 10 s
 x, y = np.sin(theta).cumsum(1).T, -np.cos(theta).cumsum(1).T  # of each bob, from the pivot on

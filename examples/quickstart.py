@@ -7,13 +7,13 @@ import sys
 
 import gymnasium as gym
 
-import npend_gym  # noqa: F401  the import registers "NPendulum-v0" with Gymnasium
+import npend_gym  # noqa: F401  the import registers the environments with Gymnasium
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
 
 # A double pendulum with a motor at the pivot, hanging down. The task: swing it up and hold it.
-# "sincos" shows angles as sines and cosines, which do not jump where an angle passes 180 degrees.
-env = gym.make("NPendulum-v0", n=2, mode="swingup", observation="sincos", max_episode_steps=steps)
+# Angles are observed as sines and cosines, which do not jump where an angle passes 180 degrees.
+env = gym.make("npend/SwingUp-v1", n=2, max_episode_steps=steps)
 env.action_space.seed(0)  # the same random actions in every run
 observation, info = env.reset(seed=0)  # the same start
 total, best, done = 0.0, info["tip_height"], False
@@ -30,7 +30,7 @@ print(
 )  # the work of the motor is counted
 
 # Learning needs many steps: 64 chains in one call, with one row of every array for each of them.
-envs = gym.make_vec("NPendulum-v0", num_envs=64, n=2, mode="swingup", observation="sincos")
+envs = gym.make_vec("npend/SwingUp-v1", num_envs=64, n=2)
 envs.action_space.seed(0)
 observations, infos = envs.reset(seed=0)
 total = 0.0

@@ -12,7 +12,8 @@ import argparse
 import ray
 from ray.rllib.algorithms.ppo import PPOConfig
 
-TASK = {"n": 2, "mode": "swingup", "observation": "sincos", "max_episode_steps": 200}
+TASK_ID = "npend_gym:npend/SwingUp-v1"  # the workers import the package
+TASK = {"n": 2, "max_episode_steps": 200}
 
 
 def main() -> None:
@@ -25,7 +26,7 @@ def main() -> None:
     ray.init(num_cpus=arguments.runners + 1, include_dashboard=False, log_to_driver=False)
     config = (
         PPOConfig()
-        .environment("npend_gym:NPendulum-v0", env_config=TASK)  # the workers import the package
+        .environment(TASK_ID, env_config=TASK)
         .env_runners(
             num_env_runners=arguments.runners,
             num_envs_per_env_runner=16,

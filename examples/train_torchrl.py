@@ -68,7 +68,7 @@ def settings_of(task: str, **changes: Any) -> Settings:
 
 def make_env(settings: Settings) -> TransformedEnv:
     """Return all environments as one; TorchRL itself says which of them to reset."""
-    envs = gym.make_vec(
+    envs = gym.make_vec(  # the task is the keyword "mode" in `settings.env`
         "npend_gym:NPendulum-v0", settings.num_envs, autoreset_mode="DISABLED", **settings.env
     )
     env = GymWrapper(envs, device="cpu")

@@ -42,7 +42,7 @@ def name_of(equilibrium: Any) -> str:
 
 def plans_of(keywords: dict[str, Any], path: Path | None, tries: int) -> PlannedTransitions:
     """Return the plans that `path` holds, or new ones, which are written there."""
-    config = gym.make("NPendulum-v0", **keywords).unwrapped.config
+    config = gym.make("npend/Transition-v1", **keywords).unwrapped.config
     if path is not None and path.exists():
         return PlannedTransitions.load(path, config)
     start = time.process_time()
@@ -59,7 +59,7 @@ def judge(controller: Controller, keywords: dict[str, Any]) -> list[dict[str, An
     n, rows = keywords["n"], list[dict[str, Any]]()
     equilibria = np.pi * np.array(list(itertools.product([0.0, 1.0], repeat=n)))
     for start, goal in tqdm(list(itertools.permutations(equilibria, 2)), "pairs", disable=None):
-        envs = gym.make_vec("NPendulum-v0", num_envs=EPISODES, **keywords)
+        envs = gym.make_vec("npend/Transition-v1", num_envs=EPISODES, **keywords)
         options = {"start": np.tile(start, (EPISODES, 1)), "goal": np.tile(goal, (EPISODES, 1))}
         last_failure, success = np.zeros(EPISODES), np.zeros(EPISODES, np.bool_)
         for step in rollout(controller, envs, HELD_OUT, options):

@@ -1,8 +1,8 @@
 """Ctrl-C while the command line starts or ends: one line, and the exit code of an interruption.
 
-What takes long at the start of `npend` is the import of this package and of those below it, before
-any code of the command line runs. A KeyboardInterrupt there would show a traceback of wherever the
-import stood. Programs that only import the package keep Python's own handler.
+The start of `npend` takes long, because it imports this package and its libraries before any code
+of the command line runs. A KeyboardInterrupt there would show a traceback of wherever the import
+stood. Programs that only import the package keep Python's own handler.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ def each_once(parts: deque[_Part]) -> Iterator[_Part]:
 
 
 def share_out(parts: Sequence[_Part], threads: int, follow: Callable[[_Part, Call], None]) -> None:
-    """Call ``follow(part, call)`` for each of the parts, by so many threads, the caller's too.
+    """Call ``follow(part, call)`` for each of the parts, in `threads` threads with the caller's.
 
     Raises
     ------

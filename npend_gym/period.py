@@ -45,10 +45,10 @@ def pseudo_periods(
         Springs are released with the tensions of rigid rods, a cart at rest; velocities are
         relative to the pivot.
     theta, omega : array_like, shape (n,) or (R, n)
-        Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases, which
-        are followed side by side, a few times faster than one by one and with the same results to
-        the last bit. One number stands for all. At rest angles beyond 2 pi are refused, as they
-        are likely to be degrees; of a moving chain those that look like degrees bring a warning.
+        Angles [rad] and angular velocities [rad/s] at the release, or at each of R releases.
+        Releases are followed side by side, a few times faster than one by one, with the same bits.
+        One number stands for all. At rest angles beyond 2 pi are refused, as they are likely to be
+        degrees; of a moving chain those that look like degrees bring a warning.
     reading : {"bob", "link", "height", "com"}
         What completes a pseudo-period (the paper's procedure (iv) allows each of the first three):
 

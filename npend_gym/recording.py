@@ -163,7 +163,7 @@ def record_episode(
     seconds: float = DEFAULT_SECONDS,
     name: str = "policy",
 ) -> Recording:
-    """Record every step of an episode of `NPendulum-v0`.
+    """Record every step of an episode.
 
     Parameters
     ----------

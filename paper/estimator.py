@@ -54,7 +54,7 @@ def _gaps(height: FloatArray, close: float) -> tuple[int, int]:
     """Return the sum of the gaps [frames] that the listing collects, and their number.
 
     For every pair of frames p < q of like height the listing appends both to a list that it never
-    clears, removes the least entry, and notes how far the next least is from it. The list is a
+    clears. It removes the least entry, and notes how far the next least is from it. The list is a
     multiset of frames: counted here, so that its least entry is found without a search.
     """
     frames = height.size

@@ -83,9 +83,9 @@ def front_passes(n: int, amplitude: float, at: ArrayLike, frames: int = 2000) ->
     """Return when the front of a release, on its way back, is at the heights `at`, over T1.
 
     The front moves along the chain, of two or more rods, at the speed of its waves: sqrt(T/(m l))
-    rods a second with the tension T [N] of the simulation, which is zero at the free end of the
-    rope, half a rod below the last bob. With y the rods from there to the front, u = sqrt(y) moves
-    at sqrt(T/y)/2, and is reflected at u = 0. NaN where the front is not back within T1.
+    rods a second with the tension T [N] of the simulation. It is zero at the free end of the rope,
+    half a rod below the last bob. With y the rods from there to the front, u = sqrt(y) moves at
+    sqrt(T/y)/2, and is reflected at u = 0. NaN where the front is not back within T1.
     """
     chain = Chain.uniform(n)
     t1 = theory.fundamental_period(chain)

@@ -1,6 +1,6 @@
 """The law that the pseudo-period of a released chain follows, measured and fitted.
 
-Of N equal rods released straight at an angle a, the median over the bobs of the pseudo-period
+N equal rods are released straight at an angle a. The median over the bobs of the pseudo-period
 (reading "bob") follows, from ten bobs and up to 1.2 rad,
 
     T(N, a) = c T1(N) [1 + b a^2 / (1 + d a^2)],    T1(N) -> (2/j01) 2 pi sqrt((N + 1/2) l/g),

@@ -4,12 +4,12 @@
     python stress/fuzz_readers.py --inputs 100000 --readers part,plan --corpus corpus
 
 Good files of each kind are changed, byte by byte and inside their containers
-(`tests/mutations.py`), and read (`tests/readers.py`). An exception other than the documented ones,
-a warning, a hang of more than five seconds, 300 MiB more than ever before, or an action beyond its
-bounds is a finding: it is printed, and its file is written to the folder of the corpus, from which
-every later run starts; those in `tests/corpus` are read by the tests. All readers get the same
-time, the quick ones therefore more inputs. With --guided, Atheris (pip install atheris) keeps
-mutants that reach new lines of one reader. The exit code is 1 where there was a finding.
+(`tests/mutations.py`), and read (`tests/readers.py`). Findings are undocumented exceptions,
+warnings, actions beyond their bounds, hangs of more than five seconds, and 300 MiB more than ever
+before. They are printed, and their files are written to the folder of the corpus. Every later run
+starts from it; the tests read the files in `tests/corpus`. All readers get the same time, the quick
+ones therefore more inputs. With --guided, Atheris (pip install atheris) keeps mutants that reach
+new lines of one reader. The exit code is 1 where there was a finding.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def kept(corpus: Path | None, name: str) -> list[bytes]:
 
 
 def fuzz(names: list[str], readers: Any, options: argparse.Namespace, watch: Watch) -> None:
-    """Read so many inputs, which give each reader the same time."""
+    """Read inputs, which give each reader the same time."""
     from readers import mutants
 
     sources = {

@@ -3,9 +3,9 @@
     python stress/kill_campaign.py --kills 100
 
 Why: "nothing is lost and nothing is done twice" is a claim about moments that no test chooses. Here
-a small campaign runs while drivers and workers are killed with SIGKILL at random moments, from the
-start of the interpreter to the last part; between two drivers a part is sometimes damaged as well.
-The same command is repeated until it reports that everything is done; then every part must have the
+a small campaign runs. Drivers and workers are killed with SIGKILL at random moments, from the start
+of the interpreter to the last part; between two drivers a part is sometimes damaged as well. The
+same command is repeated until it reports that everything is done; then every part must have the
 bytes that an undisturbed run wrote. Further campaigns follow until the number of kills is reached.
 No process of a killed driver may be alive ten seconds later, and a driver that is left alone must
 come to its end. Linux only.

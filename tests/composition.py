@@ -536,7 +536,7 @@ MATRIX = Matrix(
     "composition.md",
     "What works with what",
     "Every ability of the physics was run with every kind of mechanism. "
-    "{works} of {cells} combinations work; a number says why one is refused. "
+    "{works} of {cells} combinations work. In the table a number says why one raises an error. "
     "`python tests/composition.py` runs all of them and writes this page.",
     ROWS,
     COLUMNS,

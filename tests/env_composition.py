@@ -386,7 +386,7 @@ MATRIX = Matrix(
     "env_composition.md",
     "What works in which environment",
     "Every ability of the environments and of learning was run with every kind of environment. "
-    "{works} of {cells} combinations work; a number says why one is refused. "
+    "{works} of {cells} combinations work. In the table a number says why one raises an error. "
     "`python tests/env_composition.py` runs all of them and writes this page.",
     ROWS,
     COLUMNS,

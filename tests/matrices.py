@@ -35,16 +35,23 @@ class Matrix:
         return ""
 
     def table(self, outcomes: Outcomes) -> str:
-        """Return the page."""
+        """Return the page: a list of what works with everything, and a table of the rest."""
         marks = {reason: str(k) for k, reason in enumerate(self.reasons, start=1)}
-        lines = ["| |" + "|".join(self.columns) + "|", "|---|" + ":-:|" * len(self.columns)]
+        everywhere, lines = list[str](), list[str]()
         for row in self.rows:
             cells = [marks.get(outcomes[row, column], "yes") for column in self.columns]
-            lines.append(f"| {row} | " + " | ".join(cells) + " |")
+            if set(cells) == {"yes"}:
+                everywhere.append(f"- {row}")
+            else:
+                lines.append(f"| {row} | " + " | ".join(cells) + " |")
         works = sum(not each for each in outcomes.values())
         notes = [f"{mark}. {reason}" for reason, mark in marks.items()]
         text = self.text.format(works=works, cells=len(outcomes))
-        return "\n".join([f"# {self.title}", "", text, "", *lines, "", *notes, ""])
+        head = ["| |" + "|".join(self.columns) + "|", "|---|" + ":-:|" * len(self.columns)]
+        some = ["## With some", "", *head, *lines, "", *notes, ""]
+        return "\n".join(
+            [f"# {self.title}", "", text, "", *some, "## With all", "", *everywhere, ""]
+        )
 
     def published(self) -> Outcomes:
         """Return the cells of the page."""
@@ -54,11 +61,12 @@ class Matrix:
             for line in lines
             if line.startswith("|")
         ]
-        reasons = list(self.reasons)
+        reasons, columns = list(self.reasons), cells[0][1:]
+        everywhere = [line.removeprefix("- ") for line in lines if line.startswith("- ")]
         return {
             (row[0], column): "" if cell == "yes" else reasons[int(cell) - 1]
-            for row in cells[2:]
-            for column, cell in zip(cells[0][1:], row[1:], strict=True)
+            for row in [*cells[2:], *([name] + ["yes"] * len(columns) for name in everywhere)]
+            for column, cell in zip(columns, row[1:], strict=True)
         }
 
     def write(self) -> None:

@@ -1,46 +1,60 @@
 """What an installation brings and says of itself, and the workflows that build and publish it."""
 
+import importlib.util
 import os
 import re
 import subprocess
+import sys
+import types
 from pathlib import Path
 
 import pytest
 from scripts import run_python
 
 from npend_gym import __version__
-from npend_gym.cli import COMMANDS, main
+from npend_gym.cli import main
 from npend_gym.cli.examples import folder
 
 tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML by itself")
 yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
 
 ROOT = Path(__file__).parent.parent
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+PROJECT = PYPROJECT["project"]
+REPOSITORY = PYPROJECT["tool"]["hatch"]["metadata"]["hooks"]["custom"]["repository"]
 CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
 WORKFLOWS = {
     path.stem: yaml.safe_load(path.read_text("utf-8"))
     for path in sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 }
-PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
+PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
+
+
+@pytest.fixture
+def hook(monkeypatch):
+    """Return the module that makes addresses and the README of the index, without Hatchling."""
+    stub = types.SimpleNamespace(MetadataHookInterface=object)
+    monkeypatch.setitem(sys.modules, "hatchling.metadata.plugin.interface", stub)
+    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_the_citation_says_what_the_package_says_of_itself():
     assert CITATION["version"] == __version__
     assert CITATION["license"] == PROJECT["license"]
-    assert CITATION["repository-code"] == PROJECT["urls"]["Source"]
-    assert CITATION["url"] == PROJECT["urls"]["Documentation"]
+    assert CITATION.get("repository-code", "") == REPOSITORY
     assert [one["name"] for one in CITATION["authors"]] == [a["name"] for a in PROJECT["authors"]]
 
 
-def test_the_organisation_is_named_in_one_place_and_in_the_citation():
-    source = PROJECT["urls"]["Source"]
-    owner = re.fullmatch(r"https://github\.com/([\w-]+)/npend_gym", source)[1].encode()
+def test_one_setting_has_the_address_and_the_citation_repeats_it():
+    if not REPOSITORY:
+        pytest.skip("there is no address yet")
+    owner = REPOSITORY.split("/")[-2].encode()
     tracked = subprocess.run(
         ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
     ).stdout.split("\0")
-    if tracked == [""]:
-        pytest.skip("not a checkout")
     naming = {
         name
         for name in filter(None, tracked)
@@ -48,6 +62,21 @@ def test_the_organisation_is_named_in_one_place_and_in_the_citation():
         and re.search(rb"github\.com/%b/|%b\.github\.io" % (owner, owner), path.read_bytes())
     }
     assert naming <= {"pyproject.toml", "CITATION.cff"}
+
+
+@pytest.mark.parametrize("repository", ["", "https://github.com/someone/npend_gym"])
+def test_the_readme_of_the_index_has_no_link_into_a_clone(repository, hook):
+    text = (ROOT / "README.md").read_text("utf-8")
+    shown = hook.readme(text, repository)
+    targets = re.findall(r"\]\(([^)]*)\)", shown)
+    assert all(target.startswith(("https://", "#")) for target in targets)
+    assert len(targets) == (
+        len(re.findall(r"\]\(([^)]*)\)", text)) if repository else shown.count("](")
+    )
+    paths = [t.split("/main/")[1] for t in targets if repository and "/main/" in t]
+    assert all((ROOT / path.partition("#")[0]).exists() for path in paths)
+    assert set(hook.addresses(repository)) >= ({"Source", "Documentation"} if repository else set())
+    assert bool(hook.addresses(repository)) == bool(repository)
 
 
 def test_every_python_that_is_named_is_tested_on_every_system():
@@ -110,11 +139,6 @@ def test_examples_are_copied_whole(tmp_path, capsys, refusal):
     assert contents(target) == contents(folder())
     assert [path.name for path in target.parent.iterdir()] == ["examples"]
     assert "out must name a new folder" in refusal("examples", "--out", str(target))
-
-
-def test_the_page_of_the_command_line_has_every_command():
-    page = (ROOT / "docs" / "command_line.md").read_text("utf-8")
-    assert set(re.findall(r"^\| `npend (\w+)` \|", page, re.MULTILINE)) == set(COMMANDS)
 
 
 @pytest.mark.parametrize(

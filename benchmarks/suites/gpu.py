@@ -47,7 +47,7 @@ def rate(n: int, lanes: int, dtype: str, steps: int, bandwidth: float) -> Row:
 
 
 def launches(chains: DeviceChains, steps: int) -> Job:
-    """Return the job of taking so many steps with all chains, released from pi/4."""
+    """Return the job of taking `steps` steps with all chains, released from pi/4."""
     put, (size, n) = chains.cuda.to_device, (chains.size, chains.n)
     arrays = [np.full((n, size), np.pi / 4), np.zeros((n, size)), np.zeros((n, size))]
     theta, omega, torque = (put(array.astype(chains.dtype)).T for array in arrays)

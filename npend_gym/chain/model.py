@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar  # noqa: F401  in comments, which dataclasses do not read
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -173,10 +173,10 @@ class Chain(NamedChains):
                 f"left out with it, got {', '.join(self.repeated(1).beyond_ideal())}"
             )
 
-    to_mjcf = MethodFromAbove("npend_gym.export.mjcf:to_mjcf")
-    from_mjcf = MethodFromAbove("npend_gym.export.read_mjcf:from_mjcf", static=True)
-    to_urdf = MethodFromAbove("npend_gym.export.urdf:to_urdf")
-    _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")
+    to_mjcf = MethodFromAbove("npend_gym.export.mjcf:to_mjcf")  # type: ClassVar[Any]
+    from_mjcf = MethodFromAbove("npend_gym.export.read_mjcf:from_mjcf", static=True)  # type: ClassVar[Any]
+    to_urdf = MethodFromAbove("npend_gym.export.urdf:to_urdf")  # type: ClassVar[Any]
+    _repr_html_ = MethodFromAbove("npend_gym.render.chain_drawing:chain_html")  # type: ClassVar[Any]
 
     @property
     def n(self) -> int:

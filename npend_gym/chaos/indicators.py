@@ -120,11 +120,10 @@ def largest_lyapunov(
     IntegrationError
         If the motion diverges.
 
-    Notes
-    -----
-    One tangent vector is carried exactly through the steps of the integrator, O(n) operations each.
-    With L the logarithm of its length in (theta, omega / omega_n), omega_n the frequency of the
-    fastest mode, and t0 a tenth of the duration, the estimate is [L(t) - L(t0)] / (t - t0).
+    Notes ----- One tangent vector is carried exactly through the steps of the integrator, O(n)
+    operations each. Let L be the logarithm of its length in (theta, omega / omega_n), omega_n the
+    frequency of the fastest mode, and t0 a tenth of the duration. The estimate is [L(t) - L(t0)] /
+    (t - t0).
 
     The rates of 8, 16 and 32 blocks of equal length scatter, and the largest of the three standard
     errors of their mean is the statistical one: correlations longer than a block make it too small.

@@ -47,8 +47,8 @@ class PeriodicOrbit:
         The largest of the angles of the release [rad].
     multipliers : ndarray of complex, shape (2n - 2,)
         By how much small changes of the orbit grow in a period, the largest first: eigenvalues of
-        the monodromy matrix. The two are left out that are 1 on every such orbit, of a change
-        along the orbit and of one to the next orbit of the family.
+        the monodromy matrix. Two are left out, which are 1 on every such orbit: for a change along
+        the orbit, and for a change to the next orbit of the family.
     closure : float
         How far angles [rad], and angular velocities over the mode's frequency, are from the start
         after one period, at most.
@@ -113,12 +113,10 @@ def periodic_orbits(
     ContinuationError
         If the family has no orbit of that amplitude or energy, or cannot be followed so far.
 
-    Notes
-    -----
-    Orbits are found by shooting: Newton's method for rest after half the period, with the exact
-    derivatives of `Trajectory.sensitivities`, and the family is followed by its arc length
-    (Peeters, Viguie, Serandour, Kerschen and Golinval, Mech. Syst. Signal Process. 23, 2009).
-    Such orbits come back because the equations are the same when time runs backwards.
+    Notes ----- Orbits are found by shooting: Newton's method for rest after half the period, with
+    the exact derivatives of `Trajectory.sensitivities`. The family is followed by its arc length
+    (Peeters, Viguie, Serandour, Kerschen and Golinval, Mech. Syst. Signal Process. 23, 2009). Such
+    orbits come back because the equations are the same when time runs backwards.
 
     Where a multiple of the orbit's frequency meets that of a faster mode, the family may turn back.
     It is then looked for at larger energies; in the gap it has no orbits. An amplitude that the

@@ -89,19 +89,16 @@ def lyapunov_spectrum(
     IntegrationError
         If the motion diverges.
 
-    Notes
-    -----
-    Benettin et al. (Meccanica 15, 1980): the vectors are carried exactly through the steps of the
-    integrator, and made orthogonal every few of them by a QR factorisation, of which the logarithms
-    of the diagonal are summed and divided by the time.
+    Notes ----- Benettin et al. (Meccanica 15, 1980): the vectors are carried exactly through the
+    steps of the integrator. Every few steps a QR factorisation makes them orthogonal. The
+    logarithms of its diagonal are summed and divided by the time.
 
     Lengths are measured in angles and canonical momenta p = M(theta) omega, in units that make both
     alike. In these the flow is symplectic without damping, and the vectors start as a symplectic
-    basis in the order q_1 .. q_n, p_n .. p_1: exponents then come in pairs +-lambda, and add up
-    to zero, not only in the long run, but at any time, to the error of the integration. In (theta,
-    omega) the sum has the term [log det M(start) - log det M(end)] / t besides. With damping, the
-    sum at any time is the mean of the flow's divergence, of -trace(M^-1 D) if the damping torques
-    are -D omega.
+    basis in the order q_1 .. q_n, p_n .. p_1: exponents then come in pairs +-lambda and add up to
+    zero at any time, to the error of the integration. In (theta, omega) the sum has the term [log
+    det M(start) - log det M(end)] / t besides. With damping, the sum at any time is the mean of the
+    flow's divergence, of -trace(M^-1 D) if the damping torques are -D omega.
 
     Examples
     --------

@@ -60,7 +60,7 @@ class _Command(Parser):
         add_options(self, f"{module.__name__}:run", getattr(module, "FILLS", {}))
 
     def parse_known_args(self, args: Any = None, *more: Any, **named: Any) -> Any:
-        """Add the options of the command, then parse; what it does not know is refused here."""
+        """Add the options of the command, then parse; the rest raises an error here."""
         self.load()
         options, unknown = super().parse_known_args(args, *more, **named)
         if unknown:

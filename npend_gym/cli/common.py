@@ -97,7 +97,7 @@ def _failed(message: str) -> int:
 
 
 def check_threads(threads: int) -> int:
-    """Return a number of threads, which is refused if it is bad."""
+    """Return a number of threads, or raise an error that names the rule."""
     from npend_gym._threads import MAX_THREADS
 
     return _checks.count("threads", threads, high=MAX_THREADS)

@@ -120,7 +120,7 @@ else:
         return result, make
 
     def _viewed(given, type_of, lanes):
-        """Return signature and code of views with so many lanes in an entry."""
+        """Return signature and code of views with a number of lanes in an entry."""
 
         def of_array(one):
             kind = type_of(one)

@@ -92,7 +92,7 @@ class DeviceKernel:
         self._compiled: Any = None
 
     def launch(self, threads: int, *arguments: Any, stream: int = 0) -> None:
-        """Run the function in so many threads, or some more; return before they are done.
+        """Run the function in `threads` threads, or some more; return before they are done.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ def _options() -> dict[str, Any]:
 
 @cache
 def _unfused() -> None:
-    """Let Numba compile this package's kernels without fused multiply-add, all others as before.
+    """Let Numba compile this package's kernels without fused multiply-add, and change no others.
 
     Numba has no option for it. The compiler that it calls has: with it the text for the GPU has
     ``mul.rn.f64`` and ``add.rn.f64``, which the driver may not fuse either, as it does with
@@ -181,7 +181,7 @@ _MANGLED = f"{len('npend_gym')}npend_gym"  # in the names that Numba gives to ke
 def _compiling_for(compute_capability: tuple[int, int]) -> Generator[None]:
     """Let Numba compile for a kind of GPU that need not be there.
 
-    For the functions that a kernel calls, Numba asks the GPU for its kind, although it is told.
+    For the functions that a kernel calls, Numba asks the GPU for its kind, although it is given.
     """
     dispatcher: Any = import_module("numba.cuda.dispatcher")
     asked = dispatcher.get_current_device

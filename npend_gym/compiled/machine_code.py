@@ -1,8 +1,8 @@
 """The files of machine code: each has a checksum, and a damaged one is compiled again.
 
 Numba keeps an index and data files for each function and trusts all of them: one that is cut or
-overwritten, as a full disk or a failing one leaves it, ends the program, and two processes that add
-to one index at the same time can give a name twice, so that one signature gets the machine code of
+overwritten, as a full disk or a failing one leaves it, ends the program. Two processes that add to
+one index at the same time can give a name twice. One signature then gets the machine code of
 another. Here each signature has one file, which holds all that is needed to recognise it.
 """
 

@@ -1,8 +1,8 @@
 """Sixteen chains as one: a number of many lanes, for compiled code.
 
 A *pack* holds one quantity of WIDTH chains in the vector registers of the processor. It is added,
-multiplied and compared as a float is, so that a kernel written for one chain does for many when it
-is given arrays of packs, which are views of arrays of floats: see `arrays`. Each lane's arithmetic
+multiplied and compared as a float is. So a kernel written for one chain serves many when it
+receives arrays of packs, which are views of arrays of floats: see `arrays`. Each lane's arithmetic
 is that of a float, to the last bit, whatever the processor.
 
 What a comparison of packs returns is a truth for each lane. An array of NumPy's bools may be seen

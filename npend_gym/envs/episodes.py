@@ -61,7 +61,7 @@ class Episodes:
     motors, sensors : Motors, Sensors or None
         None where they are ideal.
     outputs : Outputs
-        What is told of the last step or start.
+        The results of the last step or start.
     snapshots : Snapshots
     """
 
@@ -255,7 +255,7 @@ class Episodes:
     def observe(self, *, reuse_buffers: bool = False) -> None:
         """Show the lanes that have started, and take no step.
 
-        What is told goes to new arrays or, with `reuse_buffers`, into those of the last step.
+        Results go to new arrays or, with `reuse_buffers`, into the arrays of the last step.
         """
         members = self._memory.arrays[0]
         if reuse_buffers:

@@ -1,6 +1,6 @@
-"""One step of the environments in one compiled call: actions, physics, and what is told of it.
+"""One step of the environments in one compiled call: actions, physics and results.
 
-Actions become torques, `advance_group` of the physics moves the chains, and the new state becomes
+Actions become torques, and `advance_group` of the physics moves the chains. The new state becomes
 observations, the quantities that modes judge by, and the numbers of the info.
 """
 
@@ -242,7 +242,7 @@ def step_many(
     observation: ObsArray, outputs: FloatArray, flags: BoolArray, task: FloatArray,
     wiring: FloatArray, timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
-    """Take a step of the active lanes, and write what is told of every lane.
+    """Take a step of the active lanes, and write the results of every lane.
 
     Parameters
     ----------

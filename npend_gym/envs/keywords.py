@@ -214,7 +214,7 @@ def check_weight(chain: _Weighed) -> _Weighed:
     if not np.all(chain.lift.sum(axis=-1) > 0.0):
         raise ValueError(
             "centres must be so that the chain's centre of mass is higher where all links stand up "
-            "than where all hang down, because tasks judge by its height"
+            "than where all hang down: tasks judge by its height"
         )
     return chain
 

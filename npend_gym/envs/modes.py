@@ -158,8 +158,8 @@ class Passive(Release):
 
     name = "passive"
     measures_com = True
-    dt = 0.01
-    torque_share = 0.0
+    dt: ClassVar[float] = 0.01
+    torque_share: ClassVar[float] = 0.0
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return 0."""
@@ -179,8 +179,9 @@ class SwingUp(NearPose):
     """
 
     name = "swingup"
-    hold = 5.0
-    pose, nearness = 0.0, 0.05
+    hold: ClassVar[float] = 5.0
+    pose: ClassVar[float] = 0.0
+    nearness: ClassVar[float] = 0.05
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the squared height of the centre of mass, halved where fast."""
@@ -201,8 +202,9 @@ class Balance(NearPose):
     """
 
     name = "balance"
-    dt = 0.02
-    pose, nearness = float(np.pi), 0.02
+    dt: ClassVar[float] = 0.02
+    pose: ClassVar[float] = float(np.pi)
+    nearness: ClassVar[float] = 0.02
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the height of the tip, halved where fast."""
@@ -229,7 +231,7 @@ class Calm(Release):
     """
 
     name = "calm"
-    torque_share = 0.2
+    torque_share: ClassVar[float] = 0.2
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return a falling function of the energy, steep both at the start and near rest."""
@@ -253,9 +255,10 @@ class Transition(NearPose):
     """
 
     name = "transition"
-    hold = 5.0
+    hold: ClassVar[float] = 5.0
     has_goals = True
-    pose, nearness = 0.0, 0.05  # deviations from the equilibrium that is drawn
+    pose: ClassVar[float] = 0.0
+    nearness: ClassVar[float] = 0.05  # deviations from the equilibrium that is drawn
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the squared closeness to the goal, halved where fast."""

@@ -1,4 +1,4 @@
-"""What is told of B lanes: observations, rewards and infos, in arrays that are handed out."""
+"""The results of B lanes: observations, rewards and infos, in arrays that are handed out."""
 
 from __future__ import annotations
 

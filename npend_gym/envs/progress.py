@@ -19,10 +19,10 @@ _CHANGING = ("step", "reset", "set_state", "state")  # the calls that change an 
 class Progress(Enum):
     """How far the last call of an environment that changes its state has come.
 
-    `step` and `reset` note UNFINISHED before their first change and READY after their last. At
-    whatever instant an exception ends them (KeyboardInterrupt, or one in a user's mode), the
-    environment has changed nothing, or it has done everything, or it refuses to continue until it
-    is reset. That reset replaces everything but the seeds.
+    `step` and `reset` note UNFINISHED before their first change and READY after their last. An
+    exception (KeyboardInterrupt, or one in a user's mode) may end them at any instant. Then the
+    environment has changed nothing, or it has done everything, or it requires a reset. That reset
+    replaces everything but the seeds.
     """
 
     NEW = "call reset() before {}()"

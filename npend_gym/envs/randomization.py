@@ -73,8 +73,9 @@ def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> 
     ----------
     given : mapping or None
         By the name of a parameter of `Chain`, or of one of `SETTINGS`: a pair (low, high) of
-        factors of the value that the environment is made with, or a dict with "low" and "high" for
-        values in the parameter's unit. Each end is one number or has an entry for each rod.
+        factors, or a dict with "low" and "high". The factors multiply the value of the environment;
+        the dict has values in the parameter's unit. Each end is one number or has an entry for each
+        rod.
     chain : Chain
     settings : mapping
         The values that the environment is made with, by those names of `SETTINGS` that it has.

@@ -27,27 +27,23 @@ _THE_LANE, _LANE_0 = np.ones(1, np.bool_), np.zeros(1, np.int64)
 class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     r"""The N-pendulum: n point masses on massless rods, or n links, hung from a pivot or a cart.
 
-    This is what `gym.make("NPendulum-v0")` returns inside its wrappers, and `gym.make` of a task by
-    name, "npend/SwingUp-v1", "npend/Balance-v1", "npend/Calm-v1", "npend/Release-v1" or
-    "npend/Transition-v1", which have observation="scaled", or of the classic poles on a cart,
-    "npend/CartPole-v1", "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1".
-    `NPendulumVectorEnv` steps many of them at once.
+    This is what `gym.make` returns inside its wrappers for a task by name: "npend/SwingUp-v1",
+    "npend/Balance-v1", "npend/Calm-v1", "npend/Release-v1" or "npend/Transition-v1", or one of the
+    classic poles on a cart, "npend/CartPole-v1", "npend/CartDoublePole-v1" and
+    "npend/CartTriplePole-v1". They have observation="scaled". "NPendulum-v0" has the defaults of
+    the keywords, and its task is `mode`. `NPendulumVectorEnv` steps many of them at once.
 
-    Description
-    -----------
-    A planar chain moves under gravity, damping and friction in its joints, drag of the air, and
-    torques at the actuated joints (by default at the pivot). The equations of motion are exact:
-    `npend_gym.physics.accelerations` solves them in O(n). Each step takes several Runge-Kutta steps
-    of order 4. Every machine computes the same bits.
+    Description ----------- A planar chain moves under gravity, damping and friction in its joints,
+    and drag of the air. Torques act at the actuated joints, by default at the pivot. The equations
+    of motion are exact: `npend_gym.physics.accelerations` solves them in O(n). Each step takes
+    several Runge-Kutta steps of order 4. Every machine computes the same bits.
 
-    Action
-    ------
-    ``Box(-1, 1, (len(actuated),), float32)``: the torque at each actuated joint divided by
-    `max_torque`. A positive torque turns the rod below the joint counter-clockwise. Values outside
-    the box are clipped. With `torque_levels` it is ``Discrete(torque_levels ** len(actuated))``,
-    see there. With base="cart" the first entry is the force on the cart divided by `max_force`,
-    positive to the right, and only joints named in `actuated` have motors beside it. Mode
-    "passive" has ``Discrete(1)``: the only action, 0, is to wait.
+    Action ------ ``Box(-1, 1, (len(actuated),), float32)``: the torque at each actuated joint
+    divided by `max_torque`. A positive torque turns the rod below the joint counter-clockwise.
+    Values outside the box are clipped. With `torque_levels` it is ``Discrete(torque_levels **
+    len(actuated))``, see there. With base="cart" the first entry is the force on the cart divided
+    by `max_force`, positive to the right. Only joints named in `actuated` have motors beside it.
+    Mode "passive" has ``Discrete(1)``: the only action, 0, is to wait.
 
     The static torque, g times the sum of `Chain.lift`, holds the whole chain horizontal. Half of it
     cannot lift the chain directly: the chain must be swung up.
@@ -71,20 +67,21 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     "scaled"      (3n,)     sin theta, cos theta, omega over its scale 1, 1, then 2
     ============= ========= ========================================== ================
 
-    The scale of omega_i is sqrt(2 E / J_i), with E `Chain.lifting_energy` and J_i the moment of
-    inertia of rod i alone about its joint (m_i l_i^2 for a bob), of the chain as made. Beyond +-2
-    the entry is clipped.
+    The scale of omega_i is sqrt(2 E / J_i), for the chain as made. E is `Chain.lifting_energy`. J_i
+    is the moment of inertia of rod i alone about its joint, m_i l_i^2 for a bob. Beyond +-2 the
+    entry is clipped.
 
-    With a cart two entries follow, its place over `rail` and its velocity over sqrt(g `rail`), that
-    of a fall through half of `rail` (with g = 9.81 where there is no gravity), both clipped to +-2.
-    With ``observe_velocities=False`` there is no velocity in it, neither omega nor the cart's.
+    With a cart two entries follow, both clipped to +-2: its place over `rail` and its velocity over
+    sqrt(g `rail`). This is the velocity of a fall through half of `rail`, with g = 9.81 where there
+    is no gravity. With ``observe_velocities=False`` there is no velocity in it, neither omega nor
+    the cart's.
 
     In mode "transition" n entries follow: the cosines of the goal, 1 (hanging) or -1 (standing) for
     each rod. With `goal_env` an observation is a Dict instead, as Gymnasium-Robotics has it:
-    "observation" as in the table, and "achieved_goal" and "desired_goal", float64 of shape
-    (n + 1,), the cosines of the angles and the kinetic energy in units of `Chain.lifting_energy`,
-    clipped to 4. ``env.unwrapped.compute_reward(achieved_goal, desired_goal, info)`` is then the
-    sparse reward, of one goal or of a batch of them.
+    "observation" as in the table, and "achieved_goal" and "desired_goal", float64 of shape (n +
+    1,). Goals are the cosines of the angles, and the kinetic energy in units of
+    `Chain.lifting_energy`, clipped to 4. ``env.unwrapped.compute_reward(achieved_goal,
+    desired_goal, info)`` is then the sparse reward, of one goal or of a batch of them.
 
     Reward
     ------
@@ -171,10 +168,10 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         options : dict, optional
             For this episode: "theta", "omega" (a chosen start), and the parameters of the chain,
             "masses", "lengths" and so on, each (n,) or one number; "amplitude", "gravity", numbers;
-            with a cart "cart_position", "cart_velocity", numbers [m, m/s];
-            in mode "transition" the equilibria "start" and "goal" (n,), 0 or pi for each rod.
-            They make no links of point masses, nor give links friction, rotors or drag anew.
-            With "persist": True they hold in later episodes too, until a reset with options.
+            with a cart "cart_position", "cart_velocity", numbers [m, m/s]; in mode "transition" the
+            equilibria "start" and "goal" (n,), 0 or pi for each rod. They make no links of point
+            masses, and add no friction, rotors or drag to links that have none. With "persist":
+            True they hold in later episodes too, until a reset with options.
 
         Returns
         -------

@@ -25,7 +25,7 @@ from npend_gym.envs.snapshots import States
 class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     """Many N-pendulums in one object, stepped together by compiled code.
 
-    This is what `gym.make_vec("NPendulum-v0", num_envs=B)` returns. Every lane is an
+    This is what `gym.make_vec("npend/SwingUp-v1", num_envs=B)` returns. Every lane is an
     `NPendulumEnv`, to the last bit: lane k of a vector environment reset with seed s shows what
     the single environment reset with seed s + k shows, whatever `num_envs` and `threads` are.
 

@@ -69,14 +69,15 @@ def step_chain(chain: Chain) -> dict[str, Any]:
 
 
 def step_constants(config: EnvConfig) -> dict[str, Any]:
-    """Return what a step is told of the physics, and of the task of an environment.
+    """Return the constants of the physics and of the task that a step receives.
 
     Returns
     -------
     dict
         `phase` and `rotation` [rad], by which the substeps are chosen; of the `task` its number and
-        the observation's, time of a step and of holding the goal [s], the limit of the torque over
-        `Chain.lifting_energy`, and how near the equilibrium an episode starts [rad and rad/s].
+        the number of the observation, and the times of a step and of holding the goal [s]; the
+        limit of the torque over `Chain.lifting_energy`; the largest deviation from the equilibrium
+        at the start [rad and rad/s].
     """
     task = {
         "mode": NUMBER_OF[type(config.mode)],

@@ -24,7 +24,7 @@ def to_mjcf(
 ) -> str:
     """Return a chain as a model of MuJoCo, in its XML format.
 
-    The plane of the chain is x, z: link i turns about -y in the hinge "joint{i}", whose angle is
+    The plane of the chain is x, z. Link i turns about -y in the hinge "joint{i}", by the angle
     theta_i - theta_{i-1}. Rods that stretch have the slide "stretch{i}" beside it, and a cart has
     the slide "cart". Coordinates of MuJoCo have the order cart, then joint and stretch of each rod.
 

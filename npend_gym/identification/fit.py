@@ -80,15 +80,13 @@ def identify(
     Warns
     -----
     UserWarning
-        If the angles are likely to be degrees or those of joints, lengths are likely to be
-        millimetres, the fitted chain moves otherwise than the data, few segments whose errors last
-        long determine many values, or a fitted value is none of a pendulum in air.
+        If the angles are likely to be degrees or angles of joints, or lengths millimetres. If the
+        fitted chain moves otherwise than the data, or few segments with lasting errors determine
+        many values. If a fitted value is impossible for a pendulum in air.
 
-    Notes
-    -----
-    A regression of the equations of motion, in which what is fitted is linear, gives first values.
-    Multiple shooting refines them: segments of the motion are simulated, each from a first state of
-    its own, and their angles fitted by robust least squares, with segments that become longer. Its
+    Notes ----- A regression of the equations of motion, in which what is fitted is linear, gives
+    first values. Multiple shooting refines them: it simulates segments of the motion, each from its
+    own first state. Robust least squares fits their angles, with segments that become longer. Its
     results do not depend on chance. docs/howto/real_pendulum.md has an example.
 
     Examples
@@ -273,7 +271,7 @@ class Problem:
 
 
 def _hold_out(count: int, share: float) -> list[int]:
-    """Return which of `count` blocks are held out: every so many, at least one of two."""
+    """Return which of `count` blocks are held out: every k-th, at least one of two."""
     if share == 0.0 or count < 2:
         return []
     every = round(1.0 / share)

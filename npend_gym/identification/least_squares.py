@@ -127,7 +127,7 @@ def solve(
     """Minimise sum rho(residual^2), rho(z) = 2 c^2 (sqrt(1 + z / c^2) - 1), by damped Gauss-Newton.
 
     It is the loss "soft_l1" of `scipy.optimize.least_squares`, with c three times the scatter of
-    the residuals, found anew in each step. The unknowns of the segments are eliminated one
+    the residuals, which each step determines. The unknowns of the segments are eliminated one
     segment after the other (Schur complement), which that function cannot do: with many segments
     this takes a hundredth of the time.
 

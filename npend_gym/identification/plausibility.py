@@ -33,7 +33,7 @@ _READINGS = (
 def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
     """Compare the period of the measured swings with that which the given chain would have.
 
-    Motors may move a chain as slowly as they like, so that of a `driven` one only haste is judged.
+    Motors may move a chain as slowly as they like. So a `driven` chain can only be too fast.
 
     Raises
     ------

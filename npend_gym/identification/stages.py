@@ -156,7 +156,7 @@ class Stages:
     ) -> tuple[Fit | None, float]:
         """Return the fit over the longest segments that are possible, and their duration [s].
 
-        It begins with `values` (9, n); each stage takes at most so many iterations.
+        It begins with `values` (9, n); each stage takes at most `most` iterations.
         """
         model, best, reached = model or self.model, None, 0.0
         for duration in self._durations(parts):

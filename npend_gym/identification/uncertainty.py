@@ -45,11 +45,11 @@ def uncertainty(solution: Solution, model: Model) -> Uncertainty:
 
     Errors of a model, and of smoothed measurements, last for many rows, so that rows do not tell
     how much they change the fit. The errors are therefore those of a jackknife over C clusters: the
-    covariance is (C - 1)/C sum_c d_c d_c^T, where d_c is the change of the fitted values, less its
-    mean, when cluster c is left out, by one step of Newton's method (the "CR3" estimate). A cluster
-    is a segment. Where there are less than two for each fitted value, segments are cut into parts,
-    which are as long as the errors last, or longer; but less than 6 segments make 6 clusters. No
-    standard error is less than that of independent errors.
+    covariance is (C - 1)/C sum_c d_c d_c^T (the "CR3" estimate). Here d_c is the change of the
+    fitted values, less its mean, when cluster c is left out. One step of Newton's method computes
+    it. A cluster is a segment. Where there are less than two for each fitted value, segments are
+    cut into parts, which are as long as the errors last, or longer; but less than 6 segments make 6
+    clusters. No standard error is less than that of independent errors.
 
     A value that ended at its bound, zero, might be there by the chance of these data. Errors are
     therefore those of a fit without bounds: such a value has an error too, and all others have that

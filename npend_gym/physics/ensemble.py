@@ -107,7 +107,7 @@ class Ensemble(Members):
         self._plans: dict[tuple[float, int, float], Plan] = {}  # of the last step
 
     def set_chain(self, members: Any, chain: Chain | ChainParameters) -> None:
-        """Give some members the parameters of a chain; their time and measurements start anew.
+        """Give some members the parameters of a chain; their time and measurements start again.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class Ensemble(Members):
         *,
         cart: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
     ) -> None:
-        """Put some members into a state; their time, work and measurements start anew.
+        """Put some members into a state; their time, work and measurements start again.
 
         Parameters
         ----------
@@ -285,7 +285,7 @@ class Ensemble(Members):
         self._memory.run(advance_one if self._memory.width == 1 else advance_many, (), plan)
 
     def _check_step(self, dt: float, substeps: int | None) -> Plan:
-        """Return how a step of `dt` is taken: by so many substeps, or by the default number."""
+        """Return how a step of `dt` is taken: by `substeps` substeps, or by the default number."""
         dt = _checks.positive_number("dt", dt)
         rotation = MAX_ROTATION if substeps is None else math.inf
         if substeps is None:

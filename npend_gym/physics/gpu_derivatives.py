@@ -88,7 +88,7 @@ class DifferentiableDeviceChains(DeviceChains):
         )  # fmt: skip
 
     def _workspace(self, substeps: int) -> list[Any]:
-        """Return the arrays in which the threads work, for steps of so many substeps."""
+        """Return the arrays in which the threads work, for steps of `substeps` substeps."""
         if self._work[0] != substeps:
             self._work = (0, [])  # free the old ones first
             terms = count_terms(self.parameters)
@@ -99,7 +99,7 @@ class DifferentiableDeviceChains(DeviceChains):
 
 @cache
 def adjoint_kernel(terms: int, resisted: bool, dtype: str) -> DeviceKernel:
-    """Return the kernel for chains with so many arrays of terms, of any number of rods."""
+    """Return the kernel for chains with this number of arrays of terms, of any number of rods."""
     replaced = {layout.resists: threads.always if resisted else threads.never}
     # point masses are what stands where no number of terms is named
     kinds = {KINDS[terms], Kept, *([terms] if terms else [])}

@@ -126,9 +126,9 @@ def momentum_jacobian(chain: Chain, q: ArrayLike, u: ArrayLike) -> FloatArray:
 def _spring_momenta(chain: Chain, q: FloatArray, u: FloatArray, first: int) -> FloatArray:
     """Return the derivatives of the momenta of springs by their coordinates, (..., m, m).
 
-    With C_ij the mass that hangs on both rods, a_ij = theta_i - theta_j and r the lengths, the
-    momenta are sum_j C_ij r_i (r_j cos a_ij omega_j - sin a_ij r_j') of an angle, and
-    sum_j C_ij (r_j sin a_ij omega_j + cos a_ij r_j') of a stretch.
+    Let C_ij be the mass that hangs on both rods, a_ij = theta_i - theta_j, and r the lengths. The
+    momentum of an angle is sum_j C_ij r_i (r_j cos a_ij omega_j - sin a_ij r_j'). The momentum of a
+    stretch is sum_j C_ij (r_j sin a_ij omega_j + cos a_ij r_j').
     """
     n, carried = chain.n, chain.carried_masses
     both, a = np.minimum(carried[:, None], carried), differences(q[..., :n])

@@ -23,8 +23,8 @@ AXIAL = ("stretch", "stretch_rate")  # of springs
 class Mechanism(NamedTuple):
     """The parameters of B chains, or of one for all, and of what belongs to them.
 
-    The coordinates of each are theta (n), then those of its base (one of a cart, two of a pivot
-    with a prescribed acceleration), then the stretch of its springs (n).
+    The coordinates of each are theta (n), then the base, then the stretch of its springs (n). A
+    cart has one coordinate, a pivot with a prescribed acceleration two.
     """
 
     parameters: ChainParameters  # (B, n)

@@ -258,8 +258,8 @@ class Memory:
 
         The scratch of each thread is that of steps, or else from `work`.
 
-        Large steps are divided over threads, and over calls so short that Ctrl-C is heard between
-        them. The caller must check whether one was interrupted.
+        Large steps are divided over threads, and over calls so short that Ctrl-C takes effect
+        between them. The caller must check whether one was interrupted.
         """
         if plan.whole:
             kernel(*self.arrays, *arrays, plan.timing[0], (work or self._scratch)[0])

@@ -60,7 +60,7 @@ class TakenSteps(NamedTuple):
         return self.states[step] + (p + poly[..., 0, :]) * x
 
     def parts(self, size: int) -> Iterator[TakenSteps]:
-        """Yield these steps, so many at a time."""
+        """Yield these steps in pieces."""
         for first in range(0, len(self.begin), size):
             yield TakenSteps(*(each[first : first + size] for each in self))
 
@@ -166,7 +166,7 @@ class Motion:
     def _adaptive(
         self, state: FloatArray, ends: FloatArray, frames: FloatArray, torque: Torque
     ) -> Advance:
-        """Return what takes at most so many steps of DOP853, up to the last of `ends`.
+        """Return what takes a number of steps of DOP853 at most, up to the last of `ends`.
 
         It returns how many of the frames are written, what was counted, and the state reached.
         """
@@ -194,7 +194,7 @@ class Motion:
         return _Run((new_solver(t, state, self.width), problem), status)
 
     def _take(self, run: _Run, observer: Observer, end: float, count: int) -> None:
-        """Take at most so many steps of DOP853."""
+        """Take at most `count` steps of DOP853."""
         (solver, _), status, n = run.lanes, run.status, self.mechanism.n
         longest, half = self.settings.get("dt", math.inf), solver.y.size // 2
         starting = bool(solver.clock[2 * self.width] == 0.0)

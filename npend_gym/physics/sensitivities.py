@@ -79,7 +79,7 @@ class Tape(NamedTuple):
 
 
 def tapes(motion: Motion, times: FloatArray, steps: int = _AT_A_TIME) -> Iterator[Tape]:
-    """Integrate a motion from ``times[0]`` on, and yield its steps, so many at a time.
+    """Integrate a motion from ``times[0]`` on, and yield its steps in pieces.
 
     They have the bits of those that `simulate` takes from the same start with the same settings.
     """

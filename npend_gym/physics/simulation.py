@@ -118,9 +118,9 @@ def simulate(
     in Python, which takes some microseconds for each evaluation, twelve in a step. Both give the
     same bits where Python and machine code do. Steps end at the instants of a `Signal`.
 
-    The sign of an event is looked at in four places of each step, so two zeros that are nearer to
-    each other may be missed; zeros are located to 1e-12 s on the polynomials between steps. A
-    motion that begins at a zero is no event there.
+    Four places of each step show the sign of an event. So two zeros that are nearer to each other
+    may be missed; zeros are located to 1e-12 s on the polynomials between steps. A motion that
+    begins at a zero is no event there.
 
     Examples
     --------

@@ -45,7 +45,8 @@ def substeps_on_cart(
     """Return how many substeps resolve `dt` on carts, where a pivot at rest needs `substeps`.
 
     A chain of mass m on a cart of mass M has at least M / (M + m) of the inertia that it has at a
-    pivot, so that it swings and brakes faster by no more than the root of the inverse, or by it.
+    pivot. So it swings faster by no more than the root of the inverse, and brakes faster by no more
+    than the inverse.
     """
     lighter = 1.0 + chains.masses.sum(axis=-1) * np.asarray(inverse_mass)
     brakes = np.any(chains.damping) or np.any(chains.friction) or chains.has_drag

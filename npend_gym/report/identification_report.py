@@ -49,7 +49,7 @@ def write_identification(
 ) -> list[Path]:
     """Write the chain, all values, the residuals and (with `figures`) pictures into `out`.
 
-    ``fit.json`` is the chain, as ``gym.make("NPendulum-v0", chain=...)`` takes it.
+    ``fit.json`` is the chain, as ``gym.make("npend/SwingUp-v1", chain=...)`` takes it.
     ``identification.json`` has everything else, ``residuals.csv`` a line for each row of the data.
 
     Parameters

@@ -127,7 +127,7 @@ def read(folder: Path) -> tuple[ReleaseExperiment, list[Run]]:
 
 
 def _read_runs(path: Path, experiment: ReleaseExperiment) -> list[Run]:
-    """Return the runs in a table of periods; a row that is of no run of `experiment` is refused."""
+    """Return the runs in a table of periods, each of which must be of `experiment`."""
     periods: dict[tuple[int, int, float], list[float]] = {}
     com: dict[tuple[int, int, float], float] = {}
     low, high = experiment.amplitude, experiment.amplitude + experiment.spread

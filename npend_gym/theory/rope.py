@@ -1,9 +1,9 @@
 """The hanging rope: the limit of a chain of many equal rods, released straight at a small angle.
 
-With x the square root of the height above the free end over the length L, and tau the time over
-2 sqrt(L/g), the rope moves as a round membrane does: y_tautau = (1/x) (x y_x)_x, y = 0 at x = 1.
+Let x be the square root of the height above the free end over the length L, and tau the time over 2
+sqrt(L/g). The rope then moves as a round membrane does: y_tautau = (1/x) (x y_x)_x, y = 0 at x = 1.
 Its modes are J0(j_k x), with the angular frequencies j_k, the zeros of J0. What is asked of them is
-where sums over all modes are zero; `docs/explanation/pseudo_period.md` derives them.
+where sums over all modes are zero; `docs/notes/period_growth.md` derives them.
 """
 
 from __future__ import annotations
@@ -77,14 +77,13 @@ def release_profile(s: ArrayLike) -> FloatArray:
     ValueError
         If `s` is not between 0 and 1.
 
-    Notes
-    -----
-    The second root t of sum_k J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)), t in sqrt(L/g). Its
-    terms fall as 1/k^2 alone and have a front in them, where they do so at best; the sum from the
-    40th on is therefore turned into integrals (Abel and Plana's formula), and exact to rounding.
-    Of N equal rods in small motion, that of `small_angle_periods`, the bobs differ from it by
-    1.5e-3, 2.4e-4 and 1.5e-5 (root mean square) at N = 20, 100 and 1000, and by 4.9e-3, 1.2e-3 and
-    1.3e-4 at the worst bob, apart from a few near the pivot that turn early: 2, 4 and 12 of them.
+    Notes ----- The second root t of sum_k J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)), t in
+    sqrt(L/g). Its terms fall as 1/k^2 alone and have a front in them, where they do so at best; the
+    sum from the 40th on is therefore turned into integrals (Abel and Plana's formula), and exact to
+    rounding. The bobs of N equal rods in small motion (`small_angle_periods`) differ from it, at N
+    = 20, 100 and 1000. The root mean square is 1.5e-3, 2.4e-4 and 1.5e-5, and the worst bob differs
+    by 4.9e-3, 1.2e-3 and 1.3e-4. This leaves out a few bobs near the pivot that turn early: 2, 4
+    and 12 of them.
 
     Examples
     --------

@@ -48,18 +48,16 @@ class DifferentiableVectorEnv(ManyLanes):
     device : torch.device or str
         Where all tensors are: "cpu", or "cuda" for steps on a GPU, which need the extra "cuda".
     **keywords
-        As for `NPendulumEnv`. On "cuda" motors and sensors are ideal and the pivot is at rest, and
-        nowhere does `randomize` draw the mass or the damping of a cart.
+        As for `NPendulumEnv`. On "cuda" motors and sensors are ideal, and the pivot is at rest.
+        `randomize` never draws the mass or the damping of a cart.
 
     Attributes
     ----------
     single_observation_space, single_action_space, observation_space, action_space : Space
         As those of `NPendulumVectorEnv`; tensors take the place of arrays.
 
-    Notes
-    -----
-    The graph of past steps grows until `detach` cuts it, or `reset` begins anew. It keeps states
-    and actions alone; a backward pass takes every step once more.
+    Notes ----- The graph of past steps grows until `detach` cuts it, or `reset` begins again. It
+    keeps states and actions alone; a backward pass takes every step once more.
 
     Examples
     --------

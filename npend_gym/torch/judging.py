@@ -1,4 +1,4 @@
-"""What is told of states, as tensors: observations, and the quantities that modes judge by."""
+"""The results of states, as tensors: observations, and the quantities that modes judge by."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from paper.findings import CHECKS, Finding, audit, by_section, groups, selected
 from paper.registry import Verdict
 
 QUICK = ("pendulum", "equations", "derivation", "linear", "frequencies", "series", "listings")
-DOCUMENT = Path(__file__).parents[2] / "docs" / "paper_audit.md"
+DOCUMENT = Path(__file__).parents[2] / "paper" / "audit.md"
 
 
 @pytest.fixture(scope="module")

@@ -54,7 +54,7 @@ def test_the_third_order_has_the_growth_of_the_notes():
     assert "0.0101" in NOTES
 
 
-def test_the_limits_of_small_angles_are_those_of_the_page():
+def test_the_limits_of_small_angles_are_those_of_the_notes():
     slowest = {n: theory.fundamental_period(Chain.uniform(n)) for n in (2, 3, 5, 10, 100)}
     errors = [
         f"{abs(theory.large_n_period(n, terms=k) / slowest[n] - 1.0):.1e}"
@@ -62,7 +62,7 @@ def test_the_limits_of_small_angles_are_those_of_the_page():
         for n in (5, 10, 100)
     ]
     shown = re.search(
-        r"at N = 5, 10 and 100 is (.*?) without the bracket, and (.*?) with", PAGE, re.DOTALL
+        r"at N = 5, 10 and 100 is (.*?) without the bracket, and (.*?) with", NOTES, re.DOTALL
     )
     given = re.findall(r"[\d.]+e-\d+", " ".join(shown.groups()))
     assert [f"{float(one):.1e}" for one in given] == errors
@@ -70,9 +70,9 @@ def test_the_limits_of_small_angles_are_those_of_the_page():
     tip, middle, pivot = theory.release_profile([0.0, 0.5, 1.0])
     mean = weights @ theory.release_profile((nodes + 1.0) / 2.0) / 2.0
     for value in (tip, middle, pivot, mean):
-        assert f"{value:.6f}" in PAGE
+        assert f"{value:.6f}" in NOTES
     ratios = [float(theory.com_period(n)) / period for n, period in slowest.items()]
-    assert all(f"{ratio:.6f}" in PAGE for ratio in ratios)
+    assert all(f"{ratio:.6f}" in NOTES for ratio in ratios)
 
 
 @pytest.mark.parametrize("n", [20, 100, pytest.param(1000, marks=pytest.mark.long)])

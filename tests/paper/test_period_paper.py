@@ -69,15 +69,15 @@ def test_growth_is_the_third_orders_and_the_simulations():
     assert f"{compute.simulated_growth(5):.4f}" == rows["5"][1]
 
 
-def test_random_chains_are_those_of_the_page():
-    page = (FOLDER.parents[1] / "docs" / "explanation" / "pseudo_period.md").read_text("utf-8")
+def test_random_chains_are_those_of_the_notes():
+    page = (FOLDER.parents[1] / "docs" / "notes" / "period_growth.md").read_text("utf-8")
     rows = kept()["other-chains"]
     assert compute.NUMBERS["other-chains"](True) == rows[:2]
     assert all(f"| {' | '.join(row)} |" in page for row in rows)
 
 
 def test_heavy_links_have_the_constant_of_the_rope():
-    page = (FOLDER.parents[1] / "docs" / "explanation" / "pseudo_period.md").read_text("utf-8")
+    page = (FOLDER.parents[1] / "docs" / "notes" / "period_growth.md").read_text("utf-8")
     rows = kept()["links"]
     for n, constant, _ in rows:
         assert f"{limits.links_constant(int(n)):.6f}" == constant

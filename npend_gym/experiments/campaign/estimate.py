@@ -40,7 +40,7 @@ class Estimate:
     size: float
 
     def text(self, workers: int) -> str:
-        """Return a line for so many workers."""
+        """Return a line for a number of workers."""
         return (
             f"{self.cells} cells, {self.releases} releases in {self.tasks} tasks: about "
             f"{duration(self.seconds)} on one core, {duration(self.seconds / workers)} with "

@@ -189,7 +189,7 @@ def read_releases(plan: CampaignPlan, path: Path, task: Task) -> dict[str, NDArr
 
 
 def _read_bounded(plan: CampaignPlan, path: Path, rows: int) -> Any:
-    """Return a part as a table, having seen that it takes no more memory than so many rows do."""
+    """Return a part as a table, if it takes no more memory than this number of rows needs."""
     if not path.is_file() or path.stat().st_size > len(_RELEASE) * (16 * rows + 4096):
         raise ValueError("it is no file of such a size")
     data = path.read_bytes()

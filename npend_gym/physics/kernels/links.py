@@ -1,7 +1,7 @@
 """The equations of motion of real links in O(n), as articulated bodies.
 
 Link i has mass m_i, its centre at c_i along it, inertia I_i about that, and length l_i from joint
-to joint. In the axes of a link, e along it and n across, let what hangs on its tip answer an
+to joint. Take the axes of a link, e along it and n across. What hangs on its tip answers an
 acceleration a of the tip, and alpha of the link, with
 
     the force A a + b + p alpha,   the torque p . a + sigma alpha + beta,                       (1)

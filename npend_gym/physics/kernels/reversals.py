@@ -59,8 +59,8 @@ def mark(group: Group, with_com: bool, threshold: Any, h: Any, active: Any, scra
     centre of mass, if it is measured, comes after them.
 
     Marked are bobs that may complete their period in the substep, and those that may have turned
-    twice in it: their velocity kept its sign, but from the acceleration at the end (that of the
-    last Runge-Kutta stage, which is near it) it would have been zero within the substep. For all
+    twice in it: their velocity kept its sign, but by the acceleration at the end it would have been
+    zero within the substep. The last Runge-Kutta stage gives nearly this acceleration. For all
     others the signs at its ends say everything. Return whether any bob is marked; the entry after
     those of the bobs and the centre of mass tells it of each lane.
     """

@@ -16,8 +16,8 @@ These are Eqs. (1) and (2) of `tensions`, with x_i'' in the first, r_i for l_i, 
 Coriolis term in the second. Drag slows bob i at the rate rho_i = v_{i+1} (drag_i + quadratic_drag_i
 |velocity|): it adds rho_{i-1} times the velocity of the bob above less rho_i times that of bob i.
 
-Rod 0 hangs from a base. One that moves accelerates as prescribed or, a cart of mass M on a rail, as
-its force F, the damping of the rail and rod 0 let it,
+Rod 0 hangs from a base. A moving base accelerates as prescribed. A cart of mass M on a rail
+accelerates by its force F, the damping of the rail and rod 0:
 
     M X'' = F - rail_damping X' + T_0 sin theta_0 - f_0 cos theta_0,                            (4)
 
@@ -25,8 +25,8 @@ and Eqs. (2) and (3) of rod 0 hold in its frame: with g + Y'' for g, with -X'' s
 
 q = (theta_0.., place of the base, x_0..), u = (omega_0.., its velocity, x_0'..): the base has no
 number at rest, X on a rail, X and Y where its acceleration is prescribed. The stretch stands there,
-not the length, because rounding of the length would be noise in the tension of a stiff rod, and
-take many small steps. Nothing has to be solved.
+not the length. Rounding of the length would be noise in the tension of a stiff rod, and take many
+small steps. Nothing has to be solved.
 """
 
 from __future__ import annotations

@@ -210,8 +210,9 @@ def carry_back(
     """Take derivatives by the states at the end of `steps` and at the instants back to the start.
 
     `bar` (2m,) is that by the state, after and before; `frames` (F, 2m) are those by the states at
-    the instants. Those by torques and force are added to `load_bars`, a table like that of the
-    loads or one of a row for their sum, by the parameters to `chain_bar` (len(Parameter) or 0, n).
+    the instants. Derivatives by torques and force are added to `load_bars`, a table as for the
+    loads or one row for their sum. Derivatives by the parameters are added to `chain_bar`
+    (len(Parameter) or 0, n).
     """
     steps, scratch, frames = bare(steps), bare(scratch), bare(frames)
     rods = Rods(bare(rods.chain), bare(rods.mass), bare(rods.loads))

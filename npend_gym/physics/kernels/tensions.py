@@ -307,8 +307,8 @@ def bob_energies(
 ) -> Any:  # fmt: skip
     """Return kinetic energy [J], potential energy over g [kg m] and height of the tip [m].
 
-    `carried` has the mass that each rod carries times its length, `velocity` the horizontal
-    velocities of the bobs, `s` and `c` sines and cosines of the angles.
+    `carried` has the mass that each rod carries times its length, and `velocity` the horizontal
+    velocities of the bobs. `s` and `c` are sines and cosines of the angles.
     """
     kinetic = lift = tip = vertical = 0.0
     for i in range(velocity.size):

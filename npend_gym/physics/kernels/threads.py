@@ -1,7 +1,7 @@
 """Chains on a GPU, one a thread: each thread advances its chain as `ensemble` does a group.
 
 A thread has the arrays of an ensemble of one chain. They stand in its own memory, in registers as
-far as these reach, where the number of rods is small and known when the kernel is compiled; for
+far as these reach. This needs a small number of rods that is known when the kernel is compiled; for
 long chains they stand in `storage`, the thread innermost, so that threads side by side read and
 write side by side.
 """
@@ -159,9 +159,9 @@ def adjoints() -> Callable[..., None]:
     """Return what a thread runs that takes derivatives back through a step of any chain.
 
     Its arguments are theta, omega and torque; the derivatives by theta and omega, which it takes
-    from the end of the step to its beginning, and those by the torques, which it adds: (lanes, n)
-    each; those by the parameters, (lanes, 12, n), added too, or (lanes, 0, n); then all that
-    `long_chains` has from `diverged` on, of the shapes of `adjoint_shapes`.
+    from the end of the step to its beginning; the derivatives by the torques, which it adds:
+    (lanes, n) each; those by the parameters, (lanes, 12, n), added too, or (lanes, 0, n); then all
+    that `long_chains` has from `diverged` on, of the shapes of `adjoint_shapes`.
     """
     of_timing = len(Timing)
 

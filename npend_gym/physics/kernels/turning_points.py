@@ -13,8 +13,8 @@ COM      horizontal velocity of the centre of mass     its horizontal accelerati
 
 A motion is cut into intervals in which signal and slope are known at any fraction of a step: by the
 dense output of DOP853, or as the cubic through both ends. Where the slope changes its sign within
-an interval, the extremum is located and the interval cut there, so that an excursion shorter than
-an interval is seen too: between cuts a signal is monotone.
+an interval, the extremum is located and the interval cut there. So an excursion shorter than an
+interval is seen too: between cuts a signal is monotone.
 """
 
 from __future__ import annotations

@@ -23,10 +23,10 @@ the virtual velocity V_i,
                - tau_i (lambda_i - lambda_{i-1})
                + r_i (alpha_i + k_i alpha_{i-1}) (lambda_i + k_i lambda_{i-1})],            (3)
 
-with the torques tau_i of the joints less damping and friction, the forces K_i that overcome drag on
-the tips, and rotors of inertia r_i that turn with the link above by k_i. A pass down the chain
-gives A and V, a pass up the forces F and G on each joint, F being the sum of m A + K below and G
-that of m V; one link has (with F and G of the joint at its tip, and e . = scalar product)
+with the torques tau_i of the joints less damping and friction, and the forces K_i that overcome
+drag on the tips. Rotors have the inertia r_i and turn with the link above by k_i. A pass down the
+chain gives A and V, a pass up the forces F and G on each joint. F is the sum of m A + K below, and
+G the sum of m V; one link has (with F and G of the joint at its tip, and e . = scalar product)
 
     dP/dtheta_i = -lambda_i e_i . (l_i F + c_i m_i A_i)
                   - (alpha_i e_i + omega_i^2 n_i) . (l_i G + c_i m_i V_i)                   (4)

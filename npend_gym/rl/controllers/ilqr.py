@@ -1,8 +1,8 @@
 """Iterative LQR: actions over a horizon that cost least, with bounds, for many states side by side.
 
 The method is that of Tassa, Mansard, Todorov, "Control-limited differential dynamic programming",
-ICRA 2014, without the second derivatives of the dynamics: steps are linearised along a motion, a
-Riccati recursion backwards gives a change of the actions and feedback gains, and the best of some
+ICRA 2014, without the second derivatives of the dynamics: steps are linearised along a motion, and
+a Riccati recursion backwards gives a change of the actions and feedback gains. The best of some
 step lengths is taken.
 """
 
@@ -30,9 +30,9 @@ class Cost(NamedTuple):
     """What a motion costs: the sum over its steps, and `last` times that of its last state.
 
     The cost of a state is near that of `lqr` about the goal, with 2 - 2 cos(theta - angle) in place
-    of the square of an angle: a rod may have turned any number of times. A cart that comes near the
-    end of its rail costs `_WALL` times the square of how far it is beyond `_FREE` of it, over the
-    rail.
+    of the square of an angle: a rod may have turned any number of times. Near the end of its rail a
+    cart costs `_WALL` times a square. It is that of the distance beyond `_FREE` of the rail, over
+    the rail.
     """
 
     config: EnvConfig

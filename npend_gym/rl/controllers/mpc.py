@@ -23,16 +23,16 @@ _GUESS = 0.3  # standard deviation of the actions from which the first plan begi
 class MPC:
     """Model predictive control by iLQR: it knows the equations of motion, and needs no training.
 
-    In every step it plans the motion over the horizon, beginning with the plan of the step before,
-    and takes the first actions of the plan. So it swings up, balances, and recovers from pushes
-    that `lqr` does not survive. Environments are independent of each other; one whose time is not
-    a step later than in the call before, because its episode is new, is planned from the start.
+    In every step it plans the motion over the horizon, beginning with the plan of the step before.
+    It takes the first actions of the plan. So it swings up, balances, and recovers from pushes that
+    `lqr` does not survive. Environments are independent of each other; one whose time is not a step
+    later than in the call before, because its episode is new, is planned from the start.
 
     Parameters
     ----------
     config : EnvConfig
-        Of the environment, ``gym.make("NPendulum-v0", ...).unwrapped.config``: the plan is made of
-        its own steps, with motors and sensors that are ideal.
+        Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The plan is made
+        of its own steps, with ideal motors and sensors.
     angle : float or array_like, shape (n,)
         Where the rods shall be at rest [rad]; by default all upright.
     horizon : float, optional
@@ -149,7 +149,7 @@ class MPC:
         return _cheapest(self._improved(begun, self.first_iterations), len(states))
 
     def _on_rail(self, states: FloatArray, plans: Motions) -> Motions:
-        """Return the plans; those that leave the rail are made anew where that is cheaper."""
+        """Return the plans; plans that leave the rail are made again where that is cheaper."""
         off = np.any(beyond(self._config, plans.states, 1.0) != 0.0, axis=0)
         if not off.any():
             return plans

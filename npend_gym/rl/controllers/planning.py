@@ -132,8 +132,8 @@ def planned_transition(
     Parameters
     ----------
     config : EnvConfig
-        Of the environment, ``gym.make("NPendulum-v0", ...).unwrapped.config``: the trajectory is
-        made of its own steps.
+        Of the environment, ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``. The trajectory
+        is made of its own steps.
     start, goal : float or array_like, shape (n,)
         Two different equilibria: 0 for a rod that hangs, pi for one that stands [rad].
     seconds : float

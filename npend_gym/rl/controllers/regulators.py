@@ -98,16 +98,16 @@ def lqr(
     rods, plus `action_weight` times the squared actions; l is the mean length of the rods. A cart
     adds 4 (position^2 + (l / g) velocity^2) / rail^2.
 
-    Dry friction is no linear force. In joints with a motor it is taken as none, and in the others
-    as none or as the damper of a swing of 0.03 rad, see `discretise`: whichever has the smaller
-    gains, so that the motor reaches its limit at larger deviations. Strong friction holds a passive
-    joint still and is best taken as a damper, weak friction is best left out, and between them
-    the gains with a damper become infinite.
+    Dry friction is no linear force. In joints with a motor it is left out. In the others it is left
+    out, or is the damper of a swing of 0.03 rad, see `discretise`: whichever has the smaller gains,
+    so that the motor reaches its limit at larger deviations. Strong friction holds a passive joint
+    still and is best taken as a damper. Weak friction is best left out. Between them the gains with
+    a damper become infinite.
 
     Parameters
     ----------
     config : EnvConfig
-        Of the environment: ``gym.make("NPendulum-v0", ...).unwrapped.config``.
+        Of the environment: ``gym.make("npend/SwingUp-v1", ...).unwrapped.config``.
     angle : float or ndarray, shape (n,)
         0 for hanging, pi for upright [rad], for all rods or for each.
     action_weight : float
@@ -205,11 +205,11 @@ class EnergySwingUp:
 
     While energy is missing the motors drive the chain on, and brake it where there is too much:
     action = pump_gain (1 - energy / upright_energy) time_scale times the rate at which the joint
-    turns. A force on a cart drives the chain by its momentum p relative to the cart: the rate is
-    -p / (m l) there, and what centres the cart is added, `_CENTRE` (position + time_scale velocity)
-    / l. The energy is that of a cart and its chain without the motion of their centre of mass along
-    the rail, which only a force changes. The regulator takes over where its cost of the state is
-    below `catch_cost`.
+    turns. A force on a cart drives the chain by its momentum p relative to the cart: the rate is -p
+    / (m l) there, and what centres the cart is added, `_CENTRE` (position + time_scale velocity) /
+    l. The energy of a cart and its chain leaves out the motion of their centre of mass along the
+    rail, which only a force changes. The regulator takes over where its cost of the state is below
+    `catch_cost`.
     """
 
     balance: StateFeedback

@@ -158,7 +158,7 @@ class StepModel:
         return self._ensemble(len(states)).diverged
 
     def _begin(self, states: FloatArray) -> DifferentiableEnsemble:
-        """Return the ensemble for so many states, in these states."""
+        """Return the ensemble in these states, one lane for each."""
         ensemble = self._ensemble(len(states))
         set_states(self.config, ensemble, slice(None), states)
         return ensemble

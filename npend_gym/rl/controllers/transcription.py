@@ -1,8 +1,8 @@
 """Direct transcription: motions between equilibria as solutions of a least-squares problem.
 
-The states at all steps and the actions between them are unknowns, and each step of the environment
-has to lead from one state to the next. The first guess need not be a motion at all, which is why
-chains of three rods and more, whose motion no guess can foresee, are no harder than one rod.
+The states at all steps and the actions between them are unknowns. Each step of the environment must
+lead from one state to the next. The first guess need not be a motion at all. So chains of three
+rods and more, whose motion no guess can foresee, are no harder than one rod.
 """
 
 from __future__ import annotations

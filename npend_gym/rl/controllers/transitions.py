@@ -116,7 +116,7 @@ class PlannedTransitions:
 
     @classmethod
     def load(cls, path: str | PathLike[str], config: EnvConfig) -> PlannedTransitions:
-        """Read what `save` wrote; the feedback is computed anew.
+        """Read what `save` wrote; the feedback is computed again.
 
         Parameters
         ----------

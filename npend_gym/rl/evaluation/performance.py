@@ -94,8 +94,8 @@ def performance(
     On a cart the length of the chain makes a torque of the force, and an angle of the place.
 
     The smoothness of their definition is the standard deviation of the change of the torque from
-    one step to the next, of 0.002 s. It is computed for the torque sampled as often, whatever the
-    step of the environment is, so that a coarse step does not count as a rough torque.
+    one step to the next, of 0.002 s. The torque is sampled as often here, whatever the step of the
+    environment is. So a coarse step does not count as a rough torque.
 
     Parameters
     ----------

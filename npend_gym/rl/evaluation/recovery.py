@@ -1,4 +1,4 @@
-"""RealAIGym's score of 2025: how long a chain is up that is knocked down again and again.
+"""RealAIGym's score of 2025: how long a chain is up that is disturbed again and again.
 
 `GlobalPolicyTestingControllerV2` and `leaderboard/pendubot/simulation_v3` of
 dfki-ric-underactuated-lab/double_pendulum have the definition and the numbers, which
@@ -182,10 +182,10 @@ def recovery(
 ) -> Recovery:
     """Judge by the score of the third AI Olympics with RealAIGym: the time up between knock-downs.
 
-    In episodes of 60 s the chain is knocked down 15 times: for 0.2 s motors at all joints, with the
-    torque limit of the environment, turn them to random angles in place of the controller. The
-    k-th time is k 60 s/16, plus up to 1 s in either direction. The score is the fraction of the
-    time for which the tip is above 0.9 of the chain's length.
+    In episodes of 60 s the chain is disturbed 15 times: for 0.2 s motors at all joints, with the
+    torque limit of the environment, turn them to random angles in place of the controller. The k-th
+    time is k 60 s/16, plus up to 1 s in either direction. The score is the fraction of the time for
+    which the tip is above 0.9 of the chain's length.
 
     The motors are a PID controller with gravity compensation and steps of 0.002 s. They turn joints
     by their angles with whole turns, so that a joint that has turned twice turns back twice. The

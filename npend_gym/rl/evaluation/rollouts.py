@@ -62,7 +62,7 @@ def rollout(controller: Controller, envs: Any, seed: int, options: Any = None) -
 
 
 def forget(controller: Controller, num_envs: int) -> None:
-    """Let a controller with a memory begin episodes in so many environments."""
+    """Let a controller with a memory begin episodes in `num_envs` environments."""
     reset = getattr(controller, "reset", None)
     if reset is not None:
         reset(num_envs)

@@ -74,7 +74,7 @@ class Setting(NamedTuple):
         given = self.keywords
         if given.get("observe_context", False):
             raise ValueError(
-                "observe_context must be False: robustness is to what the controller is not told"
+                "observe_context must be False: robustness tries errors that no controller knows"
             )
         if given.get("goal_env", False):
             raise ValueError("goal_env must be False: what is observed must be one array")

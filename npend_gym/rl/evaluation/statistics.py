@@ -54,7 +54,7 @@ def bootstrap_interval(
 ) -> tuple[float, float]:
     """Return a confidence interval of a statistic by stratified bootstrap.
 
-    Runs are drawn anew, with replacement, within each task; the interval has the percentiles of the
+    Runs are resampled, with replacement, within each task; the interval has the percentiles of the
     statistic of what was drawn.
 
     Parameters

@@ -109,7 +109,7 @@ def _check_signals(layers: Layers, offset: Float32Array | None, functions: dict[
 
 
 def check_env(env: dict[str, Any], observed: int, actions: int, *, trust: bool) -> None:
-    """Refuse keywords that describe no environment for a policy of so many numbers.
+    """Raise an error for keywords that describe no environment for a policy of this size.
 
     Parameters
     ----------

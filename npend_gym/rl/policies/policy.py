@@ -67,7 +67,7 @@ class Policy:
     >>> import gymnasium as gym
     >>> from npend_gym import rl
     >>> policy = rl.Policy.pretrained("swingup-1")
-    >>> envs = gym.make_vec("NPendulum-v0", num_envs=3, **policy.env)
+    >>> envs = gym.make_vec("npend/SwingUp-v1", num_envs=3, **policy.env)
     >>> observation, info = envs.reset(seed=0)
     >>> policy(observation, info).shape
     (3, 1)
@@ -148,8 +148,8 @@ class Policy:
         Raises
         ------
         ValueError
-            If the observation has another number of entries than the policy was trained with, or a
-            policy with memory is called with other environments than before.
+            If the observation has another number of entries than in training, or a policy with
+            memory is called with other environments.
         """
         if np.shape(observation)[-1:] != (self.observed,):
             raise ValueError(
@@ -173,8 +173,9 @@ class Policy:
         expected = (len(history.frames), self.observed)
         if np.shape(observation) != expected:
             raise ValueError(
-                f"observation must have the shape {expected}, because the policy remembers so many "
-                f"environments; got {np.shape(observation)}: call reset(num_envs) before others"
+                f"observation must have the shape {expected}, because the policy has a "
+                f"memory for {len(history.frames)} environments; got {np.shape(observation)}: "
+                "call reset(num_envs) before others"
             )
         return history.observe(observation, begins)
 
@@ -288,9 +289,9 @@ class Policy:
         Raises
         ------
         ValueError
-            If the file is no policy: not a .safetensors file, damaged, too large, not described,
-            with other names, types or shapes, with numbers that may overflow, or for an
-            environment that it does not fit.
+            If the file is no policy: not a .safetensors file, damaged, too large, or not described;
+            with other names, types or shapes, or numbers that may overflow; or for an environment
+            that it does not fit.
         """
         path = Path(path)
         arrays, about = read_policy(path)

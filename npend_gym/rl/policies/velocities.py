@@ -90,8 +90,8 @@ class VelocityEstimator:
             return self.omega.copy()
         if shown.shape != self.theta.shape:
             raise ValueError(
-                f"theta must have the shape {self.theta.shape} as before, got {shown.shape}: call "
-                "reset() before another pendulum is measured"
+                f"theta must have the shape {self.theta.shape} of the last call, "
+                f"got {shown.shape}: call reset() before another pendulum is measured"
             )
         self.theta += dt * self.omega
         error = shown - self.theta

@@ -1,9 +1,9 @@
 """Plans for chains that differ from the nominal one: an expert that knows the chain of each lane.
 
-All follow the same idea. The plan for the nominal chain is found from a guess, and that for another
-chain from the plan for the most similar chain that has one already. Of all plans for it that whose
-actions are most like those of the nominal chain is looked for, so that similar chains have similar
-plans: a student learns what changes smoothly with the chain.
+All follow the same idea. The plan for the nominal chain is found from a guess. The plan for another
+chain is found from the plan for the most similar chain that has one already. For each chain the
+plan is kept whose actions are closest to the actions of the nominal plan. So similar chains have
+similar plans: a student learns what changes smoothly with the chain.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def _scaled(nominal: Changes, name: str, by: FloatArray) -> Changes:
 class ChainPlans:
     """Plans for many chains, each tracked by the feedback for its own chain.
 
-    Which state of a plan a chain is at is not told by the clock but by the feedback's cost: a
-    student that is late, and knows no clock, is not far from the plan.
+    The cost of the feedback, not the clock, decides at which state of a plan a chain is: a student
+    that is late, and knows no clock, is not far from the plan.
 
     Parameters
     ----------

@@ -159,8 +159,8 @@ def steadied(
 ) -> PlannedTransition:
     """Return the plan, or that of its variants along which noise leads least far astray.
 
-    Each is the motion to the same end whose actions are most like those of the best one so far with
-    a smooth random change, which grows after a success and else shrinks.
+    Each is a motion to the same end. Its actions are closest to the actions of the best one so far
+    with a smooth random change. The change grows after a success and else shrinks.
     """
     if variants == 0:
         return plan
@@ -218,7 +218,7 @@ def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransit
     Raises
     ------
     ValueError
-        If the chain does not stand after so many seconds.
+        If the chain does not stand in time.
     """
     n, step = config.n, StepModel(config)
     motion, actions = [np.full((1, config.state_size), _START)], list[FloatArray]()

@@ -4,16 +4,16 @@ The expert plans a trajectory and tracks it by time-varying feedback, or knows f
 knows the true state and the true chain. The student is given observations. In DAgger (Ross, Gordon,
 Bagnell, arXiv:1011.0686) the student acts and the expert says what it would have done. A student
 that has learned little leaves the trajectory at once, and sees nothing of the rest. Therefore in
-most environments the expert takes over where the student has come too far away, and hands back when
-it has led the chain back, as in SafeDAgger (Zhang, Cho, arXiv:1605.06450). How far is measured by
-the cost that the feedback minimises. In some environments the expert alone acts, with noise
-(Laskey, Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the student alone.
+most environments the expert takes over where the deviation is too large, as in SafeDAgger (Zhang,
+Cho, arXiv:1605.06450). It hands back when it has led the chain back. How far is measured by the
+cost that the feedback minimises. In some environments the expert alone acts, with noise (Laskey,
+Lee, Fox, Dragan, Goldberg, arXiv:1703.09327), in some the student alone.
 
 With `errors` something is wrong in every environment, see `ErrorLanes`, and the expert has a plan
 for the very chain. A student that is given its last observations and actions learns the mean of
-what experts would do after such a history: it estimates the state and the chain on the way, without
-being told how. To train with what only the simulation knows, and to act on a history, is rapid
-motor adaptation (A. Kumar and others, arXiv:2107.04034) without its two stages.
+what experts would do after such a history: it estimates the state and the chain on the way. To
+train with what only the simulation knows, and to act on a history, is rapid motor adaptation (A.
+Kumar and others, arXiv:2107.04034) without its two stages.
 """
 
 # torch's stubs leave parts unknown
@@ -137,8 +137,8 @@ class DAgger:
         Returns
         -------
         dict
-            "return" and "success" of the environments in which the student alone acted, and
-            "taken_over", the fraction of the steps of the others in which the expert acted.
+            "return" and "success" of the environments in which the student alone acted.
+            "taken_over" is the fraction of the steps of the others in which the expert acted.
         """
         settings, rng = self.settings, np.random.default_rng([self.settings.seed, round_])
         size, lanes, expert = settings.num_envs, self.lanes, self.expert
@@ -256,7 +256,7 @@ def train(
     if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
         raise ValueError(f"mode must be one that an expert is known for, got {config.mode!r}")
     if settings.errors and config.observe_context:
-        raise ValueError("observe_context must be False with errors: the student is not told them")
+        raise ValueError("observe_context must be False with errors: no student knows them")
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     checkpoint = checkpoint or Checkpoint(settings)

@@ -188,7 +188,7 @@ class Learner:
 
 
 def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
-    """Return old horizons and new ones, without the oldest beyond so many steps."""
+    """Return old horizons and new ones, without the oldest beyond a number of steps."""
     if memory is None:
         return new
     most = steps // new.jacobians.shape[1]

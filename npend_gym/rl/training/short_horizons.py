@@ -237,8 +237,8 @@ class Collector:
     def restart(self, mask: BoolArray) -> None:
         """Begin new episodes: a quarter as the task does, a quarter near its goal, half anywhere.
 
-        A share of all, `settings.knocked`, begins just after the chain was knocked down instead.
-        Where an episode would be over at once, it begins as the task does.
+        A share of all, `settings.knocked`, begins just after the chain was disturbed instead. Where
+        an episode would be over at once, it begins as the task does.
         """
         began = self._begin(mask)
         config, rng, settings = self.config, self.rng, self.settings

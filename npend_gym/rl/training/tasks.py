@@ -178,7 +178,7 @@ def env_around(path: Path, deviations: float = 2.0) -> dict[str, Any]:
     path : Path
         "identification.json" as `npend identify --out` writes it, or "fit.json" beside it.
     deviations : float
-        Parameters are drawn within so many standard errors of the fit; those that cannot be
+        Parameters are drawn within a number of standard errors of the fit; those that cannot be
         negative are cut at zero. What the data do not determine is not drawn.
 
     Raises
