@@ -322,7 +322,7 @@ def _train(trainer: str, keywords: Keywords, **settings: Any) -> None:
 
 
 def _imitation(keywords: Keywords, **settings: Any) -> None:
-    small = {"guesses": 4, "rounds": 2, "num_envs": 8, "standing": 10, "first_updates": 20}
+    small = {"guesses": 1, "rounds": 2, "num_envs": 8, "standing": 10, "first_updates": 20}
     seconds = 8.0 if keywords.get("n") == 3 else 6.0
     _train("imitation", keywords, **small | {"seconds": seconds, "updates": 20} | settings)
 
