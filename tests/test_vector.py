@@ -215,7 +215,7 @@ def test_a_copy_made_within_an_episode_continues_bit_for_bit(copier):
     assert_same([env.step(a) for a in actions[20:]], [twin.step(a) for a in actions[20:]])
 
 
-@pytest.mark.parametrize("context", ["fork", "spawn"])
+@pytest.mark.parametrize("context", ["fork", pytest.param("spawn", marks=pytest.mark.long)])
 def test_gymnasiums_worker_processes_can_run_it(context):
     def make_one():
         return gym.make("npend_gym:NPendulum-v0", n=2)
