@@ -46,6 +46,9 @@ def push(t, theta, omega):
     return 0.3 * np.sin(3.0 * t)
 
 
+rising = lambda t, theta, omega: 0.1 * t  # noqa: E731 - pickle does not find it by its name
+
+
 def passing(t, theta, omega):
     """An event: the first rod hangs straight down."""
     return theta[0]
@@ -292,15 +295,15 @@ def _csv(m: Mechanism) -> None:
 
 
 def _pickle(m: Mechanism) -> None:
-    motion = m.run(torque=lambda t, theta, omega: 0.1 * t)
+    motion = m.run(torque=rising)
     again = pickle.loads(pickle.dumps(motion))
     _same(again.theta, motion.theta)
-    named = pickle.loads(pickle.dumps(m.run(torque=push)))
-    _same(named.at(0.3)[0], m.run(torque=push).at(0.3)[0])
+    named = m.run(torque=push)
+    _same(pickle.loads(pickle.dumps(named)).at(0.3)[0], named.at(0.3)[0])
 
 
 def _copied(m: Mechanism) -> None:
-    motion = m.run(torque=lambda t, theta, omega: 0.1 * t)
+    motion = m.run(torque=rising)
     _same(copy.deepcopy(motion).at(0.3)[0], motion.at(0.3)[0])
 
 

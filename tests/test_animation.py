@@ -129,28 +129,6 @@ def test_animate_films_what_the_comment_of_the_file_names(
     assert about["arguments"].items() >= made_by.items()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("--out a.png", "out must be a file that ends in .gif or .mp4, got a.png"),
-        ("--out .", "out must be a file"),
-        ("--n 0 --out a.gif", "n must be between 1"),
-        ("--fps 0 --out a.gif", "fps must be greater than zero"),
-        ("--speed -1 --out a.gif", "speed must be greater than zero"),
-        ("--size 241 --out a.gif", "size must be even"),
-        ("--size 8 --out a.gif", "size must be between"),
-        ("--reading listing --out a.gif", "reading must be one of bob, link, height"),
-        ("swingup-2 --n 3 --out a.gif", "--n is for releases"),
-        ("nowhere --out a.gif", "policy must be a file or one of balance-1,"),
-        ("", "--out"),
-    ],
-)
-def test_bad_arguments_of_animate_exit_with_2(arguments, message, refusal, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert message in refusal("animate", *arguments.split())
-    assert not list(tmp_path.iterdir())
-
-
 def test_the_hero_film_shows_the_release_that_its_comment_names():
     path = Path(__file__).parent.parent / "docs" / "images" / "hero.gif"
     assert path.stat().st_size < 2_000_000

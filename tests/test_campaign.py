@@ -430,26 +430,6 @@ def test_the_command_takes_a_file_and_options_and_resumes(tmp_path, capsys, monk
     assert "20 releases done before" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("campaign", "--out"),
-        ("campaign --out OUT", "there is no campaign"),
-        ("campaign --out OUT --n 0", "n must be at least 1"),
-        ("campaign --out OUT --n two", "--n"),
-        ("campaign --out OUT --n 3 --masses 1:2", "masses must be one number or 3"),
-        ("campaign --out OUT --n 2 --backend mpi", "backend must be one of"),
-        ("campaign --out OUT --n 2 --workers 0", "workers must be at least 1"),
-        ("campaign --out OUT --n 2 --address auto", "address must be left out"),
-        ("campaign --out /dev/null/x --n 2", "out must be a folder"),
-        ("campaign nowhere.toml --out OUT", "No such file"),
-        ("analyse OUT", "there is no campaign"),
-    ],
-)
-def test_bad_arguments_exit_with_2_and_one_line(arguments, message, tmp_path, refusal):
-    assert message in refusal(*arguments.replace("OUT", str(tmp_path)).split())
-
-
 def command(out, *arguments):
     return [sys.executable, "-m", "npend_gym", "campaign", "--out", str(out), *arguments]
 

@@ -4,8 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engines import dm_control_model, mujoco_motion
-from gymnasium.vector import AutoresetMode
-from lanes import Own, actions_for, assert_lanes_are_singles, assert_same, run
+from lanes import Own, actions_for, assert_same
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_discrete_are
 
@@ -211,28 +210,6 @@ def test_the_picture_shows_rail_and_cart():
 
 
 # -- lanes, states, ranges ------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("autoreset", list(AutoresetMode))
-def test_every_lane_is_the_single_env_of_its_seed(autoreset):
-    steps = 100 if autoreset is AutoresetMode.DISABLED else 7
-    keywords = {
-        "num_envs": 3, "max_episode_steps": steps, "observe_context": True, "actuated": (1,),
-        "randomize": {
-            "cart_mass": (0.5, 2.0), "max_force": (0.5, 1.0), "masses": (0.9, 1.1),
-            "rail_damping": {"low": 0.0, "high": 2.0},
-        },
-    }  # fmt: skip
-    vector = gym.make_vec("NPendulum-v0", base="cart", autoreset_mode=autoreset, **keywords)
-    singles = gym.make_vec(
-        "NPendulum-v0", base="cart", vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": autoreset}, **keywords,
-    )  # fmt: skip
-    assert vector.observation_space == singles.observation_space
-    actions = actions_for(vector, 16)
-    ours = run(vector, actions)
-    assert_lanes_are_singles(ours, run(singles, actions))
-    assert all(each[0] in vector.observation_space for each in ours)
 
 
 def test_a_drawn_cart_is_the_cart_that_moves():

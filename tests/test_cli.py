@@ -76,54 +76,6 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("", "COMMAND"),
-        ("fly", "invalid choice: 'fly'"),
-        ("bench --only gpu", "run `python benchmarks/peers.py` in a clone"),
-        ("paper --list", "paper is not in the package: run `python -m paper` in a clone"),
-        ("law --full", "law is not in the package: run `python -m paper --only com-law`"),
-        ("release --n 0", "n must be between 1 and 1000000, got 0"),
-        ("release --n two", "--n: must be whole numbers joined by commas such as 1,2,3; got two"),
-        ("release --n 1 --lengths 0.25,0.5,1", "lengths must be one number for n = 1, got shape"),
-        ("release --lengths 1;2", "--lengths: must be a number, or numbers joined by commas"),
-        ("release --amplitude 4", "must stay within pi rad, got 4\n"),
-        ("release --amplitude 60", "must stay within pi rad, got 60: 60 degrees are 1.047 rad"),
-        ("release --amplitude 60grad", "in degrees such as 60deg; got 60grad"),
-        ("release --amplitude pi/0", "in radians such as 0.5 or pi/3"),
-        ("release --reading swing", "reading must be one of bob, link, height, com; got 'swing'"),
-        ("release --reading listing", "is `listing_periods` in paper/estimator.py of a clone"),
-        ("release --masses 1,2", "masses must be one number or 5"),
-        ("release --colour red", "release: error: unrecognized arguments: --colour red; See "),
-        ("release --angle 60", "--angle 60; did you mean --amplitude? See npend release --help"),
-        ("animate --out a.gif --friction=1", "did you mean --damping?"),
-        ("page --out a.html --nn 3", "did you mean --n?"),
-        ("campaign --out a --trails 3", "did you mean --trials?"),
-        ("animate --policy calm-1 -o a.gif", "did you mean `npend animate calm-1 -o a.gif`?"),
-        ("examples --copy=a", "did you mean `npend examples --out a`?"),
-        (f"release --chain {'x' * 300}", "xxx cannot be read: File name too long"),
-        (f"evaluate --env x={'[' * 50_000}", "x has too many lists inside each other"),
-        ("chaos map --masses 1,2,3", "masses must be one number or an array of shape (2,), got"),
-        ("chaos map --centre 1,2,3", "centre must be one number or an array of shape (2,), got"),
-        ("chaos map --gravity -1", "gravity must be zero or more"),
-        ("chaos map --rtol 0", "rtol must be at least"),
-        ("animate --n 2 --masses 1,2,3 --out {new}/a.gif", "masses must be one number or 2"),
-        ("page --n 2 --masses 1,2,3 --out {new}/a.html", "masses must be one number or 2"),
-        ("campaign --n 2 --masses 1:2:3 --out {new}", "masses must"),
-        ("page {new}/none --out {new}/a.html", "none"),
-        ("chaos map --size 10 --threads 0 --out {new}", "threads must be between 1 and"),
-        ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
-        ("release --n 1 --out /dev/null/x", "out must be a folder"),
-    ],
-)
-def test_bad_arguments_exit_with_2_and_one_line_that_names_them(
-    arguments, message, refusal, tmp_path
-):
-    assert message in refusal(*arguments.format(new=tmp_path / "new").split())
-    assert not list(tmp_path.iterdir())  # no folder is made for a command that is refused
-
-
-@pytest.mark.parametrize(
     ("error", "code", "text"),
     [
         (RuntimeError("no step"), 1, "npend verify: no step"),

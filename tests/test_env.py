@@ -1,4 +1,3 @@
-import copy
 import pickle
 import threading
 
@@ -277,18 +276,6 @@ def test_a_diverged_chain_is_truncated_with_its_last_finite_state():
         np.testing.assert_array_equal(info["theta"], before["theta"])
     _, info = env.reset()
     assert not info["diverged"]
-
-
-@pytest.mark.parametrize("copier", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_made_within_an_episode_continues_bit_for_bit(copier):
-    env = make(mode="calm", n=3)
-    env.reset(seed=0)
-    actions = np.random.default_rng(0).uniform(-1, 1, (60, 1)).astype(np.float32)
-    for action in actions[:30]:
-        env.step(action)
-    twin = copier(env)
-    there = [env.step(action) for action in actions[30:]] + [env.reset()]
-    assert digest(there) == digest([twin.step(a) for a in actions[30:]] + [twin.reset()])
 
 
 def test_a_spec_survives_json_and_pickle():

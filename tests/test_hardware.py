@@ -2,10 +2,9 @@
 
 from itertools import pairwise
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
+from lanes import actions_for, assert_same, lane, run
 from oracle import accelerations
 from scipy import signal
 from scipy.integrate import solve_ivp
@@ -251,41 +250,6 @@ def test_info_reward_and_end_know_nothing_of_the_sensors():
 
 
 # -- the promises of all lanes ----------------------------------------------------------------
-
-
-def test_every_lane_is_the_single_env_of_its_seed_in_every_autoreset_mode():
-    keywords = {"num_envs": 18, "n": 2, "mode": "balance", "max_episode_steps": 7} | EVERYTHING
-    for autoreset in ("NEXT_STEP", "SAME_STEP"):
-        mode = gym.vector.AutoresetMode[autoreset]
-        ours = gym.make_vec("NPendulum-v0", autoreset_mode=mode, **keywords)
-        theirs = gym.make_vec(
-            "NPendulum-v0", vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode},
-            **keywords,
-        )  # fmt: skip
-        actions = actions_for(ours, 20)
-        assert_lanes_are_singles(run(ours, actions), run(theirs, actions))
-
-
-def test_a_lane_that_its_caller_resets_is_the_single_env_too():
-    envs = NPendulumVectorEnv(4, autoreset_mode="DISABLED", **EVERYTHING)
-    alone = NPendulumEnv(**EVERYTHING)
-    shown, expected = [envs.reset(seed=2)], [alone.reset(seed=4)]
-    for step, action in enumerate(commands(10)):
-        shown.append(envs.step(np.tile(action, (4, 1))))
-        expected.append(alone.step(action))
-        if step == 4:
-            shown.append(envs.reset(options={"reset_mask": np.ones(4, bool)}))
-            expected.append(alone.reset())
-    for ours, theirs in zip(shown, expected, strict=True):
-        assert_same([lane(each, 2) for each in ours], list(theirs))
-
-
-@pytest.mark.parametrize("threads", [2, 3])
-def test_threads_change_no_bit(threads):
-    one, some = (NPendulumVectorEnv(100, threads=k, **EVERYTHING) for k in (1, threads))
-    actions = actions_for(one, 12)
-    assert_same(run(some, actions), run(one, actions))
-    some.close()
 
 
 def test_noise_leaves_the_starts_of_a_seed_as_they_are():

@@ -85,7 +85,7 @@ def test_standard_errors_cover_errors_that_last_and_white_noise_alike():
     """Noise of an AR(1) process that lasts for a fifth of a recording, and white noise."""
     for memory, least in ((0.0, 0.55), (0.9, 0.55)):
         scaled = []
-        for seed in range(24):
+        for seed in range(12):
             times, theta, piece = recorded(TRUE, 8, seed=seed)
             if memory:
                 rng = np.random.default_rng(seed + 100)
@@ -215,12 +215,12 @@ def test_the_measured_double_pendulum_is_predicted_better_than_with_its_publishe
 # some chains hardly move, others turn over again and again: both are warned of
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_errors():
-    """Of 100 recordings of 5 s at 50 Hz with 0.01 rad of noise; the torques, which are known, tell
+    """Of 40 recordings of 5 s at 50 Hz with 0.01 rad of noise; the torques, which are known, tell
     the scale of masses. Masses of bobs are lift0^2 / inertia0 and so on, lift0 / m the length.
     """
     true = Chain([0.4, 0.3, 0.2], [0.5, 0.4, 0.3], damping=[0.02, 0.01, 0.005])
     times, torque, close = np.arange(0.0, 5.0, 0.02), [0.5, -0.2, 0.1], 0
-    for seed in range(100):
+    for seed in range(40):
         rng = np.random.default_rng(seed)
         known = Chain(
             true.masses * rng.uniform(0.8, 1.25, 3), true.lengths * rng.uniform(0.9, 1.1, 3)
@@ -234,7 +234,7 @@ def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_e
         errors = result.standard_errors[:6] / result.values[:6]
         assert errors.max() < 0.05  # they say something
         close += np.abs(deviations(result, true)).max() < 3.0
-    assert close >= 95
+    assert close >= 38
 
 
 @pytest.mark.filterwarnings("ignore:standard errors are large")

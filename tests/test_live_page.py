@@ -238,24 +238,6 @@ def test_the_page_is_one_file_of_200_kb_that_refers_to_nothing_outside(path):
     assert not re.search(r"<(link|script|img)[^>]+(src|href)=\"(?!data:)", text)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("--n 0", "n must be between 1 and 100"),
-        ("--n 101", "n must be between 1 and 100"),
-        ("--amplitude 0", "amplitude must be within 0.09 to 3.05 rad, got 0"),
-        ("--amplitude 60", "got 60: 60 degrees are 1.047 rad"),
-        ("--amplitude nan", "amplitude must be finite"),
-        ("--n 3 --chain acrobot", "n must be left out where chain is given, got 3"),
-        ("--out live.htm", "out must be a file that ends in .html"),
-    ],
-)
-def test_bad_arguments_of_play_exit_with_2(arguments, message, refusal, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert message in refusal("play", *arguments.split())
-    assert not list(tmp_path.iterdir())
-
-
 def test_chains_that_the_page_cannot_move_are_refused(refusal, tmp_path):
     for chain in (Chain.uniform(2, base=Cart(1.0)), Chain.uniform(2, stiffness=1e3)):
         file = tmp_path / "chain.json"
@@ -277,11 +259,6 @@ def test_play_opens_what_it_writes_or_says_where_it_is(tmp_path, monkeypatch, ca
     assert main(["play", "--out", "other.html"]) == 0
     assert len(opened) == 2
     assert (tmp_path / "other.html").read_bytes() == (tmp_path / "npend-play.html").read_bytes()
-
-
-def test_the_former_option_of_page_names_the_command(refusal, tmp_path):
-    out = tmp_path / "live.html"
-    assert f"npend play --out {out}" in refusal("page", "--live", "--out", str(out))
 
 
 # ---- what the reader does ------------------------------------------------------------------------

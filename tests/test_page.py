@@ -131,23 +131,6 @@ def test_changed_results_are_refused(runs, tmp_path, refusal):
     assert "periods.csv has been changed since" in error
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("--out a.htm", "out must be a file that ends in .html"),
-        ("nowhere --out a.html", "nowhere must hold results"),
-        (". --n 3 --out a.html", "--n must be left out with results"),
-        ("--n 0 --out a.html", "n must be between 1"),
-        ("--reading listing --out a.html", "reading must be one of"),
-        ("", "--out"),
-    ],
-)
-def test_bad_arguments_of_page_exit_with_2(arguments, message, refusal, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert message in refusal("page", *arguments.split())
-    assert not list(tmp_path.iterdir())
-
-
 # ---- in a browser --------------------------------------------------------------------------------
 
 

@@ -142,20 +142,6 @@ def test_enormous_weights_act_within_bounds_without_a_warning_or_are_refused(val
 # Commands
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--seed", "-1"], "seed must be at least 0, got -1"),
-        (["--duration", "0"], "duration must be greater than zero"),
-        (["--duration", "1e12"], "at most 20000000 angles"),
-    ],
-)
-def test_a_film_of_a_policy_refuses_bad_arguments_in_one_line(options, message, refusal, tmp_path):
-    out = tmp_path / "a.gif"
-    assert message in refusal("animate", "swingup-2", *options, "--out", str(out))
-    assert not out.exists()
-
-
 def test_commands_refuse_a_policy_that_names_no_sound_environment(refusal, tmp_path):
     path = str(write_policy(tmp_path / "a.safetensors", {"n": 2, "mode": "swingup", "dt": 1e-9}))
     for command in (["animate", "--out", str(tmp_path / "a.gif"), path],

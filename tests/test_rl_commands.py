@@ -86,31 +86,6 @@ def test_a_policy_that_never_succeeds_on_the_chain_of_a_file_is_told_why(tmp_pat
     assert told in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("command", "text"),
-    [
-        (["evaluate"], "give either a policy, or --controller"),
-        (["evaluate", "swingup-1", "--controller", "LQR"], "give either a policy"),
-        (["evaluate", "swingup-1", "--task", "calm-1"], "--task is for a --controller"),
-        (["evaluate", "swingup-99"], "policy must be a file or one of"),
-        (["evaluate", "--controller", "PID"], "controller must be one of LQR, MPC"),
-        (["evaluate", "swingup-1", "--env", "dampign=1"], "did you mean 'damping'"),
-        (["evaluate", "swingup-1", "--env", "chain=none.json"], "must be one of acrobot"),
-        (["evaluate", "swingup-1", "--env", "damping"], "must be NAME=VALUE, got damping"),
-        (["train", "swingup-2-fast"], 'task must be like "swingup-2" or "swingup-2-robust"'),
-        (["train", "swing-2"], 'task must be like "swingup-2"'),
-        (["train", "calm"], 'task must be like "swingup-2"'),
-        (["train", "calm-2", "--algorithm", "dqn"], "algorithm must be one of shac, imitation"),
-        (["train", "calm-2", "--set", "gama=0.9"], "--set must name one of total_timesteps"),
-    ],
-)
-def test_what_is_wrong_is_named(command, text, refusal, tmp_path, monkeypatch):
-    pytest.importorskip("torch")
-    monkeypatch.chdir(tmp_path)
-    assert text in refusal(*command)
-    assert not list(tmp_path.iterdir())
-
-
 def test_an_interrupted_training_says_that_nothing_was_written(tmp_path, capsys):
     pytest.importorskip("torch")
     with Interrupt():

@@ -154,7 +154,7 @@ def test_shac_learns_to_swing_up_a_rod_on_a_cart_in_a_minute():
     from npend_gym.rl.training.shac import Settings, train
 
     env = {"n": 1, "mode": "swingup", "base": "cart", "observation": "sincos"}
-    policy, _ = train(Settings(env=env, total_timesteps=60_000))
+    policy, _ = train(Settings(env=env, total_timesteps=36_000))
     assert evaluate(policy, env, episodes=50).success_rate >= 0.9
 
 

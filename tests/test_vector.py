@@ -4,8 +4,9 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
+from test_hardware import EVERYTHING
 from test_randomize import RANDOMIZE
 
 import npend_gym  # noqa: F401 - registers the environments
@@ -13,7 +14,7 @@ from npend_gym.envs.modes import MODES
 
 
 def make_vec(num_envs, **keywords):
-    return gym.make_vec("NPendulum-v0", num_envs=num_envs, **keywords)
+    return gym.make_vec("NPendulum-v0", num_envs, **keywords)
 
 
 @pytest.mark.parametrize("mode", ["passive", "calm"])
@@ -44,17 +45,28 @@ KINDS = {mode: {"n": 3, "mode": mode} for mode in MODES}
 DRAWN = {"n": 3, "randomize": RANDOMIZE, "observe_context": True}
 KINDS |= {f"{mode}, drawn": DRAWN | {"mode": mode} for mode in ("swingup", "balance", "transition")}
 KINDS["goals, drawn"] = KINDS["transition, drawn"] | {"goal_env": True, "reward_type": "sparse"}
+KINDS["cart, drawn"] = {
+    "base": "cart", "actuated": (1,), "observe_context": True,
+    "randomize": {
+        "cart_mass": (0.5, 2.0), "max_force": (0.5, 1.0), "masses": (0.9, 1.1),
+        "rail_damping": {"low": 0.0, "high": 2.0},
+    },
+}  # fmt: skip
+KINDS["sensors and motors"] = {"n": 2, "mode": "balance", "num_envs": 18} | EVERYTHING
+EACH_KIND = [  # the kernels of motors and sensors take long to compile
+    pytest.param(kind, marks=pytest.mark.long) if "motors" in kind else kind for kind in KINDS
+]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH_KIND)
 @pytest.mark.parametrize("autoreset", list(AutoresetMode))
 def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(kind, autoreset):
     # where nothing resets a lane, no episode ends
     steps, limit = (80, 25) if autoreset is not AutoresetMode.DISABLED else (10, 100)
-    keywords = KINDS[kind] | {"max_episode_steps": limit}
-    vector = make_vec(5, autoreset_mode=autoreset, **keywords)
-    singles = SyncVectorEnv(
-        [lambda: gym.make("NPendulum-v0", **keywords)] * 5, autoreset_mode=autoreset
+    keywords = {"num_envs": 5, "max_episode_steps": limit} | KINDS[kind]
+    vector = make_vec(autoreset_mode=autoreset, **keywords)
+    singles = make_vec(
+        vectorization_mode="sync", vector_kwargs={"autoreset_mode": autoreset}, **keywords
     )
     assert vector.observation_space == singles.observation_space
     actions = actions_for(vector, steps)
@@ -64,12 +76,15 @@ def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(kind, autorese
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-@pytest.mark.parametrize("mode", ["passive", "swingup"])
-def test_threads_and_tiles_change_no_bit(mode, threads):
-    count = 150  # two tiles and a part
-    alone = make_vec(count, n=2, mode=mode, max_episode_steps=20)
-    shared = make_vec(count, n=2, mode=mode, max_episode_steps=20, threads=threads)
-    small = make_vec(3, n=2, mode=mode, max_episode_steps=20)
+@pytest.mark.parametrize(
+    "kind",
+    [{"mode": "passive"}, {"mode": "swingup"}, pytest.param(EVERYTHING, marks=pytest.mark.long)],
+    ids=["passive", "swingup", "sensors and motors"],
+)
+def test_threads_and_tiles_change_no_bit(kind, threads):
+    keywords = {"n": 2, "max_episode_steps": 20} | kind
+    alone = make_vec(150, **keywords)  # two tiles and a part
+    shared, small = make_vec(150, threads=threads, **keywords), make_vec(3, **keywords)
     actions = actions_for(alone, 50)
     everything = run(alone, actions)
     assert_same(everything, run(shared, actions))
@@ -207,15 +222,23 @@ def test_one_diverged_lane_disturbs_no_other():
 
 
 @pytest.mark.parametrize("copier", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_made_within_an_episode_continues_bit_for_bit(copier):
-    env = make_vec(3, n=2, threads=2, max_episode_steps=15)
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: gym.make("NPendulum-v0", mode="calm", n=3),
+        lambda: make_vec(3, n=2, threads=2, max_episode_steps=15),
+    ],
+    ids=["single", "vector"],
+)
+def test_a_copy_made_within_an_episode_continues_bit_for_bit(make, copier):
+    env = make()
     actions = actions_for(env, 40)
     run(env, actions[:20])
-    twin = copier(env)
-    assert_same([env.step(a) for a in actions[20:]], [twin.step(a) for a in actions[20:]])
+    both = env, copier(env)
+    assert_same(*([*(each.step(a) for a in actions[20:]), each.reset()] for each in both))
 
 
-@pytest.mark.parametrize("context", ["fork", "spawn"])
+@pytest.mark.parametrize("context", ["fork", pytest.param("spawn", marks=pytest.mark.long)])
 def test_gymnasiums_worker_processes_can_run_it(context):
     def make_one():
         return gym.make("npend_gym:NPendulum-v0", n=2)

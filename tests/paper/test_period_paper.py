@@ -4,12 +4,16 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from scripts import run_script
 
 from npend_gym import Chain, theory
+from npend_gym.experiments.release import PAPER_N
+from paper import hesitation
 from paper.com_law import LawGrid
 from paper.period import compute, limits, rope
+from paper.readings import AMPLITUDES, ERRORS, HALF_DIGIT, all_readings, error
 from paper.third_order import amplitude_growth
 
 FOLDER = Path(compute.__file__).parent
@@ -41,9 +45,33 @@ def test_kept_numbers_are_those_that_are_computed_now(key):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("key", sorted(set(compute.NUMBERS) - set(QUICK)))
+@pytest.mark.parametrize("key", sorted(set(compute.NUMBERS) - {*QUICK, "early", "tables"}))
 def test_costly_kept_numbers_are_those_that_are_computed_now(key):
     assert compute.NUMBERS[key](False) == kept()[key]
+
+
+@pytest.mark.long
+def test_early_bobs_are_those_that_are_computed_now():
+    """Up to 400 rods. `python -m paper.period.compute early` checks all: minutes, for 3200."""
+    for n, *values in kept()["early"][:5]:
+        (row,) = hesitation.hesitation_rows((int(n),), (compute.QUARTER,))
+        form = {"share": ".3f", "lowest": ".3f", "mean": ".4f", "median": ".4f"}
+        assert values == [format(row[name], each) for name, each in form.items()], n
+
+
+@pytest.mark.long
+def test_no_reading_of_the_error_is_nearer_to_the_tables_than_the_one_that_is_kept():
+    """A reading that is farther away in one cell of the tables is not tried in the others."""
+    tables, worst = kept()["tables"], dict.fromkeys(all_readings(), 0.0)
+    assert tables["readings"] == str(len(worst))
+    for column, n in enumerate(PAPER_N):
+        for printed, angle in zip(ERRORS[:, column], AMPLITUDES[:, column], strict=True):
+            off = {reading: abs(error(reading, n, angle) - printed) for reading in worst}
+            worst = {reading: np.maximum(worst[reading], off[reading]) for reading in worst}
+            nearest = float(tables["nearest"]) + HALF_DIGIT
+            worst = {reading: each for reading, each in worst.items() if each < nearest}
+    assert f"{min(worst.values()):.3f}" == tables["nearest"]
+    assert tables["scatter"] == f"{np.ptp(ERRORS, axis=0).max():.3f}"
 
 
 def test_the_law_meets_the_measured_period_of_two_rods():
