@@ -23,23 +23,27 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.linalg import expm, solve_discrete_are
 
 from npend_gym import Cart, Chain, theory
 from npend_gym._checks import FloatArray
-from npend_gym._palette import BLUE, ORANGE
+from npend_gym._palette import BLUE, FAINT, ORANGE
 from npend_gym._provenance import machine
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import linearise
-from npend_gym.report import styled, write_csv
+from npend_gym.report import panels, styled, write_csv
+from npend_gym.report.outputs import write_figure
 from npend_gym.rl import HELD_OUT
 from npend_gym.rl.evaluation.rollouts import rollout
 from npend_gym.theory.unstable_modes import with_lag
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "explanation" / "how_hard.md"
-TABLE = re.compile(r"\| rods \|.*?\n\n", re.DOTALL)
+TABLE = re.compile(r"\| base \|.*?\n\n", re.DOTALL)
 BASES, RODS = ("pivot", "cart"), range(1, 11)
+SENSED = ("noise", "resolution")
+LABELS = {"task": "strong motor", "weak": "weak motor"}
 QUANTITIES = {"noise": "rad", "resolution": "rad", "delay": "s", "lag": "s"}
 MOTORS = {"weak": 0.005, "task": 1.0}  # times the limit of the motor in the tasks
 SHARE = 0.1  # of the largest noise, with which delay and lag are found
@@ -202,7 +206,7 @@ def measured(base: str, n: int, motor: str, quantity: str) -> dict[str, Any]:
     """Return a row: what the theory says, and what half of the episodes survive."""
     keywords = env_of(base, n, motor)
     found, scale = theory_of(base, n), MOTORS[motor]
-    of_sensors = quantity in ("noise", "resolution")
+    of_sensors = quantity in SENSED
     expected = float(getattr(found, quantity)) * (scale if of_sensors else 1.0)
     fixed = {} if of_sensors else {"noise": SHARE * scale * found.noise}
     start = time.process_time()
@@ -227,7 +231,7 @@ def cells() -> list[tuple[str, int, str, str]]:
     return [
         (base, n, motor, quantity)
         for motor, quantity, base, n in every
-        if motor == "weak" or quantity in ("noise", "resolution")
+        if motor == "weak" or quantity in SENSED
     ]
 
 
@@ -242,6 +246,68 @@ def read(path: Path) -> list[dict[str, Any]]:
 def of_row(row: Mapping[str, Any]) -> tuple[str, int, str, str]:
     """Return which cell a row is of."""
     return row["base"], int(row["rods"]), row["motor"], row["quantity"]
+
+
+def by_cell(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, int, str, str], Any]:
+    """Return the rows by what they are of."""
+    return {of_row(row): row for row in rows}
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return limits, and measured over theory, as a table in Markdown."""
+    found = by_cell(rows)
+    heads = [
+        "base", "rods", "fastest pole [1/s]", "bits/s", "noise [rad]", "resolution [rad]",
+        "delay [s]", "lag [s]", "static delay [s]", *QUANTITIES, "noise, strong motor",
+    ]  # fmt: skip
+    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for base, n in product(BASES, RODS):
+        first = found[base, n, "weak", "noise"]
+        cells = [base, str(n), f"{float(first['fastest_pole']):.1f}"]
+        cells.append(f"{float(first['bits_per_second']):.0f}")
+        motors = {name: "task" if name in SENSED else "weak" for name in QUANTITIES}
+        for name, motor in motors.items():
+            cells.append(f"{float(found[base, n, motor, name]['theory']):.2g}")
+        cells.append(f"{float(first['static_delay']):.2g}")
+        cells += [f"{float(found[base, n, 'weak', name]['ratio']):.2f}" for name in QUANTITIES]
+        cells.append(f"{float(found[base, n, 'task', 'noise']['ratio']):.2f}")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+@styled
+def figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw the largest noise against the number of rods, and what was measured over the theory."""
+    found = by_cell(rows)
+    drawn = Figure(figsize=(7.6, 3.4))
+    left, right = panels(drawn, 1, 2)
+    for base, color in zip(BASES, (BLUE, ORANGE), strict=True):
+        for motor, line, mark in (("task", "-", "s"), ("weak", "--", "o")):
+            of = [found[base, n, motor, "noise"] for n in RODS]
+            name = f"{base}, {LABELS[motor]}"
+            left.plot(RODS, [float(row["theory"]) for row in of], line, color=color, label=name)
+            values = [float(row["measured"]) for row in of]
+            left.plot(RODS, values, mark, color=color, markersize=4)
+    for base, color in zip(BASES, (BLUE, ORANGE), strict=True):
+        for quantity, mark in zip(QUANTITIES, "osx^", strict=True):
+            ratios = [float(found[base, n, "weak", quantity]["ratio"]) for n in RODS]
+            right.plot(RODS, ratios, mark, color=color, markersize=4, label=f"{quantity}, {base}")
+    right.axhspan(0.8, 1.2, color=FAINT, alpha=0.4, linewidth=0.0)
+    left.set(yscale="log", xlabel="rods", ylabel="noise of the angles [rad]", xticks=RODS)
+    left.set_title("lines: theory, marks: measured")
+    left.legend(fontsize=7)
+    right.set(xlabel="rods", ylabel="measured / theory", xticks=RODS, ylim=(0.4, 1.6))
+    right.set_title("weak motor")
+    right.legend(fontsize=6, ncols=2)
+    return drawn
+
+
+def publish(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Put rows, table and figure into the documentation."""
+    write_csv(DOCS / "results" / "hardness.csv", rows)
+    write_figure(DOCS / "images" / "hardness.png", figure(rows))
+    page = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(TABLE.sub(lambda _: table(rows) + "\n", page, count=1), encoding="utf-8")
 
 
 def main() -> None:

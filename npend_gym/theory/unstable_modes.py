@@ -77,7 +77,7 @@ class UnstableModes:
         left, right = left.real[:, kept].T, right.real[:, kept]
         left = left / np.einsum("ki,ik->k", left, right)[:, None]
         drive = (left @ b)[:, 0] * np.expm1(poles * dt) / poles
-        if np.any(np.abs(drive) < 1e-12 * np.abs(left).max(axis=1) * np.abs(b).max() * dt):
+        if np.any(np.abs(drive) <= 1e-12 * np.abs(left).max(axis=1) * np.abs(b).max() * dt):
             raise ValueError("b must drive every unstable mode of a: this motor does not")
         from_modes = right * drive
         growth, to_modes = np.exp(poles * dt), left / drive[:, None]

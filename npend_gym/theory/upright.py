@@ -158,7 +158,7 @@ def least_action(
     >>> from npend_gym import Chain, physics, theory
     >>> A, B = physics.linearise(Chain.uniform(1), np.pi)
     >>> round(theory.least_action(A, B, limit=4.905).noise, 3)  # rad
-    0.19
+    0.189
     """
     seconds = _checks.positive_number("seconds", seconds)
     modes = _modes(a, b, limit, dt, lag)
