@@ -45,7 +45,9 @@ BASES, RODS = ("pivot", "cart"), range(1, 11)
 SENSED = ("noise", "resolution")
 LABELS = {"task": "strong motor", "weak": "weak motor"}
 QUANTITIES = {"noise": "rad", "resolution": "rad", "delay": "s", "lag": "s"}
-MOTORS = {"weak": 0.005, "task": 1.0}  # times the limit of the motor in the tasks
+MOTORS = {"weak": 0.005, "weaker": 0.0005, "task": 1.0}  # times the limit in the tasks
+WEAK = {"noise": "weak", "resolution": "weak", "delay": "weaker", "lag": "weaker"}
+SUBSTEPS = {"delay": 32, "lag": 32}  # within a step the motor changes from substep to substep
 SHARE = 0.1  # of the largest noise, with which delay and lag are found
 CENTRING = 0.03  # 1/s, how fast a cart comes back to the middle of its rail
 WIDTH = 2.0  # the search begins within this factor of the theory
@@ -120,14 +122,14 @@ class Balancer:
         spring[config.n] = CENTRING**2 * mass / limit
         pushed = a + limit * b @ spring[None]
         design = theory.least_action(pushed, b, limit=limit, dt=config.dt, delay=delay, lag=lag)
-        a, b = with_lag(a, limit * b, lag)
-        spring = np.append(spring, np.zeros(len(a) - len(spring)))
-        self._gain = spring - design.feedback
-        outputs, shaken = np.eye(config.n + 1, len(a)), np.zeros((len(a),) * 2)
+        size = design.feedback.size  # with the output of the motor, which is known
+        self._gain = np.append(spring, np.zeros(size - len(spring))) - design.feedback
+        outputs, noise = np.eye(config.n + 1, len(a)), np.eye(config.n + 1)
+        shaken = np.zeros_like(a)
         shaken[2 * config.n + 1, 2 * config.n + 1] = CENTRING**4 * config.dt**2  # of its velocity
-        step, noise = held(a, b, config.dt)[0], np.eye(config.n + 1)
-        spread = solve_discrete_are(step.T, outputs.T, shaken, noise)
-        self._correct = np.linalg.solve(outputs @ spread @ outputs.T + noise, outputs @ spread).T
+        spread = solve_discrete_are(held(a, b, config.dt)[0].T, outputs.T, shaken, noise)
+        correct = np.linalg.solve(outputs @ spread @ outputs.T + noise, outputs @ spread).T
+        self._correct = np.append(correct, np.zeros((size - len(a), config.n + 1)), axis=0)
 
     def reset(self, num_envs: int) -> None:
         """Forget all: the chains stand upright at rest."""
@@ -204,7 +206,7 @@ def found_by_halving(share: Callable[[float], float]) -> float:
 
 def measured(base: str, n: int, motor: str, quantity: str) -> dict[str, Any]:
     """Return a row: what the theory says, and what half of the episodes survive."""
-    keywords = env_of(base, n, motor)
+    keywords = env_of(base, n, motor) | {"substeps": SUBSTEPS.get(quantity)}
     found, scale = theory_of(base, n), MOTORS[motor]
     of_sensors = quantity in SENSED
     expected = float(getattr(found, quantity)) * (scale if of_sensors else 1.0)
@@ -227,12 +229,8 @@ def measured(base: str, n: int, motor: str, quantity: str) -> dict[str, Any]:
 
 def cells() -> list[tuple[str, int, str, str]]:
     """Return what is measured; delay and lag need noise that the strong motor may not survive."""
-    every = product(MOTORS, QUANTITIES, BASES, RODS)
-    return [
-        (base, n, motor, quantity)
-        for motor, quantity, base, n in every
-        if motor == "weak" or quantity in SENSED
-    ]
+    kinds = [*((motor, quantity) for quantity, motor in WEAK.items()), *product(["task"], SENSED)]
+    return [(base, n, *kind) for kind, base, n in product(kinds, BASES, RODS)]
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -265,11 +263,13 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         first = found[base, n, "weak", "noise"]
         cells = [base, str(n), f"{float(first['fastest_pole']):.1f}"]
         cells.append(f"{float(first['bits_per_second']):.0f}")
-        motors = {name: "task" if name in SENSED else "weak" for name in QUANTITIES}
-        for name, motor in motors.items():
+        for name, weak in WEAK.items():
+            motor = "task" if name in SENSED else weak
             cells.append(f"{float(found[base, n, motor, name]['theory']):.2g}")
         cells.append(f"{float(first['static_delay']):.2g}")
-        cells += [f"{float(found[base, n, 'weak', name]['ratio']):.2f}" for name in QUANTITIES]
+        cells += [
+            f"{float(found[base, n, motor, name]['ratio']):.2f}" for name, motor in WEAK.items()
+        ]
         cells.append(f"{float(found[base, n, 'task', 'noise']['ratio']):.2f}")
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
@@ -290,7 +290,7 @@ def figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
             left.plot(RODS, values, mark, color=color, markersize=4)
     for base, color in zip(BASES, (BLUE, ORANGE), strict=True):
         for quantity, mark in zip(QUANTITIES, "osx^", strict=True):
-            ratios = [float(found[base, n, "weak", quantity]["ratio"]) for n in RODS]
+            ratios = [float(found[base, n, WEAK[quantity], quantity]["ratio"]) for n in RODS]
             right.plot(RODS, ratios, mark, color=color, markersize=4, label=f"{quantity}, {base}")
     right.axhspan(0.8, 1.2, color=FAINT, alpha=0.4, linewidth=0.0)
     left.set(yscale="log", xlabel="rods", ylabel="noise of the angles [rad]", xticks=RODS)
@@ -314,6 +314,7 @@ def main() -> None:
     """Measure what is missing and write the file after every row, or publish it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/hardness.csv"))
+    parser.add_argument("--quantities", nargs="+", choices=QUANTITIES, default=list(QUANTITIES))
     parser.add_argument("--publish", action="store_true", help="in docs/")
     arguments = parser.parse_args()
     rows = read(arguments.out)
@@ -323,7 +324,7 @@ def main() -> None:
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     done = {of_row(row) for row in rows}
     for cell in cells():
-        if cell not in done:
+        if cell not in done and cell[3] in arguments.quantities:
             rows.append(measured(*cell))
             write_csv(arguments.out, rows)
             print(*cell, rows[-1]["theory"], rows[-1]["ratio"], flush=True)
