@@ -15,3 +15,7 @@ from npend_gym.theory.rope import com_ratio as com_ratio
 from npend_gym.theory.rope import release_profile as release_profile
 from npend_gym.theory.small_releases import com_period as com_period
 from npend_gym.theory.small_releases import small_angle_periods as small_angle_periods
+from npend_gym.theory.upright import Hardness as Hardness
+from npend_gym.theory.upright import LeastAction as LeastAction
+from npend_gym.theory.upright import hardness as hardness
+from npend_gym.theory.upright import least_action as least_action
