@@ -55,7 +55,8 @@ SIMULATED = {"gpu.md"}
 def test_code_of_the_page_prints_what_the_page_shows(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as for a script that stands there
-    shutil.copytree(ROOT / "examples" / "data", tmp_path / "examples" / "data")
+    for data in ("examples/data", "benchmarks/certify"):
+        shutil.copytree(ROOT / data, tmp_path / data)
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     if page.name in SIMULATED:  # Numba reads once whether it simulates a GPU
         environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
