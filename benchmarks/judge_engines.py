@@ -13,7 +13,6 @@ The file keeps the rows of engines and cases that are not run again.
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -104,11 +103,10 @@ def diagram(done: Sequence[Row], case: str = SHOWN) -> Figure:
         figure = Figure(figsize=(7.2, 4.8))
         axes = figure.add_subplot()
         shown = [row for row in done if row["case"] == case and not row["reason"]]
-        for row, marker in zip(shown, itertools.cycle("os^vDP*X<>")):
+        for k, row in enumerate(shown):  # ten markers and seven colours make 70 pairs
             axes.plot(
-                float(row["us_per_step"]), max(float(row["error_1_s"]), 1e-16), marker,
-                color="C0" if row["engine"].startswith("npend_gym") else "C7",
-                markersize=8, label=row["engine"],
+                float(row["us_per_step"]), max(float(row["error_1_s"]), 1e-16),
+                "os^vDP*X<>"[k % 10], color=f"C{k % 7}", markersize=8, label=row["engine"],
             )  # fmt: skip
         axes.set(
             xscale="log", yscale="log", xlabel="CPU time of a step [us]",
