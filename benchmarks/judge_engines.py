@@ -154,7 +154,8 @@ def _run(options: dict[str, Any]) -> int:
             path = options["out"] / f"{kind}.csv"
             done = _merged(path, done)
             written = [write_csv(path, done)]
-            if kind == "engines" and can_draw():
+            drawn = kind == "engines" and any(row["case"] == SHOWN for row in done)
+            if drawn and can_draw():
                 written.append(write_figure(options["out"] / "engines.png", diagram(done)))
             show_written(written)
     if options["json"]:
