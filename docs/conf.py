@@ -45,12 +45,10 @@ myst_heading_anchors = 3
 def benchmark(suite: str) -> str:
     """Return what `python benchmarks/peers.py` has written about a suite as a table in Markdown."""
     lines = ["| | here [1/s] | peer | peer [1/s] | times as fast |", "|---|---:|---|---:|---:|"]
-    path = ROOT / "benchmarks" / "results" / f"{suite}.csv"
-    with path.open(encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            ours, peer = float(row["ours_per_s"]), float(row["peer_per_s"] or "nan")
-            beside = f"{short(peer)} | {short(ours / peer)}" if row["peer"] else " | "
-            lines.append(f"| {row['job']} | {short(ours)} | {row['peer']} | {beside} |")
+    for row in results(suite):
+        ours, peer = float(row["ours_per_s"]), float(row["peer_per_s"] or "nan")
+        beside = f"{short(peer)} | {short(ours / peer)}" if row["peer"] else " | "
+        lines.append(f"| {row['job']} | {short(ours)} | {row['peer']} | {beside} |")
     return "\n".join(lines)
 
 
@@ -67,17 +65,84 @@ def of_learning() -> str:
               "fraction of time in `step`", "adapter's speed-up, in total",
               "adapter's speed-up, collecting")  # fmt: skip
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    path = ROOT / "benchmarks" / "results" / "learning.csv"
-    with path.open(encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            *cells, learning, collecting = list(row.values())[:-1]  # the last is the machine
-            cells[-1] = f"{100 * float(cells[-1]):.0f} %"
-            lines.append(f"| {' | '.join([*cells, learning, collecting])} |")
+    for row in results("learning"):
+        *cells, learning, collecting = list(row.values())[:-1]  # the last is the machine
+        cells[-1] = f"{100 * float(cells[-1]):.0f} %"
+        lines.append(f"| {' | '.join([*cells, learning, collecting])} |")
     return "\n".join(lines)
 
 
+def engines() -> str:
+    """Return what `python benchmarks/judge_engines.py` has written about one case of engines."""
+    lines = ["| engine | method | 1 s | 5 s | 10 s | energy | us a step | cases |",
+             "|---|---|---:|---:|---:|---:|---:|---:|"]  # fmt: skip
+    rows = results("engines")
+    for row in rows:
+        if row["case"] == SHOWN:
+            name = f"{row['engine']}, {row['version']}" if row["version"] else row["engine"]
+            played = [one for one in rows if one["engine"] == row["engine"]]
+            count = f"{sum(not one['reason'] for one in played)} of {len(played)}"
+            numbers = [row[f"error_{t}_s"] for t in (1, 5, 10)] + [row["energy_error"]]
+            numbers = [f"{float(one):.0e}" if one else "" for one in numbers]
+            cells = [name, row["method"], *numbers, row["us_per_step"], count]
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def engines_by_case() -> str:
+    """Return the errors of some engines after 1 s in all cases."""
+    some = ("npend_gym dop853", "npend_gym rk4", "MuJoCo RK4", "MuJoCo Euler", "Drake RK3",
+            "Pinocchio RK4", "PyBullet")  # fmt: skip
+    lines = [f"| case | {' | '.join(some)} |", "|---|" + "---:|" * len(some)]
+    rows = {(row["case"], row["engine"]): row["error_1_s"] for row in results("engines")}
+    for case in dict.fromkeys(case for case, _ in rows):
+        errors = [rows.get((case, name), "") for name in some]
+        cells = [f"{float(error):.0e}" if error else "-" for error in errors]
+        lines.append(f"| {case} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def engines_that_cannot() -> str:
+    """Return which engines could not play which cases, and why."""
+    cases: dict[tuple[str, str], list[str]] = {}
+    for row in results("engines"):
+        if row["reason"]:
+            reason = row["reason"].partition("; got")[0]
+            cases.setdefault((row["engine"], reason), []).append(row["case"])
+    every = len({row["case"] for row in results("engines")})
+    lines = ["| engine | cases | reason |", "|---|---|---|"]
+    for (engine, reason), names in cases.items():
+        which = "all" if len(names) == every else ", ".join(names)
+        lines.append(f"| {engine} | {which} | `{reason}` |")
+    return "\n".join(lines)
+
+
+def derivatives_of_engines() -> str:
+    """Return the errors of the engines' derivatives."""
+    rows = {(row["case"], row["engine"]): row["error"] for row in results("derivatives_of_engines")}
+    names = [*dict.fromkeys(engine for _, engine in rows)]
+    lines = [f"| case | {' | '.join(names)} |", "|---|" + "---:|" * len(names)]
+    for case in dict.fromkeys(case for case, _ in rows):
+        errors = [rows.get((case, name), "") for name in names]
+        cells = [f"{float(error):.0e}" if error else "-" for error in errors]
+        lines.append(f"| {case} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def results(name: str) -> list[dict[str, str]]:
+    """Return the rows of a file of results."""
+    path = ROOT / "benchmarks" / "results" / f"{name}.csv"
+    with path.open(encoding="utf-8") as file:
+        return [*csv.DictReader(file)]
+
+
+SHOWN = "links"  # the case whose table has all engines
 SUITES = "dynamics", "environments", "episodes", "derivatives", "chaos", "ensembles"
 myst_substitutions = {suite: benchmark(suite) for suite in SUITES} | {"learning": of_learning()}
+myst_substitutions |= {
+    table.__name__: table()
+    for table in (engines, engines_by_case, engines_that_cannot, derivatives_of_engines)
+}
 
 man_pages = [
     ("commands", "npend", "release, measure, train and look at chains of pendulums", author, 1)

@@ -59,7 +59,8 @@ def test_code_of_the_page_prints_what_the_page_shows(page, tmp_path, monkeypatch
         pytest.skip("no C compiler here")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)  # as for a script that stands there
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    for data in ("examples", "benchmarks/certify"):
+        shutil.copytree(ROOT / data, tmp_path / data)
     blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
     if page.name in SIMULATED:  # Numba reads once whether it simulates a GPU
         environment = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}

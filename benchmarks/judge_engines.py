@@ -1,0 +1,181 @@
+"""How exact and how fast simulation engines are on the reference cases of `certify`.
+
+    python benchmarks/judge_engines.py --out benchmarks/results     all that are installed
+    python benchmarks/judge_engines.py --engine "MuJoCo RK4" --case links
+    python benchmarks/judge_engines.py --derivatives -o results     of the state after 1 s
+    python benchmarks/judge_engines.py --make-references            anew; needs heyoka
+
+Engines with fixed steps take steps of 1/1024 s. `certify/README.md` describes the cases, and how
+an engine is added. An engine that is missing or cannot express a case gets a row with the reason.
+The file keeps the rows of engines and cases that are not run again.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from certify import derivatives, jax_runners, oracle, runners
+from certify.cases import Case, read
+
+from npend_gym import _provenance
+from npend_gym.cli.common import OK, Parser, can_draw, dispatch, show_written
+from npend_gym.report.outputs import write_csv, write_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # an extra
+
+STEP = 2.0**-10  # s
+SHOWN = "links"  # the case of the figure and the main table: its bodies have inertia
+ENGINES = runners.ENGINES | jax_runners.ENGINES
+Row = dict[str, Any]
+
+
+def rows(cases: Sequence[Case], names: Sequence[str]) -> Iterator[Row]:
+    """Yield what each engine made of each case, or why it could not."""
+    made_by = _provenance.machine()
+    for case in cases:
+        for name in names:
+            row = _about(name, case) | _tried(lambda n=name, c=case: _played(n, c))
+            yield row | {"made_by": made_by}
+
+
+def _played(name: str, case: Case) -> Row:
+    played = runners.play(ENGINES[name], case, STEP)
+    errors = runners.errors(case, played)
+    columns = {f"error_{t}_s": f"{e:.3g}" for t, e in zip((1, 5, 10), errors, strict=True)}
+    drift = f"{runners.energy_error(case, played):.3g}"
+    return columns | {
+        "energy_error": drift, "us_per_step": f"{played.microseconds:.3g}", "steps": played.steps
+    }  # fmt: skip
+
+
+def derivative_rows(cases: Sequence[Case], names: Sequence[str]) -> Iterator[Row]:
+    """Yield the relative error of each engine's derivative of the state after 1 s by the start."""
+    made_by = _provenance.machine()
+    for case in cases:
+        if case.derivative is not None:
+            for name in derivatives.ENGINES:
+                if name in names:
+                    row = _about(name, case)
+                    row |= _tried(lambda n=name, c=case: derivatives.compared(n, c, STEP))
+                    yield row | {"made_by": made_by}
+
+
+def _about(name: str, case: Case) -> Row:
+    engine = ENGINES[name]
+    try:
+        release = version(engine.package.replace("_", "-"))
+    except PackageNotFoundError:
+        release = "" if engine.package != "npend_gym" else _provenance.__version__
+    about = {"case": case.name, "engine": name, "version": release, "method": engine.method}
+    return about | {"precision": engine.precision, "reason": ""}
+
+
+def _tried(play: Callable[[], Row]) -> Row:
+    """Return the row that `play` makes, or the reason why it does not."""
+    try:
+        return play()
+    except Exception as error:  # noqa: BLE001
+        lines = str(error).splitlines() or [""]
+        return {"reason": f"{type(error).__name__}: {lines[0][:120]}"}
+
+
+def line(row: Row) -> str:
+    """Return a row to be read on a terminal."""
+    numbers = [f"{key} {row[key]}" for key in row if key.startswith(("error", "energy", "us_"))]
+    return f"{row['case']:10s} {row['engine']:20s} {row['reason'] or '  '.join(numbers)}"
+
+
+def diagram(done: Sequence[Row], case: str = SHOWN) -> Figure:
+    """Draw the error after 1 s of each engine against the time of a step, for one case."""
+    from matplotlib.figure import Figure
+
+    from npend_gym.report.style import styled
+
+    @styled
+    def draw() -> Figure:
+        figure = Figure(figsize=(7.2, 4.8))
+        axes = figure.add_subplot()
+        shown = [row for row in done if row["case"] == case and not row["reason"]]
+        for k, row in enumerate(shown):  # ten markers and seven colours make 70 pairs
+            axes.plot(
+                float(row["us_per_step"]), max(float(row["error_1_s"]), 1e-16),
+                "os^vDP*X<>"[k % 10], color=f"C{k % 7}", markersize=8, label=row["engine"],
+            )  # fmt: skip
+        axes.set(
+            xscale="log", yscale="log", xlabel="CPU time of a step [us]",
+            ylabel="error after 1 s [rad]",
+            title=f'Case "{case}": fixed steps of 1/1024 s, or adaptive steps',
+        )  # fmt: skip
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        return figure
+
+    return draw()
+
+
+FIELDS = ("case", "engine", "version", "method", "precision", "error_1_s", "error_5_s",
+          "error_10_s", "energy_error", "us_per_step", "steps", "reason", "made_by")  # fmt: skip
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and print, row by row; return the exit code."""
+    parser = Parser(prog="benchmarks/judge_engines.py", description=__doc__)
+    cases = {case.name: case for case in read()}
+    parser.add_argument("--engine", action="append", choices=ENGINES, help="one, or several (all)")
+    parser.add_argument("--case", action="append", choices=cases, help="one, or several (all)")
+    parser.add_argument("--derivatives", action="store_true", help="compare derivatives")
+    parser.add_argument("--make-references", action="store_true", help="compute the cases anew")
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON at the end")
+    parser.add_argument("-o", "--out", type=Path, metavar="FOLDER", help="write a CSV file there")
+    return dispatch(parser, _run, vars(parser.parse_args(argv)) | {"cases": cases})
+
+
+def _run(options: dict[str, Any]) -> int:
+    if options["make_references"]:
+        oracle.make(print)
+        return OK
+    cases = [options["cases"][name] for name in options["case"] or options["cases"]]
+    kind, fields = ("derivatives_of_engines", derivatives.FIELDS) if options["derivatives"] else (
+        "engines", FIELDS)  # fmt: skip
+    yielding = derivative_rows if options["derivatives"] else rows
+    done: list[Row] = []
+    try:
+        for row in yielding(cases, options["engine"] or [*ENGINES]):
+            done.append({field: row.get(field, "") for field in fields})
+            print(line(row), file=sys.stderr if options["json"] else sys.stdout, flush=True)
+    finally:
+        if options["out"] is not None and done:
+            path = options["out"] / f"{kind}.csv"
+            done = _merged(path, done)
+            written = [write_csv(path, done)]
+            drawn = kind == "engines" and any(row["case"] == SHOWN for row in done)
+            if drawn and can_draw():
+                written.append(write_figure(options["out"] / "engines.png", diagram(done)))
+            show_written(written)
+    if options["json"]:
+        print(json.dumps(done))
+    return OK
+
+
+def _merged(path: Path, done: Sequence[Row]) -> list[Row]:
+    """Return the rows of a file, those of the same case and engine replaced, and the new ones."""
+    rows: dict[tuple[str, str], Row] = {}
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = {(row["case"], row["engine"]): row for row in csv.DictReader(file)}
+    rows |= {(row["case"], row["engine"]): row for row in done}
+    cases, engines = [case.name for case in read()], [*ENGINES]
+    return sorted(
+        rows.values(), key=lambda row: (cases.index(row["case"]), engines.index(row["engine"]))
+    )
+
+
+if __name__ == "__main__":
+    if code := main():
+        raise SystemExit(code)

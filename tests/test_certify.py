@@ -1,0 +1,156 @@
+"""The reference cases of `benchmarks/certify`, the package's own motions, and other engines'."""
+
+import json
+
+import judge_engines
+import lagrangian
+import numpy as np
+import pytest
+from certify import derivatives, oracle, runners
+from certify.cases import DEFINED, FORMAT, TIMES, Case, read
+from certify.equations import accelerations, energy, solve
+
+CASES = {case.name: case for case in read()}
+EPS = np.finfo(float).eps
+
+
+def test_the_file_has_twelve_cases_as_they_are_defined_with_all_their_digits():
+    assert len(CASES) == len(DEFINED) == 12
+    for defined, case in zip(DEFINED, CASES.values(), strict=True):
+        assert defined.items() <= case.record.items()
+        assert float(case.record["difference"]) < 1e-21
+        assert [state["time"] for state in case.record["states"]] == ["1", "5", "10"]
+        for state in case.record["states"]:
+            assert state.keys() == case.record["start"].keys() | {"time", "growth"}
+            assert all(len(text.partition(".")[2]) == 28 for text in state["theta"])
+        for values in (case.start, case.mechanism.masses, case.mechanism.lengths):
+            np.testing.assert_array_equal(np.float32(values), values)
+
+
+def test_a_file_of_another_format_is_refused(tmp_path):
+    path = tmp_path / "cases.json"
+    path.write_text(json.dumps({"format": "another", "cases": []}), encoding="utf-8")
+    with pytest.raises(ValueError, match=f"format must be '{FORMAT}', got 'another'"):
+        read(path)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_equations_are_those_that_sympy_derives(name):
+    case, rng = CASES[name], np.random.default_rng(0)
+    chain = runners.chain_of(case)
+    if case.n > 3:
+        pytest.skip("SymPy takes long, and the equations are the same for all n")
+    base = chain.base and {"cart_mass": chain.base.mass, "rail_damping": chain.base.damping}
+    values = {field: getattr(chain, field) for field in lagrangian._PER_LINK}
+    values["gravity"] = chain.gravity
+    if chain.stiffness is not None:
+        values |= {"stiffness": chain.stiffness, "axial_damping": chain.axial_damping}
+    q, u, torque = (rng.normal(size=k) for k in (chain.coordinates, chain.coordinates, case.n))
+    q[case.n :] *= 0.1
+    expected = lagrangian.all_accelerations(values, q, u, np.append(torque, 0.0), base)
+    found = accelerations(case.mechanism, q, u, torque)
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+
+
+def test_elimination_solves_systems_of_any_numbers():
+    rng = np.random.default_rng(1)
+    root, right = rng.normal(size=(5, 5)), rng.normal(size=5)
+    matrix = root @ root.T
+    found = solve(matrix.astype(object), right.astype(object))
+    np.testing.assert_allclose(found.astype(float), np.linalg.solve(matrix, right), rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_our_simulator_meets_every_reference(name):
+    case = CASES[name]
+    played = runners.play(runners.ENGINES["npend_gym dop853"], case, 1e-3)
+    growth = [float(state["growth"]) for state in case.record["states"]]
+    errors = runners.errors(case, played)
+    print(name, errors, growth)
+    assert np.all(errors < 1e-11 + 1e-12 * np.maximum.accumulate(growth))
+    assert runners.energy_error(case, played) < 1e-10
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_energy_of_the_references_is_conserved_where_nothing_takes_it(name):
+    case = CASES[name]
+    chain = case.mechanism
+    if np.any(chain.damping) or np.any(chain.drag) or case.record["torque"]:
+        pytest.skip("energy is not conserved")
+    first = energy(chain, *case.start)
+    scale = np.abs(chain.gravity * chain.masses.sum() * chain.lengths.sum())
+    for state in case.states:
+        assert abs(energy(chain, *state) - first) < 1e-13 * scale
+
+
+def test_our_derivatives_are_those_of_the_references():
+    given = [case for case in CASES.values() if case.derivative is not None]
+    assert len(given) == 8
+    for case in given:
+        assert float(derivatives.compared("npend_gym dop853", case, 1e-3)["error"]) < 1e-10
+
+
+def test_steps_of_half_the_length_leave_a_sixteenth_of_the_error():
+    case = CASES["links"]
+    rk4 = runners.ENGINES["npend_gym rk4"]
+    coarse, fine = (runners.errors(case, runners.play(rk4, case, 2.0**-k))[0] for k in (8, 9))
+    assert 12.0 < coarse / fine < 20.0
+
+
+def test_joint_coordinates_and_back():
+    for case in CASES.values():
+        values = case.states[0][0]
+        joints = runners.to_joints(case, values)
+        np.testing.assert_allclose(runners.from_joints(case, joints), values, atol=1e-15)
+    case = CASES["springs"]
+    np.testing.assert_array_equal(runners.forces_on(case, np.array([1.0, 2.0])), [1, 0, 2, 0])
+    case = CASES["cart"]
+    np.testing.assert_array_equal(runners.forces_on(case, np.array([1.0, 2.0])), [0, 1, 2])
+    assert [end for _, end, _ in CASES["driven"].intervals] == [1.0, 2.5, 4.0, 5.0, 7.5, 10.0]
+
+
+def test_the_command_writes_a_row_for_each_engine_or_why_there_is_none(tmp_path, capsys):
+    chosen = ["--case", "drag", "--engine", "npend_gym rk4", "--engine", "Drake RK3"]
+    assert judge_engines.main([*chosen, "--out", str(tmp_path), "--json"]) == 0
+    ours, theirs = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert float(ours["error_1_s"]) < 1e-8
+    assert theirs["error_1_s"] == ""
+    assert "Error: " in theirs["reason"]
+    assert (tmp_path / "engines.csv").exists()
+    assert "npend_gym rk4" in judge_engines.line(ours)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicitfast"])
+def test_mujoco_approaches_the_references(integrator):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    engine = runners.ENGINES[f"MuJoCo {integrator}"]
+    order = 4 if integrator == "RK4" else 1
+    for case in CASES.values():
+        if case.name == "drag":
+            with pytest.raises(ValueError, match="MuJoCo has no such thing"):
+                engine.make(case, 1e-3)
+            continue
+        if case.name in ("stiff", "springs") and order == 1:
+            continue  # steps that follow their vibrations would take minutes
+        coarse, fine = (
+            runners.errors(case, runners.play(engine, case, 2.0**-k))[0] for k in (10, 12)
+        )
+        assert fine < 1e-6 if order == 4 else fine < 0.02
+        assert coarse / fine > 2.0**order or fine < 1e-9
+
+
+@pytest.mark.long
+def test_scipy_meets_the_references_on_the_dense_equations():
+    for case in CASES.values():
+        if case.name not in ("stiff", "long"):
+            played = runners.play(runners.ENGINES["SciPy DOP853"], case, 1e-3)
+            assert runners.errors(case, played)[0] < 1e-9
+
+
+@pytest.mark.long
+def test_the_references_are_computed_again_by_heyoka():
+    pytest.importorskip("heyoka", reason="heyoka is not installed")
+    found = oracle.compute(Case(DEFINED[0]))
+    assert found["states"] == CASES["one-rod"].record["states"]
+    assert TIMES == (1, 5, 10)
