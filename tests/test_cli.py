@@ -41,7 +41,8 @@ def test_control_characters_in_names_do_not_reach_the_terminal(tmp_path, capsys)
     evil = "\x1b]0;owned\x07\x1b[2J\rname\x9b31m"
     out = tmp_path / evil
     assert main(["release", "--n", "1", "--trials", "1", "--out", str(out)]) == 0
-    assert main(["page", "--n", "1", "--trials", "1", "--out", str(out / "a.html")]) == 0
+    page = str(out / "a.html")
+    assert main(["release", "--n", "1", "--trials", "1", "--page", page]) == 0
     for bad in (["release", "--out", str(out / "periods.csv")], ["analyse", str(out)]):
         with pytest.raises(SystemExit):
             main(bad)
@@ -94,12 +95,15 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
         ("release --reading swing", "reading must be one of bob, link, height, com; got 'swing'"),
         ("release --reading listing", "is `listing_periods` in paper/estimator.py of a clone"),
         ("release --masses 1,2", "masses must be one number or 5"),
-        ("release --colour red", "release: error: unrecognized arguments: --colour red; See "),
-        ("release --angle 60", "--angle 60; did you mean --amplitude? See npend release --help"),
-        ("animate --out a.gif --friction=1", "did you mean --damping?"),
-        ("page --out a.html --nn 3", "did you mean --n?"),
+        ("chaos map --colour red", "chaos: error: unrecognized arguments: --colour red; See "),
+        ("play --angle 60", "--angle 60; did you mean --amplitude? See npend play --help"),
+        ("simulate --film a.gif --friction=1", "did you mean --damping?"),
+        ("simulate --time 5", "did you mean --duration?"),
+        ("release --page a.html --nn 3", "did you mean --n?"),
         ("campaign --out a --trails 3", "did you mean --trials?"),
-        ("animate --policy calm-1 -o a.gif", "did you mean `npend animate calm-1 -o a.gif`?"),
+        ("animate --policy calm-1 -o a.gif", "did you mean `npend simulate calm-1 --film a.gif`?"),
+        ("animate -n 5 -a 2 --out=a b.gif", "`npend simulate -n 5 --theta 2 --film a b.gif`?"),
+        ("page results --out a.html", "did you mean `npend release results --page a.html`?"),
         ("examples --copy=a", "did you mean `npend examples --out a`?"),
         (f"release --chain {'x' * 300}", "xxx cannot be read: File name too long"),
         (f"evaluate --env x={'[' * 50_000}", "x has too many lists inside each other"),
@@ -107,10 +111,10 @@ def test_angles_are_radians_multiples_of_pi_or_degrees(text, radians):
         ("chaos map --centre 1,2,3", "centre must be one number or an array of shape (2,), got"),
         ("chaos map --gravity -1", "gravity must be zero or more"),
         ("chaos map --rtol 0", "rtol must be at least"),
-        ("animate --n 2 --masses 1,2,3 --out {new}/a.gif", "masses must be one number or 2"),
-        ("page --n 2 --masses 1,2,3 --out {new}/a.html", "masses must be one number or 2"),
+        ("simulate --n 2 --masses 1,2,3 --film {new}/a.gif", "masses must be one number or 2"),
+        ("release --n 2 --masses 1,2,3 --page {new}/a.html", "masses must be one number or 2"),
         ("campaign --n 2 --masses 1:2:3 --out {new}", "masses must"),
-        ("page {new}/none --out {new}/a.html", "none"),
+        ("release {new}/none --page {new}/a.html", "none"),
         ("chaos map --size 10 --threads 0 --out {new}", "threads must be between 1 and"),
         ("chaos map --out map.png", "out must be a folder, in which map.png and map.npz appear"),
         ("release --n 1 --out /dev/null/x", "out must be a folder"),

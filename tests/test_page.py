@@ -119,7 +119,7 @@ def test_page_from_results_is_the_page_of_the_release_whatever_their_provenance(
     assert manifest["provenance"]["arguments"]["seed"] == 3
     for change in ({}, {"provenance": {}}):
         (folder / "manifest.json").write_text(json.dumps(manifest | change))
-        assert main(["page", str(folder), "--out", str(out)]) == 0
+        assert main(["release", str(folder), "--page", str(out)]) == 0
         assert out.read_bytes() == path.read_bytes()
 
 
@@ -127,24 +127,23 @@ def test_changed_results_are_refused(runs, tmp_path, refusal):
     results.write(PLAN, runs, tmp_path, figures=False)
     table = tmp_path / "periods.csv"
     table.write_text(table.read_text().replace("2.7", "2.8"))
-    error = refusal("page", str(tmp_path), "--out", str(tmp_path / "a.html"))
+    error = refusal("release", str(tmp_path), "--page", str(tmp_path / "a.html"))
     assert "periods.csv has been changed since" in error
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("--out a.htm", "out must be a file that ends in .html"),
-        ("nowhere --out a.html", "nowhere must hold results"),
-        (". --n 3 --out a.html", "--n must be left out with results"),
-        ("--n 0 --out a.html", "n must be between 1"),
-        ("--reading listing --out a.html", "reading must be one of"),
-        ("", "--out"),
+        ("--page a.htm", "page must be a file that ends in .html"),
+        ("nowhere --page a.html", "nowhere must hold results"),
+        (". --n 3 --page a.html", "--n must be left out with results"),
+        ("--n 0 --page a.html", "n must be between 1"),
+        ("--reading listing --page a.html", "reading must be one of"),
     ],
 )
 def test_bad_arguments_of_page_exit_with_2(arguments, message, refusal, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert message in refusal("page", *arguments.split())
+    assert message in refusal("release", *arguments.split())
     assert not list(tmp_path.iterdir())
 
 

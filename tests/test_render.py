@@ -77,6 +77,16 @@ def test_a_mirrored_scene_gives_the_mirrored_picture(n):
     assert np.abs(frame.astype(int) - mirror).mean() < 0.5
 
 
+def test_a_trace_of_few_places_is_drawn_as_a_curve():
+    turns = np.arange(0.0, 6.0, 0.5)  # rad, around the pivot
+    circle = 0.9 * np.column_stack([np.sin(turns), -np.cos(turns)])
+    frame = Painter(480).paint(Scene(circle[-1:], 1.0, trace=circle[:-1])).astype(int)
+    for turn in (turns[1:-2] + turns[2:-1]) / 2.0:  # straight lines pass 6 pixels further inside
+        x, y = 240.0 + 0.9 * 0.44 * 480 * np.array([np.sin(turn), np.cos(turn)])
+        near = frame[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
+        assert np.ptp(near, axis=-1).max() > 10, turn
+
+
 @pytest.mark.parametrize("n", [1, 5, 50, 200, 100_000])
 def test_chains_of_any_length_are_drawn(n):
     frame = Painter().paint(hanging_arc(n, bend=2.0))

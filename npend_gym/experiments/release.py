@@ -63,7 +63,7 @@ class ReleaseExperiment:
         Viscous damping of every joint [N m s].
     chain : Chain, dict or str, optional
         One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
-        `Chain`, the dict of its parameters, or a preset's name.
+        `Chain`, the dict of its parameters, a preset's name, or a JSON file.
 
     Examples
     --------
