@@ -1,4 +1,5 @@
 import copy
+import os
 import pickle
 import subprocess
 import sys
@@ -337,3 +338,15 @@ def test_marks_are_dotted_where_they_are():
     center = np.array([columns.mean(), rows.mean()]) + 0.5
     expected = 240 + 0.44 * 480 / 3 * mark * (1, -1)
     np.testing.assert_allclose(center, expected, atol=0.5)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="SDL looks for Wayland on Linux alone")
+def test_a_window_without_a_session_opens_quietly():
+    code = "from npend_gym.window import Window; import numpy as np; "
+    code += "window = Window(); window.show(np.zeros((8, 8, 3), np.uint8), 50.0); window.close()"
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "XDG_RUNTIME_DIR", "SDL_VIDEODRIVER")
+    env = {name: value for name, value in os.environ.items() if name not in hidden}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
