@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import _thread
 import os
+import sys
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from queue import Empty, SimpleQueue
-from typing import TypeVar
+from typing import Any, TypeVar
 
 _Part = TypeVar("_Part")
 
@@ -145,6 +147,25 @@ def share_out(parts: Sequence[_Part], threads: int, follow: Callable[[_Part, Cal
         helpers.run(work)
     finally:
         helpers.close()
+
+
+@contextmanager
+def one_torch_thread() -> Generator[None]:
+    """Let PyTorch, where it is imported, compute in one thread meanwhile: it rounds the same.
+
+    A product of matrices that several threads share has other roundings, which change a policy
+    altogether. For small networks several threads are slower, too, by far on a busy machine.
+    """
+    torch: Any = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _serve(shares: SimpleQueue[_Share | None], owner: weakref.ref[Helpers]) -> None:

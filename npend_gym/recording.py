@@ -8,15 +8,16 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.chain import plain_keywords
+from npend_gym.chain import Chain, plain_keywords
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.experiments.sensing import signals
+from npend_gym.period import pseudo_periods
 from npend_gym.physics import Trajectory, simulate
 
 DEFAULT_SECONDS = 15.0  # of an episode
@@ -105,6 +106,48 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
         motion, periods, np.zeros(times.size), experiment.reading, caption,
         provenance(arguments, experiment.seed),
     )  # fmt: skip
+
+
+def record_simulation(
+    chain: Chain,
+    theta: ArrayLike,
+    omega: ArrayLike,
+    seconds: float,
+    interval: float,
+    *,
+    reading: str = "bob",
+) -> Recording:
+    """Record a motion every `interval` [s], with the pseudo-periods after a release from rest.
+
+    Parameters
+    ----------
+    chain : Chain
+    theta, omega : array_like, shape (n,)
+        Angles [rad] and angular velocities [rad/s] at the start; one number stands for all rods.
+    seconds, interval : float
+        [s]
+    reading : str
+        What completes a pseudo-period.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument breaks its rule, or the recording would be too long to be held.
+    """
+    seconds = _checks.positive_number("duration", seconds)
+    interval = min(_checks.positive_number("interval", interval), seconds)
+    _check_size(seconds / interval, chain.n)
+    motion = simulate(chain, theta, omega, interval * np.arange(int(seconds / interval + 1e-9) + 1))
+    first, periods = motion.theta[0], np.full(chain.n, np.nan)
+    is_release = not motion.omega[0].any() and 0.0 < np.abs(first).max() <= np.pi
+    if is_release:
+        periods = pseudo_periods(chain, first, reading=reading, duration=seconds)
+    caption = f"n = {chain.n}"
+    if is_release and np.ptp(first) == 0.0:
+        caption = f"release from {np.degrees(first[0]):.3g} degrees, {caption}"
+    given = {"chain": chain, "theta": first, "omega": motion.omega[0]}
+    made = provenance(plain_keywords(given | {"seconds": seconds, "reading": reading}))
+    return Recording(motion, periods, np.zeros(motion.times.size), reading, caption, made)
 
 
 def _check_size(instants: float, n: int) -> None:

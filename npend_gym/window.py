@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from typing import Any
 
 from npend_gym import _checks
@@ -28,6 +30,9 @@ class Window:
         if self._refused:
             return
         pg, size = pygame_module(), (frame.shape[1], frame.shape[0])
+        if sys.platform == "linux" and "XDG_RUNTIME_DIR" not in os.environ:
+            # Wayland's socket would be there: without it SDL would try in vain, and complain
+            os.environ.setdefault("SDL_VIDEODRIVER", "x11,kmsdrm,offscreen")
         pg.display.init()  # does nothing where it is done already
         self._clock = self._clock or pg.time.Clock()
         screen = pg.display.get_surface()

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from npend_gym import __version__
+from npend_gym import Chain, __version__, simulate
 from npend_gym.cli import main
 from npend_gym.experiments import ReleaseExperiment, measure
-from npend_gym.recording import record_release
+from npend_gym.identification import read_motion
+from npend_gym.recording import record_release, record_simulation
 from npend_gym.report.animation import Film, write
 
 TIP = (0xD5, 0x5E, 0x00)
@@ -111,22 +112,47 @@ def test_an_interrupted_film_leaves_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "shape", "made_by"),
     [
-        ("--n 2 --duration 1 --fps 10", (11, 120, 240), {"n_values": [2]}),
-        ("--plain --n 1 --duration 0.2", (6, 120, 120), {"n_values": [1]}),
+        ("--theta 2,1 --duration 1 --fps 10", (11, 120, 240), {"theta": [2.0, 1.0]}),
+        ("--plain --n 1 --duration 0.2", (6, 120, 120), {"reading": "bob"}),
         ("swingup-1 --duration 2", (41, 120, 240), {"policy": "swingup-1"}),
     ],
     ids=["a release", "the chain alone", "a policy"],
 )
-def test_animate_films_what_the_comment_of_the_file_names(
+def test_simulate_films_what_the_comment_of_the_file_names(
     arguments, shape, made_by, tmp_path, capsys
 ):
     out = tmp_path / "new" / "a.gif"
-    assert main(["animate", *arguments.split(), "--size", "120", "--out", str(out)]) == 0
+    assert main(["simulate", *arguments.split(), "--size", "120", "--film", str(out)]) == 0
     assert f"{shape[0]} pictures, " in capsys.readouterr().out
     assert imageio.improps(out).shape[:3] == shape
     with Image.open(out) as image:
         about = json.loads(image.info["comment"])
     assert about["arguments"].items() >= made_by.items()
+
+
+def test_simulate_prints_the_ends_of_a_motion_and_writes_what_identify_reads(tmp_path, capsys):
+    out = tmp_path / "new" / "motion.csv"
+    line = f"simulate --theta 120deg,-10deg --omega 0,1 --duration 3 --csv {out} --interval 0.1"
+    assert main(line.split()) == 0
+    printed = capsys.readouterr().out
+    start = np.radians([120.0, -10.0])
+    expected = simulate(Chain.uniform(2), start, [0.0, 1.0], 0.1 * np.arange(31))
+    for k, at in enumerate(zip(start, expected.theta[-1], expected.omega[-1], strict=True)):
+        (row,) = [words for words in map(str.split, printed.splitlines()) if words[:1] == [str(k)]]
+        np.testing.assert_allclose([float(row[i]) for i in (1, 3, 4)], at, atol=1e-6)
+    assert f"energy {expected.energy()[0]:.6g} J" in printed
+    motion = read_motion(out)
+    np.testing.assert_array_equal(motion.times, expected.times)
+    np.testing.assert_array_equal(motion.theta, expected.theta)
+
+
+def test_simulate_plots_a_motion_of_a_chain_from_a_file(tmp_path):
+    (tmp_path / "chain.json").write_text(json.dumps(Chain.acrobot().as_dict()))
+    out = tmp_path / "motion.png"
+    chain = str(tmp_path / "chain.json")
+    assert main(["simulate", "--chain", chain, "--duration", "1", "--plot", str(out)]) == 0
+    with Image.open(out) as image:
+        assert image.size > (600, 500)
 
 
 def test_the_hero_film_shows_the_release_that_its_comment_names():
@@ -137,8 +163,8 @@ def test_the_hero_film_shows_the_release_that_its_comment_names():
         image.seek(120)
         shown = np.asarray(image.convert("RGB")).astype(int)
     arguments = about["arguments"]
-    trial, start = arguments.pop("trial"), arguments.pop("start")
-    plan = ReleaseExperiment(**arguments)
-    recording = record_release(plan, measure(plan, 20, trial, start), 1.0 / about["fps"])
+    chain = Chain.from_dict(arguments.pop("chain"))
+    assert chain == Chain.uniform(20)
+    recording = record_simulation(chain, **arguments, interval=1.0 / about["fps"])
     again = Film(recording, fps=about["fps"], size=shown.shape[0]).picture(120)
     assert np.abs(shown - again).mean() < 2.0

@@ -41,7 +41,8 @@ def test_control_characters_in_names_do_not_reach_the_terminal(tmp_path, capsys)
     evil = "\x1b]0;owned\x07\x1b[2J\rname\x9b31m"
     out = tmp_path / evil
     assert main(["release", "--n", "1", "--trials", "1", "--out", str(out)]) == 0
-    assert main(["page", "--n", "1", "--trials", "1", "--out", str(out / "a.html")]) == 0
+    page = str(out / "a.html")
+    assert main(["release", "--n", "1", "--trials", "1", "--page", page]) == 0
     for bad in (["release", "--out", str(out / "periods.csv")], ["analyse", str(out)]):
         with pytest.raises(SystemExit):
             main(bad)

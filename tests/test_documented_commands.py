@@ -98,7 +98,7 @@ SHORTER = {  # with less of what takes minutes
     "npend train": "--set total_timesteps=4096",
     "npend evaluate": "--episodes 4",
     "npend chaos map": "--size 60",
-    "npend animate": "--duration 2",
+    "npend simulate": "--duration 2",
     "python examples/evaluate.py": "--episodes 2 --seconds 1",
     "python examples/train_sb3.py": "--steps 4096",
     "python examples/train_torchrl.py": "--steps 4096",

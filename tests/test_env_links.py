@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -52,6 +53,26 @@ def test_a_chain_survives_the_spec_as_json_and_pickles(make, chain):
     for one in (again, pickle.loads(pickle.dumps(env))):
         assert one.unwrapped.config.chain == env.unwrapped.config.chain
         assert one.spec == env.spec
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+def test_a_file_describes_the_chain_and_is_not_needed_again(kind, tmp_path):
+    file = tmp_path / "fit.json"
+    file.write_text(json.dumps(CHAIN.as_dict()))
+    env = gym.make("NPendulum-v0", chain=kind(file), dt=0.02)
+    assert env.unwrapped.config.chain == CHAIN
+    spec = env.spec.to_json()
+    file.unlink()
+    assert gym.make(EnvSpec.from_json(spec)).unwrapped.config.chain == CHAIN
+
+
+def test_a_file_that_describes_no_chain_is_refused_by_its_path(tmp_path):
+    file = tmp_path / "fit.json"
+    with pytest.raises(ValueError, match=r"a JSON file .*; got .*fit.json.*, and there is no such"):
+        EnvConfig(chain=str(file))
+    file.write_text("[1]")
+    with pytest.raises(ValueError, match=r"fit.json cannot be read: it must be an object"):
+        EnvConfig(chain=str(file))
 
 
 def test_lists_of_numbers_in_arrays_survive_the_spec_as_json_too():

@@ -61,8 +61,10 @@ for command in sys.argv[1:]:
 """
 NEEDED = {  # the extra that is named
     "release --n 1 --trials 1 --out results": "plot",
-    "page --n 1 --trials 1 --out page.html": None,
-    "animate --n 1 --out film.gif": "plot,render",
+    "release --n 1 --trials 1 --page page.html": None,
+    "simulate --n 1 --film film.gif": "plot,render",
+    "simulate --n 1 --csv motion.csv": None,
+    "simulate --n 1 --plot motion.png": "plot",
     "campaign --n 1 --out campaign": "campaign",
     "analyse campaign": "campaign",
     "export calm-1 --to c --out policy.h": None,

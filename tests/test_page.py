@@ -119,7 +119,7 @@ def test_page_from_results_is_the_page_of_the_release_whatever_their_provenance(
     assert manifest["provenance"]["arguments"]["seed"] == 3
     for change in ({}, {"provenance": {}}):
         (folder / "manifest.json").write_text(json.dumps(manifest | change))
-        assert main(["page", str(folder), "--out", str(out)]) == 0
+        assert main(["release", str(folder), "--page", str(out)]) == 0
         assert out.read_bytes() == path.read_bytes()
 
 
@@ -127,7 +127,7 @@ def test_changed_results_are_refused(runs, tmp_path, refusal):
     results.write(PLAN, runs, tmp_path, figures=False)
     table = tmp_path / "periods.csv"
     table.write_text(table.read_text().replace("2.7", "2.8"))
-    error = refusal("page", str(tmp_path), "--out", str(tmp_path / "a.html"))
+    error = refusal("release", str(tmp_path), "--page", str(tmp_path / "a.html"))
     assert "periods.csv has been changed since" in error
 
 

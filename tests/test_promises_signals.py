@@ -123,7 +123,7 @@ def npend(line, *, closed="", **options):
 LINES = [
     "examples", "--version", "--help", *(f"{name} --help" for name in COMMANDS),
     "release --n 1 --trials 1 --out results", "release --n 1 --json",
-    "page --n 1 --trials 1 --out a.html",
+    "release --n 1 --trials 1 --page a.html",
 ]  # fmt: skip
 
 

@@ -78,6 +78,7 @@ def test_what_is_no_description_is_refused_by_its_path(text, message, tmp_path):
         ({"n": 1.5}, "n must be an integer"),
         ({"n": 1}, "observes 3 numbers"),
         ({"chain": {"masses": [1.0] * 5, "lengths": 1.0}, "n": None}, "n must be an integer"),
+        ({"chain": "fit.json"}, "its chain must be a preset's name or parameters"),
         ({"dt": 1e-9}, "dt must be at least 0.0001"),
         ({"dt": -1.0}, "dt must be greater"),
         ({"dt": 1e6}, "dt must be at most 100"),
@@ -144,7 +145,7 @@ def test_enormous_weights_act_within_bounds_without_a_warning_or_are_refused(val
 
 def test_commands_refuse_a_policy_that_names_no_sound_environment(refusal, tmp_path):
     path = str(write_policy(tmp_path / "a.safetensors", {"n": 2, "mode": "swingup", "dt": 1e-9}))
-    for command in (["animate", "--out", str(tmp_path / "a.gif"), path],
+    for command in (["simulate", "--film", str(tmp_path / "a.gif"), path],
                     ["evaluate", path]):  # fmt: skip
         assert f"{path} is no policy" in refusal(*command)
 

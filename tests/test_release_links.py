@@ -142,7 +142,7 @@ def test_the_command_line_takes_presets_and_files(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (None, "argument --chain: must be one of acrobot, .* or a JSON file .*; got no_such_chain"),
+        (None, "--chain: must be one of acrobot, .* or a JSON file .*; got 'no_such_chain'"),
         ("{", "cannot be read: Expecting property name"),
         ('{"masses": [1]}', "the dict of a chain has no 'lengths'"),
         ("[1]", "it must be an object, names and values, got a list"),

@@ -1,4 +1,5 @@
 import copy
+import os
 import pickle
 import subprocess
 import sys
@@ -75,6 +76,16 @@ def test_a_mirrored_scene_gives_the_mirrored_picture(n):
     # a line lies half a sample aside in the mirror: edges differ, and by no more than a shade
     assert np.abs(frame.astype(int) - mirror).max() < 100
     assert np.abs(frame.astype(int) - mirror).mean() < 0.5
+
+
+def test_a_trace_of_few_places_is_drawn_as_a_curve():
+    turns = np.arange(0.0, 6.0, 0.5)  # rad, around the pivot
+    circle = 0.9 * np.column_stack([np.sin(turns), -np.cos(turns)])
+    frame = Painter(480).paint(Scene(circle[-1:], 1.0, trace=circle[:-1])).astype(int)
+    for turn in (turns[1:-2] + turns[2:-1]) / 2.0:  # straight lines pass 6 pixels further inside
+        x, y = 240.0 + 0.9 * 0.44 * 480 * np.array([np.sin(turn), np.cos(turn)])
+        near = frame[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
+        assert np.ptp(near, axis=-1).max() > 10, turn
 
 
 @pytest.mark.parametrize("n", [1, 5, 50, 200, 100_000])
@@ -327,3 +338,15 @@ def test_marks_are_dotted_where_they_are():
     center = np.array([columns.mean(), rows.mean()]) + 0.5
     expected = 240 + 0.44 * 480 / 3 * mark * (1, -1)
     np.testing.assert_allclose(center, expected, atol=0.5)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="SDL looks for Wayland on Linux alone")
+def test_a_window_without_a_session_opens_quietly():
+    code = "from npend_gym.window import Window; import numpy as np; "
+    code += "window = Window(); window.show(np.zeros((8, 8, 3), np.uint8), 50.0); window.close()"
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "XDG_RUNTIME_DIR", "SDL_VIDEODRIVER")
+    env = {name: value for name, value in os.environ.items() if name not in hidden}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""

@@ -86,6 +86,11 @@ def check_plan(config, controller):
     check_motion(config, controller.nominal)
 
 
+def test_a_plan_shows_itself_in_a_line(triple):
+    assert repr(triple) == "PlannedTransition(3 rods, 90 steps of 0.05 s, settle=0 s)"
+    assert len(repr(triple.hold_goal).splitlines()) < 5
+
+
 def test_swing_ups_by_model_predictive_control_are_guesses_that_lead_to_plans():
     config = config_of(n=2, mode="swingup")
     controller = planned_swing_up(config, seconds=4.0, tries=1, guess="mpc")

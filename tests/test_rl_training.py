@@ -14,7 +14,7 @@ from scripts import run_python
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
-from npend_gym.rl import HELD_OUT, Policy
+from npend_gym.rl import HELD_OUT, Policy, evaluate
 from npend_gym.rl.controllers.planning import Tracking
 
 torch = pytest.importorskip("torch")
@@ -160,6 +160,21 @@ def test_a_training_leaves_the_threads_of_the_program_as_they_were():
         with pytest.raises(ValueError, match="shac does not use torque_levels"):
             shac.train(shac.Settings(env={"n": 1, "observation": "sincos", "torque_levels": 3}))
         assert torch.get_num_threads() == before + 1
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_a_model_is_judged_by_one_thread_of_pytorch():
+    before, seen = torch.get_num_threads(), set()
+
+    def model(_observation, info):
+        seen.add(torch.get_num_threads())
+        return np.zeros((info["time"].size, 1))
+
+    torch.set_num_threads(before + 1)
+    try:
+        evaluate(model, {"n": 1, "mode": "calm", "max_episode_steps": 2}, episodes=2)
+        assert (seen, torch.get_num_threads()) == ({1}, before + 1)
     finally:
         torch.set_num_threads(before)
 

@@ -1,15 +1,19 @@
-"""A chain as users give one: the object itself, its parameters, or a preset's name."""
+"""A chain as users give one: the object itself, its parameters, a preset's name, or a file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from npend_gym import _checks
+from npend_gym import _checks, _files
 from npend_gym.chain.model import Chain
 from npend_gym.chain.presets import PRESETS
+
+_OR = "must be a npend_gym.Chain, a dict as its as_dict() gives, or "
+_RULE = f"one of {', '.join(PRESETS)}, or a JSON file with a chain's parameters"
 
 
 def as_chain(value: Any) -> Chain:
@@ -17,13 +21,14 @@ def as_chain(value: Any) -> Chain:
 
     Parameters
     ----------
-    value : Chain, mapping or str
-        A chain, its parameters as `Chain.as_dict` gives them, or a name for `Chain.preset`.
+    value : Chain, mapping, str or path
+        A chain, its parameters as `Chain.as_dict` gives them, a name for `Chain.preset`, or a JSON
+        file with these parameters, such as the ``fit.json`` of `npend identify`.
 
     Raises
     ------
     TypeError, ValueError
-        If it is none of them, or a parameter breaks its rule.
+        If it is none of them, the file cannot be read, or a parameter breaks its rule.
 
     Examples
     --------
@@ -37,11 +42,27 @@ def as_chain(value: Any) -> Chain:
         return Chain.from_dict(value)  # pyright: ignore[reportUnknownArgumentType]
     if isinstance(value, str) and value in PRESETS:
         return Chain.preset(value)
-    error = ValueError if isinstance(value, str) else TypeError
-    raise error(
-        "chain must be a npend_gym.Chain, a dict as its as_dict() gives, or one of "
-        f"{', '.join(PRESETS)}; got {_checks.show(value)}"
-    )
+    if isinstance(value, (str, Path)):
+        return Chain.from_dict(chain_parameters(value, f"chain {_OR}"))
+    raise TypeError(f"chain {_OR}{_RULE}; got {_checks.show(value)}")
+
+
+def chain_parameters(path: str | Path, rule: str = "must be ") -> dict[str, Any]:
+    """Return what a JSON file says of a chain, as `Chain.from_dict` takes it.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file, or it is no JSON object; the message begins with `rule`.
+    """
+    try:
+        return _files.parse_json(_files.read_text(Path(path)))
+    except FileNotFoundError as error:
+        shown = _checks.show(str(path))
+        raise ValueError(f"{rule}{_RULE}; got {shown}, and there is no such file") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ValueError(f"{rule}{_RULE}; {path} cannot be read: {reason}") from error
 
 
 def preset_name(chain: Chain) -> str | None:
@@ -58,7 +79,7 @@ def preset_name(chain: Chain) -> str | None:
 
 
 def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keywords that JSON can hold: chains as dicts, arrays as lists.
+    """Return keywords that JSON can hold: chains and their files as dicts, arrays as lists.
 
     Examples
     --------
@@ -68,7 +89,9 @@ def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
     0.1
     """
 
-    def plain(value: Any) -> Any:
+    def plain(value: Any, name: str = "") -> Any:
+        if name == "chain" and isinstance(value, (str, Path)) and value not in PRESETS:
+            return as_chain(value).as_dict()
         if isinstance(value, Chain):
             return value.as_dict()
         if isinstance(value, Mapping):
@@ -77,4 +100,4 @@ def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
             return [plain(one) for one in cast("list[Any]", value)]
         return value.tolist() if isinstance(value, np.ndarray) else value
 
-    return {name: plain(value) for name, value in keywords.items()}
+    return {name: plain(value, name) for name, value in keywords.items()}

@@ -20,19 +20,19 @@ from typing import Any
 
 from npend_gym import _interrupts
 from npend_gym._version import __version__
-from npend_gym.cli.common import FORMER, INTERRUPTED, Parser, dispatch, warn
+from npend_gym.cli.common import FORMER, INTERRUPTED, Parser, dispatch, respelled, warn
 from npend_gym.cli.options import add_options, tree
 from npend_gym.cli.streams import open_closed_streams
 
 COMMANDS = (
-    "release", "animate", "page", "play", "campaign", "analyse", "chaos", "identify", "train",
-    "evaluate", "export", "examples", "verify",
+    "release", "simulate", "play", "campaign", "analyse", "chaos", "identify", "train", "evaluate",
+    "export", "examples", "verify",
 )  # fmt: skip
 _EXAMPLES = """\
 examples:
   npend release                        the paper's experiment as a table
-  npend page --out release.html        the same in the browser, with an animation
-  npend animate --n 20 --out chain.gif
+  npend release --page release.html    the same in the browser, with the motions
+  npend simulate --theta 120deg,-10deg --film chain.gif
   npend play
   npend COMMAND --help                 has more
 
@@ -87,6 +87,8 @@ def _run(argv: Sequence[str] | None) -> int:
     first = next(iter(sys.argv[1:] if argv is None else argv), "")
     if first in FORMER and not first.startswith("-"):
         parser.error(f"{first} is not in the package: run `{FORMER[first]}` in a clone")
+    if first not in COMMANDS and (new := respelled(sys.argv[1:] if argv is None else argv)):
+        parser.error(f"{first} is written no more; did you mean `{new}`?")
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how the line may go on
         from argcomplete import autocomplete
 

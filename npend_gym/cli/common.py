@@ -20,19 +20,27 @@ _T = TypeVar("_T")
 
 OK, FAILED, BAD_ARGUMENTS, INTERRUPTED = 0, 1, 2, _interrupts.INTERRUPTED
 # What is written no more, and what is written in its place: a command that needs what only a clone
-# has, an option of a command, or an option of any
+# has, and an option of any command
 FORMER = {
     "bench": "python benchmarks/peers.py",
     "law": "python -m paper --only com-law",
     "paper": "python -m paper",
-    "page --live": "npend play",
-    "page --from": "npend page",
-    "animate --policy": "npend animate",
-    "examples --copy": "npend examples --out",
     "--angle": "--amplitude",
     "--theta": "--amplitude",
+    "--time": "--duration",
     "--friction": "--damping",
 }
+# A command of the package that is written otherwise, and its options that are (or are left out)
+RENAMED: dict[str, tuple[str, dict[str, str]]] = {
+    "animate": ("simulate", {
+        "--out": "--film", "-o": "--film", "--amplitude": "--theta", "-a": "--theta",
+        "--policy": "",
+    }),
+    "simulate --amplitude": ("simulate", {"--amplitude": "--theta"}),
+    "page": ("release", {"--out": "--page", "-o": "--page", "--from": ""}),
+    "page --live": ("play", {"--live": ""}),
+    "examples --copy": ("examples", {"--copy": "--out"}),
+}  # fmt: skip
 
 
 class Parser(argparse.ArgumentParser):
@@ -49,14 +57,27 @@ class Parser(argparse.ArgumentParser):
     def refuse(self, unknown: Sequence[str], given: Sequence[str] = ()) -> NoReturn:
         """Leave because of `unknown` arguments among those `given`, and name what may be meant."""
         option = unknown[0].partition("=")[0]
-        new = FORMER.get(f"{self.prog.partition(' ')[2]} {option}")
-        if new is not None:
-            words = [word.removeprefix(f"{option}=") for word in given if word != option]
-            self.error(f"{option} is written no more; did you mean `{new} {shlex.join(words)}`?")
+        if new := respelled([*self.prog.split()[1:], *given]):
+            self.error(f"{option} is written no more; did you mean `{new}`?")
         meant = FORMER.get(option, f"--{option.lstrip('-')}")
         near = difflib.get_close_matches(meant, self._option_string_actions, 1, 0.7)
         guess = f"did you mean {near[0]}? " if near and option.startswith("-") else ""
         self.error(f"unrecognized arguments: {' '.join(unknown)}; {guess}See {self.prog} --help")
+
+
+def respelled(words: Sequence[str]) -> str | None:
+    """Return the line that is written in place of a former one, None where that is not former."""
+    command, *rest = words or [""]
+    options = [f"{command} {word.partition('=')[0]}" for word in rest]
+    former = next((each for each in (*options, command) if each in RENAMED), None)
+    if former is None:
+        return None
+    command, renamed = RENAMED[former]
+    line = ["npend", command]
+    for word in rest:
+        option, _, value = word.partition("=")
+        line += [part for part in (renamed[option], value) if part] if option in renamed else [word]
+    return shlex.join(line)
 
 
 def printable(text: str) -> str:
@@ -118,8 +139,8 @@ def prepare_results(out: Path, command: str) -> None:
         warn(f"{command}: replaces the results in {out}")
 
 
-def prepare_file(out: Path, suffixes: Sequence[str]) -> None:
-    """Check that the file `out` can be written, before work begins.
+def prepare_file(out: Path, suffixes: Sequence[str], name: str = "out") -> None:
+    """Check that the file `out`, of the option `name`, can be written, before work begins.
 
     Raises
     ------
@@ -129,7 +150,7 @@ def prepare_file(out: Path, suffixes: Sequence[str]) -> None:
     from npend_gym.report import outputs
 
     if out.suffix not in suffixes or out.is_dir():
-        raise ValueError(f"out must be a file that ends in {' or '.join(suffixes)}, got {out}")
+        raise ValueError(f"{name} must be a file that ends in {' or '.join(suffixes)}, got {out}")
     outputs.prepare_folder(out.parent)
 
 

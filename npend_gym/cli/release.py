@@ -1,7 +1,8 @@
 """The paper's experiment: release chains from rest, and time every bob.
 
 The pseudo-period of every bob of N equal pendulums is measured, averaged and compared with the
-models.
+models. The page has the motion of the chains, the pseudo-period of every bob as it completes, and
+the pseudo-period against N with the models; it is one file, which needs neither network nor server.
 
 Examples
 --------
@@ -12,6 +13,8 @@ Examples
   npend release -n 3 --masses 1,2,0.5 --lengths 1,0.5,0.25
   npend release --chain "multiarm 3" --amplitude 0.5
   npend release -n 20 --sensor-interval 0.01 --sensor-offset 0.02
+  npend release -n 1,2,3,4 --page few.html
+  npend release results --page all.html    what `npend release -o results` measured
 """
 
 from __future__ import annotations
@@ -23,11 +26,14 @@ from npend_gym.cli.common import (
     INTERRUPTED,
     OK,
     can_draw,
+    prepare_file,
     prepare_results,
     progress,
+    show_file,
     show_written,
     warn,
 )
+from npend_gym.cli.options import spelled
 
 if TYPE_CHECKING:
     from npend_gym.experiments import Run
@@ -35,27 +41,48 @@ if TYPE_CHECKING:
 FILLS = {"npend_gym.experiments.release:ReleaseExperiment": ()}
 
 
-def run(*, as_json: bool = False, out: Path | None = None, **release: Any) -> int:
+def run(
+    results: Path | None = None,
+    *,
+    as_json: bool = False,
+    out: Path | None = None,
+    page: Path | None = None,
+    **release: Any,
+) -> int:
     """Run the experiment; return the exit code.
 
     Parameters
     ----------
+    results : folder, optional
+        What `npend release --out FOLDER` measured, which is shown instead of measuring.
     as_json : bool
         Print the summary and its provenance as JSON.
     out : folder, optional
         Write tables (CSV), release.json, manifest.json and figures there, in place of older ones.
+    page : file, optional
+        Write a page for the browser, with the motions, to this .html file.
     """
     from npend_gym.experiments import ReleaseExperiment, measure
+    from npend_gym.recording import record_first_trials
+    from npend_gym.report import player, release_page
     from npend_gym.report import release_tables as report
 
     runs: list[Run] = []
     interrupted = False
-    experiment = ReleaseExperiment(**release)
+    if results is not None and release:
+        option = spelled(next(iter(release)))
+        raise ValueError(f"{option} must be left out with results, which have their own")
+    if results is not None:
+        experiment, runs = report.read(results)
+    else:
+        experiment = ReleaseExperiment(**release)
+    if page is not None:
+        prepare_file(page, player.SUFFIXES, "page")
     if out is not None:
         prepare_results(out, "npend release")
     try:
-        for one in progress("release")(experiment.runs()):
-            runs.append(measure(experiment, *one))  # noqa: PERF401 - kept when interrupted
+        for one in progress("release")([] if runs else experiment.runs()):
+            runs.append(measure(experiment, *one))
     except KeyboardInterrupt:
         interrupted = True
     if runs:
@@ -65,6 +92,11 @@ def run(*, as_json: bool = False, out: Path | None = None, **release: Any) -> in
         written = report.write(experiment, runs, out, figures=can_draw())
         if not as_json:
             show_written(written)
+    if page is not None and not interrupted:
+        recordings = record_first_trials(experiment, runs, progress("recording"))
+        player.write(page, release_page.page(experiment, runs, recordings))
+        if not as_json:
+            show_file(page)
     if interrupted:
         warn("interrupted: the runs above are complete, the rest is missing")
         return INTERRUPTED

@@ -7,10 +7,7 @@ import json
 import math
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
-
-from npend_gym import _files
 
 _T = TypeVar("_T")
 
@@ -85,17 +82,12 @@ def columns(text: str) -> dict[str, str]:
 def chain_argument(text: str) -> Any:
     """Return a preset's name as it is, or the parameters in a JSON file of that name."""
     from npend_gym.chain import PRESETS
+    from npend_gym.chain.choice import chain_parameters
 
-    if text in PRESETS:
-        return text
-    rule = f"must be one of {', '.join(PRESETS)}, or a JSON file with a chain's parameters"
     try:
-        return _files.parse_json(_files.read_text(Path(text)))
-    except FileNotFoundError as error:
-        raise argparse.ArgumentTypeError(f"{rule}; got {text}") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise argparse.ArgumentTypeError(f"{rule}; {text} cannot be read: {reason}") from error
+        return text if text in PRESETS else chain_parameters(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def setting(text: str) -> tuple[str, Any]:

@@ -229,9 +229,9 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
     )
     chain: Chain = keyword(
         None,
-        "A `npend_gym.Chain`, the dict that its `as_dict` gives, or a preset's name such as "
-        '"acrobot" (`npend_gym.chain.PRESETS`). Without it, `n` and the parameters of the chain '
-        "describe one.",
+        "A `npend_gym.Chain`, the dict that its `as_dict` gives, a preset's name such as "
+        '"acrobot" (`npend_gym.chain.PRESETS`), or a JSON file with such a dict, "fit.json". '
+        "Without it, `n` and the parameters of the chain describe one.",
     )
     dt: float = keyword(None, "Time of a step [s]; by default that of the mode.")
     substeps: int | None = keyword(

@@ -64,7 +64,7 @@ class ReleaseExperiment:
         Viscous damping of every joint [N m s].
     chain : Chain, dict or str, optional
         One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
-        `Chain`, the dict of its parameters, or a preset's name.
+        `Chain`, the dict of its parameters, a preset's name, or a JSON file.
     sensor_interval : float
         Time between two samples of a sensor [s], the first at the release. At 0 there is no
         sensor: instants are exact. What it measures depends on the reading: the horizontal

@@ -17,6 +17,7 @@ from npend_gym.render.scene import Scene
 SAMPLES = 4  # drawn this many times larger and averaged down; only powers of two keep a color
 RADIUS = 440.0  # of the reach, in thousandths of the picture; the rest is a strip for the text
 _BOBS, _TRACE = 2000, 600  # drawn at most: more than anyone can tell apart
+_ROUNDED = 4  # lines of the trace between two places
 
 _TIP, _TORQUE, _PAPER, _DISC = map(rgb, (ORANGE, PINK, PAPER, WHITE))
 _RIM, _ROD, _INK = map(rgb, (RIM, ROD, INK))
@@ -35,7 +36,7 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
         pen.polygon(_TORQUE, motor, outline)
 
     track = np.vstack([scene.trace, scene.positions[-1:]])
-    track = pen.places(track[thinned(len(track), _TRACE)])
+    track = pen.places(_rounded(track[thinned(len(track), _TRACE)]))
     for k, (start, end) in enumerate(pairwise(track), start=1):
         pen.line(mixed((_DISC, _TIP), 0.08 + 0.52 * k / len(track)), start, end, 4.2 * pen.fine)
 
@@ -48,6 +49,20 @@ def draw_scene(draw: Any, canvas: Any, scene: Scene) -> None:
             pen.polygon(_INK, pen.places(scene.positions[-1:])[0], outline)
     for place in pen.places(scene.marks[thinned(len(scene.marks), _BOBS)]):
         pen.disc(_INK, place, min(0.45 * bob, 7.0 * pen.fine))
+
+
+def _rounded(track: FloatArray) -> FloatArray:
+    """Return places (k, 2) at equal intervals of time with more between them, on smooth curves.
+
+    They are cubics with the slopes of Catmull and Rom; straight lines would show their corners.
+    """
+    parts = min(_ROUNDED, _TRACE // len(track))
+    if len(track) < 3 or parts < 2:
+        return track
+    (a, b), (u, v) = ((each[:-1], each[1:]) for each in (track, np.gradient(track, axis=0)))
+    s = np.arange(parts)[:, None, None] / parts
+    between = a + s * (u + s * (3.0 * (b - a) - 2.0 * u - v + s * (2.0 * (a - b) + u + v)))
+    return np.vstack([between.swapaxes(0, 1).reshape(-1, 2), track[-1:]])
 
 
 def _joints(scene: Scene) -> FloatArray:

@@ -29,10 +29,18 @@ _MODELS = {
     "T0": ("ideal", False), "T0+a": ("ideal", True), "T1": ("fundamental", False),
     "T(N,a)": ("law", True),
 }  # fmt: skip
-_SCRIPTS = tuple(
-    f"{name}.js" for name in ("diagram", "periods", "chain", "policy", "motion", "tell", "app")
-)
+_SCRIPTS = (
+    "diagram.js", "periods.js", "chain.js", "policy.js", "motion.js", "tell.js", "lesson.js",
+    "app.js",
+)  # fmt: skip
 _STYLES = "page.css", "live.css"
+_PLOTS = "phase", "energies", "apart"
+_FIGURE = (
+    '<figure><svg id="{0}" aria-label="{0}" tabindex="0" role="application" '
+    'aria-roledescription="diagram"></svg>'
+    '<div class="tip" aria-live="polite"></div>'
+    '<figcaption><span class="legend"></span></figcaption></figure>'
+)
 
 
 class Network(NamedTuple):
@@ -133,6 +141,7 @@ def page(engine: Engine, networks: Sequence[Network], start: Start) -> str:
         least_angle=_DEGREES[0],
         most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
+        plots="\n".join(map(_FIGURE.format, _PLOTS)),
         motors="\n".join(_choice(network.n) for network in networks),
     )
 

@@ -30,8 +30,8 @@ _MOST_LABELS = 10  # rods with an entry of their own in a legend
 def as_html(motion: Any) -> str:
     """Return a frame with the motion, to be played, as HTML: what notebooks show.
 
-    It is the player of `npend page`: nothing is fetched, and what the frame runs is shut off from
-    the notebook. Of many motions it has the first eight.
+    It is the player of `npend release --page`: nothing is fetched, and what the frame runs is shut
+    off from the notebook. Of many motions it has the first eight.
     """
     many = motion.theta.ndim > 2
     each = [motion[k] for k in range(min(len(motion), _MOST_MOTIONS))] if many else [motion]

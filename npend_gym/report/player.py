@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +21,7 @@ from npend_gym._version import __version__
 
 SUFFIXES = (".html",)  # of a page
 _SHARED = "common.js", "stage.js"
+_COMMENTS = re.compile(r"^ *(?://.*|/\*\*(?:.|\n)*?\*/)\n", re.MULTILINE)  # left out of pages
 _PALETTE = {"ramp": RAMP, "tip": ORANGE}
 _DECIMALS = 4  # kept of the places, in units of the chain's length
 # Name of a colour in the page: colour on light and on dark paper
@@ -99,9 +101,10 @@ def page(
 
 def _scripts(data: Mapping[str, Any], names: Sequence[str]) -> str:
     """Return the elements with the data of a page and what shows them."""
+    code = _COMMENTS.sub("", "".join(map(_read, (*_SHARED, *names))))
     return (
         f'<script type="application/json" id="data">{as_json({**data, "palette": _PALETTE})}'
-        f'</script>\n<script type="module">\n{"".join(map(_read, (*_SHARED, *names)))}\n</script>\n'
+        f'</script>\n<script type="module">\n{code}\n</script>\n'
     )
 
 

@@ -82,7 +82,7 @@ class CampaignPlan:
         Releases in a task; by default as many as take about a second on one core.
     chain : Chain, dict or str, optional
         One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
-        `Chain`, the dict of its parameters, or a preset's name.
+        `Chain`, the dict of its parameters, a preset's name, or a JSON file.
 
     Raises
     ------

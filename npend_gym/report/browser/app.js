@@ -3,6 +3,7 @@
 for (const id of Object.keys(UNITS))
   $(id).oninput = () => {
     chosen = null;
+    if (id === "n" || id === "angle") $("angles").value = "";
     if (id === "n" || (id === "angle" && !motor) || (released !== null && chain.output("TIME") === 0)) release();
     else if (id !== "angle") goOn();
     showValues();

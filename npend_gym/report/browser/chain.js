@@ -128,6 +128,11 @@ class Chain {
   /** Energy that lifts the hanging chain upright [J]. */
   get liftingEnergy() { return 1 / this.arrays.members[this.layout.Member.PER_ENERGY]; }
   get totalLength() { return 1 / this.arrays.members[this.layout.Member.PER_LENGTH]; }
+  /** Kinetic energy of point masses [J]. */
+  get kinetic() {
+    const square = (_, bob) => this.velocity(bob).reduce((sum, speed) => sum + speed ** 2, 0);
+    return Array.from(this.masses, square).reduce((sum, each, bob) => sum + (this.masses[bob] * each) / 2, 0);
+  }
   get totalMass() { return this.masses.reduce((sum, mass) => sum + mass, 0); }
 
   /** Places [x, y] of the n + 1 joints over the length of the chain, from the pivot on, y upwards. */

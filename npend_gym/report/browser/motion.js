@@ -12,7 +12,8 @@ const reduced = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 if (!globalThis.WebAssembly || !globalThis.DecompressionStream)
   $("status").textContent = "This browser is too old: the pendulums need WebAssembly and DecompressionStream.";
-const chain = await Chain.load(await unpacked(data.module), data.layout, physics);
+const module = await unpacked(data.module);
+const [chain, second] = [await Chain.load(module, data.layout, physics), await Chain.load(module, data.layout, physics)];
 const policies = new Map(), weights = await unpacked(data.weights);
 let end = 0;
 for (const one of data.policies) {
@@ -33,6 +34,7 @@ let turn = 0; // torque at the pivot by keys, -1, 0 or 1
 let pull = null; // {bob, x, y}: a bob, and where it is pulled to, over the length; {key}: by a key
 let chosen = null; // the joint that keys act on: 0 is the pivot, k is bob k
 let released = null; // rad, of the release, while nothing else has moved the chain
+let twin = 0; // rad, by which the second chain is turned at the start; 0: there is none
 let upright = false; // whether the network has met its goal for as long as success needs
 let trace = []; // of the tip
 const marks = new Map(); // where bobs have completed
@@ -54,7 +56,9 @@ const radians = () => (value("angle") / 180) * Math.PI;
 function begin(theta, omega) {
   chain.begin(parameters(), theta, omega);
   chain.torque.fill(0);
-  trace = [];
+  twin = (value("twin") / 180) * Math.PI;
+  if (twin) second.begin(parameters(), theta.map((angle) => angle + twin), omega);
+  [trace, rows] = [[], []];
   marks.clear();
   [owed, ticked, upright, action] = [0, 0, false, 0];
   tell.reset();
@@ -62,9 +66,9 @@ function begin(theta, omega) {
 }
 
 function release() {
-  const n = parameters().masses.length;
-  [motor, pull, turn, released] = [null, null, 0, radians()];
-  begin(new Array(n).fill(released), new Array(n).fill(0));
+  const theta = written(), alike = theta.every((angle) => angle === radians());
+  [motor, pull, turn, released] = [null, null, 0, alike ? radians() : null];
+  begin(theta, theta.map(() => 0));
   showMotor();
 }
 
@@ -78,6 +82,7 @@ function goOn() {
 function swing(n) {
   for (const [id, at] of Object.entries({ n, gravity: physics.gravity, damping: 0, lengths: 0, masses: 0 }))
     $(id).value = at;
+  $("angles").value = "";
   const near = () => Array.from({ length: n }, () => (2 * Math.random() - 1) * task.nearness);
   [motor, pull, turn, released, chosen] = [policies.get(n), null, 0, null, null];
   begin(near(), near());
@@ -95,10 +100,15 @@ function tick() {
     torque.fill(0);
     torque[0] = (motor ? limit * action : 0) + TURN * turn * chain.liftingEnergy;
     if (pull) addPull();
+    if (twin) {
+      second.torque.set(torque);
+      second.advance(TICK / parts);
+    }
     chain.advance(TICK / parts);
   }
   upright = motor && !pull && !turn && chain.flag("SUCCESS");
   follow();
+  record();
   if (chain.flag("DIVERGED")) release();
 }
 
@@ -115,7 +125,7 @@ function drawChain() {
   stage.draw({
     joints: chain.joints(), centres: chain.centres, trace, marks: [...marks.values()], chosen,
     torque: (motor ? action : 0) || turn,
-    held: pull && pull.bob + 1, hand: pull && [pull.x, pull.y],
+    held: pull && pull.bob + 1, hand: pull && [pull.x, pull.y], second: twin ? second.joints() : [],
   });
 }
 

@@ -21,7 +21,8 @@ class Stage {
     this.canvas.width = Math.round(this.width * this.ratio);
     this.canvas.height = Math.round(this.height * this.ratio);
     this.reach = SHARE * Math.min(this.width, this.height); // pixels of the chain's length
-    this.ink = getComputedStyle(this.canvas).color;
+    const { color, backgroundColor } = getComputedStyle(this.canvas);
+    [this.ink, this.paper] = [color, backgroundColor];
   }
 
   /** Place, over the chain's length, of a point of the canvas [pixels]. */
@@ -37,17 +38,22 @@ class Stage {
    * Draw a chain. Places are [x, y] from the pivot over the chain's length, y upwards: of the n + 1
    * `joints`, of the `trace` of the tip, and of `marks`. Links with `centres` of mass, shares of
    * their lengths, are bars. `torque` at the pivot is from -1 to 1; joint `chosen` gets a ring, and
-   * joint `held` a line to `hand`.
+   * joint `held` a line to `hand`. `second` has the joints of another chain, if any.
    */
-  draw({ joints, centres, trace, marks, torque = 0, chosen = null, held = null, hand }) {
+  draw({ joints, centres, trace, marks, torque = 0, chosen = null, held = null, hand, second = [] }) {
     this.pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     this.pen.clearRect(0, 0, this.width, this.height);
+    this.pen.fillStyle = this.paper; // a film has no transparency
+    this.pen.fillRect(0, 0, this.width, this.height);
     const at = joints.map((place) => this.pixel(place)), n = joints.length - 1;
     const radius = Math.min(9, Math.max(2.2, (0.35 * this.reach) / n));
     this.pen.globalAlpha = 0.2;
     this.ring(this.pixel([0, 0]), this.reach, this.ink, 1);
     this.pen.globalAlpha = 0.5;
     this.line(trace.map((place) => this.pixel(place)), this.tip, 2);
+    const other = second.map((place) => this.pixel(place));
+    this.line(other, this.ink, 3);
+    for (const place of other) this.disc(place, radius, this.ink);
     this.pen.globalAlpha = 1;
     if (torque) // an arc around the pivot, as long as the torque is large
       this.ring(at[0], 16, this.tip, 5, Math.PI / 2, Math.PI / 2 - torque * Math.PI, torque > 0);

@@ -38,7 +38,7 @@ class Tracking(NamedTuple):
     action_weight: FloatArray  # (B, joints): times its square, what a wrong action costs
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlannedTransition:
     """Hold the start by LQR, track a nominal trajectory by time-varying LQR, hold the goal by LQR.
 
@@ -52,6 +52,10 @@ class PlannedTransition:
     hold_start: StateFeedback
     hold_goal: StateFeedback
     settle: float  # time before the trajectory begins [s]
+
+    def __repr__(self) -> str:
+        steps, dt, n = len(self.gains), self.hold_goal.config.dt, self.hold_goal.config.n
+        return f"PlannedTransition({n} rods, {steps} steps of {dt:g} s, settle={self.settle:g} s)"
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""

@@ -64,7 +64,7 @@ def _with_dampers(config: EnvConfig, rub: bool | BoolArray) -> Chain:
     return Chain.from_dict(chain.as_dict() | {"friction": 0.0, "damping": damping})
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StateFeedback:
     """Linear feedback: the actions are -gain times the deviation from rest at `angle`.
 
@@ -74,6 +74,10 @@ class StateFeedback:
     config: EnvConfig
     angle: float | FloatArray  # rad, of all rods or of each, (n,)
     gain: FloatArray  # (joints, 2c)
+
+    def __repr__(self) -> str:
+        angle, gain = (np.array2string(np.asarray(each)) for each in (self.angle, self.gain))
+        return f"StateFeedback({self.config.n} rods, angle={angle}, gain={gain})"
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""

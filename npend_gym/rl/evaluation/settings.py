@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeAlias
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
 
 from npend_gym import _checks
+from npend_gym._threads import one_torch_thread
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, EnvKeywords
 from npend_gym.envs.registration import ENV_ID, register_envs
 from npend_gym.rl.evaluation.wrappers import changing_wrappers, layers_of
 
 EnvLike: TypeAlias = Any  # see `npend_gym.rl.evaluate`
-judging = _checks.keywords_moved(
+_keywords_moved = _checks.keywords_moved(
     controller="now named model",
     keywords="now named env",
     env_id='the "id" of env, as in evaluate(model, {"id": "npend/SwingUp-v1", "n": 2})',
     pushed='a criterion: criteria=CRITERIA | {"pushes": Pushes(joints=[...])}',
 )
-"""Decorates the functions that judge a model in an environment."""
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
+
+
+def judging(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorate a function that judges a model in an environment, by PyTorch in one thread."""
+
+    @functools.wraps(function)
+    def in_one_thread(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        with one_torch_thread():
+            return function(*args, **kwargs)
+
+    return _keywords_moved(in_one_thread)
 
 
 class Setting(NamedTuple):

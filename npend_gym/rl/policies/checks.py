@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from npend_gym import _checks
+from npend_gym.chain import PRESETS
 from npend_gym.rl.policies.files import Float32Array
 
 _MAX_OBSERVED = 1e7  # larger than any entry of an observation
@@ -133,6 +134,12 @@ def check_env(env: dict[str, Any], observed: int, actions: int, *, trust: bool) 
         raise ValueError(
             f"its mode {_checks.show(mode)} would be imported, which runs code: give trust=True "
             "(--trust) if you trust whoever wrote the file"
+        )
+    chain = env.get("chain")
+    if isinstance(chain, str) and chain not in PRESETS:
+        raise ValueError(
+            f"its chain must be a preset's name or parameters, got {_checks.show(chain)}: a policy "
+            "reads no other file"
         )
     if "n" in env:  # each rod is observed by one number at least
         _checks.count("n", env["n"], high=max(1, observed))

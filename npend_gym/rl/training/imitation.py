@@ -29,6 +29,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from npend_gym._threads import one_torch_thread
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
 from npend_gym.rl.evaluation.seeds import episode_seeds
@@ -46,7 +47,6 @@ from npend_gym.rl.training.tasks import (
     env_of_task,
     network,
     observation_scale,
-    one_thread,
     policy_of,
 )
 
@@ -244,7 +244,7 @@ def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:
     return *min(begun, key=lambda pair: pair[0].distance), len(begun)
 
 
-@one_thread()
+@one_torch_thread()
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:

@@ -21,6 +21,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from npend_gym._threads import one_torch_thread
 from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
 from npend_gym.rl.evaluation.episodes import evaluate
@@ -33,7 +34,6 @@ from npend_gym.rl.training.tasks import (
     TrainingSettings,
     env_of_task,
     network,
-    one_thread,
     policy_of,
 )
 
@@ -195,7 +195,7 @@ def remembered(memory: Horizons | None, new: Horizons, steps: int) -> Horizons:
     return Horizons(*(torch.cat(pair)[-most:] for pair in zip(memory, new, strict=True)))
 
 
-@one_thread()
+@one_torch_thread()
 def train(
     settings: Settings, progress: str | None = None, checkpoint: Checkpoint | None = None
 ) -> tuple[Policy, Curve]:

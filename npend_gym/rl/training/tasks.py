@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,23 +33,6 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         training_seed(self.seed)
-
-
-@contextmanager
-def one_thread() -> Generator[None]:
-    """Let PyTorch compute in one thread, from the first weight to the last: it rounds the same.
-
-    A product of matrices that several threads share has other roundings, which change a policy
-    altogether. For networks this small several threads are slower, too.
-    """
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 # Of a "robust" task: a new chain in every episode, 20 % about the default, with damped joints

@@ -1,0 +1,187 @@
+"""Simulate a motion, or an episode of a policy: as numbers, a table, a plot, a film.
+
+Without files it prints how the motion begins and ends, and the energy. Angles are absolute, from
+hanging down, one for all rods or one for each. In a film the trace of the tip stands beside the
+directions of all bobs and the energy; after a release from rest, a black dot marks where, and when,
+a bob completes its pseudo-period.
+
+Examples
+--------
+  npend simulate --theta 120deg,-10deg     two pendulums, 10 s
+  npend simulate --theta 2,2.001 --omega 0,1 --duration 30 --csv motion.csv --plot motion.png
+  npend simulate -n 20 --film wave.mp4
+  npend simulate --chain acrobot --theta 2 --film acrobot.gif
+  npend simulate swingup-2 --duration 8 --film swingup.gif
+  npend simulate mine.safetensors --seed 7 --plain --size 240 --film small.gif
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from npend_gym.cli.common import OK, prepare_file, progress, show_file
+from npend_gym.cli.options import spelled
+
+if TYPE_CHECKING:
+    from npend_gym.physics import Trajectory
+    from npend_gym.recording import Recording
+
+_FPS = 25.0
+_RODS, _ANGLE, _SECONDS = 5, math.pi / 4, 10.0  # by default
+_SHOWN = 10  # rods that are printed
+_SUFFIXES = {"csv": (".csv",), "plot": (".png", ".pdf"), "film": (".gif", ".mp4")}
+FILLS: dict[str, Any] = {
+    "npend_gym.cli.evaluate:run": ("trust",),
+    "npend_gym.report.animation:Film": ("fps", "speed", "size"),
+    "npend_gym.experiments.release:ReleaseExperiment": (
+        "reading", "masses", "lengths", "gravity", "damping", "chain",
+    ),
+}  # fmt: skip
+
+
+def run(
+    policy: str | None = None,
+    *,
+    n: int | None = None,
+    theta: float | Sequence[float] | None = None,
+    omega: float | Sequence[float] | None = None,
+    duration: float | None = None,
+    seed: int | None = None,
+    csv: Path | None = None,
+    plot: Path | None = None,
+    film: Path | None = None,
+    interval: float = 0.01,
+    fps: float | None = None,
+    speed: float = 1.0,
+    plain: bool = False,
+    trust: bool = False,
+    size: int = 480,
+    **chain: Any,
+) -> int:
+    """Simulate, print and write; return the exit code.
+
+    Parameters
+    ----------
+    policy : policy, optional
+        The name of a policy in the package, or its file: its episode is simulated.
+    n : int, optional
+        Number of pendulums (default as many as there are angles, or 5).
+    theta : float or sequence, optional
+        Angle of all rods at the start, or of each [rad] (default pi/4).
+    omega : float or sequence, optional
+        Angular velocity of all rods at the start, or of each [rad/s] (default 0).
+    duration : float, optional
+        How long [s] (default 10, with a policy 15).
+    seed : int, optional
+        Of the episode of a policy (default 0).
+    csv : file, optional
+        Write time, angles and angular velocities to this .csv file.
+    plot : file, optional
+        Draw angles, angular velocities and energy to this .png or .pdf file.
+    film : file, optional
+        Film to this .gif or .mp4 file.
+    interval : float
+        From row to row of the table, and from point to point of the plot [s].
+    plain : bool
+        Film the chain alone, without the diagrams: square pictures.
+    """
+    from npend_gym import _checks
+
+    speed = _checks.positive_number("speed", speed)
+    fps = None if fps is None else _checks.positive_number("fps", fps)
+    given: dict[str, Any] = {"n": n, "theta": theta, "omega": omega} | chain
+    start = {name: value for name, value in given.items() if value is not None}
+    if policy is not None and start:
+        raise ValueError(
+            f"{spelled(next(iter(start)))} must be left out with a policy, whose chain and start "
+            "are those of its environment"
+        )
+    if policy is None and (trust or seed is not None):
+        raise ValueError(f"--{'trust' if trust else 'seed'} is for policies: name one")
+    if policy is None:
+        record = _of_chain(duration=duration, **start)
+    else:
+        record = _of_policy(policy, 0 if seed is None else seed, duration, trust=trust)
+    for name, file in (("csv", csv), ("plot", plot), ("film", film)):
+        if file is not None:
+            prepare_file(file, _SUFFIXES[name], name)
+    motion = record(interval).motion
+    _show(motion)
+    if csv is not None:
+        motion.to_csv(csv)
+        show_file(csv, f"{motion.times.size} rows, ")
+    if plot is not None:
+        from npend_gym.report.outputs import write_figure
+
+        show_file(write_figure(plot, motion.plot()[0].figure))
+    if film is not None:
+        from npend_gym.report import animation
+
+        fps = fps or (_FPS if policy is None else min(_FPS, speed / float(motion.times[1])))
+        filmed = animation.Film(
+            record(speed / fps), fps=fps, speed=speed, size=size, diagrams=not plain
+        )
+        animation.write(filmed, film, progress("picture"))
+        show_file(film, f"{len(filmed)} pictures, {len(filmed) / fps:.1f} s, ")
+    return OK
+
+
+def _of_chain(
+    n: int | None = None,
+    theta: Sequence[float] = (_ANGLE,),
+    omega: float | Sequence[float] = 0.0,
+    duration: float | None = None,
+    reading: str = "bob",
+    **described: Any,
+) -> Callable[[float], Recording]:
+    """Return what records the motion of a chain at intervals [s]."""
+    import numpy as np
+
+    from npend_gym.experiments import ReleaseExperiment
+    from npend_gym.recording import record_simulation
+
+    angles: Any = theta if len(theta) > 1 else theta[0]
+    if n is None and "chain" not in described:
+        each = angles, omega, described.get("masses", 1.0), described.get("lengths", 1.0)
+        most = max(map(np.size, each))
+        n = most if most > 1 else _RODS
+    numbers = {} if n is None else {"n_values": [n]}
+    experiment = ReleaseExperiment(trials=1, reading=reading, **numbers, **described)
+    chain = experiment.chain_of(experiment.n_values[0])
+    seconds = _SECONDS if duration is None else duration
+    return partial(record_simulation, chain, angles, omega, seconds, reading=reading)
+
+
+def _of_policy(
+    policy: str, seed: int, duration: float | None, *, trust: bool
+) -> Callable[[float], Recording]:
+    """Return what has the record of an episode, by the name or the file of its policy."""
+    from npend_gym import _checks
+    from npend_gym.recording import DEFAULT_SECONDS, record_episode
+    from npend_gym.rl.policies.shipped import find_policy
+
+    seconds = DEFAULT_SECONDS if duration is None else duration
+    _checks.positive_number("duration", seconds)
+    loaded = find_policy(policy, trust=trust)
+    name = Path(policy).stem
+    recording = record_episode(loaded, loaded.env, seed=seed, seconds=seconds, name=name)
+    return lambda _: recording
+
+
+def _show(motion: Trajectory) -> None:
+    """Print how a motion begins and ends, and its energy."""
+    import numpy as np
+
+    energy, n, end = motion.energy(), motion.chain.n, motion.times[-1]
+    heads = "rod", "theta [rad]", "omega [rad/s]", f"after {end:g} s", ""
+    print("".join(f"{head:>14}" for head in heads).rstrip())
+    state = np.column_stack([motion.theta[0], motion.omega[0], motion.theta[-1], motion.omega[-1]])
+    for rod in range(min(n, _SHOWN)):
+        print(f"{rod:>14}" + "".join(f"{value:>14.6f}" for value in state[rod]))
+    if n > _SHOWN:
+        print(f"{'...':>14}{f'{n} rods':>14}")
+    print(f"energy {energy[0]:.6g} J, at the end {energy[-1]:.6g} J")

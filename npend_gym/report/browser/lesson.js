@@ -1,0 +1,72 @@
+// In class: an angle for every rod, a second chain nearly like the first, plots, files.
+
+const ROWS = 18000; // kept for the table and the plots: five minutes
+const SHOWN = 600; // of them in a plot: ten seconds
+let rows = []; // since the start: time, angles, angular velocities, energy, kinetic energy, angles of the second chain
+let film = null; // a MediaRecorder that runs
+
+/** The angles of a release [rad]: those that the reader has written, the last one for rods without, or the slider's. */
+function written() {
+  const asked = $("angles").value.split(/[^-+.\d]+/).filter(Boolean).map(Number).filter(Number.isFinite).slice(0, $("n").max);
+  if (asked.length > 1 && !given) $("n").value = asked.length;
+  const n = parameters().masses.length;
+  return Array.from({ length: n }, (_, k) => ((asked[k] ?? asked.at(-1) ?? value("angle")) / 180) * Math.PI);
+}
+
+function record() {
+  if (ticked % 2 || rows.length >= ROWS) return;
+  rows.push([chain.output("TIME"), ...chain.theta, ...chain.omega, chain.output("ENERGY"), chain.kinetic,
+    ...(twin ? second.theta : [])]);
+}
+
+function showPlots() {
+  if (!$("lesson").open) return;
+  const { n } = chain, shown = rows.slice(-SHOWN).filter((_, k) => k % 4 === 0), energy = 2 * n + 1;
+  if (shown.length < 2) return;
+  const series = (name, color, x, y, style) => ({ name, color, style, kind: "line", points: shown.map((row) => ({
+    x: x(row), y: y(row), text: `${x(row).toFixed(2)}, ${y(row).toFixed(2)}` })) });
+  const axis = (label, all) => ({ label, low: Math.min(...all), high: Math.max(...all) + 1e-3 });
+  const show = (id, label, x, y, all) => {
+    const points = all.flatMap((one) => one.points);
+    plot($(id), label, axis(x, points.map((at) => at.x)), axis(y, points.map((at) => at.y)), all);
+  };
+  const degrees = (column) => (row) => (row[column] * 180) / Math.PI, time = (row) => row[0];
+  show("phase", "Phase plane of the last rod", "angle [\u00b0]", "angular velocity [rad/s]",
+    [series("last rod", "blue", degrees(n), (row) => row[2 * n])]);
+  show("energies", "Energy against time", "time [s]", "energy [J]", [
+    series("all", "blue", time, (row) => row[energy]),
+    ...(given ? [] : [series("kinetic", "orange", time, (row) => row[energy + 1]),
+      series("potential", "green", time, (row) => row[energy] - row[energy + 1], "dashed")])]);
+  $("apart").parentElement.hidden = !twin;
+  if (twin) show("apart", "Angle between the last rods", "time [s]", "last rods apart [\u00b0]",
+    [series("second chain minus first", "pink", time, (row) => degrees(energy + 1 + n)(row) - degrees(n)(row))]);
+}
+
+function save(blob, name) {
+  Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: name }).click();
+}
+
+function table() {
+  const each = (name) => Array.from({ length: chain.n }, (_, k) => name + k);
+  const heads = ["time", ...each("theta"), ...each("omega"), "energy", "kinetic", ...(twin ? each("second_theta") : [])];
+  return [heads, ...rows].map((row) => `${row}\n`).join("");
+}
+
+$("csv").onclick = () => save(new Blob([table()], { type: "text/csv" }), "pendulums.csv");
+$("film").onclick = () => {
+  if (film) return film.stop();
+  const parts = [];
+  film = new MediaRecorder($("chain").captureStream());
+  film.ondataavailable = ({ data }) => parts.push(data);
+  film.onstop = () => {
+    save(new Blob(parts, { type: film.mimeType }), `pendulums.${/mp4/.test(film.mimeType) ? "mp4" : "webm"}`);
+    film = null;
+    $("film").textContent = "Film";
+  };
+  film.start();
+  $("film").textContent = "Stop and save";
+};
+$("film").hidden = !globalThis.MediaRecorder;
+$("angles").onchange = $("twin").onchange = release;
+$("lesson").ontoggle = showPlots;
+setInterval(() => player.playing && showPlots(), 300);
