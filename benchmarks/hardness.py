@@ -2,8 +2,8 @@
 
     python benchmarks/hardness.py --out results/hardness.csv
 
-lets the linear controller of least action keep chains of 1 to 10 rods upright, in the environment,
-and finds by halving what half of 100 held-out episodes of 20 s survive. Every row of the file is
+lets the linear controller of least action keep chains of 1 to 10 rods upright, in the environment.
+It finds by halving what half of 64 held-out episodes of 20 s survive. Every row of the file is
 written when it is known. What is in the file already is not measured again, so it can be
 interrupted. `--publish` measures nothing: it puts rows, table and figure into `docs/`.
 """

@@ -6,9 +6,10 @@
     python benchmarks/realaigym.py MPC --episodes 5     of one controller
 
 Their `Simulator` moves their `DoublePendulumPlant`, and their `GlobalPolicyTestingControllerV2`
-disturbs it, with the numbers of `leaderboard/pendubot/simulation_v3`. Our controller sees their
-state every 0.02 s, and its torque is held for as long. Their uptime is the score, with random
-numbers of their own. Nothing of their code is in this repository.
+disturbs it, with the numbers of `leaderboard/pendubot/simulation_v3`, which are also those of
+`leaderboard/acrobot/simulation_v3`. A policy has its own motor. Our controller sees their state
+every 0.02 s, and its torque is held for as long. Their uptime is the score, with random numbers of
+their own. Nothing of their code is in this repository.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ from npend_gym.rl.controllers.references import reference_controller
 
 SECONDS, STEP, LIMIT = 60.0, 0.002, 6.0  # s, s, N m
 KNOCK_DOWNS, KNOCK_DOWN_SECONDS = 15, 0.2
-ROBOT = Policy.pretrained("swingup-2-pendubot").env
-CONTROLLERS = ("swingup-2-pendubot", "MPC", "plan", "energy")
+ROBOT = Policy.pretrained("swingup-2-pendubot").env  # of controllers that are no policies
+CONTROLLERS = ("swingup-2-pendubot", "MPC", "plan", "energy", "swingup-2-acrobot")
 
 
 class Ours(AbstractController):
@@ -47,7 +48,7 @@ class Ours(AbstractController):
     def __init__(self, controller: Controller) -> None:
         super().__init__()
         self._controller = controller
-        self._envs: Any = gym.make_vec("npend_gym:NPendulum-v0", num_envs=1, **ROBOT)
+        self._envs: Any = gym.make_vec("npend_gym:NPendulum-v0", num_envs=1, **_env(controller))
         self._config = self._envs.unwrapped.config
         forget = getattr(controller, "reset", None)
         if forget is not None:
@@ -93,6 +94,10 @@ def _parameters(limits: list[float]) -> Any:
     )  # fmt: skip
 
 
+def _env(controller: Controller) -> dict[str, Any]:
+    return controller.env if isinstance(controller, Policy) else ROBOT
+
+
 def _controller(name: str) -> Controller:
     return (
         Policy.pretrained(name) if name in pretrained_names() else reference_controller(name, ROBOT)
@@ -118,7 +123,7 @@ def main() -> None:
     for name in options.controllers:
         controller = _controller(name)
         theirs = [their_score(controller, seed) for seed in range(options.episodes)]
-        ours = recovery(controller, ROBOT, episodes=options.episodes).uptime
+        ours = recovery(controller, _env(controller), episodes=options.episodes).uptime
         for where, scores in (("RealAIGym", theirs), ("npend_gym", ours)):
             rows.append(_row(name, where, scores))
             print(rows[-1], flush=True)

@@ -3,7 +3,7 @@
     python benchmarks/judge_engines.py --make-references         some minutes; needs heyoka
 
 Every case is computed twice, with other orders, steps and digits. The largest difference of the two
-stands beside the result. A case is refused where it exceeds 1e-21, a tenth of the bound.
+stands beside the result. An error is raised where it exceeds 1e-21, a tenth of the bound.
 """
 
 from __future__ import annotations

@@ -65,9 +65,8 @@ class Balls:
             )
         if fluid > 0.0 and np.ptp(self.density) > 0.0:
             raise ValueError(
-                "density must be the same for all balls in a fluid, which changes weight over "
-                "inertia by a factor of the density, while a chain has one gravity; got "
-                f"{_checks.show(self.density.tolist())}"
+                "density must be one for all balls in a fluid, because a chain has one gravity; "
+                f"got {_checks.show(self.density.tolist())}"
             )
         density = float(self.density[0])
         if density <= fluid:

@@ -67,9 +67,9 @@ class ReleaseExperiment:
         `Chain`, the dict of its parameters, a preset's name, or a JSON file.
     sensor_interval : float
         Time between two samples of a sensor [s], the first at the release. At 0 there is no
-        sensor: instants are exact. What it measures depends on the reading: the horizontal
-        velocity of the bob or of the centre of mass [m/s], the angular velocity of the rod
-        [rad/s], as a gyroscope does, or the height of the bob above where it hangs [m].
+        sensor: instants are exact. What it measures depends on the reading. It is the horizontal
+        velocity of the bob or of the centre of mass [m/s], or the height of the bob above where it
+        hangs [m]. For "link" it is the angular velocity of the rod [rad/s], as of a gyroscope.
     sensor_noise : float
         Standard deviation of each sample, in the unit of what is measured.
     sensor_offset : float

@@ -59,9 +59,9 @@ def to_c(
     TypeError
         If it is neither a policy nor such a controller.
     ValueError
-        If the prefix is no identifier of C, the policy has no environment or observes the drawn
-        parameters (`observe_context`), which no sensor measures, or the actions of the controller
-        are discrete (`torque_levels`).
+        If the prefix is no identifier of C, or the policy has no environment. If it observes the
+        drawn parameters (`observe_context`), which no sensor measures. If the actions of the
+        controller are discrete (`torque_levels`).
 
     Notes
     -----

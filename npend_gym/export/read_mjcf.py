@@ -40,8 +40,9 @@ def from_mjcf(source: str | PathLike[str]) -> Chain:
     ------
     ValueError
         If MuJoCo cannot read the model, or it has what no chain has: branches, other joints, axes
-        that are not parallel, centres of mass beside the line between two joints, springs, limits,
-        contacts, equalities, tendons, servos, or a fluid. The error names the element.
+        that are not parallel, or centres of mass beside the line between two joints. Nor has a
+        chain springs, limits, contacts, equalities, tendons, servos, or a fluid. The error names
+        the element.
     ImportError
         If MuJoCo is not installed.
 

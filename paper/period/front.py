@@ -1,7 +1,7 @@
 """The front of a release, and what the free end makes of it.
 
-Times are in units of 2 sqrt(L/g), called tau, x is the square root of the height above the free end
-over L, and accelerations are in units of g sin(a). At small angles the rope's acceleration is
+Times are in units of 2 sqrt(L/g), called tau. x is the square root of the height above the free end
+over L. Accelerations are in units of g sin(a). At small angles the rope's acceleration is
 
     A(x, tau) = -2 sum_k J0(j_k x) cos(j_k tau) / (j_k J1(j_k)).
 

@@ -1,9 +1,9 @@
 """How the growth of the period with the angle depends on the masses of a rope and on its start.
 
-The law has a pendulum's growth, 16 b = 1. Here b is that of the third order, for `RODS` equal rods
-whose bobs have masses like a power of their height above the free end, and a mass at the tip
-besides. The angle of a start is that of the line from the pivot to the centre of mass, for the
-pendulum that the centre of mass resembles has this angle.
+The law has a pendulum's growth, 16 b = 1. Here b is that of the third order. There are `RODS` equal
+rods; the masses of the bobs are a power of their height above the free end, with a mass at the tip
+besides. The angle of a start is the angle of the line from the pivot to the centre of mass: the
+pendulum that the centre of mass resembles has it.
 
 `python -m paper.period.growth_map` writes `growth_map.csv` beside this file, in some two minutes.
 """

@@ -1,8 +1,8 @@
 """How long a release stays in the slowest mode, against time, from the paper's 45 degrees.
 
 `python -m paper.period.modes` follows four releases each of 2 to 20 rods, in some five minutes, and
-writes `modes.csv` beside this file: for each release the mean share of the slowest mode in the
-energy over the windows T/32 to T/16, ..., T/2 to T, and when it has fallen below one half.
+writes `modes.csv` beside this file. It has, for each release, the mean share of the slowest mode in
+the energy over the windows T/32 to T/16, ..., T/2 to T. It also says when this is below one half.
 `python -m paper.period.modes out.csv 2:640 10:320` follows two rods for 640 s and ten for 320 s.
 """
 

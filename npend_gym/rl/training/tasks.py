@@ -50,9 +50,10 @@ def _variant(name: str, n: int) -> dict[str, Any] | None:
     match name:
         case "robust":
             return {"randomize": ROBUST}
-        case "pendubot":  # of RealAIGym's leaderboard
+        case "pendubot" | "acrobot":  # of RealAIGym's leaderboards: a motor at pivot or elbow
             robot = Chain.realaigym("C.1", motors=False).as_dict()
-            return {"chain": robot, "max_torque": 6.0, "dt": 0.02}  # N m, s
+            elbow = {"actuated": (1,)} if name == "acrobot" else {}
+            return {"chain": robot, "max_torque": 6.0, "dt": 0.02} | elbow  # N m, s
         case "cart":  # mode and observation are those of the task
             carts = "CartPole", "CartDoublePole", "CartTriplePole"
             registered = REGISTERED[f"npend/{carts[min(n, 3) - 1]}-v1"].keywords
@@ -66,7 +67,8 @@ def _variant(name: str, n: int) -> dict[str, Any] | None:
 def env_of_task(task: str) -> dict[str, Any]:
     """Return the keywords of the environment of a task such as "swingup-2" or "calm-2-robust".
 
-    Of a "robust" task every episode has another chain; "swingup-2-pendubot" is for RealAIGym's.
+    Of a "robust" task every episode has another chain; "swingup-2-pendubot" and
+    "swingup-2-acrobot" are for RealAIGym's, with a motor at the pivot or at the elbow.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1", and more
     rods on the latter's, as poles like its own.
@@ -81,8 +83,8 @@ def env_of_task(task: str) -> dict[str, Any]:
     keywords = _variant(variant[0], int(n)) if known and variant else {}
     if not known or keywords is None:
         raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
-    if variant == ["pendubot"] and n != "2":
-        raise ValueError(f'task must have two links, as "{mode}-2-pendubot", got {task!r}')
+    if variant in (["pendubot"], ["acrobot"]) and n != "2":
+        raise ValueError(f'task must have two links, as "{mode}-2-{variant[0]}", got {task!r}')
     return {"n": int(n), "mode": mode, "observation": "sincos"} | keywords
 
 
