@@ -228,7 +228,9 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
     for axes, mode in zip(figure.subplots(1, len(modes), squeeze=False)[0], modes, strict=True):
         here = [row for row in curves if row["task"].startswith(mode)]
         colors = {task: f"C{k}" for k, task in enumerate(dict.fromkeys(r["task"] for r in here))}
+        named: set[str] = set()
         for task, agent, seed in dict.fromkeys((r["task"], r["agent"], r["seed"]) for r in here):
+            name = f"N = {', '.join(task.split('-')[1:])}, {agent}"
             line = [
                 row for row in here
                 if (row["task"], row["agent"], row["seed"]) == (task, agent, seed)
@@ -239,9 +241,10 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
                 [float(row["success"]) for row in line],
                 STYLES[agent],
                 color=colors[task],
-                label=f"N = {', '.join(task.split('-')[1:])}, {agent}" if seed == 0 else None,
+                label=None if name in named else name,
                 lw=1,
             )
+            named.add(name)
         axes.set(title=mode, xlabel="environment steps [million]", ylim=(-0.02, 1.02), xscale="log")
         axes.set_xticks([0.01, 0.1, 1.0, 10.0], ["0.01", "0.1", "1", "10"])
         axes.minorticks_off()
