@@ -39,7 +39,7 @@ from npend_gym.rl.evaluation.rollouts import rollout
 from npend_gym.theory.unstable_modes import with_lag
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGE = DOCS / "explanation" / "how_hard.md"
+PAGE = DOCS / "notes" / "how_hard.md"
 TABLE = re.compile(r"\| base \|.*?\n\n", re.DOTALL)
 BASES, RODS = ("pivot", "cart"), range(1, 11)
 SENSED = ("noise", "resolution")
