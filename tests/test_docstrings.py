@@ -13,7 +13,8 @@ pytestmark = pytest.mark.long
 
 PACKAGE = Path(npend_gym.__file__).parent
 FACES = ("chaos", "experiments", "export", "identification", "physics", "rl", "theory", "torch")
-NEEDS = {"torch": "torch", "rl": "stable_baselines3", "notebook": "PIL", "networks": "onnx"}
+NEEDS = {"torch": "torch", "rl": "stable_baselines3", "notebook": "PIL", "networks": "onnx",
+         "read_mjcf": "mujoco"}  # fmt: skip
 
 
 def modules_with_examples():

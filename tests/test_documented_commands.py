@@ -78,6 +78,8 @@ ELSEWHERE = {  # why a command is not run here
     "--address": "it needs a cluster",
     "--only gpu": "it needs a GPU",
     "paper --out results": "its findings are tested one by one, and take long together",
+    "benchmarks/hardness.py": "minutes; tests/test_hardness.py runs a part",
+    "judge_engines.py": "it needs other engines; tests/test_certify.py runs a part",
     "paper.period": "minutes; tests/paper/test_period_paper.py runs a part",
     "--full": "half an hour; tests/paper/test_com_law.py runs a part",
     "--only hesitation": "minutes; tests/paper/test_paper_hesitation.py runs it",

@@ -66,8 +66,9 @@ def test_a_file_describes_the_chain_and_is_not_needed_again(kind, tmp_path):
     assert gym.make(EnvSpec.from_json(spec)).unwrapped.config.chain == CHAIN
 
 
-def test_a_file_that_describes_no_chain_is_refused_by_its_path(tmp_path):
-    file = tmp_path / "fit.json"
+def test_a_file_that_describes_no_chain_is_refused_by_its_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = Path("fit.json")
     with pytest.raises(ValueError, match=r"a JSON file .*; got .*fit.json.*, and there is no such"):
         EnvConfig(chain=str(file))
     file.write_text("[1]")

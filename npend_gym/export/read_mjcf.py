@@ -55,8 +55,8 @@ def from_mjcf(source: str | PathLike[str]) -> Chain:
     Examples
     --------
     >>> from npend_gym import Chain
-    >>> Chain.from_mjcf("arm.xml")  # doctest: +SKIP
-    Chain(n=2, masses=[1.  0.5], lengths=[1.  0.4], gravity=9.81, damping=0)
+    >>> Chain.from_mjcf(Chain.uniform(3).to_mjcf()).n  # or a file: Chain.from_mjcf("arm.xml")
+    3
     """
     mujoco = require("mujoco", "mujoco", "models of MuJoCo")
     is_text = isinstance(source, str) and source.lstrip().startswith("<")
