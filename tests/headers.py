@@ -9,6 +9,7 @@ import pytest
 
 from npend_gym.envs import EnvConfig
 from npend_gym.export import to_c
+from npend_gym.physics import Ensemble
 from npend_gym.rl import Policy, observation_of
 
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-ffp-contract=off")
@@ -100,6 +101,24 @@ def encoders_shown(theta, relative):
     """Return what encoders of 4096 counts, of one turn, show of the angles of rods [rad]."""
     angles = np.diff(theta, prepend=0.0) if relative else theta
     return np.round(angles * 4096 / (2.0 * np.pi)) % 4096 * (2.0 * np.pi / 4096)
+
+
+def ticks_standing(library, config, start, ticks, relative):
+    """Return for how many ticks of 1 ms a chain stands at the end, moved by the loop in C.
+
+    The loop is `control` of the library. It sees what encoders show, and acts every `config.dt`.
+    """
+    every, ensemble = round(1000 * config.dt), Ensemble(config.chain, size=1)
+    ensemble.set_state([0], [start], 0.0)
+    torque, standing = np.zeros(config.joints.size), 0
+    for tick in range(ticks):
+        shown = encoders_shown(ensemble.theta[0], relative)
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (shown, torque)]
+        acts = tick % every == 0
+        library.control(tick == 0, acts, pointers[0], ctypes.c_double(0.001), pointers[1])
+        ensemble.advance(torque[None], dt=0.001, substeps=1)
+        standing = standing + 1 if np.all(np.cos(ensemble.theta[0]) < -0.95) else 0
+    return standing
 
 
 def draw(config, lanes, steps):

@@ -15,19 +15,18 @@ from headers import (
     LOOP,
     compiled,
     draw,
-    encoders_shown,
     in_c,
     in_float64,
     in_python,
     network,
     observed,
+    ticks_standing,
 )
 from test_rl_memory import policy_with_memory
 
 from npend_gym import __version__
 from npend_gym.cli import main
 from npend_gym.export import to_c
-from npend_gym.physics import Ensemble
 from npend_gym.rl import Policy, VelocityEstimator, pretrained_names
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="the options of compilers elsewhere")
@@ -89,17 +88,8 @@ def test_whatever_a_policy_observes_and_computes_is_in_the_header(policy, relati
 def test_c_swings_rods_up_from_what_encoders_of_4096_counts_show(name, relative, tmp_path):
     policy = Policy.pretrained(name)
     library = compiled(policy, tmp_path, driver=LOOP, relative=relative)
-    every, ensemble = round(1000 * policy.config.dt), Ensemble(policy.config.chain, size=1)
-    ensemble.set_state([0], [[0.1, -0.05, 0.02][: policy.config.n]], 0.0)
-    torque, standing = np.zeros(policy.config.joints.size), 0
-    for tick in range(25_000):  # at 1 kHz
-        shown = encoders_shown(ensemble.theta[0], relative)
-        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (shown, torque)]
-        acts = tick % every == 0
-        library.control(tick == 0, acts, pointers[0], ctypes.c_double(0.001), pointers[1])
-        ensemble.advance(torque[None], dt=0.001, substeps=1)
-        standing = standing + 1 if np.all(np.cos(ensemble.theta[0]) < -0.95) else 0
-    assert standing > 5000
+    start = [0.1, -0.05, 0.02][: policy.config.n]
+    assert ticks_standing(library, policy.config, start, 25_000, relative) > 5000
 
 
 def test_tanh_in_c_is_within_2_ulp(tmp_path):

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from headers import CART, FLAGS, compiled, encoders_shown
+from headers import CART, FLAGS, compiled, ticks_standing
 
 from npend_gym import Chain, __version__
 from npend_gym.cli import main
 from npend_gym.envs import EnvConfig
 from npend_gym.export import to_c
-from npend_gym.physics import Ensemble
 from npend_gym.rl import MPC, lqr, modal_damping, planned_swing_up
 from npend_gym.rl.angles import wrap
 from npend_gym.rl.controllers.regulators import StateFeedback
@@ -198,18 +197,8 @@ def test_angles_without_whole_turns_have_numpys_bits(tmp_path):
 @pytest.mark.parametrize("relative", [False, True])
 def test_a_plan_in_c_swings_up_what_encoders_of_4096_counts_show(plan, relative, tmp_path):
     library = compiled(plan, tmp_path, driver=LOOP, relative=relative)
-    config = plan.hold_goal.config
-    every, ensemble = round(1000 * config.dt), Ensemble(config.chain, size=1)
-    ensemble.set_state([0], [[0.03, -0.02]], 0.0)
-    torque, standing = np.zeros(1), 0
-    for tick in range(8000):  # at 1 kHz
-        shown = encoders_shown(ensemble.theta[0], relative)
-        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (shown, torque)]
-        acts = tick % every == 0
-        library.control(tick == 0, acts, pointers[0], ctypes.c_double(0.001), pointers[1])
-        ensemble.advance(torque[None], dt=0.001, substeps=1)
-        standing = standing + 1 if np.all(np.cos(ensemble.theta[0]) < -0.95) else 0
-    assert standing > 3000
+    config, start = plan.hold_goal.config, [0.03, -0.02]
+    assert ticks_standing(library, config, start, 8000, relative) > 3000
 
 
 def test_what_is_no_number_stays_none(tmp_path):

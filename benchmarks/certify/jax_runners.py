@@ -20,7 +20,8 @@ from certify.runners import (
     to_joints,
 )
 
-Advance = Callable[[Any, Any, Any], Any]  # joints (2, m) after a step, from joints and forces
+# joints (2, m) after a step of dt, or after a number of steps, from joints and forces
+Advance = Callable[[Any, Any, Any], Any]
 
 
 def jax_module() -> Any:
@@ -30,13 +31,19 @@ def jax_module() -> Any:
     return jax
 
 
-def _player(case: Case, dt: float, advance: Advance) -> Player:
-    """Return the player that repeats a compiled step of JAX."""
-    jax = jax_module()
+def _repeated(case: Case, dt: float, advance: Advance) -> Player:
+    """Return the player that repeats a step of JAX."""
+    loop = jax_module().lax.fori_loop
 
-    @jax.jit
     def many(joints: Any, force: Any, steps: Any) -> Any:
-        return jax.lax.fori_loop(0, steps, lambda _, now: advance(now, force, dt), joints)
+        return loop(0, steps, lambda _, now: advance(now, force, dt), joints)
+
+    return _player(case, dt, many)
+
+
+def _player(case: Case, dt: float, steps_of: Advance) -> Player:
+    """Return the player of joints after a number of steps, from joints and forces, compiled."""
+    many = jax_module().jit(steps_of)
 
     def player(state: Array, torque: Array, duration: float) -> tuple[Array, int]:
         joints = np.array([to_joints(case, values) for values in state])
@@ -67,7 +74,7 @@ def mjx_step(case: Case, dt: float) -> Advance:
 
 def mjx(case: Case, dt: float) -> Player:
     """Return MuJoCo in JAX."""
-    return _player(case, dt, mjx_step(case, dt))
+    return _repeated(case, dt, mjx_step(case, dt))
 
 
 def brax_step(case: Case, dt: float) -> Advance:
@@ -87,7 +94,7 @@ def brax_step(case: Case, dt: float) -> Advance:
 
 def brax(case: Case, dt: float) -> Player:
     """Return brax's generalized coordinates."""
-    return _player(case, dt, brax_step(case, dt))
+    return _repeated(case, dt, brax_step(case, dt))
 
 
 def brax_spring(case: Case, dt: float) -> Player:
@@ -96,19 +103,12 @@ def brax_spring(case: Case, dt: float) -> Player:
     pipeline: Any = import_module("brax.spring.pipeline")
     system = import_module("brax.io.mjcf").loads(_for_brax(case, dt))
 
-    @jax.jit
     def many(joints: Any, force: Any, steps: Any) -> Any:
         start = pipeline.init(system, joints[0], joints[1])
         end = jax.lax.fori_loop(0, steps, lambda _, now: pipeline.step(system, now, force), start)
         return jax.numpy.stack([end.q, end.qd])
 
-    def player(state: Array, torque: Array, duration: float) -> tuple[Array, int]:
-        joints = np.array([to_joints(case, values) for values in state])
-        steps = count_of(duration, dt)
-        reached = np.asarray(many(joints, forces_on(case, torque), steps))
-        return np.array([from_joints(case, values) for values in reached]), steps
-
-    return player
+    return _player(case, dt, many)
 
 
 def _for_brax(case: Case, dt: float) -> str:
@@ -142,7 +142,7 @@ def jaxsim_step(case: Case, dt: float) -> Advance:
 
 def jaxsim(case: Case, dt: float) -> Player:
     """Return JaxSim."""
-    return _player(case, dt, jaxsim_step(case, dt))
+    return _repeated(case, dt, jaxsim_step(case, dt))
 
 
 def newton(case: Case, dt: float, solver: str = "Featherstone") -> Player:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 _FPS = 25.0
 _RODS, _ANGLE, _SECONDS = 5, math.pi / 4, 10.0  # by default
 _SHOWN = 10  # rods that are printed
-_SUFFIXES = {"csv": (".csv",), "plot": (".png", ".pdf"), "film": (".gif", ".mp4")}
 FILLS: dict[str, Any] = {
     "npend_gym.cli.evaluate:run": ("trust",),
     "npend_gym.report.animation:Film": ("fps", "speed", "size"),
@@ -90,6 +89,7 @@ def run(
         Film the chain alone, without the diagrams: square pictures.
     """
     from npend_gym import _checks
+    from npend_gym.report.outputs import FIGURES, write_figure
 
     speed = _checks.positive_number("speed", speed)
     fps = None if fps is None else _checks.positive_number("fps", fps)
@@ -106,17 +106,20 @@ def run(
         record = _of_chain(duration=duration, **start)
     else:
         record = _of_policy(policy, 0 if seed is None else seed, duration, trust=trust)
-    for name, file in (("csv", csv), ("plot", plot), ("film", film)):
-        if file is not None:
-            prepare_file(file, _SUFFIXES[name], name)
+    if csv is not None:
+        prepare_file(csv, (".csv",), "csv")
+    if plot is not None:
+        prepare_file(plot, [*FIGURES], "plot")
+    if film is not None:
+        from npend_gym.report.animation import SUFFIXES
+
+        prepare_file(film, SUFFIXES, "film")
     motion = record(interval).motion
     _show(motion)
     if csv is not None:
         motion.to_csv(csv)
         show_file(csv, f"{motion.times.size} rows, ")
     if plot is not None:
-        from npend_gym.report.outputs import write_figure
-
         show_file(write_figure(plot, motion.plot()[0].figure))
     if film is not None:
         from npend_gym.report import animation

@@ -17,6 +17,13 @@ from npend_gym._version import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # an extra
 
+_MADE_BY = f"npend_gym {__version__}"
+# The formats of figures by suffix, with what their files say of themselves
+FIGURES: dict[str, dict[str, Any]] = {
+    ".png": {"Software": _MADE_BY},
+    ".pdf": {"Creator": _MADE_BY, "CreationDate": None},
+}
+
 
 def prepare_folder(out: Path) -> None:
     """Make the folder `out` if need be, and see that it can be written to.
@@ -71,13 +78,8 @@ def write_json(path: Path, value: Mapping[str, Any]) -> Path:
 
 def write_figure(path: Path, figure: Figure) -> Path:
     """Write `figure` to `path`, .png or .pdf, whole or not at all; equal figures as equal bytes."""
-    made_by = f"npend_gym {__version__}"
-    metadata: dict[str, dict[str, Any]] = {
-        ".pdf": {"Creator": made_by, "CreationDate": None},
-        ".png": {"Software": made_by},
-    }
     with _files.replacing(path, binary=True) as file:
-        figure.savefig(file, format=path.suffix[1:], metadata=metadata[path.suffix])
+        figure.savefig(file, format=path.suffix[1:], metadata=FIGURES[path.suffix])
     return path
 
 

@@ -178,11 +178,8 @@ def least_action(
 def _modes(a: ArrayLike, b: ArrayLike, limit: float, dt: float, lag: float) -> UnstableModes:
     """Return the unstable modes of a system whose arguments are checked."""
     limit, dt = _checks.positive_number("limit", limit), _checks.positive_number("dt", dt)
-    lag, of_state, of_action = (
-        _checks.nonnegative_number("lag", lag),
-        _square(a),
-        _checks.array("b", b),
-    )
+    lag = _checks.nonnegative_number("lag", lag)
+    of_state, of_action = _square(a), _checks.array("b", b)
     if of_action.shape != (len(of_state), 1):
         raise ValueError(
             f"b must have the shape {(len(of_state), 1)}, as `linearise` returns it for one motor, "
@@ -251,9 +248,8 @@ def hardness(
         raise ValueError(f"share must be between 0 and 1, got {share:g}")
 
     def noise(delay: float, lag: float) -> float:
-        return least_action(
-            a, b, limit=limit, dt=dt, seconds=seconds, delay=delay, lag=lag
-        ).noise  # fmt: skip
+        known = {"delay": delay, "lag": lag}
+        return least_action(a, b, limit=limit, dt=dt, seconds=seconds, **known).noise
 
     poles, largest = _modes(a, b, limit, dt, 0.0).poles, noise(0.0, 0.0)
     wanted, first = share * largest, 0.1 / float(poles[-1])

@@ -9,6 +9,7 @@ follows two rods for 640 s and ten for 320 s.
 import csv
 import math
 import sys
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -60,16 +61,28 @@ def rows(n: int, seconds: float) -> list[dict[str, object]]:
     return found
 
 
-if __name__ == "__main__":
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("growth.csv")
-    asked = [tuple(map(float, one.split(":"))) for one in sys.argv[2:]] or RUNS.items()
-    with out.open("w", newline="", encoding="utf-8") as file:
+def write_runs(
+    file: Path,
+    runs: Mapping[int, float],
+    rows_of: Callable[[int, float], Iterable[Mapping[str, object]]],
+) -> None:
+    """Write the rows of each run to a CSV file when they are known, and print them.
+
+    Arguments of the command line may name another file, and then other runs as n:seconds.
+    """
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else file
+    asked = [tuple(map(float, one.split(":"))) for one in sys.argv[2:]] or runs.items()
+    with out.open("w", newline="", encoding="utf-8") as opened:
         table = None
         for n, seconds in asked:
-            for row in rows(int(n), seconds):
+            for row in rows_of(int(n), seconds):
                 if table is None:
-                    table = csv.DictWriter(file, list(row), lineterminator="\n")
+                    table = csv.DictWriter(opened, list(row), lineterminator="\n")
                     table.writeheader()
                 table.writerow(row)
-                file.flush()
+                opened.flush()
                 print(*row.values(), flush=True)
+
+
+if __name__ == "__main__":
+    write_runs(Path(__file__).with_name("growth.csv"), RUNS, rows)

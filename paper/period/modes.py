@@ -6,9 +6,7 @@ the energy over the windows T/32 to T/16, ..., T/2 to T. It also says when this 
 `python -m paper.period.modes out.csv 2:640 10:320` follows two rods for 640 s and ten for 320 s.
 """
 
-import csv
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,7 @@ import numpy as np
 from npend_gym import Chain, simulate
 from npend_gym.theory import normal_modes
 from paper.arrays import FloatArray
-from paper.period.growth import APART, STARTS, WINDOWS
+from paper.period.growth import APART, STARTS, WINDOWS, write_runs
 
 FILE = Path(__file__).with_name("modes.csv")
 RUNS = {2: 16_000, 5: 16_000, 6: 16_000, 8: 16_000, 10: 16_000, 20: 8_000}
@@ -57,16 +55,4 @@ def row(n: int, seconds: float, offset: float) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
-    asked = [tuple(map(float, one.split(":"))) for one in sys.argv[2:]] or RUNS.items()
-    with out.open("w", newline="", encoding="utf-8") as file:
-        table = None
-        for n, seconds in asked:
-            for k in range(STARTS):
-                found = row(int(n), seconds, APART * k)
-                if table is None:
-                    table = csv.DictWriter(file, list(found), lineterminator="\n")
-                    table.writeheader()
-                table.writerow(found)
-                file.flush()
-                print(*found.values(), flush=True)
+    write_runs(FILE, RUNS, lambda n, seconds: (row(n, seconds, APART * k) for k in range(STARTS)))
