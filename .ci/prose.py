@@ -1,5 +1,7 @@
 """Check the English: sentences of at most so many words, and no phrase that readers stumbled over.
 
+A heading of a docstring that was wrapped into its paragraph is found too.
+
 It reads Markdown and, in Python files, docstrings and the texts of errors. `[tool.prose]` of
 pyproject.toml has the limits and the phrases. Run it with `python .ci/prose.py`, or with files.
 """
@@ -102,6 +104,8 @@ def findings(path: Path) -> Iterator[str]:
             words = [word for word in sentence.split() if WORD.search(word)]
             if len(words) > RULES["words"]:
                 yield f"{path}:{line}: {len(words)} words: {sentence}"
+        if lost := re.search(r"\S+ -{4,}", text):
+            yield f'{path}:{line}: the heading "{lost[0]}" is not on a line of its own'
         for found in phrases.finditer(text):
             yield f'{path}:{line}: "{found[0]}" in: {text[max(0, found.start() - 50) :][:110]}'
 

@@ -120,7 +120,9 @@ def largest_lyapunov(
     IntegrationError
         If the motion diverges.
 
-    Notes ----- One tangent vector is carried exactly through the steps of the integrator, O(n)
+    Notes
+    -----
+    One tangent vector is carried exactly through the steps of the integrator, O(n)
     operations each. Let L be the logarithm of its length in (theta, omega / omega_n), omega_n the
     frequency of the fastest mode, and t0 a tenth of the duration. The estimate is [L(t) - L(t0)] /
     (t - t0).

@@ -113,7 +113,9 @@ def periodic_orbits(
     ContinuationError
         If the family has no orbit of that amplitude or energy, or cannot be followed so far.
 
-    Notes ----- Orbits are found by shooting: Newton's method for rest after half the period, with
+    Notes
+    -----
+    Orbits are found by shooting: Newton's method for rest after half the period, with
     the exact derivatives of `Trajectory.sensitivities`. The family is followed by its arc length
     (Peeters, Viguie, Serandour, Kerschen and Golinval, Mech. Syst. Signal Process. 23, 2009). Such
     orbits come back because the equations are the same when time runs backwards.

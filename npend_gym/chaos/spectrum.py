@@ -89,7 +89,9 @@ def lyapunov_spectrum(
     IntegrationError
         If the motion diverges.
 
-    Notes ----- Benettin et al. (Meccanica 15, 1980): the vectors are carried exactly through the
+    Notes
+    -----
+    Benettin et al. (Meccanica 15, 1980): the vectors are carried exactly through the
     steps of the integrator. Every few steps a QR factorisation makes them orthogonal. The
     logarithms of its diagonal are summed and divided by the time.
 

@@ -33,12 +33,16 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     "npend/CartTriplePole-v1". They have observation="scaled". "NPendulum-v0" has the defaults of
     the keywords, and its task is `mode`. `NPendulumVectorEnv` steps many of them at once.
 
-    Description ----------- A planar chain moves under gravity, damping and friction in its joints,
+    Description
+    -----------
+    A planar chain moves under gravity, damping and friction in its joints,
     and drag of the air. Torques act at the actuated joints, by default at the pivot. The equations
     of motion are exact: `npend_gym.physics.accelerations` solves them in O(n). Each step takes
     several Runge-Kutta steps of order 4. Every machine computes the same bits.
 
-    Action ------ ``Box(-1, 1, (len(actuated),), float32)``: the torque at each actuated joint
+    Action
+    ------
+    ``Box(-1, 1, (len(actuated),), float32)``: the torque at each actuated joint
     divided by `max_torque`. A positive torque turns the rod below the joint counter-clockwise.
     Values outside the box are clipped. With `torque_levels` it is ``Discrete(torque_levels **
     len(actuated))``, see there. With base="cart" the first entry is the force on the cart divided

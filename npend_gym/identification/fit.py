@@ -84,7 +84,9 @@ def identify(
         fitted chain moves otherwise than the data, or few segments with lasting errors determine
         many values. If a fitted value is impossible for a pendulum in air.
 
-    Notes ----- A regression of the equations of motion, in which what is fitted is linear, gives
+    Notes
+    -----
+    A regression of the equations of motion, in which what is fitted is linear, gives
     first values. Multiple shooting refines them: it simulates segments of the motion, each from its
     own first state. Robust least squares fits their angles, with segments that become longer. Its
     results do not depend on chance. docs/howto/real_pendulum.md has an example.

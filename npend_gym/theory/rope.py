@@ -77,7 +77,9 @@ def release_profile(s: ArrayLike) -> FloatArray:
     ValueError
         If `s` is not between 0 and 1.
 
-    Notes ----- The second root t of sum_k J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)), t in
+    Notes
+    -----
+    The second root t of sum_k J0(j_k sqrt(s)) sin(j_k t/2) / (j_k^2 J1(j_k)), t in
     sqrt(L/g). Its terms fall as 1/k^2 alone and have a front in them, where they do so at best; the
     sum from the 40th on is therefore turned into integrals (Abel and Plana's formula), and exact to
     rounding. The bobs of N equal rods in small motion (`small_angle_periods`) differ from it, at N

@@ -56,7 +56,9 @@ class DifferentiableVectorEnv(ManyLanes):
     single_observation_space, single_action_space, observation_space, action_space : Space
         As those of `NPendulumVectorEnv`; tensors take the place of arrays.
 
-    Notes ----- The graph of past steps grows until `detach` cuts it, or `reset` begins again. It
+    Notes
+    -----
+    The graph of past steps grows until `detach` cuts it, or `reset` begins again. It
     keeps states and actions alone; a backward pass takes every step once more.
 
     Examples
