@@ -6,7 +6,8 @@
     python benchmarks/judge_engines.py --make-references            anew; needs heyoka
 
 Engines with fixed steps take steps of 1/1024 s. `certify/README.md` describes the cases, and how
-an engine is added. An engine that is missing or cannot express a case gets a row with the reason.
+an engine is added. An engine that is missing, cannot express a case or diverges gets a row with
+the reason.
 The file keeps the rows of engines and cases that are not run again.
 """
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure  # an extra
 
 STEP = 2.0**-10  # s
+DIVERGED = 100.0  # from what error of the energy on, in units of that which lifts the chain
 SHOWN = "links"  # the case of the figure and the main table: its bodies have inertia
 ENGINES = runners.ENGINES | jax_runners.ENGINES
 Row = dict[str, Any]
@@ -49,7 +51,10 @@ def _played(name: str, case: Case) -> Row:
     played = runners.play(ENGINES[name], case, STEP)
     errors = runners.errors(case, played)
     columns = {f"error_{t}_s": f"{e:.3g}" for t, e in zip((1, 5, 10), errors, strict=True)}
-    drift = f"{runners.energy_error(case, played):.3g}"
+    error = runners.energy_error(case, played)
+    if not error < DIVERGED:
+        return {"reason": "diverged"}
+    drift = f"{error:.3g}"
     return columns | {
         "energy_error": drift, "us_per_step": f"{played.microseconds:.3g}", "steps": played.steps
     }  # fmt: skip

@@ -1,8 +1,10 @@
 """Policies for exports, the headers compiled, and the exact actions to compare with."""
 
 import ctypes
+import importlib.util
 import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,6 +14,10 @@ from npend_gym.export import to_c
 from npend_gym.physics import Ensemble
 from npend_gym.rl import Policy, observation_of
 
+# pip install ziglang: clang, where there is none
+COMPILERS = {name: [name] for name in ("gcc", "clang", "tcc") if shutil.which(name)}
+if importlib.util.find_spec("ziglang"):
+    COMPILERS["zig"] = [sys.executable, "-m", "ziglang", "cc"]
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-ffp-contract=off")
 # Calls the functions of a header for many states, lane by lane
 DRIVER = """
@@ -88,12 +94,12 @@ void control(int begins, int acts, const double *shown, double dt, double *torqu
 
 def compiled(policy, folder, compiler="gcc", driver=DRIVER, **options):
     """Return the functions of a driver for a policy."""
-    if not shutil.which(compiler):
+    if compiler not in COMPILERS:
         pytest.skip(f"no {compiler} here")
     to_c(policy, folder / "policy.h", prefix="p", **options)
     (folder / "driver.c").write_text(driver)
-    command = [compiler, *FLAGS, "-O2", "-shared", "-fPIC", "-o", "driver.so", "driver.c"]
-    subprocess.run(command, cwd=folder, check=True)
+    command = [*FLAGS, "-O2", "-shared", "-fPIC", "-o", "driver.so", "driver.c"]
+    subprocess.run([*COMPILERS[compiler], *command], cwd=folder, check=True)
     return ctypes.CDLL(str(folder / "driver.so"))
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -25,7 +27,8 @@ Advance = Callable[[Any, Any, Any], Any]
 
 
 def jax_module() -> Any:
-    """Return JAX, with numbers of 64 bits."""
+    """Return JAX, with numbers of 64 bits, and without threads that wait for each other."""
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
     jax: Any = import_module("jax")
     jax.config.update("jax_enable_x64", True)
     return jax
@@ -82,11 +85,12 @@ def brax_step(case: Case, dt: float) -> Advance:
     jax = jax_module()
     pipeline: Any = import_module("brax.generalized.pipeline")
     system = import_module("brax.io.mjcf").loads(_for_brax(case, dt))
+    motors = np.flatnonzero(forces_on(case, np.ones(case.n)))
 
     def advance(joints: Any, force: Any, dt: float) -> Any:
         del dt
         state = pipeline.init(system, joints[0], joints[1])
-        after = pipeline.step(system, state, force)
+        after = pipeline.step(system, state, force[motors])
         return jax.numpy.stack([after.q, after.qd])
 
     return advance
@@ -102,31 +106,32 @@ def brax_spring(case: Case, dt: float) -> Player:
     jax = jax_module()
     pipeline: Any = import_module("brax.spring.pipeline")
     system = import_module("brax.io.mjcf").loads(_for_brax(case, dt))
+    motors = np.flatnonzero(forces_on(case, np.ones(case.n)))
 
     def many(joints: Any, force: Any, steps: Any) -> Any:
         start = pipeline.init(system, joints[0], joints[1])
-        end = jax.lax.fori_loop(0, steps, lambda _, now: pipeline.step(system, now, force), start)
+        torque = force[motors]
+        end = jax.lax.fori_loop(0, steps, lambda _, now: pipeline.step(system, now, torque), start)
         return jax.numpy.stack([end.q, end.qd])
 
     return _player(case, dt, many)
 
 
 def _for_brax(case: Case, dt: float) -> str:
-    """Return the chain with a motor in each joint, which is how brax takes forces."""
-    motors = [*range(case.n)]
-    if case.mechanism.cart_mass is not None:
-        motors = [case.n, *motors]
-    text = chain_of(case).to_mjcf(motors=motors, timestep=dt)
+    """Return the chain with a motor in each joint, which is how brax takes torques."""
+    if case.mechanism.stiffness is not None:  # not even with steps of 1/4096 s
+        raise ValueError("stiffness must be left out: brax turns and slides to another motion")
+    text = chain_of(case).to_mjcf(motors=range(case.n), timestep=dt)
     return text.replace('integrator="RK4"', 'integrator="Euler"')
 
 
 def jaxsim_step(case: Case, dt: float) -> Advance:
-    """Return a step of JaxSim, by its RK4; it reads URDF by a program of Gazebo, gz."""
+    """Return a step of JaxSim, by its RK4."""
     jax = jax_module()
     js: Any = import_module("jaxsim.api")
     model = js.model.JaxSimModel.build_from_model_description(
-        chain_of(case).to_urdf(), is_urdf=True, time_step=dt, gravity=case.mechanism.gravity,
-        integrator=js.model.IntegratorType.RungeKutta4,
+        _sdf(chain_of(case).to_urdf()), is_urdf=False, time_step=dt,
+        gravity=case.mechanism.gravity, integrator=js.model.IntegratorType.RungeKutta4,
     )  # fmt: skip
 
     def advance(joints: Any, force: Any, dt: float) -> Any:
@@ -140,36 +145,93 @@ def jaxsim_step(case: Case, dt: float) -> Advance:
     return advance
 
 
+def _sdf(urdf: str) -> str:
+    """Return a robot in SDF; JaxSim reads URDF by Gazebo only, which is in no package index."""
+    root = ET.Element("sdf", version="1.10")
+    robot, model = ET.fromstring(urdf), ET.SubElement(root, "model", name="chain")
+
+    def add(above: ET.Element, **texts: str | None) -> None:
+        for tag, text in texts.items():
+            ET.SubElement(above, tag).text = text
+
+    def placed(tag: str, name: str, relative_to: str, xyz: str, **about: str) -> ET.Element:
+        made = ET.SubElement(model, tag, name=name, **about)
+        ET.SubElement(made, "pose", relative_to=relative_to).text = f"{xyz} 0 0 0"
+        return made
+
+    base = ET.SubElement(ET.SubElement(model, "link", name="base-link"), "inertial")
+    add(base, mass="1")  # of any: it is fixed
+    add(ET.SubElement(base, "inertia"), ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+    add(ET.SubElement(model, "joint", name="held", type="fixed"), parent="world", child="base-link")
+    for joint in robot.iter("joint"):
+        given = {each.tag: each.attrib for each in joint}
+        name, parent = joint.attrib["name"], f"{given['parent']['link']}-link"
+        child = given["child"]["link"]
+        kind = joint.attrib["type"].replace("continuous", "revolute")
+        made = placed("joint", name, parent, given["origin"]["xyz"], type=kind)
+        add(made, parent=parent, child=f"{child}-link")
+        axis = ET.SubElement(made, "axis")
+        add(axis, xyz=given["axis"]["xyz"])
+        damping = given["dynamics"]["damping"]
+        loss = {"damping": damping, "spring_reference": "0", "spring_stiffness": "0"}
+        add(ET.SubElement(axis, "dynamics"), **loss)
+        body = {
+            each.tag: each.attrib for each in robot.iterfind(f"link[@name='{child}']/inertial/")
+        }
+        inertial = ET.SubElement(placed("link", f"{child}-link", name, "0 0 0"), "inertial")
+        add(inertial, pose=f"{body['origin']['xyz']} 0 0 0", mass=body["mass"]["value"])
+        add(ET.SubElement(inertial, "inertia"), **body["inertia"])
+    return ET.tostring(root, encoding="unicode")
+
+
 def jaxsim(case: Case, dt: float) -> Player:
     """Return JaxSim."""
     return _repeated(case, dt, jaxsim_step(case, dt))
 
 
-def newton(case: Case, dt: float, solver: str = "Featherstone") -> Player:
-    """Return Newton, on the CPU by Warp."""
+def newton_of(case: Case, dt: float, **options: bool) -> Any:
+    """Return Newton's model of a case, on the CPU by Warp."""
+    if case.mechanism.stiffness is not None:
+        raise ValueError("stiffness must be left out: a joint of Newton slides before it turns")
     wp: Any = import_module("warp")
     wp.config.quiet = True
     engine: Any = import_module("newton")
     with wp.ScopedDevice("cpu"):
         builder = engine.ModelBuilder(gravity=(0.0, 0.0, -case.mechanism.gravity))
         builder.add_mjcf(chain_of(case).to_mjcf(timestep=dt), parse_visuals=False)
-        model = builder.finalize()
-        options = {"angular_damping": 0.0} if solver == "Featherstone" else {}
-        stepper = getattr(engine.solvers, f"Solver{solver}")(model, **options)
-        now, after, control = model.state(), model.state(), model.control()
+        return builder.finalize(**options)
+
+
+def featherstone(model: Any) -> Any:
+    """Return Newton's solver of Featherstone without its damping."""
+    return import_module("newton").solvers.SolverFeatherstone(model, angular_damping=0.0)
+
+
+def set_newton(case: Case, model: Any, now: Any, control: Any, state: Array, torque: Array) -> None:
+    """Set the state `now` and the torques of a model of Newton."""
+    joints = np.array([to_joints(case, values) for values in state], np.float32)
+    now.joint_q.assign(joints[0])
+    now.joint_qd.assign(joints[1])
+    control.joint_f.assign(forces_on(case, torque).astype(np.float32))
+    import_module("newton").eval_fk(model, now.joint_q, now.joint_qd, now)
+
+
+def newton(case: Case, dt: float) -> Player:
+    """Return Newton, on the CPU by Warp."""
+    model = newton_of(case, dt)
+    wp: Any = import_module("warp")
+    with wp.ScopedDevice("cpu"):
+        solver, control = featherstone(model), model.control()
+        now, after = model.state(), model.state()
 
     def player(state: Array, torque: Array, duration: float) -> tuple[Array, int]:
         nonlocal now, after
-        joints = np.array([to_joints(case, values) for values in state], np.float32)
         steps = count_of(duration, dt)
         with wp.ScopedDevice("cpu"):
-            now.joint_q.assign(joints[0])
-            now.joint_qd.assign(joints[1])
-            control.joint_f.assign(forces_on(case, torque).astype(np.float32))
-            engine.eval_fk(model, now.joint_q, now.joint_qd, now)
+            set_newton(case, model, now, control, state, torque)
             for _ in range(steps):
                 now.clear_forces()
-                stepper.step(now, after, control, None, dt)
+                solver.step(now, after, control, None, dt)
                 now, after = after, now
             reached = now.joint_q.numpy(), now.joint_qd.numpy()
         return np.array([from_joints(case, values) for values in reached]), steps

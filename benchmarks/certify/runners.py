@@ -109,21 +109,32 @@ def forces_on(case: Case, torque: Array) -> Array:
     return out
 
 
+def names_of(chain: Chain) -> list[tuple[str, str]]:
+    """Return what `simulate` calls the coordinates of a chain and their velocities, in order."""
+    return [("theta", "omega"), *[("position", "velocity")] * (chain.base is not None),
+            *[("stretch", "stretch_rate")] * (chain.stiffness is not None)]  # fmt: skip
+
+
+def start_of(chain: Chain, state: Array) -> dict[str, Any]:
+    """Return a state (2, m) as keywords of `simulate`."""
+    names = names_of(chain)
+    ends = np.cumsum([chain.n if name[0] != "position" else 1 for name in names])[:-1]
+    parts = zip(names, np.split(state, ends, axis=1), strict=True)
+    given = {name: value for both, two in parts for name, value in zip(both, two, strict=True)}
+    return given | {name: given[name][0] for name in ("position", "velocity") if name in given}
+
+
 def ours(case: Case, dt: float, method: str = "dop853") -> Player:
     """Return the player of the package."""
     chain = chain_of(case)
     how: Any = {"dt": dt} if method == "rk4" else {"rtol": 1e-13, "atol": 1e-14}
-    names = [("theta", "omega"), *[("position", "velocity")] * (chain.base is not None),
-             *[("stretch", "stretch_rate")] * (chain.stiffness is not None)]  # fmt: skip
 
     def player(state: Array, torque: Array, duration: float) -> tuple[Array, int]:
-        ends = np.cumsum([chain.n if name[0] != "position" else 1 for name in names])[:-1]
-        parts = zip(names, np.split(state, ends, axis=1), strict=True)
-        given = {name: value for both, two in parts for name, value in zip(both, two, strict=True)}
-        given |= {name: given[name][0] for name in ("position", "velocity") if name in given}
+        given = start_of(chain, state)
         motion = simulate(
             chain, times=[0.0, duration], torque=torque, method=method, **how, **given
         )
+        names = names_of(chain)
         rows = [[np.atleast_1d(getattr(motion, both[k])[-1]) for both in names] for k in (0, 1)]
         steps = count_of(duration, dt) if motion.counts is None else int(motion.counts[0])
         return np.array([np.concatenate(row) for row in rows]), steps

@@ -85,7 +85,7 @@ def to_c(
         raise ValueError(f"prefix must be a letter, then letters, digits or _, got {prefix!r}")
     if isinstance(policy, Policy):
         kind, config = "policy", _config_of(policy)
-        fields = _of_network(policy, prefix) | _of_observations(config)
+        fields = _of_network(policy, prefix) | _of_observations(config, prefix)
     else:
         kind, config = "controller", _config_of_controller(policy)
         fields = _of_table(policy, config)
@@ -134,9 +134,9 @@ def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
     sizes = [policy.scale.size, *(bias.size for bias in policy.biases)]
     layers = zip(policy.weights, policy.biases, strict=True)
     numbers = np.concatenate([np.r_[bias, weight.T.ravel()] for weight, bias in layers])
-    shifted = "state->frames[k]"
+    shifted = "observation[k]"
     if policy.offset is not None:
-        shifted = f"(state->frames[k] - {prefix}_offset[k])"
+        shifted = f"(observation[k] - {prefix}_offset[k])"
     scaled = f"{shifted} / {prefix}_scale[k]"
     limited = f"{prefix}_clip({scaled}, {_exact(policy.limit)}f)"
     functions = {"clip": f"{prefix}_clip(sum[i], 1.0f)", "relu": "sum[i] < 0.0f ? 0.0f : sum[i]"}
@@ -158,9 +158,12 @@ def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
     }
 
 
-def _of_observations(config: EnvConfig) -> dict[str, Any]:
+def _of_observations(config: EnvConfig, prefix: str) -> dict[str, Any]:
     """Return what the template has of observations."""
-    n = config.n
+    n, speed, scale = config.n, "speed", ""
+    if np.any(config.speed_scale != 1.0):
+        speed, values = f"speed / {prefix}_speed_scale[i]", _table(config.speed_scale)
+        scale = f"static const double {prefix}_speed_scale[] = {{{values}}}; /* rad/s */\n"
     parts = [f"{n} sines, {n} cosines" if config.with_sines else f"{n} angles"]
     parts += [f"{n} velocities"] if config.observe_velocities else []
     parts += ["the cart"] if config.has_cart else []
@@ -168,7 +171,8 @@ def _of_observations(config: EnvConfig) -> dict[str, Any]:
     return {
         "observed": config.observed,
         "entries": ", ".join(parts),
-        "speed_scale": _table(config.speed_scale),
+        "speed_scale": scale,
+        "speed": speed,
         "speed_limit": _exact(config.speed_limit),
         "sines": int(config.with_sines),
         "velocities": int(config.observe_velocities),
