@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,10 @@ def as_controller(
     TypeError
         If it is neither callable nor has a method `predict`.
     ValueError
-        If the observations of the model's training are not known.
+        If the observations of the model's training are not known, or are not the environment's.
     """
+    if not wrappers:
+        _check_observation(model, config)
     if not hasattr(model, "predict"):
         if not callable(model):
             raise TypeError(
@@ -53,6 +55,21 @@ def as_controller(
     if any(map(_is_new, wrappers)) and getattr(model, "num_timesteps", 1) > 0:
         raise _without_statistics(model)
     return Behind(Predicting(model), wrappers)
+
+
+def _check_observation(model: Any, config: EnvConfig) -> None:
+    """Raise an error if a model has an `env`, as a `Policy` has, with another `observation`.
+
+    The number of entries is often the same.
+    """
+    env = getattr(model, "env", None)
+    keywords = cast("Mapping[str, Any]", env if isinstance(env, Mapping) else {})
+    trained = keywords.get("observation")
+    if trained not in (None, config.observation):
+        raise ValueError(
+            f"observation must be {trained!r}, on which the policy was trained, got "
+            f'{config.observation!r}: give the policy\'s keywords, policy.env | {{"id": ...}}'
+        )
 
 
 class Predicting:
