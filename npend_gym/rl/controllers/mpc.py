@@ -96,7 +96,7 @@ class MPC:
         self._config = config
         ahead = fundamental_period(config.chain.hung()) if horizon is None else horizon
         if horizon is None and np.isnan(ahead):
-            raise ValueError("horizon must be given where the chain does not swing back")
+            raise ValueError("horizon must be given for a chain without a period")
         steps = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
         goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
         weight = _checks.positive_number("action_weight", action_weight)

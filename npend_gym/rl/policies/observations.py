@@ -59,7 +59,7 @@ def observation_of(
     [0.0, 0.0, 1.0, 1.0, 1.0, 2.0]
     """
     if config.observe_context:
-        raise ValueError("observe_context must be False: nobody measures what was drawn")
+        raise ValueError("observe_context must be False, because sensors do not measure it")
     angles, speeds = _rows("theta", theta, config.n), _rows("omega", omega, config.n)
     if angles.shape != speeds.shape:
         raise ValueError(f"omega must have the shape of theta, {angles.shape}, got {speeds.shape}")

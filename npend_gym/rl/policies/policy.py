@@ -293,8 +293,8 @@ class Policy:
         Raises
         ------
         ValueError
-            If the file is damaged, too large or no .safetensors file; if its names, types, shapes or
-            numbers are not those of a policy; or if the policy does not fit its environment.
+            If the file is damaged, too large or no .safetensors file; if its names, types, shapes
+            or numbers are not those of a policy; or if the policy does not fit its environment.
         """
         path = Path(path)
         arrays, about = read_policy(path)
