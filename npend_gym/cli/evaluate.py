@@ -89,6 +89,11 @@ def run(
     seed = rl.HELD_OUT if seed is None else seed
     changed = [key for key, _ in settings if policy is not None]
     name, model, keywords = chosen(policy, controller, task, dict(settings), trust=trust)
+    register_envs()
+    try:
+        threshold = gym.spec(env_id).reward_threshold
+    except gym.error.Error as error:
+        raise ValueError(f"--env-id must name an environment: {error}") from error
     env: Any = keywords | {"id": env_id}
     if engine == "mujoco":
         env = in_mujoco(env)
@@ -99,8 +104,7 @@ def run(
     result: dict[str, Any] = about | {"evaluation": row}
     if row["success"] == 0.0:
         warn(_failure(name, changed, robust))
-    register_envs()
-    text = [report.evaluation_text(row, gym.spec(env_id).reward_threshold)]
+    text = [report.evaluation_text(row, threshold)]
     if scores:
         for score in (rl.performance, rl.recovery):
             result[score.__name__] = score(model, env, seed=seed).as_row()

@@ -116,5 +116,5 @@ def _known(chain: Any, single: dict[str, Any]) -> Any:
             raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")
         return chain
     if "lengths" not in single:
-        raise ValueError("--lengths or --chain must be given: angles do not tell lengths")
+        raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
     return {"masses": 1.0} | single

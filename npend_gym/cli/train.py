@@ -106,14 +106,16 @@ def run(
 
 def _algorithm(task: str, name: str | None) -> str:
     """Return the algorithm asked for, or the first with settings for the task."""
-    from npend_gym import _checks
     from npend_gym._extras import require
     from npend_gym.rl.training.tasks import env_of_task
     from npend_gym.rl.training.trainers import trainer, trainer_names
 
     env_of_task(task)  # refuses what is no task
-    if name is not None:
-        _checks.choice("algorithm", name, (*trainer_names(),))
+    if name is not None and name not in (names := trainer_names()):
+        raise ValueError(
+            f"algorithm must be one of {', '.join(names)}; got {name!r}: examples/train_sb3.py "
+            "trains by PPO of Stable-Baselines3"
+        )
     require("torch", "rl", "trainers")
     known = [each for each in trainer_names() if name is None and task in trainer(each).TASKS]
     if name is None and not known:
