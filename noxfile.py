@@ -38,11 +38,12 @@ def tests(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def coverage(session: nox.Session) -> None:
-    """Run all tests, and write which lines they run to build/coverage."""
+    """Run the tests, write which lines they run to build/coverage, and fail below the limit."""
     install(session, "test")
     session.install("pytest-cov")
     reports = ("--cov-report=term", "--cov-report=html:build/coverage")
-    session.run("pytest", "-m", "long or not long", "--cov=npend_gym", *reports, *session.posargs)
+    untraced = "--ignore=tests/test_promises_interrupts.py"  # it interrupts the tracer, too
+    session.run("pytest", "--cov", untraced, *reports, *session.posargs)
 
 
 @nox.session(default=False)

@@ -110,12 +110,33 @@ def findings(path: Path) -> Iterator[str]:
             yield f'{path}:{line}: "{found[0]}" in: {text[max(0, found.start() - 50) :][:110]}'
 
 
+def too_long() -> Iterator[str]:
+    """Return the pages with more words than allowed, and say if all together have more."""
+    limits = RULES["pages"]
+    for name in files(limits["of-each"]):
+        if (words := count(name)) > limits["each"]:
+            yield f"{ROOT / name}: {words} words, at most {limits['each']}"
+    if (words := sum(map(count, files(limits["of-all"])))) > limits["all"]:
+        yield f"{' '.join(limits['of-all'])}: {words} words, at most {limits['all']}"
+
+
+def count(name: str) -> int:
+    """Return the number of words as `wc -w` counts them, with code and tables."""
+    return len((ROOT / name).read_text("utf-8").split())
+
+
+def files(patterns: list[str]) -> list[str]:
+    """Return the names of files that git knows."""
+    listed = subprocess.check_output(["git", "ls-files", *patterns], cwd=ROOT, text=True)
+    return listed.splitlines()
+
+
 def main(given: list[str]) -> int:
     """Print the findings in the given files, or in all; return 1 if there are some."""
-    listed = subprocess.check_output(["git", "ls-files", *RULES["files"]], cwd=ROOT, text=True)
-    names = [name for name in listed.splitlines() if name not in RULES["exclude"]]
+    names = [name for name in files(RULES["files"]) if name not in RULES["exclude"]]
     chosen = [name for name in names if not given or name in given]
     found = [finding for name in chosen for finding in findings(ROOT / name)]
+    found += too_long()
     print("".join(f"{finding}\n" for finding in found).replace(f"{ROOT}/", ""), end="")
     return 1 if found else 0
 

@@ -41,8 +41,8 @@ TAKES_LONG = {
     "robustness.md",
     "sb3.md",
     "sensitivities.md",
-    "shac.md",
     "simulate.md",
+    "torchrl.md",
     "transition.md",
 }
 SIMULATED = {"gpu.md"}

@@ -91,7 +91,7 @@ def test_lists_of_numbers_in_arrays_survive_the_spec_as_json_too():
         ({"chain": "acrobat"}, ValueError, "or one of acrobot, .*; got 'acrobat'"),
         ({"chain": 3}, TypeError, "chain must be a npend_gym.Chain, a dict .*; got 3"),
         ({"chain": {"masses": [1.0]}}, ValueError, "the dict of a chain has no 'lengths'"),
-        ({"n": 1, "centres": 0.0, "inertias": 1.0}, ValueError, "centres must be so that the"),
+        ({"n": 1, "centres": 0.0, "inertias": 1.0}, ValueError, "centres must put the chain's"),
     ],
 )
 def test_contradictions_and_bad_parameters_are_refused_by_name(given, error, message):

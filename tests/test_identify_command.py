@@ -138,7 +138,7 @@ def test_a_bad_file_is_refused_in_one_line_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("", "--lengths or --chain must be given: angles do not tell lengths"),
+        ("", "--lengths or --chain must be given: angles do not determine lengths"),
         ("--lengths 1,2", "chain must have a link for each of 1 angles, got 2"),
         ("--lengths 1 --chain acrobot", "--lengths must be left out with --chain"),
         ("--lengths 0", "lengths must be greater than zero"),

@@ -356,7 +356,7 @@ def test_the_energy_of_the_fastest_chains_is_kept():
         ({"gear": {"low": -1.0, "high": 1.0}}, ValueError, r"\['gear'\] must have ends of one s"),
         ({"friction_speed": (0.0, 1.0)}, ValueError, r"\['friction_speed'\] must be greater than"),
         ({"centres": {"low": -0.1, "high": 0.9}}, ValueError, r"\['centres'\] must keep the cen"),
-        ({"centres": {"low": -2.0, "high": -0.1}}, ValueError, "centres must be so that the chai"),
+        ({"centres": {"low": -2.0, "high": -0.1}}, ValueError, "centres must put the chain's cent"),
         ([("masses", (0.9, 1.1))], TypeError, r"randomize must be a dict such as {\"masses\": "),
     ],
 )

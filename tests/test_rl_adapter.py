@@ -218,6 +218,11 @@ def test_a_model_that_saw_plain_observations_is_evaluated_without_its_environmen
     np.testing.assert_array_equal(found, expected)
 
 
+def test_a_model_is_not_judged_on_observations_of_another_kind_than_in_its_training():
+    with pytest.raises(ValueError, match=r"must be as in the model's training.* got 'scaled'"):
+        rl.evaluate(trained("PPO"), SWING | {"observation": "scaled"}, episodes=2)
+
+
 @pytest.mark.parametrize("vector", [False, True])
 def test_a_model_of_an_environment_whose_wrapper_changes_observations_is_refused(vector):
     from stable_baselines3 import PPO

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -92,6 +93,21 @@ def test_an_interrupted_training_says_that_nothing_was_written(tmp_path, capsys)
         assert main(["train", "swingup-2", "--out", str(tmp_path)]) == 130
     assert "nothing was written" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["evaluate", "swingup-1", "--env-id", "npend/Swingup-v1"], "--env-id must name .*SwingUp"),
+        (["train", "swingup-1", "--algorithm", "ppo"], "one of .*'ppo': examples/train_sb3.py"),
+    ],
+)
+def test_a_wrong_name_is_refused_in_one_line_with_what_is_likely_meant(words, said, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert left.value.code == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "error:" in line]
+    assert re.search(said, line)
 
 
 def test_the_task_chooses_the_algorithm():

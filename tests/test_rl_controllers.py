@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
-from npend_gym import simulate
+from npend_gym import rl, simulate
 from npend_gym.rl import (
     MPC,
     Evaluation,
@@ -218,6 +218,22 @@ def test_controllers_take_the_info_of_a_single_environment(made, keywords):
     if made is planned:
         assert controller.tracking(info).deviation.shape == (config.state_size,)
         assert controller.tracking(info).relative_cost.shape == ()
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        rl.lqr,
+        rl.energy_swing_up,
+        rl.modal_damping,
+        MPC,
+        rl.planned_swing_up,
+        rl.planned_transitions,
+    ],
+)
+def test_a_controller_that_is_given_the_environment_asks_for_its_settings(make):
+    with pytest.raises(TypeError, match=r"config must be .*env\.unwrapped\.config"):
+        make(gym.make("npend/SwingUp-v1"))
 
 
 def test_the_interval_of_the_success_rate_is_wilsons():

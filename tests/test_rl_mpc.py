@@ -144,7 +144,7 @@ def test_environments_are_independent_of_each_other_and_a_new_episode_is_planned
     ("env", "arguments", "message"),
     [
         ({"mode": "passive"}, {}, 'the environment must have motors, got mode "passive"'),
-        ({"gravity": 0.0}, {}, "horizon must be given where the chain does not swing"),
+        ({"gravity": 0.0}, {}, "horizon must be given for a chain without a period"),
         ({}, {"horizon": -1.0}, "horizon must be greater than zero, got -1.0"),
         ({}, {"iterations": 0}, "iterations must be at least 1, got 0"),
         ({}, {"first_iterations": 0}, "first_iterations must be at least 1, got 0"),

@@ -176,6 +176,44 @@ def test_an_observation_of_another_environment_is_refused_with_the_way_out():
     assert repr(policy).startswith("Policy(6-64-64-1, env={'n': 2")
 
 
+@pytest.mark.parametrize("name", ["swingup-2", "calm-2", "swingup-2-robust"])
+def test_a_policy_raises_where_the_observation_of_an_id_is_not_its_own(name):
+    policy = Policy.pretrained(name)
+    keywords = {k: v for k, v in policy.env.items() if k not in ("observation", "randomize")}
+    envs = gym.make_vec("npend/SwingUp-v1", num_envs=3, **keywords)
+    observation, info = envs.reset(seed=0, options={"omega": np.zeros((3, 2))})
+    policy(observation, info)  # a chain at rest shows nothing yet
+    observation, _, _, _, info = envs.step(np.ones((3, 1), np.float32))
+    with pytest.raises(ValueError, match=r"must be 'sincos' of 2 rods.*got 'scaled'.*policy\.env"):
+        policy(observation, info)
+
+
+def test_a_policy_raises_where_the_observation_is_of_another_number_of_rods():
+    policy, env = Policy.pretrained("swingup-2"), gym.make("NPendulum-v0", n=3)
+    with pytest.raises(ValueError, match=r"must be 'sincos' of 2 rods.*got that of 3 rods"):
+        policy(*env.reset(seed=0))
+
+
+def test_a_policy_acts_on_its_own_observations_with_noise_another_chain_and_a_cart():
+    for name, others in (
+        ("swingup-2", {"velocity_noise": 0.1, "observation_delay": 1}),
+        ("swingup-2", {"lengths": [0.9, 1.1]}),
+        ("swingup-2-cart", {}),
+    ):
+        policy = Policy.pretrained(name)
+        env = gym.make("npend/SwingUp-v1", **policy.env | others)
+        observation, info = env.reset(seed=0)
+        for _ in range(3):
+            observation, _, _, _, info = env.step(policy(observation, info))
+
+
+@pytest.mark.parametrize("judge", [rl.evaluate, rl.performance, rl.recovery, rl.robustness])
+def test_no_score_judges_a_policy_on_observations_that_are_not_its_own(judge):
+    policy = Policy.pretrained("swingup-2")
+    with pytest.raises(ValueError, match=r"must be 'sincos'.*got 'scaled'.*policy\.env \|"):
+        judge(policy, {"id": "npend/SwingUp-v1", "n": 2})
+
+
 @pytest.mark.parametrize("name", ["evaluate", "performance", "recovery", "robustness"])
 def test_old_keywords_of_the_scores_name_the_new_place(name):
     places = {"env_id": '"id" of env', "pushed": r"Pushes\(joints", "controller": "now named model"}

@@ -247,7 +247,7 @@ def test_a_cart_has_no_noise_of_torques_and_is_pushed_like_all():
         (
             {},
             {"criteria": {"x": Criterion(0.0, lambda _, value: {"torque_noise": value})}},
-            r"criteria must have one for this environment, got \['x'",
+            r"criteria must have one that fits this environment, got \['x'",
         ),
     ],
 )

@@ -1,7 +1,7 @@
 """Fit the law of the pseudo-period to a campaign, list outliers, write a report.
 
 The period against N and the amplitude is fitted with confidence intervals, see docs/campaigns.md.
-It uses the tasks that are finished, while a campaign runs or after it.
+It uses the finished tasks, so it can also run during a campaign.
 
 Examples
 --------

@@ -1,7 +1,7 @@
-"""Sweep the release experiment over anything, on one machine or many.
+"""Release chains with every combination of parameters, on one machine or many.
 
-Chains with every combination of the given values are released, `trials` times each. The results are
-Parquet files in the folder, see docs/campaigns.md. However it ended, the same command continues it.
+Every combination of the given values is released `trials` times. The results are Parquet files in
+the folder, see docs/campaigns.md. After an interruption the same command resumes.
 
 Examples
 --------
@@ -55,7 +55,7 @@ def run(
     backend : name
         Local processes (loky), local threads (threading), or a cluster (ray, dask).
     address : address, optional
-        Of a running Ray or Dask cluster (default: one is started on this machine).
+        Address of a running Ray or Dask cluster (default: one is started on this machine).
     workers : int, optional
         Number of workers (default: one for each core).
     dry_run : bool

@@ -27,9 +27,9 @@ def run(what: Literal["map"], *, threads: int = 1, out: Path = Path("chaos"), **
     Parameters
     ----------
     what : picture
-        Which picture.
+        The picture to draw.
     threads : int
-        That share the starts.
+        Number of threads that share the starts.
     out : folder
         Folder of the results.
     """

@@ -52,7 +52,7 @@ def run(
     policy : policy, optional
         The name of a policy in the package, or a file (.safetensors).
     trust : bool
-        The file may name a mode of yours, package.module:Class, which is imported.
+        Allow the file to import a mode of your own, package.module:Class.
     controller : name, optional
         A controller in place of a policy: LQR, MPC, damping, energy or plan.
     task : task, optional
@@ -62,11 +62,11 @@ def run(
     env_id : id
         Id of the environment, such as npend/SwingUp-v1.
     engine : name
-        What moves the chain: the package's own dynamics (npend), or MuJoCo.
+        Simulator of the chain: this package (npend), or MuJoCo.
     robust : bool
         Try wrong models, noise, delay, lag and pushes, and print the share survived.
     scores : bool
-        Print RealAIGym's score of the swing-up, and that of the time up between knock-downs.
+        Print RealAIGym's scores of the swing-up and of recovery from disturbances.
     as_json : bool
         Print everything as JSON.
     out : folder, optional
@@ -89,6 +89,11 @@ def run(
     seed = rl.HELD_OUT if seed is None else seed
     changed = [key for key, _ in settings if policy is not None]
     name, model, keywords = chosen(policy, controller, task, dict(settings), trust=trust)
+    register_envs()
+    try:
+        threshold = gym.spec(env_id).reward_threshold
+    except gym.error.Error as error:
+        raise ValueError(f"--env-id must name an environment: {error}") from error
     env: Any = keywords | {"id": env_id}
     if engine == "mujoco":
         env = in_mujoco(env)
@@ -99,8 +104,7 @@ def run(
     result: dict[str, Any] = about | {"evaluation": row}
     if row["success"] == 0.0:
         warn(_failure(name, changed, robust))
-    register_envs()
-    text = [report.evaluation_text(row, gym.spec(env_id).reward_threshold)]
+    text = [report.evaluation_text(row, threshold)]
     if scores:
         for score in (rl.performance, rl.recovery):
             result[score.__name__] = score(model, env, seed=seed).as_row()

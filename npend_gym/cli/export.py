@@ -1,9 +1,9 @@
 """Write a policy, a controller or a chain for other programs.
 
-A policy becomes a C99 header, which needs no library and allocates nothing: it builds observations
-of measured angles and velocities, and acts. So do the controllers LQR, damping and plan. Files of
-ONNX and PyTorch have the network, with its memory as a tensor. A chain becomes a model of MuJoCo,
-or a robot in URDF. See docs/howto/export.md.
+A policy becomes a C99 header, which needs no library and allocates nothing. It computes torques
+from measured angles and velocities. The controllers LQR, damping and plan become such headers too.
+Files of ONNX and PyTorch have the network, with its memory as a tensor. A chain becomes a model of
+MuJoCo, or a robot in URDF. See docs/howto/export.md and docs/howto/mujoco.md.
 
 Examples
 --------
@@ -54,13 +54,13 @@ def run(
     policy : policy, optional
         The name of a policy in the package, or a file (.safetensors).
     to : format
-        What is written: a header in c, a file of onnx or torch, or a chain in mjcf or urdf.
+        Format: c (a header), onnx or torch (a network), mjcf or urdf (a chain).
     out : file
-        File to write, .h, .onnx, .pt2, .xml or .urdf; folders that are missing are made.
+        File to write, .h, .onnx, .pt2, .xml or .urdf; missing folders are created.
     chain : Chain, optional
         The chain, for mjcf and urdf: a preset or a JSON file.
     prefix : name, optional
-        What the names in the header begin with (default npend).
+        Prefix of the names in the header (default npend).
     relative : bool
         Sensors show the angle of each rod relative to the rod above it.
     """

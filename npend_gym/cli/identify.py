@@ -1,7 +1,7 @@
 """Fit a chain to measured motion, with standard errors and held-out data.
 
 Inertia, lift (mass times lever), damping, friction and drag of each link are fitted to measured
-angles; segments that were not fitted judge the result. The CSV files have columns time [s], theta0,
+angles. Segments held out of the fit test the result. The CSV files have columns time [s], theta0,
 theta1, ... [rad, absolute, 0 where it hangs], and may have tau0, ... [N m] and piece, the number of
 the recording. See docs/howto/real_pendulum.md.
 
@@ -58,7 +58,7 @@ def run(
     files : file
         Recordings, CSV files.
     chain : Chain, optional
-        What is known, in place of the next four options: a preset's name or a JSON file.
+        The known chain, in place of the next four options: a preset's name or a JSON file.
     lengths : array_like, optional
         Length [m] of each link, from joint to joint.
     masses : array_like, optional
@@ -116,5 +116,5 @@ def _known(chain: Any, single: dict[str, Any]) -> Any:
             raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")
         return chain
     if "lengths" not in single:
-        raise ValueError("--lengths or --chain must be given: angles do not tell lengths")
+        raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
     return {"masses": 1.0} | single

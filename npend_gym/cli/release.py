@@ -54,7 +54,7 @@ def run(
     Parameters
     ----------
     results : folder, optional
-        What `npend release --out FOLDER` measured, which is shown instead of measuring.
+        A folder of `npend release --out FOLDER`: show its results instead of measuring.
     as_json : bool
         Print the summary and its provenance as JSON.
     out : folder, optional

@@ -1,9 +1,9 @@
 """Simulate a motion, or an episode of a policy: as numbers, a table, a plot, a film.
 
-Without files it prints how the motion begins and ends, and the energy. Angles are absolute, from
-hanging down, one for all rods or one for each. In a film the trace of the tip stands beside the
-directions of all bobs and the energy; after a release from rest, a black dot marks where, and when,
-a bob completes its pseudo-period.
+Without --csv, --plot and --film it prints the first state, the last state and the energy. Angles
+are zero where a rod hangs; give one for all rods or one for each. A film shows the chain with the
+trace of its tip, the direction of each bob, and the energy. After a release from rest, a black dot
+marks where and when a bob completes its pseudo-period.
 
 Examples
 --------
@@ -74,9 +74,9 @@ def run(
     omega : float or sequence, optional
         Angular velocity of all rods at the start, or of each [rad/s] (default 0).
     duration : float, optional
-        How long [s] (default 10, with a policy 15).
+        Duration of the motion [s] (default 10, with a policy 15).
     seed : int, optional
-        Of the episode of a policy (default 0).
+        Seed of the episode of a policy (default 0).
     csv : file, optional
         Write time, angles and angular velocities to this .csv file.
     plot : file, optional
@@ -84,9 +84,9 @@ def run(
     film : file, optional
         Film to this .gif or .mp4 file.
     interval : float
-        From row to row of the table, and from point to point of the plot [s].
+        Time between two rows of the table and two points of the plot [s].
     plain : bool
-        Film the chain alone, without the diagrams: square pictures.
+        Film the chain alone, in square pictures without the diagrams.
     """
     from npend_gym import _checks
     from npend_gym.report.outputs import FIGURES, write_figure

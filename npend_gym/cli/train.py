@@ -1,9 +1,10 @@
 r"""Train a policy for a task, by one of several algorithms.
 
-The task is one such as swingup-2, balance-3, calm-5 or swingup-1-robust. The policy is evaluated in
-100 held-out episodes, and written as OUT/TASK.safetensors with its learning curve TASK.csv. On one
-machine a seed gives the same policy again, with any number of threads. Now and then it writes
-OUT/TASK.checkpoint, from which --resume goes on, to the same policy. Needs the extra "rl".
+TASK is a mode and a number of rods, such as swingup-2, balance-3, calm-5 or swingup-1-robust. The
+command evaluates the policy in 100 held-out episodes, and writes OUT/TASK.safetensors and the
+learning curve OUT/TASK.csv. On one machine the same seed gives the same policy, with any number of
+threads. A run keeps OUT/TASK.checkpoint: with --resume an interrupted run continues from it and
+ends with the same policy. Needs the extra "rl".
 
 Examples
 --------
@@ -13,7 +14,7 @@ Examples
   npend train balance-1-cart                  a pole on a cart
   npend train calm-2 --env damping=0.02 --set total_timesteps=100000
   npend train swingup-1 --env "randomize={\"masses\": [0.8, 1.2]}" -o heavy
-  npend train swingup-4 --resume              goes on with what was interrupted
+  npend train swingup-4 --resume              continues an interrupted run
   npend evaluate runs/swingup-2.safetensors --robust
 """
 
@@ -50,7 +51,7 @@ def run(
         Mode and number of rods, such as swingup-2; swingup-2-robust draws a chain each episode, and
         swingup-2-cart is on the cart of npend/CartDoublePole-v1.
     algorithm : name, optional
-        One of shac, imitation, or of another package (default: the one with settings for the task).
+        shac, imitation, or one of another package (default: the one with settings for the task).
     seed : int, optional
         A number from 0 to 2^31 - 1 (default 0).
     around : file, optional
@@ -62,7 +63,7 @@ def run(
     overwrite : bool
         Train again where OUT has a policy of this name.
     resume : bool
-        Go on from OUT/TASK.checkpoint, which an interrupted run with these options has left.
+        Continue an interrupted run with the same options, from OUT/TASK.checkpoint.
     """
     from npend_gym.report import outputs, write_csv
     from npend_gym.report.robustness_report import evaluation_text
@@ -88,9 +89,9 @@ def run(
         policy, curve = chosen.train(using, task, checkpoint)
     except KeyboardInterrupt:
         if kept.exists():
-            warn(f"{kept} holds what was learned: the same command with --resume goes on from it")
+            warn(f"{kept} keeps the progress: the same command with --resume continues from it")
         else:
-            warn("nothing was written: training begins again when it is run again")
+            warn("nothing was written: the next run starts from the beginning")
         raise
     row = evaluate(policy, policy.env).as_row()
     policy.provenance["evaluation"] = row
@@ -105,14 +106,16 @@ def run(
 
 def _algorithm(task: str, name: str | None) -> str:
     """Return the algorithm asked for, or the first with settings for the task."""
-    from npend_gym import _checks
     from npend_gym._extras import require
     from npend_gym.rl.training.tasks import env_of_task
     from npend_gym.rl.training.trainers import trainer, trainer_names
 
     env_of_task(task)  # refuses what is no task
-    if name is not None:
-        _checks.choice("algorithm", name, (*trainer_names(),))
+    if name is not None and name not in (names := trainer_names()):
+        raise ValueError(
+            f"algorithm must be one of {', '.join(names)}; got {name!r}: examples/train_sb3.py "
+            "trains by PPO of Stable-Baselines3"
+        )
     require("torch", "rl", "trainers")
     known = [each for each in trainer_names() if name is None and task in trainer(each).TASKS]
     if name is None and not known:

@@ -1,7 +1,7 @@
-"""Check that this machine computes the very same bits.
+"""Check that this machine computes the same bits as others.
 
-Runs everything that is compiled for a short time, and compares the SHA-256 of the results with the
-digests in the package. Exit code 1 if one byte differs.
+Runs every compiled function for a short time, and compares the SHA-256 of the results with the
+digests in the package. The exit code is 1 if a byte differs.
 
 Examples
 --------

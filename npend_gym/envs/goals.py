@@ -107,6 +107,6 @@ def check_goal_env(mode: Mode, reward_type: str, *, goal_env: bool) -> None:
         )
     if goal_env and reward_type != "sparse":
         raise ValueError(
-            'reward_type must be "sparse" with goal_env=True, because compute_reward is given '
-            f"goals alone, without the actions that the dense reward judges; got {reward_type!r}"
+            'reward_type must be "sparse" with goal_env=True, because the dense reward needs the '
+            f"actions, which compute_reward does not receive; got {reward_type!r}"
         )

@@ -136,7 +136,7 @@ def checked_action(
     if joints == 0:
         if np.any(raw != 0):
             raise ValueError(
-                "action must be 0, for waiting is the only action in this mode, "
+                "action must be 0, which waits, because this mode has no other action, "
                 f"got {_checks.show(action)}"
             )
         return None
@@ -242,9 +242,8 @@ def _check_changes(config: EnvConfig, changes: Mapping[str, FloatArray]) -> None
         alone = {k: count_terms(chain.repeated(lanes, **{k: v})) for k, v in changes.items()}
         name = next((k for k, count in alone.items() if count > made_for), next(iter(changes)))
         raise ValueError(
-            f"options[{name!r}] must not make links of point masses, nor give links friction, "
-            "rotors or drag that the environment was made without: make it with a chain that has "
-            "some, chain=Chain(...)"
+            f"options[{name!r}] must not turn point masses into links, nor add friction, rotors or "
+            "drag: make the environment with a chain that has them, chain=Chain(...)"
         )
     check_weight(changed)
 

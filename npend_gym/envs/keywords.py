@@ -209,12 +209,12 @@ def _listed(own: Mapping[str, Any]) -> int:
 def check_weight(chain: _Weighed) -> _Weighed:
     """Return a chain, or the parameters of several, if it is higher standing than hanging.
 
-    Tasks judge by the height of its centre of mass.
+    Tasks use the height of its centre of mass.
     """
     if not np.all(chain.lift.sum(axis=-1) > 0.0):
         raise ValueError(
-            "centres must be so that the chain's centre of mass is higher where all links stand up "
-            "than where all hang down: tasks judge by its height"
+            "centres must put the chain's centre of mass higher where all links stand than where "
+            "all hang, because tasks use its height"
         )
     return chain
 

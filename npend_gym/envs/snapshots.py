@@ -109,15 +109,15 @@ class Snapshots:
         if np.any(states["environment"] != self._environment):
             raise ValueError(
                 "state must come from an environment with the same chain, mode, dt, substeps, "
-                "max_torque and randomize: make this one with the keywords of that one"
+                "max_torque and randomize: make this environment with the same keywords"
             )
         checked = states.reshape(-1)
         changed = np.flatnonzero(checked["sum"] != self._sums(checked))
         if changed.size > 0:
             raise ValueError(
-                "state must be as get_state() returned it, because a changed number may fit no "
-                f"other; got changed records {_checks.show(changed.tolist())}: set env.state, or "
-                "reset with options, to start elsewhere"
+                "state must be what get_state() returned, because its numbers belong together; got "
+                f"changed records {_checks.show(changed.tolist())}: set env.state, or reset with "
+                "options, to start from another state"
             )
         return checked
 

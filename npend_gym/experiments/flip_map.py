@@ -43,13 +43,13 @@ class FlipMap:
     centre : (float, float)
         First and second angle in the middle [rad].
     width : float
-        Of the square [rad]; 2 pi is all there is.
+        Width of the square [rad]; 2 pi covers all angles.
     duration : float
         How long each release is followed [s].
     masses : float or (float, float)
-        Of the bobs [kg].
+        Masses of the bobs [kg].
     lengths : float or (float, float)
-        Of the rods [m].
+        Lengths of the rods [m].
     gravity : float
         Acceleration of gravity [m/s^2].
     rtol : float

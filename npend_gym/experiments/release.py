@@ -45,12 +45,12 @@ class ReleaseExperiment:
     amplitude : float
         Angle of all rods at the start, where they are at rest [rad].
     spread : float
-        A trial adds one draw from zero up to this to all rods [rad].
+        Each trial adds to all rods one angle drawn between zero and this [rad].
     seed : int
         Seed of the draws. Trial t, counted from 1, is what mode "passive" of the environment
         draws with the seed `seed` + t - 1, for every n.
     duration : float, optional
-        Window [s]; by default long enough for every bob.
+        Time for which a release is observed [s]; by default long enough for every bob.
     reading : str
         What completes a pseudo-period: "bob", "link", "height" or "com". See
         `npend_gym.pseudo_periods`.
@@ -63,7 +63,7 @@ class ReleaseExperiment:
     damping : float
         Viscous damping of every joint [N m s].
     chain : Chain, dict or str, optional
-        One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
+        A chain, in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
         `Chain`, the dict of its parameters, a preset's name, or a JSON file.
     sensor_interval : float
         Time between two samples of a sensor [s], the first at the release. At 0 there is no
@@ -73,9 +73,9 @@ class ReleaseExperiment:
     sensor_noise : float
         Standard deviation of each sample, in the unit of what is measured.
     sensor_offset : float
-        What the sensor shows at zero, in the same unit.
+        Reading of the sensor at zero, in the same unit.
     sensor_scale : float
-        What the sensor shows of one unit.
+        Reading of the sensor for each unit that it measures, less the offset.
 
     Examples
     --------

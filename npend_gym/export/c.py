@@ -109,7 +109,7 @@ def _config_of(policy: Policy) -> EnvConfig:
         raise ValueError("env of the policy must say for which environment it is made, got {}")
     check_env(policy.env, policy.observed, len(policy.biases[-1]), trust=True)
     if policy.config.observe_context:
-        raise ValueError("observe_context must be False: nobody measures what was drawn")
+        raise ValueError("observe_context must be False, because sensors do not measure it")
     return policy.config
 
 

@@ -39,12 +39,12 @@ def read_motion(
     *paths : path-like
         One or several files of the same chain; their pieces are numbered on.
     columns : mapping of str to str, optional
-        What columns are called in the files, where it is not as above: ``{"time": "t [s]",
+        Names of columns in the files, where they differ from these: ``{"time": "t [s]",
         "theta0": "q1"}``.
     degrees : bool
         The angles are in degrees.
     relative : bool
-        The angles are those of the joints: of each link relative to the one above.
+        Angles are relative: each link's from the direction of the link above.
 
     Returns
     -------

@@ -151,14 +151,14 @@ def undetermined(
     if driven and free[INERTIA, 0] and not free[ARMATURE, 0]:
         out.append("armature0: it adds to inertia0 alone, and was taken from the given chain")
     if chain.n == 1 and free[DRAG, 0] and free[DAMPING, 0]:
-        out.append("damping0 and drag0: one link cannot tell them apart")
+        out.append("damping0 and drag0: one link does not determine both")
     for name, value, error, (row, _) in zip(
         model.names, fitted, errors, np.argwhere(free), strict=True
     ):
         if np.isinf(error):
             out.append(f"{name}: the data do not determine it beside the others")
         elif error > _VAGUE * abs(value) and row not in (OFFSET, LIFT):
-            out.append(f"{name}: {value:.3g} +- {error:.2g} is not told from zero")
+            out.append(f"{name}: {value:.3g} +- {error:.2g} cannot be distinguished from zero")
     return out
 
 

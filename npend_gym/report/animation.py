@@ -52,7 +52,7 @@ class Film:
     speed : float
         Seconds of the motion in a second of the film.
     size : int
-        Height in pixels, even; the width is twice that, or the same without diagrams.
+        Height in pixels, an even number; the width is twice that, or the same without diagrams.
     diagrams : bool
         Whether the diagrams stand beside the chain.
     """

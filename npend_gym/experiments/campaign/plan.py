@@ -70,18 +70,18 @@ class CampaignPlan:
     amplitude : float or list of float
         Angle of all rods at the start, where they are at rest [rad].
     spread : float or list of float
-        A release adds one draw from zero up to this to all rods [rad].
+        Each release adds to all rods one angle drawn between zero and this [rad].
     trials : int
-        Releases of each cell, a cell being one combination.
+        Releases of each combination (cell).
     seed : int
         Seed of the draws. A trial's draw depends on `seed` plus its number alone, as in
         `npend_gym.experiments.starts`: not on the cell, the batch, the workers or the order.
     duration : float, optional
-        Window [s]; by default long enough for every bob.
+        Time for which a release is observed [s]; by default long enough for every bob.
     batch : int, optional
         Releases in a task; by default as many as take about a second on one core.
     chain : Chain, dict or str, optional
-        One chain in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
+        A chain, in place of numbers of pendulums, masses, lengths, gravity and damping. It is a
         `Chain`, the dict of its parameters, a preset's name, or a JSON file.
 
     Raises

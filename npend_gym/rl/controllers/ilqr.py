@@ -195,8 +195,8 @@ class ILQR:
         except FloatingPointError as error:
             first = self.model.diverges(*flat).reshape(states.shape[:2]).any(axis=1).argmax()
             raise FloatingPointError(
-                f"the chain leaves all bounds in step {first} of the horizon: give the environment "
-                "shorter steps, or more substeps"
+                f"the plan diverges in step {first} of the horizon: give the environment shorter "
+                "steps, or more substeps"
             ) from error
         return a.reshape(*states.shape, -1), b.reshape(*states.shape, -1)
 

@@ -14,7 +14,14 @@ from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.ilqr import ILQR, Cost, Motions, joined
 from npend_gym.rl.controllers.regulators import riccati
-from npend_gym.rl.controllers.step_model import at_rest, beyond, env_actions, state_of, wrapped
+from npend_gym.rl.controllers.step_model import (
+    at_rest,
+    beyond,
+    check_config,
+    env_actions,
+    state_of,
+    wrapped,
+)
 from npend_gym.theory import fundamental_period
 
 _GUESS = 0.3  # standard deviation of the actions from which the first plan begins
@@ -89,6 +96,7 @@ class MPC:
         last_weight: float = 10.0,
         seed: int = 0,
     ) -> None:
+        check_config(config)
         if config.joints.size == 0:
             raise ValueError(f'the environment must have motors, got mode "{config.mode.name}"')
         self.iterations: int = _checks.count("iterations", iterations)
@@ -96,7 +104,7 @@ class MPC:
         self._config = config
         ahead = fundamental_period(config.chain.hung()) if horizon is None else horizon
         if horizon is None and np.isnan(ahead):
-            raise ValueError("horizon must be given where the chain does not swing back")
+            raise ValueError("horizon must be given for a chain without a period")
         steps = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
         goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
         weight = _checks.positive_number("action_weight", action_weight)

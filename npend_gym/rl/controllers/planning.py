@@ -20,7 +20,13 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.rl.controllers.mpc import MPC
 from npend_gym.rl.controllers.regulators import StateFeedback, lqr, riccati, state_weights
-from npend_gym.rl.controllers.step_model import StepModel, at_rest, env_actions, state_of
+from npend_gym.rl.controllers.step_model import (
+    StepModel,
+    at_rest,
+    check_config,
+    env_actions,
+    state_of,
+)
 from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
 from npend_gym.rl.evaluation.settings import keywords_of
 
@@ -176,6 +182,7 @@ def planned_transition(
     >>> plan.nominal.states[-1].round(3).tolist()  # the angle, and its rate
     [3.142, 0.0]
     """
+    check_config(config)
     begin, end = (
         np.where(
             checked_equilibrium(name, _checks.vector(name, angles, config.n)) < 0.0, np.pi, 0.0

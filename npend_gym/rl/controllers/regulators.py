@@ -17,6 +17,7 @@ from npend_gym.physics import linearise
 from npend_gym.physics.energy import energy
 from npend_gym.rl.controllers.step_model import (
     at_rest,
+    check_config,
     env_actions,
     motors,
     of_actions,
@@ -137,6 +138,7 @@ def riccati(
     config: EnvConfig, angle: float | FloatArray, action_weight: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gain of `lqr`, (joints, 2c), and S, (2c, 2c): the cost from x on is x S x."""
+    check_config(config)
     passive = np.ones(config.n, np.bool_)
     passive[motors(config)] = False
     q, free = state_weights(config), np.zeros_like(passive)
@@ -179,6 +181,7 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
     >>> rl.evaluate(rl.modal_damping(EnvConfig(**task)), task, episodes=2).success.tolist()
     [True, True]
     """
+    check_config(config)
     a, b = discretise(config, 0.0)
     gain = np.zeros((b.shape[1], a.shape[0]))
     gain[0, a.shape[0] // 2 :] = _turned_by(config)[0]

@@ -11,12 +11,22 @@ from typing import Any
 
 import numpy as np
 
+from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.rl.angles import wrap
 
 _MAX_ENSEMBLES = 16
+
+
+def check_config(config: Any) -> None:
+    """Raise a TypeError if a user gives something else than settings, such as the environment."""
+    if not isinstance(config, EnvConfig):
+        raise TypeError(
+            "config must be the settings of an environment, env.unwrapped.config or "
+            f"EnvConfig(...); got {_checks.show(config)}"
+        )
 
 
 def state_of(config: EnvConfig, info: Mapping[str, Any]) -> FloatArray:

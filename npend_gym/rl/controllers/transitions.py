@@ -18,7 +18,12 @@ from npend_gym._files import read_arrays, replacing
 from npend_gym._provenance import provenance
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
-from npend_gym.rl.controllers.step_model import StepModel, env_actions, state_of
+from npend_gym.rl.controllers.step_model import (
+    StepModel,
+    check_config,
+    env_actions,
+    state_of,
+)
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 MAX_BYTES = 100_000_000  # of a file of plans once unpacked
@@ -180,6 +185,7 @@ def planned_transitions(
     >>> evaluate(plans, {"mode": "transition", "n": 1}, episodes=4).success_rate
     1.0
     """
+    check_config(config)
     n = _checks.count("the number of rods", config.n, high=_MAX_RODS)
     equilibria = list(itertools.product([False, True], repeat=n))
     plans: dict[Pair, PlannedTransition] = {}

@@ -104,7 +104,8 @@ def evaluate(
     Raises
     ------
     ValueError, TypeError
-        If an argument or a keyword breaks its rule; if a wrapper changes observations or actions in
+        If an argument or a keyword breaks its rule; if the environment shows another `observation`
+        than a policy was trained on; if a wrapper changes observations or actions in
         a way that is not known; or if a model was trained with a `VecNormalize` with which it was
         not loaded, as far as the model shows that it had one.
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, cast
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from npend_gym import _checks
@@ -39,8 +40,10 @@ def as_controller(
     TypeError
         If it is neither callable nor has a method `predict`.
     ValueError
-        If the observations of the model's training are not known.
+        If the observations of the model's training are not known, or are not the environment's.
     """
+    if not wrappers:
+        _check_observation(model, config)
     if not hasattr(model, "predict"):
         if not callable(model):
             raise TypeError(
@@ -50,9 +53,38 @@ def as_controller(
         return Behind(model, wrappers) if wrappers else model
     if not wrappers and getattr(model, "get_env", None) is not None:
         wrappers = trained_through(model, config)
+        if all(map(is_normalizing, wrappers)):
+            _check_space(model, config)
     if any(map(_is_new, wrappers)) and getattr(model, "num_timesteps", 1) > 0:
         raise _without_statistics(model)
     return Behind(Predicting(model), wrappers)
+
+
+def _check_observation(model: Any, config: EnvConfig) -> None:
+    """Raise an error if a model has an `env`, as a `Policy` has, with another `observation`.
+
+    The number of entries is often the same.
+    """
+    env = getattr(model, "env", None)
+    keywords = cast("Mapping[str, Any]", env if isinstance(env, Mapping) else {})
+    trained = keywords.get("observation")
+    if trained not in (None, config.observation):
+        raise ValueError(
+            f"observation must be {trained!r}, on which the policy was trained, got "
+            f'{config.observation!r}: give the policy\'s keywords, policy.env | {{"id": ...}}'
+        )
+
+
+def _check_space(model: Any, config: EnvConfig) -> None:
+    """Raise an error if a model was trained on as many numbers, with other bounds."""
+    trained: Any = getattr(model, "observation_space", None)
+    shown: Any = config.observation_space
+    both = isinstance(trained, Box) and isinstance(shown, Box)
+    if both and trained.shape == shown.shape and trained != shown:
+        raise ValueError(
+            f"observation must be as in the model's training, {trained}, got "
+            f"{config.observation!r}, {shown}"
+        )
 
 
 class Predicting:

@@ -192,7 +192,7 @@ def robustness(
                 survived, criterion.unit, criterion.scored,
             )  # fmt: skip
     if not outcomes:
-        raise ValueError(f"criteria must have one for this environment, got {list(criteria)}")
+        raise ValueError(f"criteria must have one that fits this environment, got {list(criteria)}")
     arguments = {
         "env_id": setting.env_id,
         "env": plain_keywords(setting.keywords | {"mode": config.mode.name}),

@@ -88,10 +88,10 @@ class Setting(NamedTuple):
         given = self.keywords
         if given.get("observe_context", False):
             raise ValueError(
-                "observe_context must be False: robustness tries errors that no controller knows"
+                "observe_context must be False, because scores try errors that no model observes"
             )
         if given.get("goal_env", False):
-            raise ValueError("goal_env must be False: what is observed must be one array")
+            raise ValueError("goal_env must be False, because models must observe one array")
         setting = self._replace(keywords=given | {"randomize": None})
         config = setting.config
         if config.joints.size == 0:

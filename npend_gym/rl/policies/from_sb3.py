@@ -98,7 +98,8 @@ def env_of(config: EnvConfig) -> dict[str, Any]:
         given["mode"] = mode.name
     else:
         raise ValueError(
-            f"mode must be as its class makes it, so that a name tells all of it; got {mode!r}"
+            "mode must be unchanged, because a policy stores only the name of its class; got "
+            f"{mode!r}"
         )
     uniform: dict[str, Any] = {"n": config.n, "mode": given["mode"]}
     of_chain: dict[str, Any] = {"chain": config.chain, "mode": given["mode"]}

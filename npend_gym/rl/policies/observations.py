@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def observation_of(
     [0.0, 0.0, 1.0, 1.0, 1.0, 2.0]
     """
     if config.observe_context:
-        raise ValueError("observe_context must be False: nobody measures what was drawn")
+        raise ValueError("observe_context must be False, because sensors do not measure it")
     angles, speeds = _rows("theta", theta, config.n), _rows("omega", omega, config.n)
     if angles.shape != speeds.shape:
         raise ValueError(f"omega must have the shape of theta, {angles.shape}, got {speeds.shape}")
@@ -83,6 +84,53 @@ def observation_of(
             raise ValueError(f"goal must be given in mode {config.mode.name!r}")
         parts.append(np.broadcast_to(np.cos(_rows("goal", goal, config.n)), angles.shape))
     return np.concatenate(parts, axis=-1).astype(np.float32)
+
+
+def check_observation(config: EnvConfig, observation: ArrayLike, info: Mapping[str, Any]) -> None:
+    """Raise an error if the first observations of episodes are certainly not those of `config`.
+
+    Observations with sines have as many entries if their velocities are scaled as if they are not.
+    With noise or delay an observation fits no velocities, and nothing is certain. A chain at rest
+    shows nothing in its first observation, so the second is looked at too.
+
+    Parameters
+    ----------
+    config : EnvConfig
+        Of the environment of a policy.
+    observation : array_like, shape (k,) or (B, k)
+        Of as many entries as those of `config`.
+    info : mapping
+        With the state at this time.
+
+    Raises
+    ------
+    ValueError
+        If they are of another kind or of another number of rods.
+    """
+    if not {"time", "theta", "omega"} <= info.keys() or np.min(info["time"]) > 1.5 * config.dt:
+        return
+    n, shown = config.n, None
+    if np.shape(info["theta"])[-1:] != (n,):
+        shown = f"that of {np.shape(info['theta'])[-1]} rods"
+    elif config.with_sines and config.observe_velocities:
+        seen, speeds = np.asarray(observation)[..., 2 * n : 3 * n], np.asarray(info["omega"])
+        if seen.shape == speeds.shape and not _are(seen, speeds, config):
+            other = "scaled" if config.observation == "sincos" else "sincos"
+            if _are(seen, speeds, EnvConfig(chain=config.chain, observation=other)):
+                shown = repr(other)
+    if shown is not None:
+        raise ValueError(
+            f"observation must be {config.observation!r} of {n} rods, on which the policy was "
+            f"trained, got {shown}: make the environment with the policy's keywords, "
+            "gym.make(..., **policy.env)"
+        )
+
+
+def _are(seen: NDArray[Any], speeds: NDArray[Any], config: EnvConfig) -> bool:
+    """Return whether velocities observed are these [rad/s], to the rounding of float32."""
+    limit = config.speed_limit
+    own = np.clip(speeds / config.speed_scale, -limit, limit)
+    return np.allclose(seen, own, rtol=1e-5, atol=1e-9)
 
 
 def _rows(name: str, given: ArrayLike, n: int) -> NDArray[np.float64]:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class Policy:
     """A network from observations to the mean action, in NumPy.
 
-    It observes what `env` says, which is not what every environment shows by default::
+    It observes what `env` says: "sincos" in this package, while ``npend/...`` shows "scaled"::
 
         policy = Policy.pretrained("swingup-2")
         env = gym.make("npend/SwingUp-v1", **policy.env)
@@ -148,14 +148,18 @@ class Policy:
         Raises
         ------
         ValueError
-            If the observation has another number of entries than in training, or a policy with
-            memory is called with other environments.
+            If the observation is not of the policy's environment, as its size or `info` shows, or a
+            policy with memory is called with other environments.
         """
         if np.shape(observation)[-1:] != (self.observed,):
             raise ValueError(
                 f"observation must have {self.observed} entries, got {np.shape(observation)}: make "
                 "the environment with the policy's keywords, gym.make(..., **policy.env)"
             )
+        if info is not None and self.env:
+            from npend_gym.rl.policies.observations import check_observation  # heavy
+
+            check_observation(self.config, observation, info)
         if self._history is None:
             return self._act(self._scaled(observation))
         frames = self._remembered(self._history, np.atleast_2d(observation), info)
@@ -289,9 +293,8 @@ class Policy:
         Raises
         ------
         ValueError
-            If the file is no policy: not a .safetensors file, damaged, too large, or not described;
-            with other names, types or shapes, or numbers that may overflow; or for an environment
-            that it does not fit.
+            If the file is damaged, too large or no .safetensors file; if its names, types, shapes
+            or numbers are not those of a policy; or if the policy does not fit its environment.
         """
         path = Path(path)
         arrays, about = read_policy(path)

@@ -228,5 +228,5 @@ def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransit
         motion.append(step(motion[-1], actions[-1]))
     nominal = NominalTrajectory(np.concatenate(motion), np.concatenate(actions))
     if np.abs(wrapped(config, nominal.states[-1] - at_rest(config, np.pi))).max() > _STANDS:
-        raise ValueError(f"the demonstrator must stand after {seconds:g} s: give it more seconds")
+        raise ValueError(f"the expert's chain must stand after {seconds:g} s: give it more seconds")
     return track(config, nominal, 0.0)

@@ -254,9 +254,9 @@ def train(
     """
     config = used_config("imitation", settings.env, OF_ENV)
     if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
-        raise ValueError(f"mode must be one that an expert is known for, got {config.mode!r}")
+        raise ValueError(f"mode must be one with an expert, got {config.mode!r}")
     if settings.errors and config.observe_context:
-        raise ValueError("observe_context must be False with errors: no student knows them")
+        raise ValueError("observe_context must be False with errors, which no policy observes")
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     checkpoint = checkpoint or Checkpoint(settings)

@@ -212,8 +212,8 @@ def train(
     for name in drawn:
         if name not in (*CHAIN_KEYWORDS, "max_torque"):
             raise ValueError(
-                f"shac does not use randomize[{name!r}]: it draws parameters of the chain and "
-                "max_torque, leave it out or train by imitation"
+                f"shac does not use randomize[{name!r}], only parameters of the chain and "
+                "max_torque: leave it out, or train by imitation"
             )
     torch.manual_seed(settings.seed)
     task = Task(config, settings.gamma, settings.obs_scale)
