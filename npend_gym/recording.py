@@ -19,6 +19,7 @@ from npend_gym.experiments import ReleaseExperiment, Run
 from npend_gym.experiments.sensing import signals
 from npend_gym.period import pseudo_periods
 from npend_gym.physics import Trajectory, simulate
+from npend_gym.physics.mechanism import AXIAL, PIVOT
 
 DEFAULT_SECONDS = 15.0  # of an episode
 _INCOMPLETE_SECONDS = 10.0  # the paper's window, for releases that complete nothing
@@ -113,31 +114,38 @@ def record_simulation(
     theta: ArrayLike,
     omega: ArrayLike,
     seconds: float,
-    interval: float,
-    *,
+    *intervals: float,
     reading: str = "bob",
-) -> Recording:
-    """Record a motion every `interval` [s], with the pseudo-periods after a release from rest.
+) -> list[Recording]:
+    """Record one motion at each of `intervals`, with the pseudo-periods after a release from rest.
 
     Parameters
     ----------
     chain : Chain
     theta, omega : array_like, shape (n,)
         Angles [rad] and angular velocities [rad/s] at the start; one number stands for all rods.
-    seconds, interval : float
+    seconds : float
         [s]
+    *intervals : float
+        From instant to instant of a recording [s].
     reading : str
         What completes a pseudo-period.
+
+    Returns
+    -------
+    list of Recording
+        One for each of the intervals; they share one simulation.
 
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule, or the recording would be too long to be held.
+        If an argument breaks its rule, or the recordings would be too long to be held.
     """
     seconds = _checks.positive_number("duration", seconds)
-    interval = min(_checks.positive_number("interval", interval), seconds)
-    _check_size(seconds / interval, chain.n)
-    motion = simulate(chain, theta, omega, interval * np.arange(int(seconds / interval + 1e-9) + 1))
+    steps = [min(_checks.positive_number("interval", each), seconds) for each in intervals]
+    _check_size(sum(seconds / step for step in steps), chain.n)
+    instants = [step * np.arange(int(seconds / step + 1e-9) + 1.0) for step in steps]
+    motion = simulate(chain, theta, omega, np.unique(np.concatenate(instants)))
     first, periods = motion.theta[0], np.full(chain.n, np.nan)
     is_release = not motion.omega[0].any() and 0.0 < np.abs(first).max() <= np.pi
     if is_release:
@@ -147,7 +155,18 @@ def record_simulation(
         caption = f"release from {np.degrees(first[0]):.3g} degrees, {caption}"
     given = {"chain": chain, "theta": first, "omega": motion.omega[0]}
     made = provenance(plain_keywords(given | {"seconds": seconds, "reading": reading}))
-    return Recording(motion, periods, np.zeros(motion.times.size), reading, caption, made)
+    return [
+        Recording(_at(motion, some), periods, np.zeros(some.size), reading, caption, made)
+        for some in instants
+    ]
+
+
+def _at(motion: Trajectory, instants: FloatArray) -> Trajectory:
+    """Return a motion at some of its instants."""
+    rows = np.searchsorted(motion.times, instants)
+    names = ("times", "theta", "omega", *PIVOT, *AXIAL)
+    kept = {name: getattr(motion, name) for name in names}
+    return replace(motion, **{name: each[rows] for name, each in kept.items() if each is not None})
 
 
 def _check_size(instants: float, n: int) -> None:

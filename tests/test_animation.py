@@ -165,6 +165,7 @@ def test_the_hero_film_shows_the_release_that_its_comment_names():
     arguments = about["arguments"]
     chain = Chain.from_dict(arguments.pop("chain"))
     assert chain == Chain.uniform(20)
-    recording = record_simulation(chain, **arguments, interval=1.0 / about["fps"])
+    start = (arguments.pop(name) for name in ("theta", "omega", "seconds"))
+    (recording,) = record_simulation(chain, *start, 1.0 / about["fps"], **arguments)
     again = Film(recording, fps=about["fps"], size=shown.shape[0]).picture(120)
     assert np.abs(shown - again).mean() < 2.0

@@ -21,9 +21,10 @@ from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.estimate import duration, estimate
-from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES, part_digest
+from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES
 from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.experiments.campaign.task import measure_task
+from npend_gym.experiments.parts import part_digest
 
 SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
 
@@ -301,7 +302,7 @@ def test_of_two_parts_of_a_task_one_is_kept(undisturbed, tmp_path):
     task = next(SMALL.tasks())
     part = part_of(tmp_path, RELEASES, task)
     pq.write_table(pq.ParquetFile(part).read(), tmp_path / "other", compression="gzip")
-    digest = part_digest(SMALL, (tmp_path / "other").read_bytes())
+    digest = part_digest(SMALL.digest, (tmp_path / "other").read_bytes())
     (tmp_path / "other").rename(part.with_name(f"{task.number:07d}-{digest}.parquet"))
     with Campaign(SMALL, tmp_path) as campaign:
         assert len(campaign.status.done) == SMALL.task_count

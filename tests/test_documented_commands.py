@@ -85,6 +85,7 @@ ELSEWHERE = {  # why a command is not run here
     "--only hesitation": "minutes; tests/paper/test_paper_hesitation.py runs it",
     "--only tables-together": "minutes; tests/paper/test_paper_tables.py runs it",
     "--only chaos-n": "minutes: exponents up to N = 100",
+    "nonlinear_modes": "half a minute; tests/test_examples.py runs a part",
     "--resume": "it goes on with what was interrupted; tests/test_rl_checkpoints.py",
     "algorithms.py": "training that takes hours; tests/test_rl_examples.py runs a part",
     "robustness.py": "it takes long; tests/test_rl_robustness.py runs a part",
@@ -101,6 +102,7 @@ SHORTER = {  # with less of what takes minutes
     "npend evaluate": "--episodes 4",
     "npend chaos map": "--size 60",
     "npend simulate": "--duration 2",
+    "python examples/evaluate.py --controller plan": "--task swingup-1 --episodes 2 --seconds 1",
     "python examples/evaluate.py": "--episodes 2 --seconds 1",
     "python examples/train_sb3.py": "--steps 4096",
     "python examples/train_torchrl.py": "--steps 4096",
@@ -115,9 +117,17 @@ def runs_here(line):
     return not any(mark in line for mark in [*ELSEWHERE, *missing])
 
 
-def in_blocks(page):
-    """Return the commands of a page's blocks that are run here, each as words."""
-    return [words for words, whole in commands(page) if whole and runs_here(" ".join(words))]
+def in_blocks():
+    """Return the commands of each page's blocks that are run here, as words, each command once."""
+    found = {}
+    for page in PAGES:
+        for words, whole in commands(page):
+            if whole and runs_here(" ".join(words)):
+                found.setdefault(tuple(words), page)
+    return {page: [list(w) for w, on in found.items() if on == page] for page in found.values()}
+
+
+COMMANDS = in_blocks()
 
 
 def shorter(words):
@@ -128,11 +138,7 @@ def shorter(words):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "page",
-    [page for page in PAGES if in_blocks(page)],
-    ids=lambda page: str(page.relative_to(ROOT)),
-)
+@pytest.mark.parametrize("page", COMMANDS, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, monkeypatch):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     for name, data in OWN.items():
@@ -145,7 +151,7 @@ def test_commands_of_the_page_do_their_work_one_after_another(page, tmp_path, mo
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setattr("webbrowser.open", lambda _url: True)  # of `npend play`
     monkeypatch.setattr(timing, "SECONDS", 1e-4)  # of a round of `python benchmarks/peers.py`
-    for words in in_blocks(page):
+    for words in COMMANDS[page]:
         if words[1] != "analyse":  # which reads what the command before has written
             for folder in {"results", "FOLDER"} & set(words):
                 shutil.rmtree(folder, ignore_errors=True)

@@ -216,15 +216,6 @@ def test_the_announcement_is_for_terminals_and_notebooks_unless_it_is_hidden(mon
     assert not notice.somebody_waits()
 
 
-@pytest.mark.long
-def test_results_are_the_same_bits_when_compiled_for_the_plainest_processor(tmp_path):
-    plain = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-    plain |= {"NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-m", "npend_gym", "verify"]  # compares with the digests
-    done = subprocess.run(command, env=os.environ | plain, capture_output=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
 def test_a_name_that_a_package_lacks_is_answered_with_where_it_stands():
     with pytest.raises(AttributeError, match=r"no attribute 'Policy'; it is in npend_gym\.rl"):
         npend_gym.Policy  # noqa: B018

@@ -193,7 +193,7 @@ def test_a_map_that_is_killed_at_any_moment_resumes_and_leaves_nothing(
     bytes_of_whole = (tmp_path / "whole" / "map.npz").read_bytes()
     number = 0
     while in_a_process_that_is_killed(out := tmp_path / str(number), number, kind, monkeypatch):
-        done = len(list(out.glob("parts-*/[0-9].npz")))
+        done = len(list(out.glob("parts-*/[0-9]-*")))
         finished = (out / "map.npz").exists()
         counted.clear()
         np.testing.assert_array_equal(MAP.run(out, tell=told.append), whole)
@@ -220,8 +220,10 @@ def test_a_part_of_another_map_or_version_is_told_of_and_computed_again(
     other = begun(FlipMap(size=35, duration=2.0, masses=2.0), "other")
     mine = begun(MAP, "mine")
     assert mine.name != other.name
-    shutil.copy(other / "0.npz", mine / "0.npz")
-    shutil.copy(mine / "1.npz", mine / "2.npz")
+    (foreign,), (first,), (second,) = other.glob("0-*"), mine.glob("0-*"), mine.glob("1-*")
+    shutil.move(foreign, mine)
+    first.unlink()
+    shutil.copy(second, mine / second.name.replace("1-", "2-", 1))
     (mine / "notes.txt").write_text("mine")
     counted.clear()
     told = []

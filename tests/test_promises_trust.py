@@ -16,7 +16,7 @@ from safetensors.numpy import save_file
 
 from npend_gym.cli import main
 from npend_gym.experiments import Campaign, CampaignPlan, analyse
-from npend_gym.experiments.campaign.parts import part_digest
+from npend_gym.experiments.parts import part_digest
 from npend_gym.rl import PlannedTransitions, Policy
 from npend_gym.rl.policies.shipped import find_policy
 
@@ -176,7 +176,7 @@ def forged(campaign, tmp_path):
             pq.write_table(table, sink, compression=compression, use_dictionary=False)
             data = sink.getvalue().to_pybytes()
         part.unlink()
-        forged = out / "releases" / f"{task.place}-{part_digest(PLAN, data)}.parquet"
+        forged = out / "releases" / f"{task.place}-{part_digest(PLAN.digest, data)}.parquet"
         forged.write_bytes(data)
         return out, forged
 

@@ -114,7 +114,9 @@ def run(
         from npend_gym.report.animation import SUFFIXES
 
         prepare_file(film, SUFFIXES, "film")
-    motion = record(interval).motion
+    intervals = [interval] if film is None else [interval, speed / (fps or _FPS)]
+    recordings = record(*intervals)
+    motion = recordings[0].motion
     _show(motion)
     if csv is not None:
         motion.to_csv(csv)
@@ -125,9 +127,7 @@ def run(
         from npend_gym.report import animation
 
         fps = fps or (_FPS if policy is None else min(_FPS, speed / float(motion.times[1])))
-        filmed = animation.Film(
-            record(speed / fps), fps=fps, speed=speed, size=size, diagrams=not plain
-        )
+        filmed = animation.Film(recordings[-1], fps=fps, speed=speed, size=size, diagrams=not plain)
         animation.write(filmed, film, progress("picture"))
         show_file(film, f"{len(filmed)} pictures, {len(filmed) / fps:.1f} s, ")
     return OK
@@ -140,7 +140,7 @@ def _of_chain(
     duration: float | None = None,
     reading: str = "bob",
     **described: Any,
-) -> Callable[[float], Recording]:
+) -> Callable[..., list[Recording]]:
     """Return what records the motion of a chain at intervals [s]."""
     import numpy as np
 
@@ -161,7 +161,7 @@ def _of_chain(
 
 def _of_policy(
     policy: str, seed: int, duration: float | None, *, trust: bool
-) -> Callable[[float], Recording]:
+) -> Callable[..., list[Recording]]:
     """Return what has the record of an episode, by the name or the file of its policy."""
     from npend_gym import _checks
     from npend_gym.recording import DEFAULT_SECONDS, record_episode
@@ -172,7 +172,7 @@ def _of_policy(
     loaded = find_policy(policy, trust=trust)
     name = Path(policy).stem
     recording = record_episode(loaded, loaded.env, seed=seed, seconds=seconds, name=name)
-    return lambda _: recording
+    return lambda *_: [recording]
 
 
 def _show(motion: Trajectory) -> None:

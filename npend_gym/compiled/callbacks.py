@@ -80,22 +80,29 @@ class Callback:
 def compiled_if_possible(
     functions: Mapping[str, Any], build: Callable[[Mapping[str, Any], Any], Writer]
 ) -> Writer | None:
-    """Return what `build` makes of functions as machine code; None where Numba cannot compile one.
+    """Return what `build` makes of functions, for machine code; None where Numba cannot compile it.
 
-    `build` is given the compiled functions, and Numba's ``njit`` for what it makes of them.
+    `build` is given the compiled functions, and what compiles those that it makes of them. All are
+    parts of the one function that C calls, which alone becomes machine code (`Callback`).
     """
     from numba import config, njit, types
     from numba.core.errors import NumbaError
+
+    from npend_gym.compiled.inner import InnerCompiler
+
+    def part(function: Any) -> Any:
+        options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        return njit(**options, pipeline_class=InnerCompiler)(function)
 
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return None
     array = types.Array(types.float64, 1, "C")
     try:
         compiled = {
-            name: each if hasattr(each, "py_func") else njit(each)
+            name: each if hasattr(each, "py_func") else part(each)
             for name, each in functions.items()
         }
-        writer = build(compiled, njit)
+        writer = build(compiled, part)
         writer.compile((types.float64, array, array, array))  # type: ignore[attr-defined]
     except (NumbaError, TypeError, ValueError, NotImplementedError):
         return None

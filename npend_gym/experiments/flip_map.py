@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
@@ -22,9 +22,10 @@ from npend_gym._threads import MAX_THREADS
 from npend_gym._version import __version__
 from npend_gym.chain import Chain
 from npend_gym.chaos import flip_times
+from npend_gym.experiments.parts import read_part, write_part
 from npend_gym.physics.arguments import check_rtol
 
-_MAP = "map.npz"
+_MAP, _PART = "map.npz", ".float64"
 _ABOUT = 1 << 16  # bytes, at most, of what says which map a file belongs to
 _log = logging.getLogger(__name__)
 
@@ -159,7 +160,7 @@ class FlipMap:
             part = self._part(parts, k)
             if part is None:
                 left.append(k)
-                unusable += (parts / f"{k}.npz").exists()
+                unusable += any(parts.glob(f"{k}-*{_PART}"))
             else:
                 result[self._rows(k)] = part
         if unusable:
@@ -175,8 +176,7 @@ class FlipMap:
                 self.chain, starts, duration=self.duration, rtol=self.rtol, threads=threads
             )
             result[self._rows(k)] = times
-            with _files.replacing(parts / f"{k}.npz", binary=True) as file:
-                np.savez_compressed(file, times=times, about=self._about(part=k))
+            write_part(self._about(part=k), parts / f"{k}", times.tobytes(), _PART)
         about = json.dumps(provenance(self.as_dict()))
         with _files.replacing(out / _MAP, binary=True) as file:
             np.savez_compressed(file, times=result, first=first, second=second, about=about)
@@ -200,38 +200,29 @@ class FlipMap:
     def _part(self, parts: Path, k: int) -> FloatArray | None:
         """Return a part that is whole and of this map, or None."""
         rows = self._rows(k)
-        arrays = _read(parts / f"{k}.npz", (rows.stop - rows.start, self.size))
-        is_own = arrays is not None and str(arrays["about"]) == self._about(part=k)
-        return arrays["times"] if arrays is not None and is_own else None
+        size = 8 * (rows.stop - rows.start) * self.size
+        for path in parts.glob(f"{k}-*{_PART}"):
+            data = read_part(self._about(part=k), path, size)
+            if data is not None and len(data) == size:
+                return np.frombuffer(data).reshape(-1, self.size)
+        return None
 
     def _finished(self, out: Path) -> FloatArray | None:
         """Return the map that a run before has finished, or None."""
-        arrays = _read(out / _MAP, (self.size, self.size))
-        if arrays is None:
-            return None
+        shape = self.size, self.size
         try:
-            about = _files.parse_json(str(arrays["about"]))
+            arrays = _files.read_arrays(out / _MAP, 2 * 8 * math.prod(shape) + _ABOUT)
+            times, about = arrays["times"], _files.parse_json(str(arrays["about"]))
             made = {"version": about["version"], "arguments": about["arguments"]}
-        except (ValueError, TypeError, KeyError):
+        except (OSError, ValueError, TypeError, KeyError):
             return None
         is_own = json.dumps(made, sort_keys=True) == self._about()
-        return arrays["times"] if is_own else None
+        return times if is_own and (times.dtype, times.shape) == (np.float64, shape) else None
 
     def _remove_parts(self, out: Path, parts: Path) -> None:
         """Remove the parts of a finished map, and what a kill has left half-written."""
-        own = [parts / f"{k}.npz" for k in range(self._count)]
-        for path in (*own, *parts.glob(".*.npz.*.part"), *out.glob(f".{_MAP}.*.part")):
+        left = (*parts.glob(f"*{_PART}"), *parts.glob(".*.part"), *out.glob(f".{_MAP}.*.part"))
+        for path in left:
             _files.remove(path)
         with suppress(OSError):  # a file of somebody else is in it, or it is not there
             parts.rmdir()
-
-
-def _read(path: Path, shape: tuple[int, int]) -> dict[str, NDArray[Any]] | None:
-    """Return the arrays "times", of a shape, and "about" of a file; None where it has others."""
-    try:
-        arrays = _files.read_arrays(path, 2 * 8 * math.prod(shape) + _ABOUT)
-        times, about = arrays["times"], arrays["about"]
-    except (OSError, ValueError, KeyError):
-        return None
-    whole = (times.dtype, times.shape) == (np.float64, shape) and about.dtype.kind == "U"
-    return arrays if whole and about.shape == () else None

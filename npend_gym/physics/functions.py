@@ -70,7 +70,7 @@ def _itself(function: Any) -> Any:
 def _writer_of(
     functions: Mapping[str, Any], make: Any, *, fixed: FloatArray, scalar: bool
 ) -> Writer:
-    """Return one writer of functions of users; `make` is Numba's ``njit``, or leaves them as is."""
+    """Return one writer of functions of users; `make` compiles a function, or leaves it as is."""
     n, constants = fixed.size - AFTER_TORQUES, fixed.copy()
     at_force, at_across, at_up = n + FORCE, n + ACROSS, n + UP
 

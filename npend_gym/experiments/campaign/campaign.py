@@ -20,9 +20,10 @@ from npend_gym import _checks, _extras, _files
 from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign import engine
-from npend_gym.experiments.campaign.parts import RELEASES, TABLES, part_digest, write_cells
+from npend_gym.experiments.campaign.parts import RELEASES, TABLES, write_cells
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 from npend_gym.experiments.campaign.task import Record, run_task
+from npend_gym.experiments.parts import read_part
 
 filelock: Any = _extras.require("filelock", "campaign", "campaigns")
 
@@ -138,7 +139,7 @@ def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> Folde
     damaged = incomplete = 0
     for task in plan.tasks():
         here = [found.pop((table, task.place), []) for table in TABLES]
-        whole = [[path for path in paths if _is_whole(plan, path)] for paths in here]
+        whole = [[one for one in each if read_part(plan.digest, one) is not None] for each in here]
         damaged += sum(map(len, here)) - sum(map(len, whole))
         kept = [paths[0] for paths in whole if paths] if all(whole) else []
         incomplete += any(whole) and not kept
@@ -164,14 +165,6 @@ def _parts(out: Path) -> tuple[dict[tuple[str, str], list[Path]], list[Path]]:
             elif path.name.endswith((".part", ".parquet")):
                 others.append(path)
     return found, others
-
-
-def _is_whole(plan: CampaignPlan, path: Path) -> bool:
-    """Return whether a part has the bytes that its name says."""
-    try:  # a FIFO would wait for ever
-        return path.is_file() and path.stem.endswith(part_digest(plan, path.read_bytes()))
-    except OSError:
-        return False
 
 
 def _failed(out: Path) -> dict[str, str]:

@@ -150,43 +150,32 @@ def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R 
         for task in pending:  # noqa: UP028
             yield task
 
-    while True:
-        pool = _Pool()
-        yield from pool.results(work, remaining())
-        if not pool.running and pool.error is None:
-            break
-        no_progress = 0 if pool.returned else no_progress + 1
+    while loss := (yield from _in_one_pool(work, remaining())):
+        no_progress = 0 if loss.returned else no_progress + 1
         if no_progress == _MAX_NO_PROGRESS:
             raise WorkersLostError(
-                f"workers were lost {no_progress} times in a row: {pool.reason}; what is done is "
+                f"workers were lost {no_progress} times in a row: {loss.reason}; what is done is "
                 "kept, the same command continues"
-            ) from pool.error
-        attempts.update(list(pool.running))
-        for task in pool.running:
+            ) from loss.error
+        for task in loss.running:
+            attempts[task] += 1
             (retry if attempts[task] < _MAX_ATTEMPTS else retry_alone).append(task)
     for task in retry_alone:
-        yield from _run_alone(work, task)
+        for _ in range(_MAX_ATTEMPTS):
+            loss = yield from _in_one_pool(work, [task])
+            if loss is None or loss.returned or loss.running:
+                break  # otherwise the workers were not ready yet: it has not been tried
+        if loss is not None and not loss.returned:
+            yield task, WorkerLost(loss.reason)
 
 
-def _run_alone(work: Callable[[_T], _R], task: _T) -> Iterator[tuple[_T, _R | WorkerLost]]:
-    pool = _Pool()
-    for _ in range(_MAX_ATTEMPTS):
-        pool = _Pool()
-        yield from pool.results(work, [task])
-        if pool.returned:
-            return
-        if pool.running:
-            break  # otherwise the workers were not ready yet, and the task has not been tried
-    yield task, WorkerLost(pool.reason)
+@dataclass
+class _Loss:
+    """How a pool of workers ended before its tasks were done."""
 
-
-class _Pool:
-    """One pool of workers, until all tasks are done or a worker is lost."""
-
-    def __init__(self) -> None:
-        self.running: dict[Any, None] = {}  # in the order of dispatch
-        self.returned = 0
-        self.error: Exception | None = None
+    running: list[Any]  # in the order of dispatch
+    returned: int  # results before it
+    error: Exception | None
 
     @property
     def reason(self) -> str:
@@ -194,26 +183,30 @@ class _Pool:
         kind = type(self.error).__name__ if self.error else "lost"
         return f"{kind}: {text.splitlines()[0]}"
 
-    def results(
-        self, work: Callable[[_T], _R], tasks: Iterable[_T]
-    ) -> Generator[tuple[_T, _R], None, None]:
-        """Yield tasks and results; keep record of what is running, and of the workers' error."""
 
-        def dispatch() -> Iterator[Any]:
-            for task in tasks:
-                self.running[task] = None
-                yield joblib.delayed(_labelled)(work, task)
+def _in_one_pool(
+    work: Callable[[_T], _R], tasks: Iterable[_T]
+) -> Generator[tuple[_T, _R], None, _Loss | None]:
+    """Yield tasks and results, until all are done or a worker is lost; return that loss."""
+    running: dict[_T, None] = {}
+    returned, error = 0, None
 
-        parallel = joblib.Parallel(
-            return_as="generator_unordered", pre_dispatch="2*n_jobs", batch_size=1
-        )
-        try:
-            for task, result in parallel(dispatch()):
-                del self.running[task]
-                self.returned += 1
-                yield task, result
-        except Exception as error:  # noqa: BLE001 - each backend has its own for a lost worker
-            self.error = error
+    def dispatch() -> Iterator[Any]:
+        for task in tasks:
+            running[task] = None
+            yield joblib.delayed(_labelled)(work, task)
+
+    parallel = joblib.Parallel(
+        return_as="generator_unordered", pre_dispatch="2*n_jobs", batch_size=1
+    )
+    try:
+        for task, result in parallel(dispatch()):
+            del running[task]
+            returned += 1
+            yield task, result
+    except Exception as raised:  # noqa: BLE001 - each backend has its own for a lost worker
+        error = raised
+    return _Loss([*running], returned, error) if running or error else None
 
 
 def _labelled(work: Callable[[_T], _R], task: _T) -> tuple[_T, _R]:

@@ -1,12 +1,7 @@
-"""The tables of a campaign: Parquet parts, written whole, each named by what is in it.
-
-The name of a part ends in a digest of the plan and of the part's bytes. So a part that exists and
-has the right name is done; nothing else needs to be recorded, and it does not matter who wrote it.
-"""
+"""The tables of a campaign, as parts in Parquet: written by tasks, read by the analysis."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +14,7 @@ from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
+from npend_gym.experiments.parts import read_part, write_part
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
 pq: Any = _extras.require("pyarrow.parquet", "campaign", "campaigns")
@@ -48,15 +44,7 @@ def write_parts(
         (BOBS, _bobs(plan, task, periods)),
         (RELEASES, _releases(plan, task, starts, periods)),
     ):
-        data = _parquet(table, about)
-        path = out / name / f"{task.place}-{part_digest(plan, data)}.parquet"
-        _files.make_folder(path.parent)
-        _write(path, data)
-
-
-def part_digest(plan: CampaignPlan, data: bytes) -> str:
-    """Return what the name of a part with these bytes ends in."""
-    return hashlib.sha256(plan.digest.encode() + data).hexdigest()[:16]
+        write_part(plan.digest, out / name / task.place, _parquet(table, about), ".parquet")
 
 
 def _releases(plan: CampaignPlan, task: Task, starts: FloatArray, periods: FloatArray) -> Any:
@@ -117,11 +105,6 @@ def _parquet(table: Any, about: dict[str, Any]) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def _write(path: Path, data: bytes) -> None:
-    with _files.replacing(path, binary=True) as file:
-        file.write(data)
-
-
 def write_cells(plan: CampaignPlan, path: Path) -> None:
     """Write what every cell number stands for, with the models' periods [s]."""
     cells = [plan.cell(index) for index in range(plan.cells)]
@@ -139,7 +122,8 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
         "amplitude_rad": [cell["amplitude"] for cell in cells],
         "spread_rad": [cell["spread"] for cell in cells],
     }
-    _write(path, _parquet(pa.table(columns), provenance({"plan": plan.digest}, plan.seed)))
+    with _files.replacing(path, binary=True) as file:
+        file.write(_parquet(pa.table(columns), provenance({"plan": plan.digest}, plan.seed)))
 
 
 _CHAIN = ("n", "masses", "lengths", "gravity", "damping")
@@ -192,8 +176,8 @@ def _read_bounded(plan: CampaignPlan, path: Path, rows: int) -> Any:
     """Return a part as a table, if it takes no more memory than this number of rows needs."""
     if not path.is_file() or path.stat().st_size > len(_RELEASE) * (16 * rows + 4096):
         raise ValueError("it is no file of such a size")
-    data = path.read_bytes()
-    if not path.stem.endswith(part_digest(plan, data)):  # pyarrow may end the process on damage
+    data = read_part(plan.digest, path)
+    if data is None:  # pyarrow may end the process on damage
         raise ValueError("its bytes are not those that its name says")
     file = pq.ParquetFile(pa.BufferReader(data), **_THRIFT)
     if not file.schema_arrow.equals(_RELEASE):
