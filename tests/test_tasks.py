@@ -193,12 +193,12 @@ def test_the_page_of_a_task_repeats_what_the_environment_is(env_id):
 
 
 def test_the_overview_lists_every_task_and_repeats_the_defaults():
-    tasks, arguments, by_id, observations = tables_of("overview.md")
-    for maker, shown, _ in by_id[2:]:
-        if maker.startswith("NPendulum"):
-            assert shown.strip('"') == DEFAULTS["observation"]
-        elif maker.startswith("npend/"):
-            assert {task.keywords["observation"] for task in TASKS.values()} == {shown.strip('"')}
+    tasks, arguments, observations = tables_of("overview.md")
+    default_of = {maker.strip("`"): name.strip('"') for name, *_, maker in observations[2:]}
+    assert default_of["NPendulum-v0"] == DEFAULTS["observation"]
+    assert {task.keywords["observation"] for task in TASKS.values()} == {
+        default_of["every `npend/..."]
+    }
     pages = {re.search(r"\[`(.*)`\]\((.*)\)", row[0]).groups() for row in tasks[2:]}
     assert pages == {(env_id, page_of(env_id)) for env_id in TASKS}
     defaults = DEFAULTS | {
@@ -208,7 +208,7 @@ def test_the_overview_lists_every_task_and_repeats_the_defaults():
     }
     for name, default, _ in arguments[2:]:
         assert str(defaults[name]) == default.strip('"')
-    for name, _, bounds in observations[2:]:
+    for name, _, bounds, _ in observations[2:]:
         high = EnvConfig(n=1, observation=name.strip('"')).observation_space.high
         listed = [np.pi if bound == "pi" else float(bound) for bound in bounds.split(", ")]
         np.testing.assert_allclose(high, listed, rtol=1e-6)

@@ -29,7 +29,7 @@ def kept_law():
 
 
 def test_the_table_of_errors_is_that_of_the_kept_file():
-    head, _, *rows = table(PAGE, "| a [rad] |")
+    head, _, *rows = table(NOTES, "| a [rad] |")
     counts = [int(name.removeprefix("N = ")) for name in head[1:]]
     law = kept_law()
     for angle, *shown in rows:
