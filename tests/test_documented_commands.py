@@ -118,13 +118,17 @@ def runs_here(line):
 
 
 def in_blocks():
-    """Return the commands of each page's blocks that are run here, as words, each command once."""
-    found = {}
+    """Return the commands of each page's blocks that are run here, as words.
+
+    A command that an earlier page has is left out, unless its page reads results.
+    """
+    found, seen = {}, set()
     for page in PAGES:
-        for words, whole in commands(page):
-            if whole and runs_here(" ".join(words)):
-                found.setdefault(tuple(words), page)
-    return {page: [list(w) for w, on in found.items() if on == page] for page in found.values()}
+        here = [words for words, whole in commands(page) if whole and runs_here(" ".join(words))]
+        reads = any("results/" in word for words in here for word in words)
+        found[page] = [words for words in here if reads or tuple(words) not in seen]
+        seen |= {tuple(words) for words in here}
+    return {page: lines for page, lines in found.items() if lines}
 
 
 COMMANDS = in_blocks()

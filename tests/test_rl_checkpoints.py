@@ -118,7 +118,7 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(Checkpoint.__init__, "__kwdefaults__", {"resume": False, "seconds": 0.0})
     out = ["--out", str(tmp_path / "two")]
     assert main([*common, *out]) == 130
-    assert "--resume goes on" in capsys.readouterr().err
+    assert "the same command with --resume continues" in capsys.readouterr().err
     assert main([*common, *out, "--resume"]) == 0
     assert not list(tmp_path.glob("two/*.checkpoint"))
     runs = [read_policy(tmp_path / folder / "calm-1.safetensors") for folder in ("whole", "two")]
