@@ -160,7 +160,7 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
     ("call", "message"),
     [
         (lambda: Ensemble(CHAINS[0], 0), "size must be at least 1"),
-        (lambda: Ensemble([]), "chain must be a npend_gym.Chain"),
+        (lambda: Ensemble([]), "chain must be an npend_gym.Chain"),
         (lambda: Ensemble(CHAINS[0], 2, joints=(3,)), "joint must be between 0 and 2"),
         (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "the same number of rods, got 3 and 2"),
         (lambda: ensemble().set_state([7], 0.1), "members must be indices below 5"),

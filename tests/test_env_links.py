@@ -89,7 +89,7 @@ def test_lists_of_numbers_in_arrays_survive_the_spec_as_json_too():
         ({"chain": CHAIN, "masses": 1.0}, ValueError, "masses cannot be given together with chain"),
         ({"chain": CHAIN, "n": 2}, ValueError, "n must be left out .* its number of links, 3; got"),
         ({"chain": "acrobat"}, ValueError, "or one of acrobot, .*; got 'acrobat'"),
-        ({"chain": 3}, TypeError, "chain must be a npend_gym.Chain, a dict .*; got 3"),
+        ({"chain": 3}, TypeError, "chain must be an npend_gym.Chain, a dict .*; got 3"),
         ({"chain": {"masses": [1.0]}}, ValueError, "the dict of a chain has no 'lengths'"),
         ({"n": 1, "centres": 0.0, "inertias": 1.0}, ValueError, "centres must put the chain's"),
     ],

@@ -418,7 +418,7 @@ def test_what_a_gpu_cannot_simulate_is_refused(parts):
     chain = Chain.uniform(2, **parts)
     with pytest.raises(ValueError, match="is defined for rigid rods on a pivot at rest"):
         simulate_on_device(chain, 0.1, 0.0, [0.0, 1.0], dt=0.1)
-    with pytest.raises(TypeError, match=r"chain must be a npend_gym\.Chain, got \["):
+    with pytest.raises(TypeError, match=r"chain must be an npend_gym\.Chain, got \["):
         simulate_on_device([chain, chain], 0.1, 0.0, [0.0, 1.0], dt=0.1)
 
 

@@ -335,7 +335,7 @@ def test_the_solver_finds_what_scipys_least_squares_finds():
         ({"torque": np.zeros((40, 3))}, r"torque must have the shape \(40, 2\)"),
         ({"piece": np.zeros(3)}, "piece must be 40 integers"),
         ({"piece": np.arange(40) % 2}, "piece must number recordings whose rows stand together"),
-        ({"chain": "nosuch"}, "chain must be a npend_gym.Chain"),
+        ({"chain": "nosuch"}, "chain must be an npend_gym.Chain"),
         ({"fit": []}, "fit must name something"),
     ],
 )

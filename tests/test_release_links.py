@@ -99,7 +99,7 @@ def test_what_does_not_apply_to_links_says_so(runs):
     [
         ({"masses": 2.0}, "masses must be left out where chain is given, which has its own"),
         ({"gravity": 1.6}, "gravity must be left out where chain is given"),
-        ({"chain": "acrobat"}, "chain must be a npend_gym.Chain, a dict"),
+        ({"chain": "acrobat"}, "chain must be an npend_gym.Chain, a dict"),
     ],
 )
 def test_fields_that_contradict_the_chain_are_refused(made, fields, message):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from npend_gym import _checks
+from npend_gym._checks import FloatArray
 
 
 class Balls:
@@ -27,6 +28,12 @@ class Balls:
     TypeError, ValueError
         If an argument breaks its rule, or balls overlap.
     """
+
+    radius: FloatArray
+    spacing: FloatArray
+    density: FloatArray
+    volume: FloatArray
+    inertias: FloatArray
 
     def __init__(self, n: int, radius: ArrayLike, spacing: ArrayLike, density: ArrayLike) -> None:
         self.radius = _checks.positive("radius", _checks.vector("radius", radius, n))

@@ -12,7 +12,7 @@ from npend_gym import _checks, _files
 from npend_gym.chain.model import Chain
 from npend_gym.chain.presets import PRESETS
 
-_OR = "must be a npend_gym.Chain, a dict as its as_dict() gives, or "
+_OR = "must be an npend_gym.Chain, a dict as its as_dict() gives, or "
 _RULE = f"one of {', '.join(PRESETS)}, or a JSON file with a chain's parameters"
 
 

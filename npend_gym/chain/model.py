@@ -317,7 +317,7 @@ class Chain(NamedChains):
 def check_chain(value: Any) -> Chain:
     """Return `value`, refused where it is no Chain."""
     if not isinstance(value, Chain):
-        raise TypeError(f"chain must be a npend_gym.Chain, got {_checks.show(value)}")
+        raise TypeError(f"chain must be an npend_gym.Chain, got {_checks.show(value)}")
     return value
 
 

@@ -304,6 +304,11 @@ class NamedChains:
         return getattr(cls, method)(*given)
 
 
+for _method in vars(NamedChains).values():
+    if isinstance(_method, classmethod):  # Python's errors name the class that users know
+        _method.__func__.__qualname__ = f"Chain.{_method.__func__.__name__}"
+
+
 def _capsules(
     cls: type[ChainT],
     masses: FloatArray,

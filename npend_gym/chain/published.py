@@ -35,7 +35,8 @@ REALAIGYM = {
 }  # fmt: skip
 
 # MultiArm-Pendulum: masses, lengths, centres, inertias about them, damping, gravity
-MULTIARM = {
+_Rods = tuple[float, ...]
+MULTIARM: dict[int, tuple[_Rods, _Rods, _Rods, _Rods, _Rods, float]] = {
     1: ((0.147755,), (0.2,), (0.147585,), (1.09119e-4,), (2.23940e-4,), 9.81001),
     2: (
         (0.093844, 0.137596), (0.172719, 0.2286), (0.108565, 0.116779),

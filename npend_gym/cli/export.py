@@ -26,7 +26,7 @@ from npend_gym.cli.evaluate import chosen
 if TYPE_CHECKING:
     from npend_gym.chain import Chain
 
-FILLS = {
+FILLS: dict[str, tuple[str, ...]] = {
     "npend_gym.cli.evaluate:run": ("trust", "controller", "task", "settings"),
     "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
 }

@@ -101,7 +101,10 @@ def _add(parser: argparse.ArgumentParser, parameter: _Parameter) -> None:
         unit = re.search(r"\[([^][]+)\]", text)
         is_angle = unit is not None and unit[1] == "rad" and kind in _ANGLES
         about["type"], placeholder = (_ANGLES if is_angle else _READERS)[kind]
-        noun = noun if kind in ("str", "Path", "Sequence[Path]") and noun != "str" else option[2:]
+        if kind not in ("str", "Path", "Sequence[Path]"):
+            noun = "N" if "int" in kind else "NUMBER"
+        elif noun == "str":
+            noun = option[2:]
         word = (unit[1].replace(" ", "") if unit else noun).upper()
         about["metavar"] = placeholder.replace("X", word)
     if about.get("type") is values.setting:

@@ -133,10 +133,10 @@ class KernelCompiler(compiler.Compiler):
 class InnerCompiler(KernelCompiler):
     """The compiler of functions that are nothing but parts of others."""
 
-    library_class = _InnerLibrary
+    library_class: type[JITCodeLibrary] = _InnerLibrary
 
 
 class OutlinedCompiler(KernelCompiler):
     """The compiler of such functions that are too long for a copy at each call."""
 
-    library_class = _OutlinedLibrary
+    library_class: type[JITCodeLibrary] = _OutlinedLibrary

@@ -138,9 +138,9 @@ class EnvConfig(Settings):
         return self.chain.n
 
     @property
-    def richest(self) -> Chain:
+    def with_all_features(self) -> Chain:
         """The chain, with its cart, that needs the most of the model of all that may be drawn."""
-        drawn = chain_of(self.randomization.richest, 0).as_dict()
+        drawn = chain_of(self.randomization.with_all_features, 0).as_dict()
         return Chain.from_dict(drawn | {"base": self.chain.base})
 
     @property

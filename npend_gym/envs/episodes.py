@@ -74,7 +74,7 @@ class Episodes:
         n, joints, random = config.chain.n, config.joints, config.randomization
         poses = len(Pose) if config.mode.has_goals else 0
         base = mechanism_of([config.chain]).base
-        self._memory = Memory(random.richest, count, threads, ROWS, base, poses)
+        self._memory = Memory(random.with_all_features, count, threads, ROWS, base, poses)
         for pose in Pose[:poses]:
             self._memory.arrays[1][:, pose] = 1.0  # of a base too, which stands nowhere
         self._kernel = step_one if count == 1 else step_many

@@ -236,7 +236,7 @@ def _persistence(value: Any, lanes: int) -> BoolArray:
 def _check_changes(config: EnvConfig, changes: Mapping[str, FloatArray]) -> None:
     """Raise a ValueError where chains with `changes` break a rule, or need another kernel."""
     lanes = len(next(iter(changes.values())))
-    chain, made_for = config.chain, count_terms(config.randomization.richest)
+    chain, made_for = config.chain, count_terms(config.randomization.with_all_features)
     changed = chain.repeated(lanes, **changes)
     if count_terms(changed) > made_for:
         alone = {k: count_terms(chain.repeated(lanes, **{k: v})) for k, v in changes.items()}

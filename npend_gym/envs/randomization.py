@@ -21,7 +21,7 @@ from npend_gym.physics.kernels.link_terms import Parameter, count_terms
 SETTINGS = [name for name in OF_LANES if name not in COUNTED]
 _ONE_NUMBER = ("gravity", *SETTINGS)
 # Of which less lets a chain turn or brake faster
-_LIVELY_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
+_ACTIVE_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
 
 
 class Randomization(NamedTuple):
@@ -56,7 +56,7 @@ class Randomization(NamedTuple):
         return row[Draw.LOW], row[Draw.HIGH]
 
     @property
-    def richest(self) -> ChainParameters:
+    def with_all_features(self) -> ChainParameters:
         """The chain that needs the most of the model."""
         return max(self.corners, key=count_terms)
 
@@ -163,7 +163,7 @@ def _corners(
     """Return the chain as made, and chains at the ends of the ranges."""
     _check_joints(nominal, lows, highs)
     corners = [nominal, nominal.changed(lows), nominal.changed(highs)]
-    lively = dict(highs) | {name: lows[name] for name in _LIVELY_WHERE_LOW if name in lows}
+    active = dict(highs) | {name: lows[name] for name in _ACTIVE_WHERE_LOW if name in lows}
     n = nominal.masses.shape[1]
     link: NDArray[np.int64] = np.arange(n, dtype=np.int64)
     # Damping turns light links fastest; gravity swings those fastest that carry heavy ones
@@ -171,9 +171,9 @@ def _corners(
     borne = [name for name in ("masses", "centres") if name in lows]
     for heavy in patterns if borne else patterns[:1]:
         weights = {name: np.where(heavy, highs[name], lows[name]) for name in borne}
-        corners.append(nominal.changed(lively | weights))
+        corners.append(nominal.changed(active | weights))
     if "centres" in lows:  # heavy links that hang from their middle swing fast, or upside down
-        corners.append(nominal.changed(lively | {"centres": lows["centres"]}))
+        corners.append(nominal.changed(active | {"centres": lows["centres"]}))
     return [check_weight(corner) for corner in corners]
 
 

@@ -92,7 +92,7 @@ class DifferentiableVectorEnv(ManyLanes):
         self._check_config()
         self._fit_hardware()
         timing = config.min_substeps // self._motors.pieces, config.max_rotation
-        self._steps = CompiledSteps(config.richest, self._motors.joints, threads, timing)
+        self._steps = CompiledSteps(config.with_all_features, self._motors.joints, threads, timing)
         self._theta: Tensor = self._zeros(self.num_envs, config.state_size // 2)  # and of a cart
         self._omega: Tensor = self._theta
         self._start_energy = self._zeros(self.num_envs)

@@ -53,21 +53,22 @@ class TorchRLEnv(EnvBase):
                 "DifferentiableVectorEnv takes it"
             )
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([env.num_envs]))
+        specs: Any = self  # properties of TorchRL, which has no types
         batch, column = torch.Size([env.num_envs]), torch.Size([env.num_envs, 1])
         space: Any = env.config.observation_space
         bound = torch.from_numpy(space.high).to(dtype).expand(env.num_envs, -1)
         observation = Bounded(-bound, bound, dtype=dtype)
-        self.observation_spec = Composite(observation=observation, shape=batch)
+        specs.observation_spec = Composite(observation=observation, shape=batch)
         actions: Any = env.config.action_space
         if actions.shape == ():
-            self.action_spec = Categorical(int(actions.n), shape=batch)
+            specs.action_spec = Categorical(int(actions.n), shape=batch)
         else:
             shape = torch.Size([env.num_envs, env.action_size])
-            self.action_spec = Bounded(-1.0, 1.0, shape, dtype=dtype)
-        self.reward_spec = Unbounded(column, dtype=dtype)
+            specs.action_spec = Bounded(-1.0, 1.0, shape, dtype=dtype)
+        specs.reward_spec = Unbounded(column, dtype=dtype)
         flag = Categorical(2, shape=column, dtype=torch.bool)
         flags = {"done": flag, "terminated": flag.clone(), "truncated": flag.clone()}
-        self.done_spec = Composite(flags, shape=batch)
+        specs.done_spec = Composite(flags, shape=batch)
         self._seed: int | None = None
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:

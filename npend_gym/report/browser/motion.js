@@ -3,7 +3,7 @@
 const { physics, models } = data, { task } = physics, given = data.chain;
 
 const TICK = task.dt / Math.round(task.dt * 120); // s, of the motion
-const BUDGET = 11; // ms of computation in a picture's 16; beyond it time runs slower than told
+const BUDGET = 11; // ms of computation in a picture's 16; beyond it time runs slower than chosen
 const TOUCH = 44; // pixels within which a bob is grabbed
 const MAX_PARTS = 64; // of a tick, while a bob is pulled
 const TURN = 0.25; // of the lifting energy [N m]: the torque by keys, half of what holds the chain level

@@ -9,7 +9,7 @@ const tell = {
     $("clock").textContent = `${chain.output("TIME").toFixed(2)} s`;
     $("energy").textContent = `${energy.toPrecision(4)} J`;
     $("error").textContent = pull || turn ? "\u2013" : error.toExponential(0);
-    $("pace").textContent = slow ? "slower than told: too much to compute" : "";
+    $("pace").textContent = slow ? "slower than chosen: too much to compute" : "";
     const completed = chain.output("BOBS_COMPLETED"), centre = chain.output("PSEUDO_PERIOD_COM");
     const free = !pull && !turn; // what is measured is free motion alone
     const known = free ? completed + (centre > 0 ? 0.5 : 0) : -2;

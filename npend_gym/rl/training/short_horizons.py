@@ -206,7 +206,7 @@ class Collector:
         everywhere = np.ones(size, np.bool_)
         self.episodes.seed(first, everywhere)
         self.lanes: DifferentiableEnsemble = DifferentiableEnsemble(
-            config.richest, size, joints=motors(config)
+            config.with_all_features, size, joints=motors(config)
         )
         self.noise = np.zeros((size, config.joints.size))
         self.knocked = np.zeros((0, config.state_size))  # states to start from
