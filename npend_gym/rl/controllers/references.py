@@ -23,6 +23,7 @@ PLANS: dict[int, dict[str, Any]] = {
     4: {"seconds": 8.0},
     5: {"seconds": 12.0, "settle": 10.0},
     6: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
+    7: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
 }
 ON_CART: dict[int, dict[str, Any]] = {
     3: {"seconds": 10.0, "guess": "mpc"},
