@@ -6,6 +6,7 @@ import pytest
 
 from npend_gym import Cart, Chain
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.modes import SwingUp
 from npend_gym.rl import evaluate
 
 torch = pytest.importorskip("torch")
@@ -202,3 +203,19 @@ def test_starts_are_states_in_which_the_motors_of_recovery_leave_an_upright_chai
         reached = np.concatenate([info["theta"], info["omega"]])
         np.testing.assert_allclose(found[k], reached, rtol=1e-5, atol=1e-5)
     env.close()
+
+
+def test_a_task_that_draws_its_start_in_python_can_be_learned():
+    class Anywhere(SwingUp):
+        def start(self, rng, n, *_):
+            return rng.uniform(1.0, 2.0, n), np.zeros(n)
+
+    from npend_gym.rl.training.shac import Settings
+    from npend_gym.rl.training.short_horizons import Collector, Task
+
+    env = {"n": 2, "mode": Anywhere(), "observation": "sincos"}
+    settings, config = Settings(env=env, num_envs=64), EnvConfig(**env)
+    collector = Collector(config, Task(config, settings.gamma, settings.obs_scale), settings)
+    theta, omega = np.split(collector.states, 2, axis=1)
+    as_the_task = ((theta >= 1.0) & (theta < 2.0) & (omega == 0.0)).all(axis=1)
+    assert 0.1 < as_the_task.mean() < 0.5  # a quarter
