@@ -18,7 +18,6 @@ from npend_gym.envs import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.modes import Calm
 from npend_gym.envs.outputs import Beginnings
-from npend_gym.envs.starts import BY_PYTHON, start_plan
 from npend_gym.physics import DifferentiableEnsemble, Ensemble
 from npend_gym.physics.energy import lift_from
 from npend_gym.rl.angles import wrap
@@ -62,10 +61,9 @@ class Task:
         of_q[config.n :] = config.chain.total_length
         self.state_scale: torch.Tensor = torch.cat([of_q, obs_scale[2] * of_q])
         self.start: float = config.amplitude + 0.5 * config.spread  # of a release
-        episodes, everywhere = Episodes(config, 1), np.ones(1, np.bool_)
-        if start_plan(config.mode, config.spread)[0] == BY_PYTHON:  # the start is not used
-            episodes.seed(episode_seeds("training", 1, run=0, spacing=1000).start, everywhere)
-        episodes.start(everywhere)
+        episodes = Episodes(config, 1)
+        episodes.seeds.read_keys(np.arange(1))  # no seed is chosen, and modes in Python need one
+        episodes.start(np.ones(1, np.bool_))
         self._own = self._lanes_of(episodes.beginnings())
         self._parts = [part.float() for part in _parts(self._own)]
         self._own = self._with(self._parts)
