@@ -206,7 +206,7 @@ def test_the_networks_act_as_the_policies_of_the_package(page, n):
     observations = np.random.default_rng(n).uniform(-0.2, 0.2, (50, 3 * n)).astype(np.float32)
     run = "([n, all]) => all.map((one) => globalThis.npend.policies.get(n).act(one))"
     found = page.evaluate(run, [n, observations.tolist()])
-    np.testing.assert_allclose(found, policy(observations)[:, 0], atol=0.12)
+    np.testing.assert_allclose(found, policy(observations)[:, 0], atol=0.02)
 
 
 def test_a_finger_pulls_a_bob(open_page, path):

@@ -59,7 +59,9 @@ def run(
     prepare_file(page, player.SUFFIXES)
     policies = [Policy.pretrained(f"swingup-{rods}") for rods in _POLICIES]
     networks = [
-        live_page.Network(policy.env["n"], policy.scale, policy.weights, policy.biases)
+        live_page.Network(
+            policy.env["n"], policy.scale, policy.weights, policy.biases, policy.output
+        )
         for policy in policies
         if given is None
     ]

@@ -50,6 +50,7 @@ class Network(NamedTuple):
     scale: NDArray[np.float32]
     weights: Sequence[NDArray[np.float32]]
     biases: Sequence[NDArray[np.float32]]
+    output: str  # what bounds the action: "clip" or "tanh"
 
 
 class Engine(NamedTuple):
@@ -120,6 +121,7 @@ def page(engine: Engine, networks: Sequence[Network], start: Start) -> str:
                 "n": network.n,
                 "shapes": [weight.shape for weight in network.weights],
                 "scale": [_short(one) for one in network.scale],
+                "output": network.output,
             }
             for network in networks
         ],

@@ -3,12 +3,12 @@
 /** Weights as the generator packed them: rows of whole numbers, a factor for each row. */
 class Policy {
   /** Read layers of `shapes` from `bytes`, from `place` on; `end` is the place after them. */
-  constructor({ n, shapes, scale }, bytes, place) {
+  constructor({ n, shapes, scale, output }, bytes, place) {
     const floats = (count) => {
       place += 4 * count;
       return new Float32Array(bytes.slice(place - 4 * count, place).buffer);
     };
-    Object.assign(this, { n, scale });
+    Object.assign(this, { n, scale, output });
     this.layers = shapes.map(([outputs, inputs]) => {
       const biases = floats(outputs), factors = floats(outputs), size = outputs * inputs;
       const high = new Int8Array(bytes.buffer, bytes.byteOffset + place, size);
@@ -34,7 +34,7 @@ class Policy {
         return last ? sum : Math.tanh(sum);
       });
     });
-    return Math.max(-1, Math.min(1, signal[0]));
+    return this.output === "tanh" ? Math.tanh(signal[0]) : Math.max(-1, Math.min(1, signal[0]));
   }
 }
 
