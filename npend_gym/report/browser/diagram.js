@@ -1,6 +1,6 @@
 // Diagrams of lines and dots, whose values show under the pointer and by the arrow keys.
 
-const BOX = { width: 480, height: 330, left: 46, right: 470, top: 10, bottom: 288 };
+const BOX = { width: 480, height: 330, left: 46, right: 470, top: 24, bottom: 288 };
 
 function draw(parent, name, attributes, text) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -38,7 +38,7 @@ function drawAxes(svg, x, y, across, up) {
   }
   draw(svg, "path", { class: "axis", d: `M${BOX.left},${BOX.top}V${BOX.bottom}H${BOX.right}` });
   draw(svg, "text", { x: middle, y: BOX.height - 6, "text-anchor": "middle" }, x.label);
-  draw(svg, "text", { x: BOX.left + 6, y: BOX.top + 10 }, y.label);
+  draw(svg, "text", { x: 4, y: BOX.top - 10 }, y.label);
 }
 
 /** Draw series of {x, y, text} as lines or dots, whose texts show by hover and arrow keys. */

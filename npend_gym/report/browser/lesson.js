@@ -21,7 +21,7 @@ function record() {
 
 function showPlots() {
   if (!$("lesson").open) return;
-  const { n } = chain, shown = rows.slice(-SHOWN).filter((_, k) => k % 4 === 0), energy = 2 * n + 1;
+  const { n } = chain, shown = rows.slice(-SHOWN).filter((_, k) => k % 2 === 0), energy = 2 * n + 1;
   if (shown.length < 2) return;
   const series = (name, color, x, y, style) => ({ name, color, style, kind: "line", points: shown.map((row) => ({
     x: x(row), y: y(row), text: `${x(row).toFixed(2)}, ${y(row).toFixed(2)}` })) });
