@@ -72,7 +72,7 @@ CASES = [
     (NPendulumEnv, "substeps", (*NO_COUNTS[:-1], 10**9)),
     (NPendulumEnv, "observation", NO_CHOICES),
     (NPendulumEnv, "amplitude", (*NO_NUMBERS, None, 1e6)),
-    (NPendulumEnv, "spread", (*NO_NUMBERS, None, -0.1, 1e6)),
+    (NPendulumEnv, "spread", (*NO_NUMBERS, -0.1, 3.2, 1e6)),
     (NPendulumEnv, "render_mode", NO_CHOICES[:-2]),
     (NPendulumVectorEnv, "num_envs", (*NO_COUNTS, 10**9)),
     (NPendulumVectorEnv, "threads", (*NO_COUNTS, 10**9)),

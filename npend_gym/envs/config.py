@@ -26,6 +26,7 @@ from npend_gym.envs.keywords import (
     described_chain,
     joints_of,
     motor_limit,
+    width_of_starts,
     with_config_keywords,
 )
 from npend_gym.envs.modes import Mode, find_mode
@@ -112,6 +113,7 @@ class EnvConfig(Settings):
         joints = joints_of(given["actuated"], chain.n, least=0 if on_cart else 1)
         joints = () if mode.torque_share == 0.0 else (chain.n, *joints) if on_cart else joints
         given["dt"] = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
+        given["spread"] = width_of_starts(given["spread"], mode)
         given["max_torque"] = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
         settings = {name: given[name] for name in OF_LANES if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import difflib
 import inspect
+import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -19,8 +20,8 @@ from typing_extensions import TypedDict
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain, plain_keywords
-from npend_gym.envs.modes import Mode, described_modes
-from npend_gym.envs.settings import FIELDS, CartSettings
+from npend_gym.envs.modes import Mode, NearPose, described_modes
+from npend_gym.envs.settings import FIELDS, CartSettings, angle
 
 CHAIN_KEYWORDS = ChainParameters._fields  # the parameters of `Chain`
 CART_KEYWORDS = [each.name for each in fields(CartSettings) if each.name != "base"]
@@ -65,7 +66,7 @@ class EnvKeywords(TypedDict, total=False):
     reward_type: str
     goal_env: bool
     amplitude: float
-    spread: float
+    spread: float | None
     randomize: Mapping[str, Any] | None
     observe_context: bool
     angle_noise: float
@@ -268,6 +269,19 @@ def motor_limit(keywords: Mapping[str, Any], name: str, mode: Mode, whole: float
             f"fraction of the static torque; got {shown}"
         )
     return DIFFICULTIES[difficulty] * whole
+
+
+def width_of_starts(spread: Any, mode: Mode) -> float:
+    """Return `spread`, or that of the mode where it is None [rad]."""
+    if hasattr(mode, "nearness"):
+        raise TypeError(f"nearness of mode {mode.name!r} must be named spread")
+    spread = _checks.nonnegative_number("spread", mode.spread if spread is None else spread)
+    if isinstance(mode, NearPose) and spread > math.pi:
+        raise ValueError(
+            f"spread must be at most pi in mode {mode.name!r}, where pi to both sides is every "
+            f"angle, got {spread:g}"
+        )
+    return angle("spread", spread)
 
 
 def checked_cart(

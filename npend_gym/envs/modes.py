@@ -84,6 +84,8 @@ class Mode:
         standing.
     measures_com : bool
         Whether ``info["pseudo_period_com"]`` tells the pseudo-period of the centre of mass.
+    spread : float
+        Default width of the random starts [rad]; near an equilibrium also of velocities [rad/s].
     """
 
     name: ClassVar[str] = "custom"
@@ -92,6 +94,7 @@ class Mode:
     hold: ClassVar[float] = 0.0
     has_goals: ClassVar[bool] = False
     measures_com: ClassVar[bool] = False
+    spread: ClassVar[float] = 0.017
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value!r}" for name, value in vars(self).items())
@@ -137,20 +140,16 @@ class NearPose(Mode):
     ----------
     pose : float
         Angle of all rods there [rad].
-    nearness : float
-        Angles and angular velocities start within this [rad, rad/s].
     """
 
     pose: ClassVar[float]
-    nearness: ClassVar[float]
 
     def start(
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Start within `nearness` of the equilibrium at rest."""
-        del amplitude, spread
-        near = self.nearness
-        return self.pose + rng.uniform(-near, near, n), rng.uniform(-near, near, n)
+        """Start with angles and angular velocities within `spread` of the equilibrium at rest."""
+        del amplitude
+        return self.pose + rng.uniform(-spread, spread, n), rng.uniform(-spread, spread, n)
 
 
 class Passive(Release):
@@ -181,7 +180,7 @@ class SwingUp(NearPose):
     name = "swingup"
     hold: ClassVar[float] = 5.0
     pose: ClassVar[float] = 0.0
-    nearness: ClassVar[float] = 0.05
+    spread: ClassVar[float] = 0.05
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the squared height of the centre of mass, halved where fast."""
@@ -204,7 +203,7 @@ class Balance(NearPose):
     name = "balance"
     dt: ClassVar[float] = 0.02
     pose: ClassVar[float] = float(np.pi)
-    nearness: ClassVar[float] = 0.02
+    spread: ClassVar[float] = 0.02
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the height of the tip, halved where fast."""
@@ -258,7 +257,7 @@ class Transition(NearPose):
     hold: ClassVar[float] = 5.0
     has_goals = True
     pose: ClassVar[float] = 0.0
-    nearness: ClassVar[float] = 0.05  # deviations from the equilibrium that is drawn
+    spread: ClassVar[float] = 0.05  # deviations from the equilibrium that is drawn
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the squared closeness to the goal, halved where fast."""

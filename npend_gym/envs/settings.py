@@ -62,15 +62,11 @@ def _error(text: str, limit: Limit | None = None) -> Any:
     return keyword(0.0, text, _checks.nonnegative_number, of_lane=True, limit=limit)
 
 
-def _angle(name: str, value: Any) -> float:
+def angle(name: str, value: Any) -> float:
+    """Return `value` as an angle [rad] that sines know, and warn where it looks like degrees."""
     number = _checks.number(name, value)
-    angle = _checks.within(name, np.array(number), 0.5 * MAX_ANGLE)
-    warn_of_degrees(name, angle)
+    warn_of_degrees(name, _checks.within(name, np.array(number), 0.5 * MAX_ANGLE))
     return number
-
-
-def _spread(name: str, value: Any) -> float:
-    return _angle(name, _checks.nonnegative_number(name, value))
 
 
 def _cycles(name: str, value: Any) -> int:
@@ -246,9 +242,12 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         'In mode "transition", with reward_type="sparse": observations are a Dict with goals.',
         _checks.truth,
     )
-    amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", _angle)
+    amplitude: float = keyword(math.pi / 4, "Angle of a release [rad].", angle)
     spread: float = keyword(
-        0.017, "A release is from `amplitude` plus a draw from [0, spread) [rad].", _spread
+        None,
+        "Width of the random starts [rad]: a release is from `amplitude` plus a draw from [0, "
+        "spread); near an equilibrium, angles and velocities are drawn within it. By default that "
+        "of the mode.",
     )
     randomize: Mapping[str, Any] | None = keyword(
         None,

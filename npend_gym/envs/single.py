@@ -98,10 +98,11 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     Starting state
     --------------
     passive, calm: at rest, all rods at `amplitude` plus one draw from [0, spread) that all share.
-    swingup, balance: each angle and angular velocity is drawn within 0.05 (0.02) of hanging
+    swingup, balance: each angle and angular velocity is drawn within `spread` of hanging
     (standing) at rest. transition: start and goal are two different equilibria, in which each rod
     hangs or stands; all pairs are equally likely. Angles and angular velocities are drawn within
-    0.05 of the start. A cart is at rest in the middle of its rail in passive and calm; else its
+    `spread` of the start. By default `spread` is 0.017 in passive and calm, 0.02 in balance, else
+    0.05. A cart is at rest in the middle of its rail in passive and calm; else its
     place [m] and velocity [m/s] are drawn as angles are. ``reset(options={...})`` chooses a start
     or another chain for one episode.
 

@@ -32,9 +32,8 @@ class StartFields(NamedTuple):
 
     KIND: int = 0
     POSE: int = 1  # rad
-    NEARNESS: int = 2  # rad and rad/s
-    SPREAD: int = 3  # rad
-    GOALS: int = 4  # 1: it is near an equilibrium that is drawn, and so is a goal
+    SPREAD: int = 2  # rad, and near an equilibrium rad/s
+    GOALS: int = 3  # 1: it is near an equilibrium that is drawn, and so is a goal
 
 
 Start: StartFields = StartFields()
@@ -128,7 +127,7 @@ def _draw_state(
             rows[Rod.THETA, i * width + lane] = angle
             rows[Rod.OMEGA, i * width + lane] = 0.0
         return
-    near = start[Start.NEARNESS]
+    near = start[Start.SPREAD]
     for j in range(2 * n):  # the angles, then the angular velocities
         drawn = -near + (near + near) * _stream(keys, k, Purpose.START, episode, j)
         if j >= n:
@@ -158,7 +157,7 @@ def _cart(
         return
     model[2][g, Base.INVERSE_MASS, lane] = 1.0 / members[Setting.cart_mass, k]
     model[2][g, Base.DAMPING, lane] = members[Setting.rail_damping, k]
-    near = start[Start.NEARNESS]  # 0 where Python draws the state
+    near = start[Start.SPREAD] if start[Start.KIND] == NEAR_POSE else 0.0
     for row, field in enumerate((Rod.THETA, Rod.OMEGA)):
         u = _stream(keys, k, Purpose.START, members[Episode.EPISODE, k], 2 * (last // width) + row)
         rods[g, field, last + lane] = -near + (near + near) * u
@@ -293,5 +292,5 @@ def start_plan(mode: Mode, spread: float) -> FloatArray:
     if isinstance(mode, Release) and type(mode).start is Release.start:
         plan[Start.KIND] = RELEASE
     elif isinstance(mode, NearPose) and type(mode).start is NearPose.start:
-        plan[[Start.KIND, Start.POSE, Start.NEARNESS]] = NEAR_POSE, mode.pose, mode.nearness
+        plan[[Start.KIND, Start.POSE]] = NEAR_POSE, mode.pose
     return plan

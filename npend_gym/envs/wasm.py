@@ -86,6 +86,6 @@ def step_constants(config: EnvConfig) -> dict[str, Any]:
         "hold": config.mode.hold,
         "torque": config.max_torque / config.chain.lifting_energy,
         "speedLimit": config.speed_limit,
-        "nearness": getattr(config.mode, "nearness", 0.0),
+        "spread": config.spread,
     }
     return {"phase": MAX_PHASE, "rotation": MAX_ROTATION, "task": task}

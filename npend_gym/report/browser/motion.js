@@ -83,7 +83,7 @@ function swing(n) {
   for (const [id, at] of Object.entries({ n, gravity: physics.gravity, damping: 0, lengths: 0, masses: 0 }))
     $(id).value = at;
   $("angles").value = "";
-  const near = () => Array.from({ length: n }, () => (2 * Math.random() - 1) * task.nearness);
+  const near = () => Array.from({ length: n }, () => (2 * Math.random() - 1) * task.spread);
   [motor, pull, turn, released, chosen] = [policies.get(n), null, 0, null, null];
   begin(near(), near());
   showValues();
