@@ -1,4 +1,4 @@
-"""One draw of a trial: `npend release`, `npend campaign` and mode "passive" start alike."""
+"""Draws of starts are numpy's: of releases, of campaigns and of every environment."""
 
 import gymnasium as gym
 import numpy as np
@@ -6,6 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from npend_gym.envs import EnvConfig
 from npend_gym.experiments import CampaignPlan, ReleaseExperiment, starts
 from npend_gym.experiments.campaign.task import measure_task
 
@@ -45,6 +46,32 @@ def test_release_campaign_and_environments_start_every_trial_alike(n):
     (task,) = plan.tasks()
     assert single == vector == [start for _, _, start in release.runs()] == expected
     assert measure_task(plan, task)[0].tolist() == expected
+
+
+NEAR = {"swingup": 0.0, "balance": np.pi}
+
+
+@pytest.mark.parametrize("mode", [*NEAR, "transition"])
+@pytest.mark.parametrize("spread", [None, 0.001, 0.7])
+def test_every_environment_starts_within_the_spread_of_an_equilibrium(mode, spread):
+    keywords = {"n": 2, "mode": mode, "base": "cart", "spread": spread}
+    envs = gym.make_vec("NPendulum-v0", num_envs=3, **keywords)
+    vector = envs.reset(seed=11)[1]
+    width = EnvConfig(mode=mode).spread if spread is None else spread
+    for k in range(3):
+        single = gym.make("NPendulum-v0", **keywords).reset(seed=11 + k)[1]
+        state = [*single["theta"], *single["omega"]]
+        state += [single["cart_position"], single["cart_velocity"]]
+        rng = np.random.Generator(np.random.Philox(key=11 + k))
+        drawn = rng.uniform(-width, width, 6)
+        if mode == "transition":  # from which every rod hangs or stands
+            start = np.round((state[:2] - drawn[:2]) / np.pi) * np.pi
+        else:
+            start = np.full(2, NEAR[mode])
+        drawn[:2] += start
+        np.testing.assert_array_equal(state, drawn)
+        for name in ("theta", "omega", "cart_position", "cart_velocity"):
+            np.testing.assert_array_equal(vector[name][k], single[name])
 
 
 def test_later_episodes_start_from_streams_of_their_own():

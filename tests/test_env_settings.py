@@ -121,6 +121,21 @@ def test_a_task_without_failure_or_reward_of_its_own_may_return_plain_values():
     assert info["success"].tolist() == [True] * 3
 
 
+def test_a_mode_says_how_wide_its_starts_are_unless_the_keyword_does():
+    class Wide(SwingUp):
+        spread = 0.4
+
+    class Old(SwingUp):
+        nearness = 0.4
+
+    assert EnvConfig(mode=Wide()).spread == 0.4
+    assert EnvConfig(mode=Wide(), spread=0.1).spread == 0.1
+    with pytest.raises(TypeError, match="nearness of mode 'swingup' must be named spread"):
+        EnvConfig(mode=Old())
+    with pytest.raises(ValueError, match="spread must be at most pi in mode 'balance'.*got 4"):
+        EnvConfig(mode="balance", spread=4.0)
+
+
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 def test_rendering_without_a_render_mode_warns_and_returns_none(make):
     env = make("NPendulum-v0").unwrapped

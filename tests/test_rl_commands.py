@@ -19,7 +19,7 @@ def trained(tmp_path_factory):
     """The folder into which a command has trained swingup-1, for a very short time."""
     pytest.importorskip("torch")
     out = tmp_path_factory.mktemp("trained")
-    arguments = ["--seed", "3", "--set", "total_timesteps=960", "--env", "damping=0.02"]
+    arguments = ["--seed", "3", "--set", "total_timesteps=960", "--env", "spread=0.001"]
     assert main(["train", "swingup-1", *arguments, "--out", str(out)]) == 0
     return out
 
@@ -27,7 +27,7 @@ def trained(tmp_path_factory):
 def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
     policy = Policy.load(trained / "swingup-1.safetensors")
     assert [weight.shape for weight in policy.weights] == [(64, 3), (64, 64), (1, 64)]
-    assert policy.env == env_of_task("swingup-1") | {"damping": 0.02}
+    assert policy.env == env_of_task("swingup-1") | {"spread": 0.001}
     about = policy.provenance
     assert (about["trained_by"], about["training"]["steps"]) == ("shac", 960)
     assert (about["seed"], about["arguments"]["total_timesteps"]) == (3, 960)
@@ -37,7 +37,7 @@ def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
 
 
 def test_training_is_the_same_again_and_overwrites_nothing_unasked(trained, refusal):
-    arguments = ["--seed", "3", "--set", "total_timesteps=960", "--env", "damping=0.02"]
+    arguments = ["--seed", "3", "--set", "total_timesteps=960", "--env", "spread=0.001"]
     command = ["train", "swingup-1", *arguments, "--out", str(trained)]
     first = Policy.load(trained / "swingup-1.safetensors")
     assert "give --overwrite to train it again" in refusal(*command)
