@@ -132,7 +132,7 @@ def test_a_mode_says_how_wide_its_starts_are_unless_the_keyword_does():
     assert EnvConfig(mode=Wide(), spread=0.1).spread == 0.1
     with pytest.raises(TypeError, match="nearness of mode 'swingup' must be named spread"):
         EnvConfig(mode=Old())
-    with pytest.raises(ValueError, match="spread must be at most pi in mode 'balance'.*got 4"):
+    with pytest.raises(ValueError, match=r"spread must be at most pi in mode 'balance'.*got 4"):
         EnvConfig(mode="balance", spread=4.0)
 
 

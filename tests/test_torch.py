@@ -63,7 +63,8 @@ STRONG = {
 }  # fmt: skip
 IDEAL = {
     "swing-up": {"mode": "swingup", "observation": "sincos"},
-    "balance": {"mode": "balance", "n": 3, "observation": "scaled", "actuated": (0, 2)},
+    "balance": {"mode": "balance", "n": 3, "observation": "scaled", "actuated": (0, 2),
+                "spread": 0.1},
     "calm": {"mode": "calm", "randomize": {"masses": (0.8, 1.2), "gravity": (0.9, 1.1)}},
     "angles": {"mode": "balance", "observation": "scaled", "observe_velocities": False},
     "levels": {"mode": "transition", "torque_levels": 3},
