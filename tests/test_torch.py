@@ -63,10 +63,9 @@ STRONG = {
 }  # fmt: skip
 IDEAL = {
     "swing-up": {"mode": "swingup", "observation": "sincos"},
-    "balance": {"mode": "balance", "n": 3, "observation": "scaled", "actuated": (0, 2),
-                "spread": 0.1},
+    "balance": {"mode": "balance", "n": 3, "observation": "scaled", "actuated": (0, 2)},
     "calm": {"mode": "calm", "randomize": {"masses": (0.8, 1.2), "gravity": (0.9, 1.1)}},
-    "angles": {"mode": "balance", "observation": "scaled", "observe_velocities": False},
+    "angles": {"mode": "balance", "spread": 0.1, "observe_velocities": False},
     "levels": {"mode": "transition", "torque_levels": 3},
 }
 UNIDEAL = {

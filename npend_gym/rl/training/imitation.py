@@ -294,6 +294,7 @@ _ANGLES = {NOTHING: 0.05, CHAIN: 0.47, "torque_noise": 0.08, "motor_lag": 0.02, 
            PUSHES: 0.08, SEVERAL: 0.05}  # fmt: skip
 _ANGLES_4 = {NOTHING: 0.16, "torque_noise": 0.22, "motor_lag": 0.1, "delay": 0.3, PUSHES: 0.22}
 _LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
+_POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998}
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-3": {"rounds": 15},
     "swingup-4": {"seconds": 7.0, "guesses": 8, "rounds": 90},
@@ -305,6 +306,8 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
     "swingup-3-cart": {"seconds": 8.0, "rounds": 55, "averaging": 0.998},
     "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
+    "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
+    "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
 }
 _FROM_ANGLES = ("swingup-5", "swingup-3-robust", "swingup-4-robust")  # no velocities are observed
 

@@ -45,6 +45,10 @@ ROBUST: dict[str, Any] = {
 }
 
 
+# Of starts of more than three poles on a cart [rad]: its force holds few that are wider
+_SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
+
+
 def _variant(name: str, n: int) -> dict[str, Any] | None:
     """Return the keywords of the environment that follow from the end of a task's name."""
     match name:
@@ -71,7 +75,8 @@ def env_of_task(task: str) -> dict[str, Any]:
     "swingup-2-acrobot" are for RealAIGym's, with a motor at the pivot or at the elbow.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1", and more
-    rods on the latter's, as poles like its own.
+    rods on the latter's, as poles like its own. There "balance-4-cart" has spread=0.002 and
+    "balance-5-cart" spread=0.0005.
 
     Raises
     ------
@@ -85,6 +90,8 @@ def env_of_task(task: str) -> dict[str, Any]:
         raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
     if variant in (["pendubot"], ["acrobot"]) and n != "2":
         raise ValueError(f'task must have two links, as "{mode}-2-{variant[0]}", got {task!r}')
+    if task in _SPREADS:
+        keywords["spread"] = _SPREADS[task]
     return {"n": int(n), "mode": mode, "observation": "sincos"} | keywords
 
 
