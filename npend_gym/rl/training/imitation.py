@@ -294,7 +294,7 @@ _ANGLES = {NOTHING: 0.05, CHAIN: 0.47, "torque_noise": 0.08, "motor_lag": 0.02, 
            PUSHES: 0.08, SEVERAL: 0.05}  # fmt: skip
 _ANGLES_4 = {NOTHING: 0.16, "torque_noise": 0.22, "motor_lag": 0.1, "delay": 0.3, PUSHES: 0.22}
 _LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
-_POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998}
+_POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-3": {"rounds": 15},
     "swingup-4": {"seconds": 7.0, "guesses": 8, "rounds": 90},
