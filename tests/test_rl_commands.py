@@ -152,8 +152,9 @@ def test_model_predictive_control_aims_at_what_the_task_asks_for():
         np.testing.assert_allclose(controller(None, at_rest), 0.0, atol=1e-12)
 
 
-def test_the_regulator_for_a_triple_pole_holds_nearly_all_starts_within_its_force():
-    keywords = env_of_task("balance-3-cart")
+@pytest.mark.parametrize("n", [3, 4, 5])
+def test_the_regulator_for_poles_on_a_cart_holds_nearly_all_starts_within_its_force(n):
+    keywords = env_of_task(f"balance-{n}-cart")
     controller = reference_controller("LQR", keywords)
     assert evaluate(controller, keywords, episodes=100).success_rate > 0.95
 
