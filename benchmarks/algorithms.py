@@ -17,6 +17,8 @@ import csv
 import re
 from itertools import product
 from pathlib import Path
+from runpy import run_path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,9 +39,10 @@ from npend_gym.rl.controllers.references import PLANS, reference_controller
 from npend_gym.rl.training import imitation, shac
 from npend_gym.rl.training.tasks import env_of_task
 
-DOCS = Path(__file__).parents[1] / "docs"
-TRAINERS = {"SHAC": shac, "imitation": imitation}
-LEARNED = (*TRAINERS, "ES")  # by examples/evolution_strategies.py
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+ES = SimpleNamespace(**run_path(str(ROOT / "examples" / "evolution_strategies.py"), {}, "es"))
+TRAINERS: dict[str, Any] = {"SHAC": shac, "imitation": imitation, "ES": ES}
 STYLES = {"SHAC": "-", "ES": "--", "imitation": ":"}
 CURVE = ("steps", "seconds", "return", "success")
 ORDER = ("swingup", "transition", "balance", "calm")
@@ -124,8 +127,8 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
 
 
 def trainer_of(policy: Policy) -> str:
-    """Return which of `LEARNED` a policy comes from."""
-    names = {name.lower(): name for name in LEARNED}
+    """Return which of `TRAINERS` a policy comes from."""
+    names = {"shac": "SHAC", "imitation": "imitation", ES.SCRIPT: "ES"}
     return names.get(policy.provenance["trained_by"], "")
 
 
@@ -150,7 +153,7 @@ def recorded(name: str = "learning") -> list[dict[str, Any]]:
 
 def merged(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
     """Return new rows together with those that `docs/` has of others and other seeds, in order."""
-    order = ["random", *REFERENCES, *sorted(LEARNED)]
+    order = ["random", *REFERENCES, *sorted(TRAINERS)]
 
     def rank(row: dict[str, Any]) -> tuple[Any, ...]:
         return *place(row["task"]), order.index(row["agent"]), row["seed"] or 0
@@ -191,7 +194,7 @@ def table(rows: list[dict[str, Any]]) -> str:
             for row in here if row["agent"] in REFERENCES
         ]  # fmt: skip
         cells = [task, ", ".join(known)]
-        agents = dict.fromkeys(row["agent"] for row in here if row["agent"] in LEARNED)
+        agents = dict.fromkeys(row["agent"] for row in here if row["agent"] in TRAINERS)
         for agent in agents:
             cells += learned([row for row in here if row["agent"] == agent])
             lines.append("| " + " | ".join(cells) + " |")
@@ -202,7 +205,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def learned(runs: list[dict[str, Any]]) -> list[str]:
-    """Return the cells of the runs of one algorithm: means, and of success what rliable reports."""
+    """Return the cells of one algorithm: the median time, and of success what rliable reports."""
     success = 100.0 * np.array([[row["success"]] for row in runs])
     middle, (low, high) = interquartile_mean(success), bootstrap_interval(success)
     times = [row["settling_time"] for row in runs if row["settling_time"] is not None]
@@ -211,7 +214,7 @@ def learned(runs: list[dict[str, Any]]) -> list[str]:
         str(len(runs)),
         f"{runs[0]['steps'] / 1e6:.2f} M",
         ", ".join(
-            f"{np.mean([row['seconds'] for row in runs if row['clock'] == clock]):.0f} s {clock}"
+            f"{np.median([row['seconds'] for row in runs if row['clock'] == clock]):.0f} s {clock}"
             for clock in dict.fromkeys(row["clock"] for row in runs)
         ),
         f"{middle:.0f} %" + f" ({low:.0f} to {high:.0f})" * (low < high),

@@ -16,8 +16,8 @@ from npend_gym.rl import Policy, pretrained_names
 
 ROOT = Path(__file__).parents[1]
 ALGORITHMS = {
-    "ppo": "PPO", "train_cleanrl": "PPO", "es": "evolution strategies",
-    "train_es": "evolution strategies", "shac": "SHAC",
+    "ppo": "PPO", "train_cleanrl": "PPO", "train_es": "evolution strategies",
+    "evolution_strategies": "evolution strategies", "shac": "SHAC",
     "imitation": "imitation of plans", "train_imitation": "imitation of plans",
     "robust_shac": "SHAC, with errors", "robust_imitation": "imitation, from angles alone",
 }  # fmt: skip

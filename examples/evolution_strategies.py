@@ -38,6 +38,14 @@ from npend_gym.rl.training.tasks import (
 )
 
 
+SCRIPT = "examples/evolution_strategies.py"  # named in the record of a policy
+TASKS: dict[str, dict[str, Any]] = {
+    "calm-5": {},
+    "calm-10": {},
+    "calm-20": {"updates": 80, "noise_std": 0.01, "learning_rate": 0.01},
+}
+
+
 @dataclass(frozen=True)
 class Settings(TrainingSettings):
     """The settings of a training run; its result depends on nothing else."""
@@ -51,8 +59,7 @@ class Settings(TrainingSettings):
 
 def settings_of(task: str, **changes: Any) -> Settings:
     """Return the settings for a task such as "calm-20"."""
-    longest = {"updates": 80, "noise_std": 0.01, "learning_rate": 0.01}
-    return Settings(env=env_of_task(task), **((longest if task == "calm-20" else {}) | changes))
+    return Settings(env=env_of_task(task), **(TASKS.get(task, {}) | changes))
 
 
 class Search:
@@ -136,7 +143,7 @@ def policy_of(weights: FloatArray, settings: Settings, last: dict[str, Any]) -> 
         weights=[weights[None].astype(np.float32)],
         biases=[np.zeros(1, np.float32)],
         env=evaluation_env(settings.env),
-        provenance=made_by("es", settings, last),
+        provenance=made_by(SCRIPT, settings, last),
     )
 
 
