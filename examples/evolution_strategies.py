@@ -37,7 +37,6 @@ from npend_gym.rl.training.tasks import (
     made_by,
 )
 
-
 SCRIPT = "examples/evolution_strategies.py"  # named in the record of a policy
 TASKS: dict[str, dict[str, Any]] = {
     "calm-5": {},

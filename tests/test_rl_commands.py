@@ -3,13 +3,14 @@
 import csv
 import json
 import re
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 from interrupt import Interrupt
 
 from npend_gym.cli import main
-from npend_gym.rl import Policy, evaluate, robustness
+from npend_gym.rl import Policy, evaluate, pretrained_names, robustness
 from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
 from npend_gym.rl.training.tasks import env_of_task
 
@@ -131,6 +132,16 @@ def test_evolution_strategies_find_a_policy_that_calms_better_than_no_torque():
     trained, untrained = (evaluate(each, policy.env, episodes=10) for each in (policy, idle))
     assert trained.returns.mean() > 2.0 * untrained.returns.mean()
     assert trained.success_rate == 1.0 > untrained.success_rate
+
+
+def test_the_script_repeats_the_settings_in_the_records_of_its_policies():
+    from evolution_strategies import SCRIPT, settings_of
+
+    records = {name: Policy.pretrained(name).provenance for name in pretrained_names()}
+    by_script = {name: about for name, about in records.items() if about["trained_by"] == SCRIPT}
+    assert "calm-20" in by_script
+    for name, about in by_script.items():
+        assert about["arguments"] == asdict(settings_of(name, seed=about["seed"]))
 
 
 @pytest.mark.long
