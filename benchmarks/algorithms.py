@@ -283,12 +283,12 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
             best.save(PRETRAINED / f"{task}.safetensors")
 
 
-def score(policy: Policy) -> tuple[float, float, float]:
-    """Return success, robustness and return of a policy in validation episodes."""
+def score(policy: Policy) -> tuple[float, float, int]:
+    """Return success, robustness and rounded return of a policy in validation episodes."""
     evaluation = evaluate(policy, policy.env, episodes=400, seed=VALIDATION)
     nominal = {name: value for name, value in policy.env.items() if name != "randomize"}
     survived = robustness(policy, nominal, seed=VALIDATION).score
-    return evaluation.success_rate, survived, float(evaluation.returns.mean())
+    return evaluation.success_rate, survived, round(float(evaluation.returns.mean()))
 
 
 def main() -> None:
