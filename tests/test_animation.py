@@ -76,7 +76,7 @@ def test_the_speed_sets_how_many_pictures_a_motion_has():
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio's reader
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+@pytest.mark.parametrize("suffix", [".gif", pytest.param(".mp4", marks=pytest.mark.long)])
 def test_a_file_has_every_picture_and_is_the_same_bytes_when_written_again(suffix, tmp_path):
     shown = film(2, duration=1.0)
     first, second = (write(shown, tmp_path / f"{k}{suffix}") for k in (1, 2))
@@ -88,6 +88,7 @@ def test_a_file_has_every_picture_and_is_the_same_bytes_when_written_again(suffi
         assert np.abs(read[k, ..., :3].astype(int) - shown.picture(k)).mean() < 2.0
 
 
+@pytest.mark.long
 def test_the_comment_of_a_file_says_what_made_it(tmp_path):
     shown = film(2, duration=0.2)
     with Image.open(write(shown, tmp_path / "a.gif")) as image:
@@ -99,6 +100,7 @@ def test_the_comment_of_a_file_says_what_made_it(tmp_path):
     assert text in write(shown, tmp_path / "a.mp4").read_bytes()
 
 
+@pytest.mark.long
 def test_an_interrupted_film_leaves_nothing(tmp_path):
     def interrupting(_pictures):
         raise KeyboardInterrupt

@@ -146,6 +146,7 @@ def test_a_bad_plan_file_is_refused(name, text, message, tmp_path):
         read_plan_file(tmp_path / name)
 
 
+@pytest.mark.long
 def test_an_estimate_is_what_a_campaign_takes_within_a_factor(tmp_path):
     plan = CampaignPlan(n=[2, 20], amplitude=[0.3, 0.7], trials=200)
     estimate(plan)  # compiles
@@ -350,6 +351,7 @@ def test_a_failing_task_is_recorded_and_the_others_continue(undisturbed, tmp_pat
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
 
+@pytest.mark.long
 def test_a_full_disk_stops_the_campaign_and_loses_nothing(undisturbed, tmp_path):
     code = f"""
 import resource, sys
@@ -369,6 +371,7 @@ except DiskError as error:
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
 
+@pytest.mark.long
 def test_a_task_that_kills_its_workers_is_given_up_and_the_others_are_done(monkeypatch):
     monkeypatch.setattr(engine, "_MAX_ATTEMPTS", 2)  # each costs new workers
     with engine.workers("loky", 2):

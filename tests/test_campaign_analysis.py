@@ -110,6 +110,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
     assert "&lt;b&gt;&amp;amp;" in page
 
 
+@pytest.mark.long
 def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, capsys):
     plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, trials=30)
     completed(plan, tmp_path, monkeypatch, planted)
@@ -142,6 +143,7 @@ def test_a_campaign_without_finished_tasks_is_not_analysed(tmp_path):
         analyse(tmp_path)
 
 
+@pytest.mark.long
 def test_the_example_runs_and_analyses_a_campaign(tmp_path, monkeypatch):
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")  # no worker processes
     shown = run_script(EXAMPLE, tmp_path / "out", 2, cwd=tmp_path)

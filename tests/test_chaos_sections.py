@@ -27,6 +27,7 @@ def test_a_whirling_pendulum_passes_an_angle_once_a_turn_and_stays_within_one():
     assert np.ptp(np.diff(found.times)) < 1e-9
 
 
+@pytest.mark.long
 def test_points_of_a_double_pendulum_are_those_of_scipy_on_the_dense_equations():
     chain, duration = Chain.uniform(2), 10.0
 

@@ -53,6 +53,7 @@ def analysed(folder, seed):
     return names
 
 
+@pytest.mark.long
 def test_a_class_measures_the_period_to_three_parts_in_a_thousand(tmp_path):
     true = pseudo_periods(ball_chain.BALLS, ball_chain.held_angles(), reading="com")[0]
     names = [analysed(tmp_path, seed) for seed in range(100, 130)]

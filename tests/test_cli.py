@@ -95,6 +95,7 @@ def test_an_expected_failure_is_one_line_and_an_exit_code(error, code, text, mon
     assert capsys.readouterr().err == f"{text}\n"
 
 
+@pytest.mark.long
 def test_python_m_npend_gym_is_the_same_command():
     command = [sys.executable, "-m", "npend_gym", "release", "--n", "0"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -163,6 +164,7 @@ def test_help_names_every_command_and_the_exit_codes_and_the_version_is_told(cap
     assert "exit codes: 0 done, 1 the work failed, 2 bad arguments, 130 interrupted" in text
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_keeps_what_was_measured_and_exits_with_130(tmp_path, capsys, monkeypatch):
     from npend_gym.experiments import release

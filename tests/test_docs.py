@@ -24,34 +24,19 @@ PAGES = sorted(
 BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
 
 
-TAKES_LONG = {
-    "README.md",
-    "bench_to_controller.md",
-    "chaos.md",
-    "derivatives.md",
-    "events.md",
-    "extensions.md",
-    "gradients.md",
-    "judge_sb3.md",
-    "mpc.md",
-    "noise_and_delay.md",
-    "own_chain.md",
-    "periodic_orbits.md",
-    "real_pendulum.md",
-    "robustness.md",
-    "sb3.md",
-    "sensitivities.md",
-    "simulate.md",
-    "torchrl.md",
-    "transition.md",
-}
+TAKES_LONG = {"README.md", "bench_to_controller.md", "extensions.md", "transition.md"}
+LONG_FOLDERS = {"explanation", "howto", "notes"}
 SIMULATED = {"gpu.md"}
 IN_C = {"bench_to_controller.md"}
 
 
+def takes_long(page):
+    return page.name in TAKES_LONG or page.parent.name in LONG_FOLDERS
+
+
 @pytest.mark.parametrize(
     "page",
-    [pytest.param(p, marks=pytest.mark.long) if p.name in TAKES_LONG else p for p in PAGES],
+    [pytest.param(p, marks=pytest.mark.long) if takes_long(p) else p for p in PAGES],
     ids=lambda page: str(page.relative_to(ROOT)),
 )
 def test_code_of_the_page_prints_what_the_page_shows(page, tmp_path, monkeypatch):

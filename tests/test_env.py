@@ -353,6 +353,7 @@ def test_two_threads_can_step_two_envs_at_once():
     assert results == {0: expected, 1: expected}
 
 
+@pytest.mark.long
 def test_a_hundred_thousand_steps_do_not_grow_the_memory():
     resource = pytest.importorskip("resource")
     env = bare(n=2)
@@ -411,7 +412,10 @@ def test_pictures_follow_the_chain():
     assert make(mode="swingup", n=2).metadata["render_fps"] == 20
 
 
-@pytest.mark.parametrize(("n", "bound"), [(1, 3e-5), (2, 1e-4), (5, 1e-4), (10, 3e-4)])
+@pytest.mark.parametrize(
+    ("n", "bound"),
+    [(1, 3e-5), (2, 1e-4), (5, 1e-4), pytest.param(10, 3e-4, marks=pytest.mark.long)],
+)
 def test_the_energy_of_chains_under_random_torques_is_kept(n, bound):
     envs = gym.make_vec("NPendulum-v0", num_envs=32, n=n, mode="swingup")
     envs.reset(seed=0)

@@ -248,6 +248,7 @@ def applied(diff, package):
     (package / name).write_text(text.replace(old, new), encoding="utf-8")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "compiled", [False, pytest.param(True, marks=pytest.mark.long)], ids=["Python", "compiled"]
 )

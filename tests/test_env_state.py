@@ -41,6 +41,7 @@ def through_a_file(state):
     return np.load(file)
 
 
+@pytest.mark.long
 @settings(max_examples=25, phases=[Phase.generate])
 @given(
     before=st.integers(0, 60),

@@ -30,6 +30,7 @@ def test_quickstart_steps_one_chain_and_many(tmp_path):
     assert f"{64 * 40} steps" in out
 
 
+@pytest.mark.long
 def test_environments_reproduce_the_papers_periods_and_draw(tmp_path):
     out = run_script(ROOT / "examples" / "passive_env.py", tmp_path / "a.png", cwd=tmp_path)
     rows = re.findall(r"(\d+) +(\S+) s +\+- (\S+) s +(\S+) +(\S+)% +(\d+)/(\d+)", out)

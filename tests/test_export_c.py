@@ -76,7 +76,7 @@ def test_whatever_a_policy_observes_and_computes_is_in_the_header(policy, relati
 @pytest.mark.parametrize(
     ("name", "relative"),
     [
-        ("swingup-2", True),
+        pytest.param("swingup-2", True, marks=pytest.mark.long),
         pytest.param("swingup-2", False, marks=pytest.mark.long),
         pytest.param("swingup-3-robust", True, marks=pytest.mark.long),
     ],
@@ -142,6 +142,7 @@ def test_two_rods_need_less_than_20_kilobytes_and_no_library(name, tmp_path):
     assert needed == ""
 
 
+@pytest.mark.long
 def test_a_call_of_the_policy_for_four_rods_is_measured(tmp_path):
     policy = Policy.pretrained("swingup-4")
     library = compiled(policy, tmp_path)

@@ -160,6 +160,7 @@ def test_feedback_in_c_has_the_torques_of_python_in_100_000_states(name, relativ
     check(in_c(controller, tmp_path, states, relative=relative), action, size, python, config)
 
 
+@pytest.mark.long
 def test_a_plan_in_c_holds_tracks_and_holds_as_it_does_in_python(plan, tmp_path):
     config, steps = plan.hold_goal.config, len(plan.gains)
     wait, lanes = round(plan.settle / config.dt), 1000
@@ -194,6 +195,7 @@ def test_angles_without_whole_turns_have_numpys_bits(tmp_path):
     np.testing.assert_array_equal(y, wrap(x))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("relative", [False, True])
 def test_a_plan_in_c_swings_up_what_encoders_of_4096_counts_show(plan, relative, tmp_path):
     library = compiled(plan, tmp_path, driver=LOOP, relative=relative)
@@ -207,6 +209,7 @@ def test_what_is_no_number_stays_none(tmp_path):
     assert np.isnan(in_c(lqr(two_motors()), tmp_path, states)).all()
 
 
+@pytest.mark.long
 def test_sizes_and_the_time_of_a_call_are_measured(plan, tmp_path):
     if not all(map(shutil.which, ("size", "nm"))):
         pytest.skip("size or nm is not here")
@@ -231,12 +234,14 @@ def test_sizes_and_the_time_of_a_call_are_measured(plan, tmp_path):
         assert seconds < 1e-5
 
 
+@pytest.mark.long
 def test_the_control_loop_of_the_examples_is_compiled_without_a_warning(plan, tmp_path):
     to_c(plan, tmp_path / "arm.h", prefix="arm")
     loop = Path(__file__).parent.parent / "examples" / "control_loop.c"
     subprocess.run(["gcc", *FLAGS, "-O2", "-I.", "-c", str(loop)], cwd=tmp_path, check=True)
 
 
+@pytest.mark.long
 def test_the_header_says_what_it_is_for(plan, tmp_path):
     to_c(plan, tmp_path / "plan.h", prefix="arm")
     text = (tmp_path / "plan.h").read_text()

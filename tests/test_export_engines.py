@@ -131,6 +131,7 @@ def test_other_dynamics_would_be_noticed():
     assert np.all(np.array(rewards) > 0.9)  # what stands is stable there
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["swingup-1", "balance-2"])
 def test_a_policy_succeeds_as_often_in_mujoco(name):
     policy = rl.Policy.pretrained(name)
@@ -186,6 +187,7 @@ def test_what_mujoco_does_not_play_is_refused_by_its_name():
         in_mujoco(stacked)
 
 
+@pytest.mark.long
 def test_the_command_evaluates_in_mujoco(capsys, refusal):
     options = ["evaluate", "balance-2", "--episodes", "2", "--engine", "mujoco"]
     assert main([*options, "--json"]) == 0

@@ -60,6 +60,7 @@ def test_what_urdf_does_not_know_is_refused_by_its_name(keywords):
         to_urdf(Chain(1.0, [1.0, 1.0], **keywords))
 
 
+@pytest.mark.long
 def test_the_command_writes_the_robot(tmp_path, refusal):
     out = str(tmp_path / "chain.urdf")
     assert main(["export", "--chain", "multiarm 2", "--to", "urdf", "--out", out]) == 0

@@ -130,10 +130,12 @@ print(json.dumps(differences))
 """
 
 
+@pytest.mark.long
 def test_default_substeps_are_those_of_the_parameters_that_a_step_is_given(found):
     assert found["given"] == [0, 0, 0, 0]
 
 
+@pytest.mark.long
 def test_point_masses_in_the_simulator_have_the_bits_of_the_processor(found):
     assert set(found["point masses"].values()) == {0}
 
@@ -233,6 +235,7 @@ print(json.dumps(theta.tolist()))
 """
 
 
+@pytest.mark.long
 def test_float32_is_near_float64_and_chains_that_have_diverged_stay(found):
     theta = found["float32"]
     begin = np.linspace(-3.0, 3.0, 6).reshape(3, 2)
@@ -283,6 +286,7 @@ print(json.dumps([path.theta.tolist(), path.omega.tolist(), message]))
 """
 
 
+@pytest.mark.long
 def test_simulate_on_a_gpu_has_the_motions_that_the_processor_computes_one_by_one(found):
     theta, omega, message = found["simulate"]
     for k, start in enumerate([[0.5, 1.0], [-2.0, 0.1]]):
@@ -382,6 +386,7 @@ print(json.dumps(messages))
 """
 
 
+@pytest.mark.long
 def test_arrays_that_do_not_fit_are_refused_by_name(found):
     torque, diverged, dt, substeps, dtype = found["errors"]
     assert torque == "torque must have the shape (3, 2), got (3, 1)"

@@ -52,6 +52,7 @@ def test_steps_and_ends_of_episodes_are_those_of_dummyvecenv(keywords):
     assert ends[bool(keywords)] >= COUNT
 
 
+@pytest.mark.long
 def test_environments_in_processes_of_their_own_are_adapted_too():
     ours, theirs = adapted("Pendulum-v1", mode="async"), dummy("Pendulum-v1")
     for env in (ours, theirs):

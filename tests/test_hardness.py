@@ -119,7 +119,7 @@ def test_half_of_the_linear_systems_survive_the_largest_noise(n, more):
     assert survivors(chain, limit, 1.2, **more) < 0.35
 
 
-@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_bodes_integral_of_an_lqg_loop_is_pi_times_the_sum_of_its_unstable_poles(n):
     a, b = upright(Chain.uniform(n))
     c = np.eye(1, 2 * n)  # the angle of the first rod
@@ -161,6 +161,7 @@ def rightmost_root(poles, delay, gains):
     return np.linalg.eigvals(whole).real.max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2])
 def test_a_feedback_of_the_delayed_state_exists_below_the_static_delay(n):
     limit = theory.hardness(*upright(Chain.uniform(n)), limit=10.0).static_delay
@@ -223,6 +224,7 @@ def test_an_upright_chain_with_a_weak_motor_survives_what_the_theory_says(study,
         assert (lasting >= 0.5) == enough
 
 
+@pytest.mark.long
 def test_the_page_shows_what_was_measured(study):
     rows = study.read(RESULTS)
     assert {study.of_row(row) for row in rows} == set(study.cells())

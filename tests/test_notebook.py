@@ -69,6 +69,7 @@ def test_a_long_chain_is_shown_within_a_megabyte():
     assert len(motion._repr_html_()) < 1e6
 
 
+@pytest.mark.long
 def test_the_player_plays_in_a_browser(browser, motion, tmp_path):
     path = tmp_path / "notebook.html"
     path.write_text(f"<!doctype html><title>cell</title>{motion._repr_html_()}", "utf-8")
@@ -91,6 +92,7 @@ def test_the_player_plays_in_a_browser(browser, motion, tmp_path):
     context.close()
 
 
+@pytest.mark.long
 def test_the_player_is_accessible(browser, motion, tmp_path):
     pytest.importorskip("axe_playwright_python", reason="axe is not installed")
     path = tmp_path / "player.html"

@@ -82,6 +82,7 @@ def without_extras(tmp_path_factory):
     return dict(zip(NEEDED, map(json.loads, done.stdout.splitlines()), strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("command", "extra"), NEEDED.items())
 def test_without_the_extras_each_command_works_or_names_the_one_it_needs(
     command, extra, without_extras
@@ -151,6 +152,7 @@ def defines_kernels(file):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.long)])
 def test_a_change_of_any_module_that_kernels_can_read_makes_new_machine_code(every, tmp_path):
     package = tmp_path / "npend_gym"
@@ -183,6 +185,7 @@ def test_a_read_only_installation_compiles_into_the_users_cache(tmp_path, monkey
     assert cache_folder(tmp_path, "").parent == tmp_path / "cache"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 def test_the_first_compilation_on_a_machine_is_announced_in_one_line_on_the_terminal(tmp_path):
     def shown_on_a_terminal():

@@ -163,6 +163,7 @@ def table(page):
     return page.eval_on_selector_all("#table tbody td", "cells => cells.map(c => c.textContent)")
 
 
+@pytest.mark.long
 def test_the_page_plays_and_pauses_by_the_space_key(page):
     assert time_of(page) == 0.0
     page.keyboard.press("Space")
@@ -176,6 +177,7 @@ def test_the_page_plays_and_pauses_by_the_space_key(page):
     assert time_of(page) == pytest.approx(paused + 0.04, abs=0.011)
 
 
+@pytest.mark.long
 def test_the_animation_ends_and_can_be_played_again(page, runs):
     page.select_option("#speed", "4")
     page.click("#play")
@@ -185,6 +187,7 @@ def test_the_animation_ends_and_can_be_played_again(page, runs):
     wait_for(page, lambda: 0.0 < time_of(page) < 3.0)
 
 
+@pytest.mark.long
 def test_pseudo_periods_appear_as_they_complete(page, runs):
     periods = runs[2].periods
     assert table(page) == ["\u2013"] * 5
@@ -205,6 +208,7 @@ def test_pseudo_periods_appear_as_they_complete(page, runs):
     assert table(page) == [f"{t:.4f}" for t in periods]
 
 
+@pytest.mark.long
 def test_the_summary_fits_its_frame_and_models_have_one_name_everywhere(page, runs):
     page.set_viewport_size({"width": 1200, "height": 900})
     frame = page.locator("details .scroll")
@@ -218,6 +222,7 @@ def test_the_summary_fits_its_frame_and_models_have_one_name_everywhere(page, ru
         assert f" {name} " in results.summary_text(PLAN, runs)
 
 
+@pytest.mark.long
 def test_the_menu_names_the_chain_that_is_shown_and_another_can_be_chosen(page, runs):
     assert page.input_value("#release") == "1"
     assert page.get_attribute("#chain", "aria-label").startswith("Animation of 5")
@@ -245,6 +250,7 @@ def tip_in_canvas(page):
     return np.array([x, y])
 
 
+@pytest.mark.long
 def test_the_canvas_shows_the_tip_where_it_is(page, runs):
     motion = record_release(PLAN, runs[2], 0.04).motion
     for k in (0, 25, 60):
@@ -253,6 +259,7 @@ def test_the_canvas_shows_the_tip_where_it_is(page, runs):
         np.testing.assert_allclose(tip_in_canvas(page), expected, atol=0.01)
 
 
+@pytest.mark.long
 def test_values_show_under_the_pointer_and_by_the_arrow_keys(page, runs):
     page.focus("#law")
     page.keyboard.press("ArrowLeft")
@@ -267,6 +274,7 @@ def test_values_show_under_the_pointer_and_by_the_arrow_keys(page, runs):
     assert re.fullmatch(shown, tip.text_content())
 
 
+@pytest.mark.long
 def test_every_control_and_picture_has_a_name_for_a_screen_reader(page):
     names = page.locator("body").aria_snapshot()
     for name in ('combobox "Pendulums', 'button "Play"', 'slider "Time"', 'img "Animation of 5'):
@@ -277,6 +285,7 @@ def test_every_control_and_picture_has_a_name_for_a_screen_reader(page):
     assert page.get_attribute("#time", "aria-valuetext") == "1.00 seconds"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious(open_page, path, scheme):
     page = open_page(path, color_scheme=scheme)
@@ -284,12 +293,14 @@ def test_axe_finds_nothing_serious(open_page, path, scheme):
     assert grave_findings(page) == []
 
 
+@pytest.mark.long
 def test_the_page_fits_a_narrow_screen(page):
     page.set_viewport_size({"width": 360, "height": 640})
     page.wait_for_timeout(100)
     assert page.evaluate("document.documentElement.scrollWidth") <= 360
 
 
+@pytest.mark.long
 def test_without_a_script_the_tables_are_there(browser, path):
     context = browser.new_context(java_script_enabled=False)
     tab = context.new_page()

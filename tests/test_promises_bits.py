@@ -61,6 +61,7 @@ def test_a_lane_is_the_single_env_whatever_stands_beside_it(alone, num_envs, thr
     assert episodes(num_envs, threads, first=lane) == alone
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("flags", [[], pytest.param(["-O"], marks=pytest.mark.long)])
 def test_another_process_computes_the_same_whatever_its_settings(alone, flags):
     code = "import test_promises_bits as t; print(t.episodes())"
@@ -70,6 +71,7 @@ def test_another_process_computes_the_same_whatever_its_settings(alone, flags):
     assert run_python(*flags, "-c", code, env=os.environ | settings).strip() == alone
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "way", ["fork", "spawn", pytest.param("forkserver", marks=pytest.mark.long)]
 )

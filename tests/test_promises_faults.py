@@ -183,6 +183,7 @@ def in_a_process_that_is_killed(out, number, kind, monkeypatch):
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.long)])

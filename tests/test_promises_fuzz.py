@@ -163,6 +163,7 @@ def fuzz(examples, number=0, *, extras=False):
     return LifeCycle.calls
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # Gymnasium's own, about what is done to its environments
 def test_calls_in_any_order_are_answered_or_refused_as_declared():
     calls = number = 0

@@ -66,6 +66,7 @@ def test_interrupts_at_random_instants_tear_no_environment(envs, alarm, by_timer
     assert counted["refused"] > INTERRUPTS / 20, counted
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", WITHOUT_A_MEMORY)
 def test_an_interrupted_computation_returns_the_same_bits_the_next_time(name, alarm):
     counted = interrupt(KINDS[name](), alarm, 30, 0, by_timer=True)
@@ -106,6 +107,7 @@ class Tracer:
         return False
 
 
+@pytest.mark.long
 def test_an_interrupt_at_any_line_of_a_call_tears_no_environment(envs):
     for name, call in envs.calls.items():
         envs.begin()
@@ -154,6 +156,7 @@ def test_after_an_error_in_a_users_mode_a_reset_is_needed(vector):
     env.step(action)
 
 
+@pytest.mark.long
 def test_a_process_ends_at_once_after_two_hundred_interrupts_of_two_threads():
     code = f"""
 import random, sys, time
@@ -221,6 +224,7 @@ def test_an_interrupted_ensemble_is_complete_or_unchanged_or_refuses(alarm, thre
     assert refused > 10
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="Linux")
 @pytest.mark.parametrize("closed", [True, False])
 def test_the_threads_of_an_environment_end_with_it(closed):

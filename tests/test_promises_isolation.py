@@ -55,6 +55,7 @@ def run(code, folder, **environment):
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_no_connection_is_opened_and_nothing_is_written_outside_the_output(tmp_path):
     matplotlib = pytest.importorskip("matplotlib")
     pytest.importorskip("pygame")
@@ -85,6 +86,7 @@ exec "$3" -c "$4"
 """
 
 
+@pytest.mark.long
 def test_a_read_only_installation_works_without_a_home(tmp_path, mounting):
     site, cache = tmp_path / "site", tmp_path / "cache"
     site.mkdir()

@@ -91,7 +91,7 @@ def test_whole_turns_of_a_rod_change_nothing_but_its_angle():
     np.testing.assert_allclose(turned.positions(), path.positions(), rtol=0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("ratio", [1e-12, 1e-3, 1e3, 1e12])
+@pytest.mark.parametrize("ratio", [1e-12, 1e-3, 1e3, pytest.param(1e12, marks=pytest.mark.long)])
 @pytest.mark.parametrize("what", ["masses", "lengths"])
 def test_enormous_ratios_keep_the_energy(what, ratio):
     values = {"masses": np.ones(3), "lengths": np.ones(3)}

@@ -64,6 +64,7 @@ def test_a_command_hears_ctrl_c_and_leaves_with_130(capsys):
     assert "interrupted" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_sigterm_ends_the_process_and_leaves_no_orphan():
     code = (
         "import gymnasium as gym, numpy as np, npend_gym, sys\n"
@@ -85,6 +86,7 @@ def test_sigterm_ends_the_process_and_leaves_no_orphan():
     assert not alive
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # Gymnasium's own, about the worker that is gone
 def test_a_killed_worker_of_a_vector_env_is_an_error_and_no_hang():
     env = gym.vector.AsyncVectorEnv([lambda: gym.make("npend_gym:NPendulum-v0")] * 2)
@@ -132,6 +134,7 @@ def first_of(lines):
     return [lines[0], *(pytest.param(line, marks=pytest.mark.long) for line in lines[1:])]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", first_of(LINES))
 def test_closed_streams_lose_what_is_printed_and_nothing_else(line, tmp_path):
     def in_folder(name, closed):
@@ -153,6 +156,7 @@ def test_closed_streams_lose_what_is_printed_and_nothing_else(line, tmp_path):
     assert (done.returncode, done.stdout + done.stderr, written) == (1, "", files)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", first_of(["fly", "release --n 0", "release --colour red"]))
 def test_bad_arguments_are_refused_with_closed_streams_too(line):
     usual = npend(line)

@@ -87,6 +87,7 @@ def test_a_scale_moves_the_return_to_a_height():
     assert run.periods[0] == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.long
 def test_noise_scatters_the_period_as_a_line_through_the_samples_does():
     # m samples within +- 5 s of the zero, one every dt on the slope a, give s / (a sqrt(m))
     noise, interval, trials = 0.05, 0.002, 400

@@ -171,6 +171,7 @@ def scored_by_stable_baselines3(model, episodes, seed):
     return evaluate_policy(model, env, n_eval_episodes=episodes, return_episode_rewards=True)[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize(("normalize", "stack"), [(False, 1), (True, 1), (True, 3)])
 def test_evaluate_finds_the_returns_that_evaluate_policy_of_stable_baselines3_finds(

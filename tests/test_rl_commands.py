@@ -37,6 +37,7 @@ def test_train_writes_a_policy_its_learning_curve_and_what_made_it(trained):
         assert [int(row["steps"]) for row in csv.DictReader(file)] == [320, 640, 960]
 
 
+@pytest.mark.long
 def test_training_is_the_same_again_and_overwrites_nothing_unasked(trained, refusal):
     arguments = ["--seed", "3", "--set", "total_timesteps=960", "--env", "spread=0.001"]
     command = ["train", "swingup-1", *arguments, "--out", str(trained)]
@@ -122,6 +123,7 @@ def test_the_task_chooses_the_algorithm():
     assert _algorithm("swingup-2", "imitation") == "imitation"
 
 
+@pytest.mark.long
 def test_evolution_strategies_find_a_policy_that_calms_better_than_no_torque():
     from evolution_strategies import settings_of, train
 

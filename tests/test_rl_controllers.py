@@ -92,7 +92,12 @@ def test_the_regulators_cost_is_the_cost_of_the_linear_system():
 
 
 @pytest.mark.parametrize(
-    ("n", "least", "base"), [(1, 1.0, "pivot"), (2, 0.5, "pivot"), (1, 1.0, "cart")]
+    ("n", "least", "base"),
+    [
+        (1, 1.0, "pivot"),
+        pytest.param(2, 0.5, "pivot", marks=pytest.mark.long),
+        pytest.param(1, 1.0, "cart", marks=pytest.mark.long),
+    ],
 )
 def test_energy_shaping_swings_up_one_rod_always_and_two_rods_mostly(n, least, base):
     keywords = {"n": n, "mode": "swingup", "base": base}

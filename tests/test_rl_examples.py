@@ -49,6 +49,7 @@ def test_train_sb3_trains_resumes_and_writes_a_model_card(script, tmp_path):
     assert successes_in(printed)[1] == "5"
 
 
+@pytest.mark.long
 def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(tmp_path):
     pytest.importorskip("stable_baselines3")
     yaml = pytest.importorskip("yaml")
@@ -134,6 +135,7 @@ def test_every_config_makes_a_model(config):
         algorithm("nonsense")
 
 
+@pytest.mark.long
 def test_evaluate_runs_as_a_script_with_a_controller(tmp_path):
     arguments = ["--controller", "LQR", "--task", "balance-2", "--episodes", 10, "--steps", 900]
     printed = run_python(EXAMPLES / "evaluate.py", *arguments, cwd=tmp_path)

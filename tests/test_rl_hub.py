@@ -36,6 +36,7 @@ def test_the_task_of_a_policy_is_the_named_one_with_its_mode_and_base(env, task)
     assert task_of(env) == task
 
 
+@pytest.mark.long
 def test_the_card_tells_the_hub_what_evaluate_finds(policy, tmp_path):
     found = write_repository(policy, tmp_path / "new", "one-rod", episodes=10)
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
@@ -118,6 +119,7 @@ print(Policy.from_hub("USER/one-rod", "deep/one.safetensors").env["mode"])
 """
 
 
+@pytest.mark.long
 def test_the_example_of_a_card_loads_the_policy_from_a_hub(policy, tmp_path):
     repository = tmp_path / "USER" / "one-rod"
     write_repository(policy, repository, "one-rod", episodes=5)

@@ -66,7 +66,7 @@ def test_a_plan_is_the_motion_of_the_environment_bit_for_bit():
 @pytest.mark.parametrize(
     ("settled", "keywords"),
     [
-        (3.0, {"n": 1}),
+        pytest.param(3.0, {"n": 1}, marks=pytest.mark.long),
         pytest.param(4.0, {"n": 2}, marks=pytest.mark.long),
         pytest.param(2.0, {"n": 2, "actuated": (0, 1)}, marks=pytest.mark.long),
         # derivatives of steps on a cart take long to compile

@@ -91,6 +91,7 @@ def test_a_plan_shows_itself_in_a_line(triple):
     assert len(repr(triple.hold_goal).splitlines()) < 5
 
 
+@pytest.mark.long
 def test_swing_ups_by_model_predictive_control_are_guesses_that_lead_to_plans():
     config = config_of(n=2, mode="swingup")
     controller = planned_swing_up(config, seconds=4.0, tries=1, guess="mpc")

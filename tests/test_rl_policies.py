@@ -92,6 +92,7 @@ def test_a_pretrained_policy_succeeds_as_often_as_recorded(name):
     assert evaluation.success_rate > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("task", ["swingup-1", "calm-2"])
 def test_a_robust_policy_holds_over_the_whole_range_of_training(task):
     policy, nominal = Policy.pretrained(f"{task}-robust"), Policy.pretrained(task)

@@ -18,6 +18,7 @@ def test_the_interval_of_a_mean_is_that_of_the_central_limit_theorem():
     assert high == pytest.approx(scores.mean() + 1.96 * error, abs=0.08 * error)
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_as_often_as_they_say():
     rng, held = np.random.default_rng(1), 0
     for k in range(200):
@@ -32,6 +33,7 @@ def test_runs_are_drawn_within_their_task():
     assert bootstrap_interval(scores, np.mean) == (5.0, 5.0)
 
 
+@pytest.mark.long
 def test_the_same_seed_draws_the_same_interval_and_another_one_another():
     scores = np.random.default_rng(0).uniform(size=(5, 4))
     assert bootstrap_interval(scores, seed=1) == bootstrap_interval(scores, seed=1)

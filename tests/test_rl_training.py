@@ -212,6 +212,7 @@ def test_a_trainer_refuses_what_it_cannot_learn_or_would_ignore(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_shac_takes_the_substeps_that_it_is_given():
     small = {"num_envs": 4, "total_timesteps": 80, "updates": 1}
     settings = shac.settings_of("swingup-2", **small)

@@ -60,6 +60,7 @@ def test_balls_in_a_fluid_move_and_pull_as_newtons_law_with_buoyancy_and_added_m
     assert tension == pytest.approx(pull @ rod, rel=1e-11)
 
 
+@pytest.mark.long
 def test_balls_swing_in_water_as_the_same_law_integrated_by_scipy():
     chain = Chain.spheres(4, RADIUS, SPACING, STEEL, gravity=G, fluid_density=WATER)
     times = np.linspace(0.0, 1.0, 6)

@@ -10,6 +10,7 @@ from paper.com_law import LawGrid, limit_rows
 from paper.third_order import amplitude_growth
 
 
+@pytest.mark.long
 def test_the_law_holds_to_what_is_promised():
     grid = LawGrid((2, 3, 5, 20), (0.1, 0.4, 0.75, 0.9, 1.0))
     for n in grid.n_values:

@@ -32,6 +32,7 @@ def printed_times(y):
     return times
 
 
+@pytest.mark.long
 def test_listing_is_the_papers_code():
     times = np.linspace(0.0, 10.0, 1000)
     heights = simulate(Chain.uniform(3, length=1 / 3), np.pi / 4, 0.0, times).positions()[:, :, 1]

@@ -43,7 +43,8 @@ def test_one_number_stands_for_all_rods():
     np.testing.assert_allclose(kane_accelerations(2)(0.1, 0.0, 2.0, 0.5, 3.0), expected)
 
 
-@pytest.mark.parametrize("largest", [6, pytest.param(7, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("largest", [6, 7])
 def test_the_equations_grow_as_a_cube_of_n(largest, derive_once):
     import sympy
 

@@ -64,6 +64,7 @@ def test_the_drawn_points_are_the_measured_ones():
         )
 
 
+@pytest.mark.long
 def test_a_figure_is_written_as_pdf_and_png_the_same_bytes_each_time(tmp_path):
     folders = [tmp_path / "a", tmp_path / "b"]
     for folder in folders:

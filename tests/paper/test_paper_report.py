@@ -59,6 +59,7 @@ def test_every_numbered_equation_of_the_paper_is_judged_or_only_defines():
     assert set(range(1, 58)) - named <= definitions
 
 
+@pytest.mark.long
 def test_the_committed_document_says_what_is_computed_now(findings):
     text = DOCUMENT.read_text(encoding="utf-8")
     for finding in findings:
@@ -68,6 +69,7 @@ def test_the_committed_document_says_what_is_computed_now(findings):
         assert f"`python -m paper --only {key}`" in text
 
 
+@pytest.mark.long
 def test_every_finding_of_some_modules_comes_once_and_in_the_papers_order(findings):
     assert [finding.key for finding in findings] == selected(QUICK)
     assert all(f.place and f.claim and f.printed and f.ours for f in findings)
@@ -78,6 +80,7 @@ def test_every_finding_of_some_modules_comes_once_and_in_the_papers_order(findin
     assert keys.index("torque") < keys.index("eom") < keys.index("matrices") < keys.index("e-hat")
 
 
+@pytest.mark.long
 def test_the_text_shows_verdict_place_and_both_values_in_lines_of_100(findings):
     text = report.audit_text(findings)
     assert max(map(len, text.splitlines())) <= 100
@@ -95,6 +98,7 @@ def test_markdown_keeps_its_own_characters_out_of_the_text():
     assert "- Printed: `x | y`" in text
 
 
+@pytest.mark.long
 def test_the_command_writes_findings_tables_figures_and_what_made_them(tmp_path, capsys):
     out = tmp_path / "results"
     arguments = ["--only", "rk4-orders,series-value,t0-digits", "--out", str(out)]
@@ -186,6 +190,7 @@ def test_ctrl_c_ends_the_study_with_130(capsys):
     assert "interrupted" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_without_its_extras_the_study_works_or_names_the_one_it_needs(tmp_path):
     code = WITHOUT_EXTRAS.replace("npend_gym.cli", "paper.__main__")
     needed = {"--only one-radian --out results": "plot", "--only eom": "paper"}

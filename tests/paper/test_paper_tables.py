@@ -151,6 +151,7 @@ def test_an_exponential_grows_at_one_rate():
     assert numbers["last"] == pytest.approx(0.01)
 
 
+@pytest.mark.long
 def test_the_audit_of_the_short_columns_finds_no_reading_and_too_much_scatter():
     short = grid((5, 10))
     for key in ("table-1", "table-2", "table-3", "tables-together", "tables-scatter"):

@@ -44,6 +44,7 @@ def test_the_angle_of_the_free_end_grows_without_bound_where_the_front_arrives()
         assert found == pytest.approx(math.sqrt(2.0 / delta), rel=3.0 * math.sqrt(delta))
 
 
+@pytest.mark.long
 def test_a_simulated_small_release_has_the_acceleration_of_the_sum():
     (found,) = front.measured(800, 0.02, (0.6,))
     at = np.array([-0.6, -0.4, -0.2])

@@ -54,6 +54,7 @@ def test_the_third_order_has_the_growth_of_the_notes():
     assert "0.0101" in NOTES
 
 
+@pytest.mark.long
 def test_the_limits_of_small_angles_are_those_of_the_notes():
     slowest = {n: theory.fundamental_period(Chain.uniform(n)) for n in (2, 3, 5, 10, 100)}
     errors = [
@@ -75,6 +76,7 @@ def test_the_limits_of_small_angles_are_those_of_the_notes():
     assert all(f"{ratio:.6f}" in NOTES for ratio in ratios)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [20, 100, pytest.param(1000, marks=pytest.mark.long)])
 def test_differences_from_the_profile_are_those_of_the_notes(n):
     chain = Chain.uniform(n)

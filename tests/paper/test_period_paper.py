@@ -39,6 +39,7 @@ def test_the_paper_names_numbers_that_are_kept_and_can_be_computed():
     assert set(re.findall(r'#cmd\("([a-z-]+)"\)', text)) <= set(compute.NUMBERS)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", QUICK)
 def test_kept_numbers_are_those_that_are_computed_now(key):
     assert compute.NUMBERS[key](True) == kept()[key]
@@ -97,6 +98,7 @@ def test_growth_is_the_third_orders_and_the_simulations():
     assert f"{compute.simulated_growth(5):.4f}" == rows["5"][1]
 
 
+@pytest.mark.long
 def test_random_chains_are_those_of_the_notes():
     page = (FOLDER.parents[1] / "docs" / "notes" / "period_growth.md").read_text("utf-8")
     rows = kept()["other-chains"]
@@ -114,6 +116,7 @@ def test_heavy_links_have_the_constant_of_the_rope():
     assert all(" | ".join(row[k] for row in rows) in page for k in (0, 1, 2))
 
 
+@pytest.mark.long
 def test_bessel_integrals_have_the_growth_of_long_chains():
     found = {modes: rope.growth(modes) for modes in (10, 40)}
     rows = {int(modes): b for modes, b, _ in kept()["rope-growth"]}
