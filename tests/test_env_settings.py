@@ -249,9 +249,7 @@ def applied(diff, package):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "compiled", [False, pytest.param(True, marks=pytest.mark.long)], ids=["Python", "compiled"]
-)
+@pytest.mark.parametrize("compiled", [False, True], ids=["Python", "compiled"])
 def test_the_changes_that_contributing_describes_give_what_it_says(tmp_path, compiled):
     shutil.copytree(
         ROOT / "npend_gym", tmp_path / "npend_gym", ignore=shutil.ignore_patterns("__pycache__")

@@ -62,7 +62,7 @@ def test_a_lane_is_the_single_env_whatever_stands_beside_it(alone, num_envs, thr
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("flags", [[], pytest.param(["-O"], marks=pytest.mark.long)])
+@pytest.mark.parametrize("flags", [[], ["-O"]])
 def test_another_process_computes_the_same_whatever_its_settings(alone, flags):
     code = "import test_promises_bits as t; print(t.episodes())"
     settings = {"PYTHONHASHSEED": "77", "LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"}
@@ -72,9 +72,7 @@ def test_another_process_computes_the_same_whatever_its_settings(alone, flags):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "way", ["fork", "spawn", pytest.param("forkserver", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("way", ["fork", "spawn", "forkserver"])
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
 def test_however_a_worker_is_begun_it_computes_the_same(alone, way):
     if way not in multiprocessing.get_all_start_methods():
