@@ -41,14 +41,14 @@ def record(name: str) -> dict[str, Any]:
     """Return what the record of a policy that ships says, under the same names for all."""
     about = Policy.pretrained(name).provenance
     gone = "note" in about
-    algorithm, expert = ALGORITHMS[Path(about["trained_by"]).stem], "plans"
-    if name.startswith("balance"):
-        expert = "LQR"
+    algorithm = ALGORITHMS[Path(about["trained_by"]).stem]
+    if name.startswith("balance"):  # LQR alone is the expert
+        algorithm = algorithm.replace("of plans", "of LQR")
     seed = about["settings" if "settings" in about else "arguments"]["seed"]  # of older records
     evaluation = about["evaluation"]
     settling = evaluation.get("settling_time", evaluation.get("since"))
     return {
-        "algorithm": algorithm.replace("plans", expert) + (" (1)" if gone else ""),
+        "algorithm": algorithm + (" (1)" if gone else ""),
         "seed": str(seed),
         "steps": f"{about['training']['steps'] / 1e6:.2f} M",
         "time": f"{about['training']['seconds']:.0f} s {about['clock'].removesuffix(' time')}",

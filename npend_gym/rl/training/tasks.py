@@ -45,7 +45,7 @@ ROBUST: dict[str, Any] = {
 }
 
 
-# Of starts of more than three poles on a cart [rad]: its force holds few that are wider
+# Width of the starts [rad]: the force on the cart holds few wider ones of four or five poles
 _SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
 
 
