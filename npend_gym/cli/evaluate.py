@@ -35,7 +35,7 @@ def run(
     trust: bool = False,
     controller: str | None = None,
     task: str | None = None,
-    settings: Sequence[tuple[str, Any]] = (),
+    env: Sequence[tuple[str, Any]] = (),
     env_id: str = "NPendulum-v0",
     episodes: int = 100,
     seed: int | None = None,
@@ -57,7 +57,7 @@ def run(
         A controller in place of a policy: LQR, MPC, damping, energy or plan.
     task : task, optional
         Task of the controller, such as balance-3 (default swingup-2).
-    settings : setting, optional
+    env : setting, optional
         A keyword of the environment, such as damping=0.05; may be repeated.
     env_id : id
         Id of the environment, such as npend/SwingUp-v1.
@@ -87,17 +87,17 @@ def run(
     if out is not None:
         outputs.prepare_folder(out)
     seed = rl.HELD_OUT if seed is None else seed
-    changed = [key for key, _ in settings if policy is not None]
-    name, model, keywords = chosen(policy, controller, task, dict(settings), trust=trust)
+    changed = [key for key, _ in env if policy is not None]
+    name, model, keywords = chosen(policy, controller, task, dict(env), trust=trust)
     register_envs()
     try:
         threshold = gym.spec(env_id).reward_threshold
     except gym.error.Error as error:
         raise ValueError(f"--env-id must name an environment: {error}") from error
-    env: Any = keywords | {"id": env_id}
+    judged: Any = keywords | {"id": env_id}
     if engine == "mujoco":
-        env = in_mujoco(env)
-    row = rl.evaluate(model, env, episodes=episodes, seed=seed).as_row()
+        judged = in_mujoco(judged)
+    row = rl.evaluate(model, judged, episodes=episodes, seed=seed).as_row()
     made = {"env": plain_keywords(keywords), "env_id": env_id, "episodes": episodes}
     made["engine"] = engine
     about = {"name": name, "provenance": provenance(made, seed)}
@@ -107,12 +107,12 @@ def run(
     text = [report.evaluation_text(row, threshold)]
     if scores:
         for score in (rl.performance, rl.recovery):
-            result[score.__name__] = score(model, env, seed=seed).as_row()
+            result[score.__name__] = score(model, judged, seed=seed).as_row()
             text.append(_line(score.__name__, result[score.__name__]))
     written: list[Path] = []
     if robust:
         show = progress("criterion")
-        tried = rl.robustness(model, env, seed=seed, progress=show).as_dict()
+        tried = rl.robustness(model, judged, seed=seed, progress=show).as_dict()
         result["robustness"] = tried
         text.append(report.robustness_text(tried))
         if out is not None:
@@ -144,7 +144,7 @@ def chosen(
     policy: str | None,
     controller: str | None,
     task: str | None,
-    settings: dict[str, Any],
+    env: dict[str, Any],
     *,
     trust: bool,
 ) -> tuple[str, Controller, dict[str, Any]]:
@@ -157,10 +157,10 @@ def chosen(
         raise ValueError("give either a policy, or --controller with its --task")
     if controller is not None:
         task = task or "swingup-2"
-        keywords = {**env_of_task(task), **settings}
+        keywords = {**env_of_task(task), **env}
         made = reference_controller(controller, keywords, progress("plan"))
         return f"{controller} in {task}", made, keywords
     if task is not None:
         raise ValueError("--task is for a --controller: a policy knows its environment")
     loaded = find_policy(str(policy), trust=trust)
-    return Path(str(policy)).stem, loaded, {**loaded.env, **settings}
+    return Path(str(policy)).stem, loaded, {**loaded.env, **env}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from npend_gym.chain import Chain
 
 FILLS: dict[str, tuple[str, ...]] = {
-    "npend_gym.cli.evaluate:run": ("trust", "controller", "task", "settings"),
+    "npend_gym.cli.evaluate:run": ("trust", "controller", "task", "env"),
     "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
 }
 _SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf"}
@@ -44,7 +44,7 @@ def run(
     trust: bool = False,
     controller: str | None = None,
     task: str | None = None,
-    settings: Sequence[tuple[str, Any]] = (),
+    env: Sequence[tuple[str, Any]] = (),
     **model: Any,
 ) -> int:
     """Write the file; return the exit code.
@@ -68,7 +68,7 @@ def run(
     of_c = {"prefix": prefix, "relative": relative, "controller": controller}
     _refuse([name for name, value in of_c.items() if value not in (None, False)], to, "c")
     _refuse(list(model), to, "mjcf")
-    if controller is None and (task is not None or settings):
+    if controller is None and (task is not None or env):
         raise ValueError("--task and --env are for a --controller: a policy has its environment")
     if to in ("mjcf", "urdf"):
         _write_chain(policy, to, out, chain, trust=trust, **model)
@@ -76,7 +76,7 @@ def run(
         return OK
     if chain is not None:
         raise ValueError("--chain is for --to mjcf or urdf")
-    _, found, _ = chosen(policy, controller, task, dict(settings), trust=trust)
+    _, found, _ = chosen(policy, controller, task, dict(env), trust=trust)
     _write_policy(found, to, out, prefix, relative=relative)
     show_file(out)
     return OK

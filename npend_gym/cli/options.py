@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from npend_gym.cli import values
 
 # Option of a parameter, where it has another name, and its short form
-_SPELLED = {"n_values": "n", "as_json": "json", "changes": "set", "settings": "env"}
+_SPELLED = {"n_values": "n", "as_json": "json", "settings": "set"}
 _SHORT = {"--n": "-n", "--out": "-o", "--seed": "-s", "--amplitude": "-a", "--trials": "-t"}
 # Annotation of a parameter: what reads its text, and its placeholder, in which X stands for the
 # unit or the name
@@ -64,16 +64,10 @@ class _Parameter(NamedTuple):
 def add_options(
     parser: argparse.ArgumentParser, run: str, fills: Mapping[str, Sequence[str]]
 ) -> None:
-    """Add the arguments of a command.
+    """Add the arguments of a command, `run`, named as "module:function".
 
-    Parameters
-    ----------
-    parser : ArgumentParser
-    run : str
-        The command, as "module:function".
-    fills : mapping
-        What else options fill: "module:function" or "module:class", and which parameters of it;
-        an empty sequence stands for all.
+    `fills` has what else options fill, "module:function" or "module:class", with the names of its
+    parameters; an empty sequence stands for all.
     """
     for each in _parameters(run):
         if each.text:  # others are described by what they fill

@@ -43,7 +43,6 @@ def run(
 
     from npend_gym import _checks
     from npend_gym.chain import Chain, as_chain
-    from npend_gym.envs import EnvConfig
     from npend_gym.envs.wasm import step_chain, step_constants, step_layout, step_module
     from npend_gym.experiments import ReleaseExperiment
     from npend_gym.report import live_page, player
@@ -58,19 +57,12 @@ def run(
     page = out or _PAGE
     prepare_file(page, player.SUFFIXES)
     policies = [Policy.pretrained(f"swingup-{rods}") for rods in _POLICIES]
-    networks = [
-        live_page.Network(
-            policy.env["n"], policy.scale, policy.weights, policy.biases, policy.output
-        )
-        for policy in policies
-        if given is None
-    ]
     moving = given or Chain.uniform(count)
-    constants = step_constants(EnvConfig(**policies[0].env))
+    constants = step_constants(policies[0].config)
     engine = live_page.Engine(
         step_module(moving), step_layout(moving), constants, step_chain(moving)
     )
-    player.write(page, live_page.page(engine, networks, start))
+    player.write(page, live_page.page(engine, policies if given is None else [], start))
     show_file(page)
     if out is None and not webbrowser.open(page.absolute().as_uri()):
         warn(f"npend play: no browser could be opened; open {page.absolute()} in yours")

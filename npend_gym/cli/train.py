@@ -27,7 +27,7 @@ from typing import Any
 
 from npend_gym.cli.common import OK, printable, show_written, warn
 
-FILLS = {"npend_gym.cli.evaluate:run": ("settings",)}
+FILLS = {"npend_gym.cli.evaluate:run": ("env",)}
 _DEFAULT = "shac"  # for a task that none has settings for
 
 
@@ -36,9 +36,9 @@ def run(
     *,
     algorithm: str | None = None,
     seed: int | None = None,
-    settings: Sequence[tuple[str, Any]] = (),
+    env: Sequence[tuple[str, Any]] = (),
     around: Path | None = None,
-    changes: Sequence[tuple[str, Any]] = (),
+    settings: Sequence[tuple[str, Any]] = (),
     out: Path = Path(),
     overwrite: bool = False,
     resume: bool = False,
@@ -56,7 +56,7 @@ def run(
         A number from 0 to 2^31 - 1 (default 0).
     around : file, optional
         The fit.json of npend identify: train on chains within two standard errors of this one.
-    changes : setting, optional
+    settings : setting, optional
         A setting of the algorithm, such as total_timesteps=300000; may be repeated.
     out : folder, optional
         Folder of the results (default: here).
@@ -78,11 +78,11 @@ def run(
     if path.exists() and not overwrite:
         raise ValueError(f"{path} exists: give --overwrite to train it again, or another --out")
     chosen = trainer(algorithm)
-    using = _settings(chosen, task, dict(changes), seed)
-    env = using.env
+    using = _settings(chosen, task, dict(settings), seed)
+    keywords = using.env
     if around is not None:
-        env = {name: value for name, value in env.items() if name != "n"} | env_around(around)
-    using = replace(using, env={**env, **dict(settings)})
+        keywords = {k: value for k, value in keywords.items() if k != "n"} | env_around(around)
+    using = replace(using, env={**keywords, **dict(env)})
     kept = path.with_suffix(".checkpoint")
     checkpoint = Checkpoint(using, kept, resume=resume)
     try:

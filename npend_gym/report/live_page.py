@@ -7,7 +7,7 @@ import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from npend_gym import _checks, theory
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.report import player
+
+if TYPE_CHECKING:
+    from npend_gym.rl import Policy
 
 MAX_N = 100  # rods that the page has a slider for
 _MOST_LINKS = 200  # of a chain that is given
@@ -41,16 +44,6 @@ _FIGURE = (
     '<div class="tip" aria-live="polite"></div>'
     '<figcaption><span class="legend"></span></figcaption></figure>'
 )
-
-
-class Network(NamedTuple):
-    """A policy as the page takes it: float32 arrays, as those of `npend_gym.rl.Policy`."""
-
-    n: int  # rods of the chain that it swings up
-    scale: NDArray[np.float32]
-    weights: Sequence[NDArray[np.float32]]
-    biases: Sequence[NDArray[np.float32]]
-    output: str  # what bounds the action: "clip" or "tanh"
 
 
 class Engine(NamedTuple):
@@ -98,19 +91,18 @@ class Start:
             raise ValueError("chain must have its pivot at rest and no springs, to be played with")
 
 
-def page(engine: Engine, networks: Sequence[Network], start: Start) -> str:
+def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
     """Return the page as text.
 
     Parameters
     ----------
     engine : Engine
         What computes: for the chain of `start`, where it has one.
-    networks : sequence of Network
-        What the reader may let swing up rods; they are not shown beside a chain.
+    policies : sequence of Policy
+        What the reader may let swing up rods; none beside a chain.
     start : Start
     """
     chain = start.chain
-    packed = [part for network in networks for part in _packed(network)]
     data = {
         "layout": engine.layout,
         "physics": {"gravity": STANDARD_GRAVITY, **engine.constants},
@@ -118,15 +110,15 @@ def page(engine: Engine, networks: Sequence[Network], start: Start) -> str:
         "chain": None if chain is None else engine.chain,
         "policies": [
             {
-                "n": network.n,
-                "shapes": [weight.shape for weight in network.weights],
-                "scale": [_short(one) for one in network.scale],
-                "output": network.output,
+                "n": policy.env["n"],
+                "shapes": [weight.shape for weight in policy.weights],
+                "scale": [_short(one) for one in policy.scale],
+                "output": policy.output,
             }
-            for network in networks
+            for policy in policies
         ],
         "module": _text(engine.module),
-        "weights": _text(b"".join(packed)),
+        "weights": _text(b"".join(map(_packed, policies))),
     }
     about = "" if chain is None else f"A chain of {chain.n} links, {chain.total_length:.4g} m long"
     return player.page(
@@ -144,7 +136,7 @@ def page(engine: Engine, networks: Sequence[Network], start: Start) -> str:
         most_angle=_DEGREES[1],
         gravity=STANDARD_GRAVITY,
         plots="\n".join(map(_FIGURE.format, _PLOTS)),
-        motors="\n".join(_choice(network.n) for network in networks),
+        motors="\n".join(_choice(policy.env["n"]) for policy in policies),
     )
 
 
@@ -191,10 +183,10 @@ def _short(value: Any) -> float:
     return float(f"{float(value):.7g}")
 
 
-def _packed(network: Network) -> list[bytes]:
-    bits = _BITS.get(network.n, _PACKED_BITS)
-    layers = zip(network.weights, network.biases, strict=True)
-    return [pack(weight, bias, bits) for weight, bias in layers]
+def _packed(policy: Policy) -> bytes:
+    bits = _BITS.get(policy.env["n"], _PACKED_BITS)
+    layers = zip(policy.weights, policy.biases, strict=True)
+    return b"".join(pack(weight, bias, bits) for weight, bias in layers)
 
 
 def _text(numbers: bytes) -> str:
