@@ -44,25 +44,8 @@ STATE = Rod.THETA, Rod.OMEGA
 class Episodes:
     """The chains of B environments ("lanes") and the episodes that they are in.
 
-    Nothing in a lane depends on another lane, on B or on the number of threads.
-
-    Parameters
-    ----------
-    config : EnvConfig
-    count : int
-        Number of lanes B.
-    threads : int
-    max_steps : int, optional
-        Steps after which a lane is truncated.
-
-    Attributes
-    ----------
-    seeds : Seeds
-    motors, sensors : Motors, Sensors or None
-        None where they are ideal.
-    outputs : Outputs
-        The results of the last step or start.
-    snapshots : Snapshots
+    Nothing in a lane depends on another lane, on B or on the number of threads. `outputs` has the
+    results of the last step or start. `motors` and `sensors` are None where they are ideal.
     """
 
     def __init__(

@@ -40,27 +40,20 @@ def _slots(delay: float) -> int:
 
 
 class Motors:
-    """The motors of many lanes, and what pushes them.
-
-    Attributes
-    ----------
-    plan : Plan
-        For `Memory.run`, of the equal pieces into which a step is divided where torques change
-        within it: one substep each, else the whole step.
-    no_actions : ndarray, shape (0, lanes)
-        For the step kernel, which then leaves the torques as they are.
-    """
+    """The motors of many lanes, and what pushes them."""
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._joints, substeps = memory, config.joints, config.min_substeps
         largest, count = config.largest, config.joints.size
         varies = largest["motor_lag"] > 0.0 or largest["torque_ripple"] > 0.0
         varies |= config.action_delay % 1.0 > 0.0 or "action_delay" in config.context_names
-        self._pieces = substeps if varies else 1
-        piece = config.dt / self._pieces, substeps // self._pieces, config.max_rotation
-        self.plan: Plan = memory.plan(*piece)
+        # where torques change within a step, it is divided into pieces of one substep
+        self.pieces: int = substeps if varies else 1
+        piece = config.dt / self.pieces, substeps // self.pieces, config.max_rotation
+        self.plan: Plan = memory.plan(*piece)  # of a piece
         kernels = (apply_one, advance_one) if memory.size == 1 else (apply_many, advance_many)
         self._apply, self._advance = kernels
+        # for the step kernel, which then leaves the torques as they are
         self.no_actions: FloatArray = np.zeros((0, memory.lanes))
         self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
@@ -81,11 +74,6 @@ class Motors:
         """The force at the tip of each lane in the last step [N], (lanes,)."""
         return self._commands[Command.PUSH, 0]
 
-    @property
-    def pieces(self) -> int:
-        """Into how many equal pieces a step is divided."""
-        return self._pieces
-
     def disturbances(
         self, keys: Keys, steps: NDArray[Any], dt: float
     ) -> tuple[FloatArray, FloatArray]:
@@ -102,24 +90,19 @@ class Motors:
     def drive(self, keys: Keys, actions: FloatArray) -> None:
         """Set the torques of a step, and take all of its pieces but the last."""
         run, arrays = self._memory.run, (keys, actions, self._joints, self._past, self._commands)
-        for piece in range(self._pieces):
+        for piece in range(self.pieces):
             if piece > 0:
                 run(self._advance, (), self.plan)
-            run(self._apply, (*arrays, piece, self._pieces), self.plan)
+            run(self._apply, (*arrays, piece, self.pieces), self.plan)
 
 
 class Sensors:
-    """The sensors of many lanes.
-
-    Attributes
-    ----------
-    no_observation : ndarray, float32, shape (lanes, 0)
-        For the step kernel, which then leaves it to the sensors to observe.
-    """
+    """The sensors of many lanes."""
 
     def __init__(self, config: EnvConfig, memory: Memory) -> None:
         self._memory, self._dt = memory, config.dt
         self._sense = sense_one if memory.size == 1 else sense_many
+        # for the step kernel, which then leaves it to the sensors to observe
         self.no_observation: NDArray[np.float32] = np.zeros((memory.lanes, 0), np.float32)
         delay = config.largest["observation_delay"]
         size = memory.n + 1 if config.has_cart else memory.n

@@ -155,13 +155,7 @@ def checked_action(
 
 
 def given_options(options: Any) -> dict[str, Any]:
-    """Return the reset options as a new dict, empty where there are none.
-
-    Raises
-    ------
-    TypeError
-        If they are no mapping.
-    """
+    """Return the reset options as a new dict, empty where there are none."""
     if options is not None and not isinstance(options, Mapping):
         raise TypeError(
             f"options must be a dict of options by their names, got {_checks.show(options)}"
@@ -174,17 +168,8 @@ def checked_options(
 ) -> dict[str, Any]:
     """Return the reset options, or say what is wrong.
 
-    Parameters
-    ----------
-    options : mapping
-        As users give them: of a single environment, or with a leading axis of `lanes`.
-
-    Returns
-    -------
-    dict
-        With a leading lane axis and where they are given: "theta", "omega", "amplitude",
-        "cart_position", "cart_velocity", "changes", the new parameters of chains by name, the
-        cosines of "start" and "goal", and "persist".
+    Those given are of a single environment, or have a leading axis of `lanes`; those returned
+    always have one. "changes" has the new parameters of the chains, "start" and "goal" are cosines.
     """
     given = dict(options)
     of_goals = EQUILIBRIA if config.mode.has_goals else ()
@@ -254,9 +239,6 @@ class KeptOptions:
     def __init__(self, count: int) -> None:
         self._count = count
         self._kept: list[tuple[BoolArray, Mapping[str, Any]]] = []
-
-    def __bool__(self) -> bool:
-        return len(self._kept) > 0
 
     def keep(self, mask: BoolArray, options: Mapping[str, Any]) -> None:
         """Forget what the lanes of `mask` had; keep the `options` of those that say "persist"."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import difflib
 import inspect
 import math
@@ -13,13 +12,12 @@ from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain, plain_keywords
+from npend_gym.chain import MAX_RODS, Chain, ChainParameters, as_chain
 from npend_gym.envs.modes import Mode, NearPose, described_modes
 from npend_gym.envs.settings import FIELDS, CartSettings, angle
 
@@ -132,23 +130,6 @@ def _described(parameters: Sequence[inspect.Parameter]) -> Iterator[str]:
             yield f"    {each.name} : {kind}\n{textwrap.indent(text, 8 * ' ')}"
 
 
-class PlainSpec:
-    """The attribute `spec` of an environment: Gymnasium's record of how it was made.
-
-    `EnvSpec.to_json` writes numbers, lists, dicts and texts only. So a chain among the keywords
-    becomes the dict of its parameters, and an array becomes a list.
-    """
-
-    def __get__(self, env: object | None, owner: type) -> EnvSpec | None:
-        return None if env is None else vars(env).get("spec")
-
-    def __set__(self, env: object, spec: EnvSpec | None) -> None:
-        if spec is not None:
-            spec = copy.copy(spec)
-            spec.kwargs = plain_keywords(spec.kwargs)
-        vars(env)["spec"] = spec
-
-
 # What other packages call a keyword
 _OTHER_NAMES = {
     "N": "n", "num_links": "n", "n_links": "n", "num_rods": "n", "n_rods": "n", "num_poles": "n",
@@ -238,13 +219,7 @@ def joints_of(actuated: Any, n: int, least: int = 1) -> tuple[int, ...]:
 def motor_limit(keywords: Mapping[str, Any], name: str, mode: Mode, whole: float) -> float:
     """Return the torque or force of the action 1, as its keyword, `difficulty` or the mode says.
 
-    Parameters
-    ----------
-    keywords : mapping
-    name : "max_torque" or "max_force"
-    mode : Mode
-    whole : float
-        What `difficulty` is a fraction of: the static torque [N m], or the weight [N].
+    `difficulty` is a fraction of `whole`, the static torque [N m] or the weight [N].
     """
     difficulty, given = keywords.get("difficulty"), keywords.get(name)
     if difficulty is None and given is None:
@@ -287,24 +262,9 @@ def width_of_starts(spread: Any, mode: Mode) -> float:
 def checked_cart(
     chain: Chain, given: Mapping[str, Any], keywords: Mapping[str, Any], mode: Mode
 ) -> dict[str, Any]:
-    """Return the keywords of the cart, those that are left out filled in.
+    """Return the keywords of the cart; `given` has all keywords, `keywords` those of the user.
 
-    A chain that has a cart of its own brings its mass and damping. Else the cart has by default
-    the mass of the chain. The rail is twice as long as the chain to each side, and the force is the
-    mode's share of the weight of both.
-
-    Parameters
-    ----------
-    chain : Chain
-    given, keywords : mapping
-        All keywords, and those that are not left out.
-    mode : Mode
-
-    Raises
-    ------
-    TypeError, ValueError
-        If one breaks its rule, is given without a cart, or is no cart for a chain that has one; or
-        if rods stretch.
+    A chain that has a cart of its own brings its mass and damping.
     """
     if chain.stiffness is not None:
         raise ValueError(

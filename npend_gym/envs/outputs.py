@@ -69,23 +69,8 @@ class Beginnings(NamedTuple):
 class Outputs:
     """The arrays that the step kernel writes, read.
 
-    Parameters
-    ----------
-    config : EnvConfig
-    memory : Memory
-    motors : Motors, optional
-        Where they are not ideal.
-    context : ndarray, shape (lanes, numbers)
-        What is drawn of each lane's chain.
-    with_quantities : bool
-        Whether what modes judge by is kept.
-
-    Attributes
-    ----------
-    observations : ndarray, float32, shape (lanes, numbers)
-    rows : ndarray, shape (rows, columns)
-        Those of `Output`, then the blocks of `Block`.
-    flags : ndarray, bool, shape (len(Flag), lanes)
+    `context`, (lanes, numbers), is what is drawn for each lane. What modes judge by is kept where
+    there are goals, or `with_quantities`.
     """
 
     def __init__(
@@ -145,7 +130,7 @@ class Outputs:
         """Make new arrays: those handed out before are not written again."""
         observations, rows, flags = self._shapes
         self.observations: NDArray[np.float32] = np.empty(observations, np.float32)
-        self.rows: FloatArray = np.empty(rows)
+        self.rows: FloatArray = np.empty(rows)  # of `Output`, then of the blocks of `Block`
         self.flags: BoolArray = np.empty(flags, np.bool_)
 
     def beginnings(self, state: FloatArray) -> Beginnings:

@@ -70,13 +70,7 @@ class CallGuard:
         return Progress.NEW if self._is_new else Progress.UNFINISHED
 
     def begin(self, env: Any, call: str, before: Progress = Progress.READY) -> None:
-        """Begin a call that changes `env`; `before` is the progress for which it was checked.
-
-        Raises
-        ------
-        ResetNeeded, EnvInUse
-            If the progress is another by now.
-        """
+        """Begin a call that changes `env`, which was checked for the progress `before`."""
         try:
             self.ready.pop()
         except IndexError:

@@ -25,21 +25,12 @@ _ACTIVE_WHERE_LOW = ("lengths", "inertias", "armature", "friction_speed")
 
 
 class Randomization(NamedTuple):
-    """Which numbers are drawn at every start, between which bounds.
+    """Which numbers are drawn at every start, between which bounds."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        One for each number, such as "masses[0]" or "gravity".
-    draws : ndarray, shape (numbers, len(Draw))
-        What compiled code needs of them.
-    corners : list of ChainParameters
-        The chain as made, and chains with all numbers at the ends of their ranges: those that turn
-        and brake fastest are among them.
-    """
-
-    names: tuple[str, ...]
-    draws: FloatArray
+    names: tuple[str, ...]  # one for each number, such as "masses[0]" or "gravity"
+    draws: FloatArray  # what compiled code needs of them, (numbers, len(Draw))
+    # The chain as made, and chains with all numbers at the ends of their ranges: those that turn
+    # and brake fastest are among them
     corners: list[ChainParameters]
 
     def normalised(self, context: FloatArray) -> FloatArray:
@@ -67,23 +58,9 @@ class Randomization(NamedTuple):
 
 
 def check_randomize(given: Any, chain: Chain, settings: Mapping[str, float]) -> Randomization:
-    """Return what the keyword `randomize` asks for.
+    """Return what the keyword `randomize` asks for, or say what is wrong with it.
 
-    Parameters
-    ----------
-    given : mapping or None
-        By the name of a parameter of `Chain`, or of one of `SETTINGS`: a pair (low, high) of
-        factors, or a dict with "low" and "high". The factors multiply the value of the environment;
-        the dict has values in the parameter's unit. Each end is one number or has an entry for each
-        rod.
-    chain : Chain
-    settings : mapping
-        The values that the environment is made with, by those names of `SETTINGS` that it has.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a key is unknown, or a range is reversed, not finite, or breaks the parameter's rule.
+    `settings` has the values that the environment is made with, of those of `SETTINGS` that it has.
     """
     nominal = chain.repeated(1)
     if given is None:

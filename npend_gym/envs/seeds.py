@@ -16,36 +16,19 @@ Lanes = NDArray[np.int64]
 
 
 def checked_seed(seed: Any) -> int | None:
-    """Return one seed as an int, or None; Gymnasium takes no other integers, NumPy's for example.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no integer, or negative.
-    """
+    """Return one seed as an int, or None; Gymnasium takes no integers of NumPy, for example."""
     return None if seed is None else _checks.count("seed", seed, low=0)
 
 
 class Seeds:
-    """The seed of each lane: lane k of seed s has s + k.
+    """The seed of each of `count` lanes: lane k of seed s has s + k.
 
-    Parameters
-    ----------
-    count : int
-        Number of lanes B.
-    lanes : int
-        With those that fill up the last group: see `Memory`.
-
-    Attributes
-    ----------
-    values : list of int
-        Empty until the first `choose`.
-    keys : ndarray, uint64, shape (2, lanes)
+    `lanes` has those that fill up the last group too, see `Memory`.
     """
 
     def __init__(self, count: int, lanes: int) -> None:
         self._count = count
-        self.values: list[int] = []
+        self.values: list[int] = []  # until the first `choose`
         self.keys: Keys = np.zeros((2, lanes), np.uint64)
         self._generators: tuple[np.random.Generator, ...] | None = None
 

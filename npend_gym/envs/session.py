@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
 from gymnasium import Space
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import plain_keywords
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.goals import GoalReward
@@ -23,11 +26,27 @@ from npend_gym.envs.inputs import (
     given_options,
     reset_mask,
 )
-from npend_gym.envs.keywords import PlainSpec
 from npend_gym.envs.picture import Camera
 from npend_gym.envs.progress import CallGuard, Progress
 from npend_gym.envs.registration import ENV_ID
 from npend_gym.envs.snapshots import States
+
+
+class PlainSpec:
+    """The attribute `spec` of an environment: Gymnasium's record of how it was made.
+
+    `EnvSpec.to_json` writes numbers, lists, dicts and texts only. So a chain among the keywords
+    becomes the dict of its parameters, and an array becomes a list.
+    """
+
+    def __get__(self, env: object | None, owner: type) -> EnvSpec | None:
+        return None if env is None else vars(env).get("spec")
+
+    def __set__(self, env: object, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            spec = copy.copy(spec)
+            spec.kwargs = plain_keywords(spec.kwargs)
+        vars(env)["spec"] = spec
 
 
 class Session:

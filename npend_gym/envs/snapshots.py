@@ -28,14 +28,8 @@ States = NDArray[np.void]
 class Snapshots:
     """Records of the lanes of a memory. Every number in one has 8 bytes.
 
-    Parameters
-    ----------
-    config : EnvConfig
-    memory : Memory
-    keys : ndarray, uint64, shape (2, lanes)
-    more : callable
-        Returns other arrays by name, (lanes, ...), that belong to the state, or views of such: a
-        view that were kept here would not be one of the copied array in a copied environment.
+    `more` returns other arrays by name, (lanes, ...), that belong to the state, or views of such: a
+    view that were kept here would not be one of the copied array in a copied environment.
     """
 
     def __init__(
@@ -83,13 +77,7 @@ class Snapshots:
         return numbers.reshape(states.size, self.dtype.itemsize // 8)
 
     def check(self, given: Any, count: int) -> States:
-        """Return records for `count` lanes, or say what is wrong with them.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If they are no records, not `count`, of another version or environment, or changed.
-        """
+        """Return records for `count` lanes, or say what is wrong with them."""
         names = getattr(getattr(given, "dtype", None), "names", None)
         if names is None:
             raise TypeError(f"state must come from get_state(), got {_checks.show(given)}")

@@ -39,14 +39,10 @@ def step_module(chain: Chain) -> bytes:
 
 
 def step_layout(chain: Chain) -> dict[str, Any]:
-    """Return the rows of the arrays that the kernels take, by their names.
+    """Return the rows, or entries, of the arrays that the kernels take, by their names.
 
-    Returns
-    -------
-    dict
-        A dict of rows, or entries, for each of Member (with those of Episode and Setting), Rod,
-        Timing, Output, Flag, Task, Wiring and Parameter; the number of rows of the scratch, and of
-        each array of the model that chains of the kind of `chain` need.
+    "Member" has the rows of Episode and Setting too. The number of rows of the scratch follows, and
+    that of each array of the model that chains of the kind of `chain` need.
     """
     fields = Rod, Timing, Output, Flag, Task, Wiring
     layout: dict[str, Any] = {
@@ -71,13 +67,8 @@ def step_chain(chain: Chain) -> dict[str, Any]:
 def step_constants(config: EnvConfig) -> dict[str, Any]:
     """Return the constants of the physics and of the task that a step receives.
 
-    Returns
-    -------
-    dict
-        `phase` and `rotation` [rad], by which the substeps are chosen; of the `task` its number and
-        the number of the observation, and the times of a step and of holding the goal [s]; the
-        limit of the torque over `Chain.lifting_energy`; the largest deviation from the equilibrium
-        at the start [rad and rad/s].
+    Substeps are chosen by `phase` and `rotation` [rad]. The "torque" of the task is its limit over
+    `Chain.lifting_energy`.
     """
     task = {
         "mode": NUMBER_OF[type(config.mode)],
