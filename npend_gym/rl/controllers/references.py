@@ -39,21 +39,9 @@ def reference_controller(
     keywords: Mapping[str, Any],
     progress: Callable[[Iterable[Any]], Iterable[Any]] = iter,
 ) -> Controller:
-    """Return a reference controller for the environment of these keywords.
+    """Return one of `CONTROLLERS` for the environment of these keywords.
 
-    Parameters
-    ----------
-    name : str
-        One of `CONTROLLERS`.
-    keywords : mapping
-        Of the environment.
-    progress : callable
-        May wrap the iteration over the guesses of a plan, or over many plans, as tqdm does.
-
-    Raises
-    ------
-    ValueError
-        If there is no such controller, or it cannot control this environment.
+    `progress` may wrap the iteration over the guesses of a plan, or over many plans, as tqdm does.
     """
     _checks.choice("controller", name, CONTROLLERS)
     known = {key: value for key, value in keywords.items() if key != "max_episode_steps"}

@@ -39,17 +39,12 @@ def discretise(
     rest holds for far slower motions alone. `rub`, for all joints or for each, (n,), says which
     have friction at all.
 
-    Returns
-    -------
-    A : ndarray, shape (2c, 2c)
-        Derivative of the next state (q, u) by the state.
-    B : ndarray, shape (2c, joints)
-        Derivative of the next state by the actions, which are held during the step (zero-order
-        hold): the exponential of dt [[A, B], [0, 0]] contains both matrices.
+    Returned are the derivatives of the next state (q, u) by the state, (2c, 2c), and by the
+    actions, (2c, joints), which are held during the step.
     """
     size, inputs = config.state_size, config.joints.size
     rates = linearise(_with_dampers(config, rub), angle, joints=motors(config))
-    block = np.zeros((size + inputs,) * 2)
+    block = np.zeros((size + inputs,) * 2)  # exp(dt [[A, B], [0, 0]]) has both matrices
     block[:size] = np.hstack([rates.A, of_actions(config, rates.B)])
     step: FloatArray = np.asarray(expm(block * config.dt))
     return step[:size, :size], step[:size, size:]

@@ -30,13 +30,7 @@ def check_config(config: Any) -> None:
 
 
 def state_of(config: EnvConfig, info: Mapping[str, Any]) -> FloatArray:
-    """Return the states (q, u) that `info` tells, (B, 2c); of a single environment (2c,).
-
-    Raises
-    ------
-    ValueError
-        If they are not states of the environment's mechanism.
-    """
+    """Return the states (q, u) that `info` tells, (B, 2c); of a single environment (2c,)."""
     theta, on_cart = np.asarray(info["theta"], np.float64), "cart_position" in info
     if theta.ndim not in (1, 2) or theta.shape[-1] != config.n:
         raise ValueError(

@@ -42,13 +42,8 @@ class Transcription:
     The first state is known: z has (steps - 1) (2c + joints) + joints entries. How far a cart is
     beyond MAX_PLACE of its rail is weighted as a defect is.
 
-    Parameters
-    ----------
-    config : EnvConfig
-    steps : int
-        Of the trajectory.
-    start, goal : ndarray, shape (n,)
-        Equilibria: the angles at the start, and those at the end but for whole turns [rad].
+    `start` and `goal` are equilibria, (n,): the angles at the start, and those at the end but for
+    whole turns [rad].
     """
 
     def __init__(self, config: EnvConfig, steps: int, start: FloatArray, goal: FloatArray) -> None:
@@ -94,13 +89,7 @@ class Transcription:
     def improve(
         self, z: FloatArray, defects: FloatArray, weight: float, damping: float
     ) -> tuple[FloatArray, FloatArray, float, float]:
-        """Take a step of the method.
-
-        Returns
-        -------
-        tuple
-            z, its defects, by what fraction the cost has decreased, the new damping.
-        """
+        """Take a step: return z, its defects, the relative decrease of the cost, the damping."""
         band, gradient = self.normal_equations(z, defects, weight)
         cost = self.cost(z, defects, weight)
         for _ in range(12):

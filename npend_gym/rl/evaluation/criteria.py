@@ -43,26 +43,13 @@ class Trial(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Rollouts in one vector environment: of each value, `repetitions` lanes in a row.
+    """Rollouts in one vector environment: of each value, `repetitions` lanes in a row."""
 
-    Attributes
-    ----------
-    parameters : list of str
-        What has each value: "masses[0]", say, or the name of the criterion.
-    values : ndarray, shape (k,)
-    repetitions : int
-    keywords : dict
-        Of the environment, beside its own.
-    options : dict
-        Of its reset.
-    pulses : Pulses, optional
-    """
-
-    parameters: list[str]
-    values: FloatArray
+    parameters: list[str]  # what has each value: "masses[0]", say, or the name of the criterion
+    values: FloatArray  # (k,)
     repetitions: int = 1
-    keywords: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    options: dict[str, Any] = field(default_factory=dict[str, Any])
+    keywords: Mapping[str, Any] = field(default_factory=dict[str, Any])  # beside its own
+    options: dict[str, Any] = field(default_factory=dict[str, Any])  # of its reset
     pulses: Pulses | None = None
 
     @property

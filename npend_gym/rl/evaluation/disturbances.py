@@ -31,12 +31,6 @@ class DisturbedEnvs:
 
     To a controller it is the environment of the same setting. That behind it has a motor at every
     joint, with twice the torque limit, so that a disturbance can exceed the controller's limit.
-
-    Parameters
-    ----------
-    setting : Setting
-    num_envs : int
-    disturbance : callable
     """
 
     def __init__(self, setting: Setting, num_envs: int, disturbance: Disturbance) -> None:
@@ -91,19 +85,7 @@ class Pulses:
     Each is a Gaussian in time, with a standard deviation of 0.05 to 0.1 s and a peak of 1/12 to 5/6
     of the torque limit in either direction. The times are six random ones, or some of these: the
     first after a tenth of the whole or later, each a tenth or more before the next, and the end.
-
-    Parameters
-    ----------
-    config : EnvConfig
-    joints : array_like of int
-        Numbers of the joints.
-    steps, lanes : int
-    seed : int
-
-    Attributes
-    ----------
-    torques : ndarray, shape (steps, lanes, n)
-        Mean torque in each step [N m].
+    `torques` has the mean torque in each step [N m], (steps, lanes, n).
     """
 
     def __init__(

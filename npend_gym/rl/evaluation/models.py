@@ -34,13 +34,6 @@ def as_controller(
     """Return what acts in an environment of these settings as `model` does behind its wrappers.
 
     Without wrappers of the environment, the model observes through those of its own training.
-
-    Raises
-    ------
-    TypeError
-        If it is neither callable nor has a method `predict`.
-    ValueError
-        If the observations of the model's training are not known, or are not the environment's.
     """
     if not wrappers:
         _check_observation(model, config)

@@ -34,14 +34,8 @@ class Turner:
 
     The angles are those of the joints with their whole turns: a joint that has turned twice turns
     back twice. The PID part is clipped to the torque limit, and so is its sum with the
-    compensation. The integral runs on from one goal to the next.
-
-    Parameters
-    ----------
-    config : EnvConfig
-    lanes : int
-    step : float
-        Time between two calls [s].
+    compensation. The integral runs on from one goal to the next. `step` is the time between two
+    calls [s].
     """
 
     def __init__(self, config: EnvConfig, lanes: int, step: float) -> None:
@@ -50,14 +44,7 @@ class Turner:
         self._calls = np.zeros((lanes, 1))
 
     def __call__(self, goal: FloatArray, theta: FloatArray, acts: BoolArray) -> FloatArray:
-        """Return torques [N m], (B, n), zero in the lanes where the motors do not act.
-
-        Parameters
-        ----------
-        goal, theta : ndarray, shape (B, n)
-            Goals of the joints and absolute angles of the rods [rad].
-        acts : ndarray, bool, shape (B,)
-        """
+        """Return torques [N m], (B, n), towards goals of the joints; zero where no motor `acts`."""
         on, limit = acts[:, None], self._limit
         error = goal - np.diff(theta, axis=1, prepend=0.0)
         self._calls += on
@@ -75,24 +62,8 @@ class Turner:
 class KnockDowns:
     """For short times, motors at all joints turn them to random angles, in place of the controller.
 
-    The controller that does so, a `Turner`, knows the exact state.
-
-    Parameters
-    ----------
-    config : EnvConfig
-    step : float
-        Time between two calls [s].
-    steps, lanes : int
-    count : int
-        Number of knock-downs.
-    seconds : float
-        Duration of each.
-    seed : int
-
-    Attributes
-    ----------
-    acts : ndarray, bool, shape (steps, lanes)
-        In which steps.
+    The controller that does so, a `Turner`, knows the exact state. Each of `count` knock-downs
+    lasts for some `seconds`; `acts`, (steps, lanes), says in which steps of `step` [s].
     """
 
     def __init__(

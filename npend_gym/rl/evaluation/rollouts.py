@@ -135,12 +135,7 @@ class Observer:
     Noise and delay then reach controllers that read ``info["theta"]`` and ``info["omega"]``. The
     angles observed are joined to a path without jumps; "energy" is that of this state. Of the other
     keys only "time" and "goal" are passed on. Velocities that are not observed are left out.
-
-    Parameters
-    ----------
-    controller : callable
-    config : EnvConfig
-        Of the environment as made, without errors of the model.
+    `config` is that of the environment as made, without errors of the model.
     """
 
     def __init__(self, controller: Controller, config: EnvConfig) -> None:

@@ -41,20 +41,11 @@ def judging(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 class Setting(NamedTuple):
-    """How to make an environment, and what its wrappers do between it and a model.
-
-    Attributes
-    ----------
-    env_id : str
-    keywords : dict
-        Of ``gym.make_vec(env_id, ...)``.
-    wrappers : tuple
-        From `changing_wrappers`.
-    """
+    """How to make an environment, and what its wrappers do between it and a model."""
 
     env_id: str
-    keywords: dict[str, Any]
-    wrappers: tuple[Any, ...] = ()
+    keywords: dict[str, Any]  # of ``gym.make_vec(env_id, ...)``
+    wrappers: tuple[Any, ...] = ()  # from `changing_wrappers`
 
     def make(self, num_envs: int, **changed: Any) -> Any:
         """Return a vector environment, some keywords changed."""
@@ -69,21 +60,9 @@ class Setting(NamedTuple):
         return envs.unwrapped.config
 
     def nominal(self, seconds: float) -> tuple[Setting, EnvConfig, int]:
-        """Return the setting by which a score is measured.
+        """Return the setting by which a score is measured, its config, and the steps of an episode.
 
         Nothing is random there but the start, and episodes last for `seconds`.
-
-        Returns
-        -------
-        setting : Setting
-        config : EnvConfig
-        steps : int
-            Of an episode.
-
-        Raises
-        ------
-        ValueError
-            If the score is not defined for this environment.
         """
         given = self.keywords
         if given.get("observe_context", False):
@@ -102,13 +81,7 @@ class Setting(NamedTuple):
 
 
 def setting_of(env: EnvLike) -> Setting:
-    """Return the setting that an environment has, or say that it is none.
-
-    Parameters
-    ----------
-    env : mapping, str, EnvSpec, or environment
-        See `npend_gym.rl.evaluate`.
-    """
+    """Return the setting that an environment has, or say that it is none."""
     if isinstance(env, str):
         return Setting(env, {})
     if isinstance(env, Mapping):

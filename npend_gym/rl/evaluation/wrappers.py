@@ -38,13 +38,7 @@ def layers_of(env: Any) -> Iterator[Any]:
 
 
 def changing_wrappers(env: Any) -> tuple[Any, ...]:
-    """Return the wrappers that change observations or actions, the innermost first.
-
-    Raises
-    ------
-    ValueError
-        If one of them cannot be applied to other environments.
-    """
+    """Return the wrappers that change observations or actions, the innermost first."""
     found: list[Any] = []
     for layer in layers_of(env):
         if is_normalizing(layer) or _is_stacking(layer) or isinstance(layer, _OF_MANY):
@@ -88,11 +82,7 @@ def _unknown(wrapper: str) -> ValueError:
 class Behind:
     """A controller behind the wrappers of an environment, in any number of lanes.
 
-    Parameters
-    ----------
-    controller : callable
-    wrappers : sequence
-        The innermost first, from `changing_wrappers`. They are not changed.
+    The wrappers are from `changing_wrappers`, and are not changed.
     """
 
     def __init__(self, controller: Controller, wrappers: Sequence[Any]) -> None:

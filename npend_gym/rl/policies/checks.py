@@ -25,13 +25,7 @@ USUAL: dict[str, Any] = {"limit": math.inf, "activation": "tanh", "output": "cli
 
 
 def check_functions(given: Any) -> dict[str, Any]:
-    """Return how a network acts: `limit`, `activation` and `output`.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If they are not such names and numbers.
-    """
+    """Return how a network acts, by the names of `USUAL`."""
     shown = _checks.show(given)
     read = cast("dict[str, Any]", given) if isinstance(given, dict) else {"": given}
     if not read.keys() <= USUAL.keys():
@@ -49,12 +43,7 @@ def check_network(
 ) -> Layers:
     """Return the scale, the weights and the biases of a network, checked together.
 
-    `functions` are those of `check_functions`.
-
-    Raises
-    ------
-    ValueError
-        If they form no network, or one whose signals may overflow.
+    `functions` are those of `check_functions`. Signals must not overflow.
     """
     depth = (len(arrays) - 1) // 2
     names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
@@ -112,19 +101,8 @@ def _check_signals(layers: Layers, offset: Float32Array | None, functions: dict[
 def check_env(env: dict[str, Any], observed: int, actions: int, *, trust: bool) -> None:
     """Raise an error for keywords that describe no environment for a policy of this size.
 
-    Parameters
-    ----------
-    env : dict
-        Keywords of the environment; nothing is known of them but that they are from JSON.
-    observed, actions : int
-        Numbers that the policy is given, and that it returns.
-    trust : bool
-        Whether a mode "package.module:Class" may be imported.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a keyword is unknown or breaks its rule, or the environment does not fit the policy.
+    Nothing is known of them but that they are from JSON. With `trust` a mode "package.module:Class"
+    may be imported.
     """
     from npend_gym.envs.config import EnvConfig  # heavy
     from npend_gym.envs.modes import MODES

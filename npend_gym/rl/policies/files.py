@@ -48,13 +48,7 @@ def pretrained_path(name: str) -> Path:
 
 
 def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, Any]) -> None:
-    """Write arrays, and a description of plain values; the same content gives the same bytes.
-
-    Raises
-    ------
-    ValueError
-        If the path does not end in ".safetensors".
-    """
+    """Write arrays, and a description of plain values; the same content gives the same bytes."""
     from safetensors.numpy import save  # here, so that importing the package does not take longer
 
     _check_suffix(path)
@@ -68,15 +62,7 @@ def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, A
 
 
 def read_policy(path: Path) -> tuple[dict[str, Float32Array], dict[str, Any]]:
-    """Return the arrays, all of finite float32 numbers, and the description, which has an "env".
-
-    Raises
-    ------
-    ValueError
-        If it is no such file: too large, damaged, of another type, or not described by JSON.
-    OSError
-        If it cannot be opened.
-    """
+    """Return the arrays, all of finite float32 numbers, and the description, which has an "env"."""
     if path.suffix == ".npz":
         raise ValueError(f"policies are {_SUFFIX} files, got {path}; {_conversion(path)}")
     _check_suffix(path)

@@ -13,18 +13,9 @@ Float32Array = NDArray[np.float32]
 class History:
     """The last observations of B environments, each with the action before it.
 
-    Parameters
-    ----------
-    length : int
-        Number of observations that are kept.
-    observed, joints : int
-        Entries of an observation, and of an action.
-
-    Attributes
-    ----------
-    frames : ndarray, float32, shape (B, length, observed + joints)
-        The newest first: an observation, then the action that was taken before it. Before the
-        start of an episode the observation was that of the start, and the action 0.
+    The `frames`, (B, length, observed + joints), have the newest first: an observation, then the
+    action that was taken before it. Before the start of an episode the observation was that of the
+    start, and the action 0.
     """
 
     # in a training run, see its checkpoints

@@ -92,20 +92,6 @@ def check_observation(config: EnvConfig, observation: ArrayLike, info: Mapping[s
     Observations with sines have as many entries if their velocities are scaled as if they are not.
     With noise or delay an observation fits no velocities, and nothing is certain. A chain at rest
     shows nothing in its first observation, so the second is looked at too.
-
-    Parameters
-    ----------
-    config : EnvConfig
-        Of the environment of a policy.
-    observation : array_like, shape (k,) or (B, k)
-        Of as many entries as those of `config`.
-    info : mapping
-        With the state at this time.
-
-    Raises
-    ------
-    ValueError
-        If they are of another kind or of another number of rods.
     """
     if not {"time", "theta", "omega"} <= info.keys() or np.min(info["time"]) > 1.5 * config.dt:
         return

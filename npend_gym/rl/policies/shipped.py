@@ -9,15 +9,7 @@ from npend_gym.rl.policies.policy import Policy
 
 
 def find_policy(name: str, *, trust: bool = False) -> Policy:
-    """Return a policy of the package by its name, or that in a file, with its environment.
-
-    `trust` is that of `Policy.load`.
-
-    Raises
-    ------
-    ValueError
-        If there is neither, or the file does not say which environment the policy is made for.
-    """
+    """Return a policy of the package by its name, or that in a file, with its environment."""
     names = pretrained_names()
     if name in names:
         return Policy.pretrained(name)

@@ -71,23 +71,9 @@ class ChainPlans:
     The cost of the feedback, not the clock, decides at which state of a plan a chain is: a student
     that is late, and knows no clock, is not far from the plan.
 
-    Parameters
-    ----------
-    config : EnvConfig
-        Of the nominal chain.
-    base : PlannedTransition
-        The plan for the nominal chain.
-    wrong : sequence of mapping
-        What other chains have in place of the nominal chain's parameters.
-    start_cost : float
-        Mean cost at the start of episodes, over that of starts near the beginning of a plan.
-
-    Attributes
-    ----------
-    chains : list of mapping
-        Parameters of the nominal chain first, then of those chains for which a plan was found.
-    steps : int
-        Of every plan.
+    `base` is the plan for the nominal chain, that of `config`; `wrong` has what other chains have
+    in place of its parameters. `start_cost` is the mean cost at the start of episodes, over that of
+    starts near the beginning of a plan.
     """
 
     def __init__(
@@ -107,6 +93,7 @@ class ChainPlans:
             plan = self._plan(changes, found)
             if plan is not None:
                 found.append((changes, plan))
+        # the nominal one, then those for which a plan was found
         self.chains: Sequence[Changes] = [changes for changes, _ in found]
         plans = [plan for _, plan in found]
         idle = np.zeros((1, config.joints.size))

@@ -30,32 +30,8 @@ _GROWTH, _JUDGED = 1.25, 12  # of a level, after at least so many episodes
 class ErrorLanes:
     """Vector environments side by side, as one, each with an error of its own.
 
-    Parameters
-    ----------
-    setting : Setting
-        Of the environments without errors.
-    size : int
-        Number of lanes.
-    errors : mapping
-        Which share of the lanes has each of `KINDS`, over the sum of all; without any, nothing is
-        wrong.
-    steps : int
-        Of an episode.
-    first_level : float
-        What errors other than the chain's are multiplied by at first.
-
-    Attributes
-    ----------
-    names : list of str
-        What is wrong in each group.
-    group : ndarray, int64, shape (B,)
-        The group of each lane.
-    which : ndarray, int64, shape (B,)
-        The chain of each lane, as a number of the chains given to `reset`.
-    levels : ndarray, shape (groups,)
-        What errors are multiplied by, up to 1.
-    judged : ndarray, int64, shape (2, groups)
-        How many episodes have been judged at this level, and how many were good.
+    `errors` has the share of the lanes with each of `KINDS`, over the sum of all. Episodes have a
+    number of `steps`. Errors other than the chain's are multiplied by `first_level` at first.
     """
 
     changes: tuple[str, ...] = ("levels", "judged")
@@ -77,15 +53,16 @@ class ErrorLanes:
         self._steps = steps
         ends = np.rint(size * np.cumsum([*shares.values()]) / sum(shares.values())).astype(np.int64)
         counts = np.diff(ends, prepend=0)
-        self.names: list[str] = [
+        self.names: list[str] = [  # what is wrong in each group
             name for name, count in zip(shares, counts, strict=True) if count > 0
         ]
         counts = counts[counts > 0]
-        self.group: NDArray[np.int64] = np.repeat(np.arange(counts.size), counts)
-        self.which: NDArray[np.int64] = np.zeros(size, np.int64)
+        self.group: NDArray[np.int64] = np.repeat(np.arange(counts.size), counts)  # of each lane
+        self.which: NDArray[np.int64] = np.zeros(size, np.int64)  # of the chains given to `reset`
         self._parts = [np.flatnonzero(self.group == k) for k in range(counts.size)]
         fixed = [name in (NOTHING, CHAIN) for name in self.names]
-        self.levels: FloatArray = np.where(fixed, 1.0, first_level)
+        self.levels: FloatArray = np.where(fixed, 1.0, first_level)  # what errors are multiplied by
+        # episodes that have been judged at this level, and those that were good
         self.judged: NDArray[np.int64] = np.zeros((2, counts.size), np.int64)
         self.lanes: Lanes = Lanes([self._make(k) for k in range(counts.size)])
 

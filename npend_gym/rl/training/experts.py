@@ -69,13 +69,8 @@ class GoalPlans(PlannedTransitions):
 class Rescued:
     """An expert that leaves a chain that it has lost to a policy, until that brings it back.
 
-    Parameters
-    ----------
-    expert : Expert
-    policy : Policy
-        Without a memory.
-    lost : float
-        From this cost on the policy acts. `tracking` tells lower costs: no chain is ever lost.
+    The policy, without a memory, acts from the cost `lost` on. `tracking` tells lower costs: no
+    chain is ever lost.
     """
 
     def __init__(self, expert: Expert, policy: Policy, lost: float) -> None:
@@ -103,15 +98,7 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
 
     With goals an expert has plans for all pairs. Tasks that begin where they end have feedback
     about their equilibrium. Nothing calms the chain before a plan begins: without a clock, holding
-    looks like leaving.
-
-    Parameters
-    ----------
-    settings : Settings
-        Those of `imitation`.
-    config : EnvConfig
-    guess : int
-        Its number, from 0.
+    looks like leaving. `settings` are those of `imitation`; guesses are counted from 0.
     """
     swings_up = isinstance(config.mode, SwingUp)
     if guess > 0 and (settings.demonstrator or not swings_up):
@@ -214,11 +201,6 @@ def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransit
     """Return the swing-up of a policy without memory, from hanging nearly at rest, as a plan.
 
     That a network can follow it is then known already.
-
-    Raises
-    ------
-    ValueError
-        If the chain does not stand in time.
     """
     n, step = config.n, StepModel(config)
     motion, actions = [np.full((1, config.state_size), _START)], list[FloatArray]()

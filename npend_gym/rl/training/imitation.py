@@ -134,11 +134,8 @@ class DAgger:
     def play(self, round_: int) -> dict[str, float]:
         """Play an episode in every environment; the expert alone acts in the first round.
 
-        Returns
-        -------
-        dict
-            "return" and "success" of the environments in which the student alone acted.
-            "taken_over" is the fraction of the steps of the others in which the expert acted.
+        "return" and "success" are of the environments in which the student alone acted.
+        "taken_over" is the fraction of the steps of the others in which the expert acted.
         """
         settings, rng = self.settings, np.random.default_rng([self.settings.seed, round_])
         size, lanes, expert = settings.num_envs, self.lanes, self.expert
@@ -219,14 +216,9 @@ class DAgger:
 
 
 def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:
-    """Return the student that is nearest to its expert after two rounds.
+    """Return the student nearest to its expert after two rounds, its guess, and the number tried.
 
     Some trajectories are much harder to learn than others, and nothing else tells which.
-
-    Returns
-    -------
-    tuple
-        The student, the number of its guess, and how many students were tried.
     """
     begun: list[tuple[DAgger, int]] = []
     for guess in range(settings.guesses):

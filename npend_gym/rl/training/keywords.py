@@ -30,21 +30,9 @@ _OF_VECTOR_ENV = {"max_episode_steps": None, "threads": 1, "autoreset_mode": Non
 
 
 def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -> EnvConfig:
-    """Return the settings of the environment that an algorithm trains in.
+    """Return the settings of the environment, of the keywords `env`, that an algorithm trains in.
 
-    Parameters
-    ----------
-    algorithm : str
-        Its name, for errors.
-    env : mapping
-        Keywords of the environment.
-    uses : collection of str
-        The keywords that the algorithm uses. Others may be given with their default only.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If a keyword breaks its rule, or would be ignored.
+    Keywords that are not among those that it `uses` may be given with their default only.
     """
     rest = {name: value for name, value in env.items() if name not in _OF_VECTOR_ENV}
     check_names(NPendulumVectorEnv, rest)

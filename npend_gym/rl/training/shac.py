@@ -97,14 +97,9 @@ class Learner:
     def replay(self, old: Horizons) -> tuple[list[torch.Tensor], torch.Tensor, torch.Tensor]:
         """Replay horizons with the present actor, along the Jacobians of their steps.
 
-        Returns
-        -------
-        states : list of Tensor, shape (horizons, 2c)
-            One more than steps.
-        outputs : Tensor, shape (horizons, steps, actions)
-            Of the actor, before tanh.
-        near : Tensor, shape (horizons, steps + 1)
-            1 where the Jacobians hold up to this state and the episode goes on, else 0.
+        Returned are the states, (horizons, 2c), one more than steps; the outputs of the actor,
+        (horizons, steps, actions), before tanh; and `near`, (horizons, steps + 1): 1 where the
+        Jacobians hold up to this state and the episode goes on, else 0.
         """
         deviation = torch.zeros_like(old.states[:, 0]).requires_grad_()
         states, outputs = [old.states[:, 0] + deviation], []

@@ -184,22 +184,14 @@ def _turning(
 
 
 class Collector:
-    """Simulates many lanes with the actor and noise, and keeps the Jacobians of all steps.
-
-    Parameters
-    ----------
-    config : EnvConfig
-    task : Task
-    settings : Settings
-        Those of `shac`.
-    """
+    """Simulates many lanes with the actor and noise, and keeps the Jacobians of all steps."""
 
     changes: tuple[str, ...] = ("rng", "numbers", "states", "noise", "age")
 
     def __init__(self, config: EnvConfig, task: Task, settings: Any) -> None:
         self.config: EnvConfig = config
         self.task: Task = task
-        self.settings: Any = settings
+        self.settings: Any = settings  # of `shac`
         self.rng: np.random.Generator = np.random.default_rng(settings.seed)
         size = settings.num_envs
         self.episodes: Episodes = Episodes(config, size)

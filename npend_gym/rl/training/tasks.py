@@ -77,11 +77,6 @@ def env_of_task(task: str) -> dict[str, Any]:
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1", and more
     rods on the latter's, as poles like its own. There "balance-4-cart" has spread=0.002 and
     "balance-5-cart" spread=0.0005.
-
-    Raises
-    ------
-    ValueError
-        If it is no such name.
     """
     mode, n, *variant = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
     known = mode in MODES and n.isdecimal()
@@ -124,18 +119,7 @@ def policy_of(
 ) -> Policy:
     """Return the network of the mean action as plain arrays, with what made it.
 
-    Parameters
-    ----------
-    mean : torch.nn.Sequential
-        Made by `network`.
-    obs_scale : torch.Tensor
-        The observations are divided by it.
-    algorithm : str
-        Name of the algorithm, "shac" say.
-    settings : dataclass
-        Settings of the training run, with the fields "env" and "seed".
-    last : dict
-        Last row of the learning curve.
+    `last` is the last row of the learning curve.
     """
     import torch
 
@@ -163,18 +147,9 @@ def made_by(algorithm: str, settings: Any, last: dict[str, Any]) -> dict[str, An
 def env_around(path: Path, deviations: float = 2.0) -> dict[str, Any]:
     """Return the keywords of an environment of identified chains: "chain" and "randomize".
 
-    Parameters
-    ----------
-    path : Path
-        "identification.json" as `npend identify --out` writes it, or "fit.json" beside it.
-    deviations : float
-        Parameters are drawn within a number of standard errors of the fit; those that cannot be
-        negative are cut at zero. What the data do not determine is not drawn.
-
-    Raises
-    ------
-    ValueError
-        If a file is missing or none of these.
+    They are from "identification.json" as `npend identify --out` writes it, or "fit.json" beside
+    it. Parameters are drawn within a number of standard errors of the fit; those that cannot be
+    negative are cut at zero. What the data do not determine is not drawn.
     """
     try:
         about = _files.parse_json(_files.read_text(path))
