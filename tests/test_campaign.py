@@ -153,7 +153,7 @@ def test_an_estimate_is_what_a_campaign_takes_within_a_factor(tmp_path):
     measure_task(plan, list(plan.tasks())[-1])
     campaign, records = completed(plan, tmp_path, backend="threading")
     expected = estimate(plan)
-    assert (expected.cells, expected.releases, expected.tasks) == (4, 800, plan.task_count)
+    assert expected.text(1).startswith(f"4 cells, 800 releases in {plan.task_count} tasks: about")
     size = sum(path.stat().st_size for path in campaign.out.rglob("*.parquet"))
     assert 0.5 < expected.size / size < 2.0
     assert 0.25 < expected.seconds / sum(record.cpu_s for record in records) < 4.0

@@ -27,13 +27,7 @@ def released_chain(
     gravity: float = STANDARD_GRAVITY,
     damping: float = 0.0,
 ) -> Chain:
-    """Return the chain of `n` rods; masses and lengths are one number or an array of shape (n,).
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument breaks its rule.
-    """
+    """Return the chain of `n` rods; masses and lengths are one number or an array of shape (n,)."""
     ones = np.ones(_checks.count("n", n, high=MAX_RODS))
     mass, length = _checks.array("masses", masses), _checks.array("lengths", lengths)
     for name, value in (("masses", mass), ("lengths", length)):
@@ -46,13 +40,7 @@ def released_chain(
 
 
 def check_time_scale(chain: Chain) -> None:
-    """Refuse a chain that swings too fast or too slowly for its instants to be resolved.
-
-    Raises
-    ------
-    ValueError
-        If sqrt(l/g) is not within `TIME_SCALES`. Without gravity there is no scale.
-    """
+    """Refuse a chain that swings too fast or too slowly for its instants to be resolved."""
     if chain.gravity == 0.0:
         return
     length = float(chain.lengths.mean())
@@ -67,16 +55,8 @@ def check_time_scale(chain: Chain) -> None:
 def take_chain(described: Any, n_name: str) -> None:
     """Check the field `chain` of an experiment or a plan, where it is given, and set n by it.
 
-    Parameters
-    ----------
-    described : ReleaseExperiment or CampaignPlan
-    n_name : str
-        Name of its field with the numbers of pendulums.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no such chain, or a field that it replaces is not left at its default.
+    `n_name` is its field with the numbers of pendulums. Fields that a chain replaces must be left
+    at their defaults.
     """
     if described.chain is None:
         return

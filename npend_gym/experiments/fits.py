@@ -49,16 +49,7 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
 
 
 def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:
-    """Return fitted values with their confidence intervals.
-
-    Parameters
-    ----------
-    values : ndarray, shape (k,)
-    covariance : ndarray, shape (k, k)
-        Both as `scipy.optimize.curve_fit` returns them.
-    points : int
-        Number of points that were fitted.
-    """
+    """Return what `curve_fit` found in a number of points, with confidence intervals."""
     widths = _student(points - len(values)) * np.sqrt(np.diag(covariance))
     return [Estimate(float(v), float(w)) for v, w in zip(values, widths, strict=True)]
 

@@ -39,13 +39,7 @@ class Sensor(NamedTuple):
         return self.noise == 0.0 and self.offset == 0.0 and self.scale == 1.0
 
     def check(self) -> None:
-        """Refuse errors that no sensor has, or that lack the time between samples.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If a value breaks its rule.
-        """
+        """Refuse errors that no sensor has, or that lack the time between samples."""
         interval = _checks.nonnegative_number("sensor_interval", self.interval)
         _checks.nonnegative_number("sensor_noise", self.noise)
         _checks.number("sensor_offset", self.offset)
@@ -62,21 +56,8 @@ def sensed_periods(
 ) -> FloatArray:
     """Return the pseudo-periods [s] that the samples of a sensor give, shape (n,).
 
-    Parameters
-    ----------
-    chain : Chain
-        Released from rest, with all rods at `start` [rad].
-    reading : {"bob", "link", "height", "com"}
-        As for `npend_gym.pseudo_periods`; for "com" all entries are the same.
-    duration : float, optional
-        Length of the window [s]; by default as there.
-    seed : int
-        Of the noise.
-
-    Raises
-    ------
-    ValueError
-        If the samples would be too many to be held.
+    The chain is released from rest, with all rods at `start` [rad]. Reading and duration are those
+    of `npend_gym.pseudo_periods`; for "com" all entries are the same. `seed` is that of the noise.
     """
     n, periods = chain.n, np.full(chain.n, math.nan)
     if chain.gravity == 0.0:

@@ -31,7 +31,7 @@ from npend_gym.experiments.campaign.campaign import (
     read_plan,
     resolved,
 )
-from npend_gym.experiments.campaign.plan import CampaignPlan
+from npend_gym.experiments.campaign.plan import OF_CHAIN, CampaignPlan
 from npend_gym.experiments.campaign.statistics import Statistics, statistics
 from npend_gym.experiments.fits import (
     LAW_FROM,
@@ -45,7 +45,7 @@ from npend_gym.experiments.fits import (
 _COUNTS, _AMPLITUDES = 3, 4  # different ones, below which no law is fitted
 _EXACT_UP_TO = 300  # bobs; beyond them the rope's limit stands for the chain's
 _Fit: TypeAlias = tuple[FloatArray, FloatArray]
-_GROUPED = ("masses", "lengths", "gravity", "damping", "reading")
+_GROUPED = (*OF_CHAIN[1:], "reading")
 
 
 @dataclass(frozen=True)

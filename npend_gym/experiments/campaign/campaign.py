@@ -80,13 +80,7 @@ class FolderStatus:
 
 
 def resolved(out: Path | str) -> Path:
-    """Return the absolute path of a campaign's folder.
-
-    Raises
-    ------
-    ValueError
-        If the path is not valid, or a link in it leads nowhere.
-    """
+    """Return the absolute path of a campaign's folder."""
     try:
         return Path(out).resolve()
     except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a null character
@@ -94,13 +88,7 @@ def resolved(out: Path | str) -> Path:
 
 
 def read_plan(out: Path) -> CampaignPlan | None:
-    """Return the plan of the campaign in `out`; None where there is none.
-
-    Raises
-    ------
-    ValueError
-        If the plan is damaged or of another version of the package.
-    """
+    """Return the plan of the campaign in `out`; None where there is none."""
     path = out / PLAN
     try:
         text = _files.read_text(path)

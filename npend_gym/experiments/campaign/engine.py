@@ -42,23 +42,10 @@ class WorkerLost:
 def workers(
     backend: str = "loky", count: int | None = None, address: str | None = None
 ) -> Generator[None, None, None]:
-    """Choose the backend of joblib that `run` uses.
+    """Choose the backend of joblib that `run` uses: local processes or threads, or a cluster.
 
-    Parameters
-    ----------
-    backend : {"loky", "threading", "ray", "dask"}
-        Local processes, local threads, or a cluster.
-    count : int, optional
-        Workers; by default as many as the machine or the cluster has cores.
-    address : str, optional
-        Address of a running cluster; by default Ray and Dask start one on this machine.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If an argument breaks its rule.
-    ImportError
-        If the library is missing, with how to install it.
+    By default there are as many workers as the machine or the cluster has cores. Without the
+    `address` of a running cluster, Ray and Dask start one on this machine.
     """
     check_workers(backend, count, address)
     with ExitStack() as stack:
@@ -122,20 +109,8 @@ def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R 
     """Yield each of `tasks` with what `work` returns, in the order in which they end.
 
     The loss of a worker costs only time: the tasks that were running are run again, and a task that
-    was running at three losses is run alone.
-
-    Parameters
-    ----------
-    work : callable
-        Is called with a task in a worker. It must raise nothing: an exception from it counts as a
-        lost worker.
-    tasks : iterable
-        Hashable.
-
-    Raises
-    ------
-    WorkersLostError
-        If workers are lost five times in a row without any result.
+    was running at three losses is run alone. An exception from `work` counts as a lost worker. Five
+    losses in a row without any result raise a WorkersLostError.
     """
     pending = iter(tasks)
     retry: deque[_T] = deque()

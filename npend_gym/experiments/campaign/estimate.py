@@ -22,27 +22,17 @@ _OF_RELEASE, _OF_BOB, _OF_TASK = 32.0, 8.5, 5000.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a campaign would take.
+    """What a campaign would take, within a factor of two."""
 
-    Attributes
-    ----------
-    cells, releases, tasks : int
-    seconds : float
-        Time on one core of this machine, within a factor of two.
-    size : float
-        Bytes of the results, within a factor of two.
-    """
-
-    cells: int
-    releases: int
-    tasks: int
-    seconds: float
-    size: float
+    plan: CampaignPlan
+    seconds: float  # on one core of this machine
+    size: float  # bytes of the results
 
     def text(self, workers: int) -> str:
         """Return a line for a number of workers."""
+        plan = self.plan
         return (
-            f"{self.cells} cells, {self.releases} releases in {self.tasks} tasks: about "
+            f"{plan.cells} cells, {plan.releases} releases in {plan.task_count} tasks: about "
             f"{duration(self.seconds)} on one core, {duration(self.seconds / workers)} with "
             f"{workers} worker(s), and {bytes_text(self.size)} of results"
         )
@@ -54,7 +44,7 @@ def estimate(plan: CampaignPlan) -> Estimate:
     per_n = plan.releases // counts.size
     seconds = per_n * float(relative_time(counts).sum()) * _time_of_five_rods(plan)
     size = per_n * float((_OF_RELEASE + _OF_BOB * counts).sum()) + _OF_TASK * plan.task_count
-    return Estimate(plan.cells, plan.releases, plan.task_count, seconds, size)
+    return Estimate(plan, seconds, size)
 
 
 def relative_time(n: NDArray[np.int64]) -> FloatArray:

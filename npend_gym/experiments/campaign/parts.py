@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.experiments.campaign.plan import CampaignPlan, Task
+from npend_gym.experiments.campaign.plan import OF_CHAIN, CampaignPlan, Task
 from npend_gym.experiments.parts import read_part, write_part
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
@@ -111,7 +111,7 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
     known: dict[Any, dict[str, Any]] = {}
     chains: list[dict[str, Any]] = []
     for cell in cells:
-        key = tuple(cell[name] for name in _CHAIN if name in cell)
+        key = tuple(cell[name] for name in OF_CHAIN if name in cell)
         if key not in known:
             known[key] = _chain_columns(plan, cell)
         chains.append(known[key])
@@ -124,9 +124,6 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
     }
     with _files.replacing(path, binary=True) as file:
         file.write(_parquet(pa.table(columns), provenance({"plan": plan.digest}, plan.seed)))
-
-
-_CHAIN = ("n", "masses", "lengths", "gravity", "damping")
 
 
 def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any]:
@@ -152,13 +149,7 @@ def finite_or_none(value: float) -> float | None:
 
 
 def read_releases(plan: CampaignPlan, path: Path, task: Task) -> dict[str, NDArray[Any]]:
-    """Return the columns of a task's part of RELEASES by name; NaN stands for null.
-
-    Raises
-    ------
-    ValueError
-        With the path, if it is not such a part: sizes, names, types and values are checked.
-    """
+    """Return the columns of a task's part of RELEASES by name, all of it checked; NaN is null."""
     try:
         table = _read_bounded(plan, path, task.releases)
         columns = {name: table[name].to_numpy() for name in _RELEASE.names}

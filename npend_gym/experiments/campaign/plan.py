@@ -36,7 +36,7 @@ PerRod: TypeAlias = float | Sequence[float]
 # A cell has one value of each, and the last name varies fastest. The names that make the chain come
 # first, so that neighbouring cells have equal chains and are measured side by side.
 SWEPT = ("n", "masses", "lengths", "gravity", "damping", "reading", "amplitude", "spread")
-_OF_CHAIN = SWEPT[:5]
+OF_CHAIN = SWEPT[:5]
 MAX_CELLS = 1_000_000
 MAX_CHAINS = 10_000
 MAX_TASKS = 1_000_000
@@ -118,7 +118,7 @@ class CampaignPlan:
         if self.batch is not None:
             _checks.count("batch", self.batch, high=MAX_BATCH)
         _checks.count("the number of cells, the product of all lists,", self.cells, high=MAX_CELLS)
-        chains = math.prod(len(self._sweep(name)) for name in _OF_CHAIN)
+        chains = math.prod(len(self._sweep(name)) for name in OF_CHAIN)
         _checks.count("the number of chains, the product of their lists,", chains, high=MAX_CHAINS)
         self._check_cells()
         if self.task_count > MAX_TASKS:
@@ -130,9 +130,9 @@ class CampaignPlan:
     def _check_cells(self) -> None:
         """Check the values of each name by themselves, and those that have a rule together."""
         first = {name: self._sweep(name)[0] for name in SWEPT}
-        for values in itertools.product(*(self._sweep(name) for name in _OF_CHAIN)):
-            self._release(first | dict(zip(_OF_CHAIN, values, strict=True)))
-        for name in SWEPT[len(_OF_CHAIN) :]:
+        for values in itertools.product(*(self._sweep(name) for name in OF_CHAIN)):
+            self._release(first | dict(zip(OF_CHAIN, values, strict=True)))
+        for name in SWEPT[len(OF_CHAIN) :]:
             for value in self._sweep(name):
                 self._release(first | {name: value})
         largest = {"amplitude": max(self._sweep("amplitude"), key=abs)}

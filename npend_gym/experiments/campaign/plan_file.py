@@ -51,13 +51,7 @@ _READERS: dict[str, Callable[[str], Any]] = {
 
 
 def read_plan_file(path: Path) -> dict[str, Any]:
-    """Return the values of a plan that a file gives, unchecked.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be read, or is no table of names and values.
-    """
+    """Return the values of a plan that a file gives, unchecked."""
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise ValueError(f"a plan's file must end in {', '.join(_READERS)}; got {path}")
