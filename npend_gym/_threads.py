@@ -12,10 +12,17 @@ from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
+from npend_gym import _checks
+
 _Part = TypeVar("_Part")
 
 MAX_THREADS = 1024
 _IDLE = 2.0  # s, after which a thread without work looks whether it is still needed
+
+
+def check_threads(threads: int) -> int:
+    """Return a number of threads, or raise an error that names the rule."""
+    return _checks.count("threads", threads, high=MAX_THREADS)
 
 
 class Call:

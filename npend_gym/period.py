@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
-from npend_gym._threads import MAX_THREADS, Call, share_out
+from npend_gym._threads import Call, check_threads, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_rtol, warn_of_degrees
@@ -107,7 +107,7 @@ def pseudo_periods(
     releases = theta.reshape(-1, chain.n), omega.reshape(-1, chain.n)
     reading = check_reading(reading)
     rtol = check_rtol(rtol)
-    threads = _checks.count("threads", threads, high=MAX_THREADS)
+    threads = check_threads(threads)
     if duration is not None:
         duration = _checks.positive_number("duration", duration)
     if chain.gravity == 0.0 and not np.any(omega):

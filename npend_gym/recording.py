@@ -31,34 +31,16 @@ _PAGE_INSTANTS = 600  # at most, of a recording for a page
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A motion and when each bob completed its pseudo-period.
+    """A motion and when each bob completed its pseudo-period."""
 
-    Attributes
-    ----------
-    motion : Trajectory
-        T instants from 0 on.
-    periods : ndarray, shape (n,)
-        Pseudo-period of every bob [s], which is also the instant that completes it; NaN where
-        that lies beyond the recording.
-    torque : ndarray, shape (T,)
-        Torque at `joint` over its limit, from that instant on; the last entry repeats.
-    reading : {"bob", "link", "height", "com"}
-        What completes a pseudo-period, see `npend_gym.pseudo_periods`.
-    caption : str
-        What it is, in a few words.
-    provenance : dict
-        What made it: package, versions, arguments, seed.
-    joint : int
-        The joint whose torque is recorded; 0 is the pivot.
-    """
-
-    motion: Trajectory
+    motion: Trajectory  # of T instants from 0 on
+    # of every bob [s], (n,), also the instant that completes it; NaN beyond the recording
     periods: FloatArray
-    torque: FloatArray
-    reading: str
-    caption: str
+    torque: FloatArray  # at `joint` over its limit, from each instant on, (T,); the last repeats
+    reading: str  # what completes a pseudo-period, see `npend_gym.pseudo_periods`
+    caption: str  # what it is, in a few words
     provenance: dict[str, Any]
-    joint: int = 0
+    joint: int = 0  # whose torque is recorded; 0 is the pivot
 
     def signals(self) -> FloatArray:
         """Return the signal of every bob whose changes of sign the reading counts, shape (T, n).
@@ -86,11 +68,6 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
     """Record one measured run of `experiment` every `interval` [s].
 
     It lasts for `experiment.duration`, by default until the last bob has completed.
-
-    Raises
-    ------
-    ValueError
-        If the recording would be too long to be held.
     """
     interval = _checks.positive_number("interval", interval)
     chain, seconds = experiment.chain_of(run.n), experiment.duration

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from npend_gym import IntegrationError
+from npend_gym._threads import check_threads
 from npend_gym.cli.common import (
     FAILED,
     INTERRUPTED,
     OK,
     Parser,
     can_draw,
-    check_threads,
     dispatch,
     prepare_results,
     progress,

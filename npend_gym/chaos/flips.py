@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._threads import MAX_THREADS, Call, share_out
+from npend_gym._threads import Call, check_threads, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.arguments import check_rtol
@@ -77,7 +77,7 @@ def flip_times(
     states = states_of(chain, theta, omega, pivot_acceleration=pivot_acceleration)
     duration = _checks.positive_number("duration", duration)
     settings = {"rtol": check_rtol(rtol), "atol": 1e-2 * rtol}
-    threads = _checks.count("threads", threads, high=MAX_THREADS)
+    threads = check_threads(threads)
     q, u = (each.reshape(-1, states.mechanism.size) for each in (states.q, states.u))
     states.mechanism.check_vibrations(duration)
     times = np.full(len(q), np.nan)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from npend_gym.cli.common import OK, can_draw, check_threads, progress, show_written, warn
+from npend_gym.cli.common import OK, can_draw, progress, show_written, warn
 
 FILLS = {"npend_gym.experiments.flip_map:FlipMap": ()}
 
@@ -33,6 +33,7 @@ def run(what: Literal["map"], *, threads: int = 1, out: Path = Path("chaos"), **
     out : folder
         Folder of the results.
     """
+    from npend_gym._threads import check_threads
     from npend_gym.experiments import FlipMap
     from npend_gym.report import outputs
 

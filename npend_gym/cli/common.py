@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from npend_gym import _checks, _interrupts
+from npend_gym import _interrupts
 
 _T = TypeVar("_T")
 
@@ -117,21 +117,8 @@ def _failed(message: str) -> int:
     return FAILED
 
 
-def check_threads(threads: int) -> int:
-    """Return a number of threads, or raise an error that names the rule."""
-    from npend_gym._threads import MAX_THREADS
-
-    return _checks.count("threads", threads, high=MAX_THREADS)
-
-
 def prepare_results(out: Path, command: str) -> None:
-    """Make the folder `out` if need be, and say so where results of another run are replaced.
-
-    Raises
-    ------
-    ValueError
-        If `out` is no folder, or cannot be made or written to.
-    """
+    """Make the folder `out` if need be, and say so where results of another run are replaced."""
     from npend_gym.report import outputs
 
     outputs.prepare_folder(out)
@@ -140,13 +127,7 @@ def prepare_results(out: Path, command: str) -> None:
 
 
 def prepare_file(out: Path, suffixes: Sequence[str], name: str = "out") -> None:
-    """Check that the file `out`, of the option `name`, can be written, before work begins.
-
-    Raises
-    ------
-    ValueError
-        If it has none of the `suffixes`, is a folder, or its folder cannot be made or written to.
-    """
+    """Check that the file `out`, of the option `name`, can be written, before work begins."""
     from npend_gym.report import outputs
 
     if out.suffix not in suffixes or out.is_dir():

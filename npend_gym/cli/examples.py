@@ -48,13 +48,7 @@ def folder() -> Path:
 
 
 def copy(source: Path, target: Path) -> None:
-    """Copy the folder `source` to `target`, whole or not at all.
-
-    Raises
-    ------
-    ValueError
-        If `target` exists already.
-    """
+    """Copy the folder `source` to `target`, whole or not at all."""
     if target.exists():
         raise ValueError(f"out must name a new folder, got {target}, which exists")
     parent = target.absolute().parent

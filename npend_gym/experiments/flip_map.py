@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym._threads import MAX_THREADS
+from npend_gym._threads import check_threads
 from npend_gym._version import __version__
 from npend_gym.chain import Chain
 from npend_gym.chaos import flip_times
@@ -143,7 +143,7 @@ class FlipMap:
         OSError
             If the folder cannot be written to.
         """
-        threads = _checks.count("threads", threads, high=MAX_THREADS)
+        threads = check_threads(threads)
         text = json.dumps(self.as_dict(), sort_keys=True)
         parts = out / f"parts-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
         finished = self._finished(out)

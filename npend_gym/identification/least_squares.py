@@ -38,24 +38,12 @@ class _Normal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Values of the unknowns, best ones where `solve` returns it.
+    """Values of the unknowns, best ones where `solve` returns it."""
 
-    Attributes
-    ----------
-    fitted : ndarray, shape (k,)
-        The common unknowns.
-    states : ndarray, shape (S, r)
-        The unknowns of each segment.
-    point : Point
-        The residuals there.
-    counted : ndarray, shape (S, M)
-        1 where there is a residual, 0 where not.
-    """
-
-    fitted: FloatArray
-    states: FloatArray
-    point: Point
-    counted: FloatArray
+    fitted: FloatArray  # the common unknowns, (k,)
+    states: FloatArray  # the unknowns of each segment, (S, r)
+    point: Point  # the residuals there
+    counted: FloatArray  # 1 where there is a residual, 0 where not, (S, M)
 
     @property
     def residuals(self) -> FloatArray:

@@ -53,22 +53,12 @@ def values_of(chain: Chain) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Which values of a chain are fitted, and what is known of it.
+    """Which values of a chain are fitted, and what is known of it."""
 
-    Attributes
-    ----------
-    chain : Chain
-        Has the gravity, friction speed and gears, and the masses as far as they are
-        possible.
-    known : ndarray, shape (9, n)
-        The values that are not fitted, rows as in `QUANTITIES`.
-    free : ndarray, bool, shape (9, n)
-        Which values are fitted.
-    """
-
+    # with gravity, friction speed and gears, and the masses as far as they are possible
     chain: Chain
-    known: FloatArray
-    free: BoolArray
+    known: FloatArray  # the values that are not fitted, (9, n), rows as in `QUANTITIES`
+    free: BoolArray  # which values are fitted, (9, n)
 
     @property
     def names(self) -> list[str]:

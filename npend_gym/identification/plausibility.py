@@ -33,17 +33,8 @@ _READINGS = (
 def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
     """Compare the period of the measured swings with that which the given chain would have.
 
-    Motors may move a chain as slowly as they like. So a `driven` chain can only be too fast.
-
-    Raises
-    ------
-    ValueError
-        If the period differs by a factor above 100: times are in milliseconds, for example.
-
-    Warns
-    -----
-    UserWarning
-        If it differs by a factor above 10.
+    Motors may move a chain as slowly as they like. So a `driven` chain can only be too fast. A
+    factor above 10 is warned of; one above 100 is an error: times in milliseconds, for example.
     """
     values, measured = values_of(chain), motion.period(most=np.pi)
     lift = chain.gravity * np.abs(values[LIFT])
@@ -66,12 +57,7 @@ def check_units(chain: Chain, motion: Motion, *, driven: bool) -> None:
 def warn_of_other_angles(motion: Motion, model: Model, fitted: Fit) -> None:
     """Warn if the angles fit much better where they are taken as those of joints, or not so.
 
-    Parameters
-    ----------
-    motion, model
-        What was measured, and what was fitted to it.
-    fitted : Fit
-        The fit of the angles as they were given; the same segments are fitted again.
+    `fitted` is the fit of the angles as they were given; the same segments are fitted again.
     """
     for convert, meaning in _READINGS:
         stages = Stages(replace(motion, theta=convert(motion.theta)), model)
@@ -89,17 +75,7 @@ def warn_of_other_angles(motion: Motion, model: Model, fitted: Fit) -> None:
 
 
 def warn_of_values(chain: Chain, segments: int, fitted: int, *, rough: bool) -> None:
-    """Warn if few segments determine many values, or a value is none of a pendulum in air.
-
-    Parameters
-    ----------
-    chain : Chain
-        The fitted one.
-    segments, fitted : int
-        Numbers of segments and of fitted values.
-    rough : bool
-        Whether standard errors are: see `Uncertainty`.
-    """
+    """Warn if few segments determine many values, or a value is none of a pendulum in air."""
     if rough:
         warnings.warn(
             f"standard errors are large, and rough: {segments} segments, whose errors last long, "

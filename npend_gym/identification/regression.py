@@ -76,14 +76,7 @@ def regress(
 ) -> FloatArray | None:
     """Return the values, (9, n), that solve the equations of motion best; None if nothing does.
 
-    Parameters
-    ----------
-    model : Model
-    motion : Motion
-    curves : Smooth
-        Its splines.
-    parts : sequence of slice
-        Rows of the motion that are used.
+    `curves` are splines of the motion, of whose rows `parts` are used.
     """
     pairs = [_equations(model, motion, curves, rows) for rows in parts]
     columns, right = zip(*pairs, strict=True)

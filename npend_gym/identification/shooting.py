@@ -30,22 +30,9 @@ class Shooting:
     step. Between two nodes of this grid angles are those of the cubic that has the angles and
     angular velocities of both.
 
-    Parameters
-    ----------
-    model : Model
-    motion : Motion
-    rows : sequence of slice
-        The rows of the S segments in the motion.
-    longest : float
-        Longest step of the grid [s]: the step is a multiple of the median interval of the rows, or
-        an equal part of it.
-    rate : float
-        Substeps in a second, at least.
-
-    Attributes
-    ----------
-    measured : ndarray, bool, shape (S, M)
-        Whether there is such a row: segments are filled up to M rows.
+    `rows` has those of the S segments in the motion; `measured`, (S, M), says which of M rows a
+    segment has. The step of the grid is at most `longest` [s]: a multiple of the median interval of
+    the rows, or an equal part of it. `rate` is the least number of substeps in a second.
     """
 
     def __init__(
@@ -86,14 +73,8 @@ class Shooting:
         """Return simulated less measured angles [rad], (S, M n), zero where none is measured.
 
         Their derivatives are the exact ones of the Runge-Kutta steps that were taken. None where no
-        chain has these values, or one leaves all bounds.
-
-        Parameters
-        ----------
-        fitted : ndarray, shape (k,)
-            As `Model.pack` returns them.
-        states : ndarray, shape (S, 2n)
-            First angles and angular velocities of each segment.
+        chain has these values, (k,), or one leaves all bounds. `states`, (S, 2n), are the first of
+        each segment.
         """
         values = self.model.unpack(fitted)
         chain, (theta, omega) = self.model.possible_chain(values), np.split(states, 2, axis=1)

@@ -69,14 +69,7 @@ class Fit:
 
 
 class Stages:
-    """Fits of a model to one motion, whose first states come from splines of it.
-
-    Parameters
-    ----------
-    motion : Motion
-    model : Model
-        What is fitted.
-    """
+    """Fits of a model to one motion, whose first states come from splines of it."""
 
     def __init__(self, motion: Motion, model: Model) -> None:
         self.motion: Motion = motion
@@ -118,12 +111,8 @@ class Stages:
     def start(self, parts: Sequence[slice]) -> FloatArray:
         """Return the values, (9, n), that fit best: those given, or those of several regressions.
 
-        The splines of the best regression give the first states from now on.
-
-        Raises
-        ------
-        RuntimeError
-            If none of them makes a chain that moves.
+        The splines of the best regression give the first states from now on. If none makes a chain
+        that moves, a RuntimeError is raised.
         """
         short = self.motion.cut(parts, self._durations(parts)[0])
         widest = 0.5 * self.period

@@ -212,11 +212,7 @@ def kinetic_of_motion(
 def kinetic_on_cart(energy: Any, momentum: Any, mass: Any, velocity: Any) -> Any:
     """Return the kinetic energy [J] of a cart and its chain, arrays or tensors.
 
-    Parameters
-    ----------
-    energy, momentum
-        Of the chain, relative to the cart [J], [kg m/s].
-    mass, velocity
-        Of both together [kg], and of the cart [m/s].
+    Energy [J] and momentum [kg m/s] are those of the chain, relative to the cart; the mass [kg] is
+    that of both together, the velocity [m/s] that of the cart.
     """
     return energy + (momentum + 0.5 * mass * velocity) * velocity

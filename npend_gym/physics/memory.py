@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._threads import MAX_THREADS, Call, Helpers, each_once
+from npend_gym._threads import Call, Helpers, check_threads, each_once
 from npend_gym.chain import SIMPLE_FIELDS, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
@@ -91,7 +90,7 @@ class Memory:
     ) -> None:
         self.n: int = chains.masses.shape[1]
         self.size: int = size
-        self.threads: int = _checks.count("threads", threads, high=MAX_THREADS)
+        self.threads: int = check_threads(threads)
         self.width: int = WIDTH if packed else group_width(size)
         self.groups: int = -(-size // self.width)
         lanes = self.groups * self.width

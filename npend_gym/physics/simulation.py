@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym._threads import MAX_THREADS, Call, share_out
+from npend_gym._threads import Call, check_threads, share_out
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.events import Event, EventFunction, Watch, watched
@@ -133,7 +133,7 @@ def simulate(
     [-1.4371, -1.3377]
     """
     settings = check_settings(method, rtol, atol, dt)
-    threads = _checks.count("threads", threads, high=MAX_THREADS)
+    threads = check_threads(threads)
     single = isinstance(chain, Chain) or not isinstance(chain, (list, tuple))
     chains = (check_chain(chain),) if single else tuple(cast("Sequence[Chain]", chain))
     angles, speeds = _checks.array("theta", theta), _checks.array("omega", omega)

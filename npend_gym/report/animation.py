@@ -194,11 +194,6 @@ def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
     """Write `film` to `path`, .gif or .mp4, whole or not at all; provenance is in its comment.
 
     `progress` may wrap the iteration over the pictures, for a progress bar.
-
-    Raises
-    ------
-    ValueError
-        If `path` ends in neither.
     """
     suffix = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
     write_as = _write_gif if suffix == ".gif" else _write_mp4

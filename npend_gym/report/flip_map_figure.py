@@ -24,14 +24,7 @@ _LEAST_DPI = 140.0
 
 @styled
 def flip_map_figure(plan: FlipMap, times: FloatArray) -> Figure:
-    """Draw the map, at least a pixel for each start, over its two angles.
-
-    Parameters
-    ----------
-    plan : FlipMap
-    times : ndarray, shape (size, size)
-        What `plan.run` returned.
-    """
+    """Draw the map that `plan.run` returned, at least a pixel for each start, over its angles."""
     figure = Figure(figsize=(_WIDTH, _HEIGHT), dpi=max(_LEAST_DPI, plan.size / _SIDE))
     figure.set_layout_engine("none")  # so that a start is a pixel
 

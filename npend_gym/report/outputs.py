@@ -26,13 +26,7 @@ FIGURES: dict[str, dict[str, Any]] = {
 
 
 def prepare_folder(out: Path) -> None:
-    """Make the folder `out` if need be, and see that it can be written to.
-
-    Raises
-    ------
-    ValueError
-        If `out` is no folder, or cannot be made or written to.
-    """
+    """Make the folder `out` if need be, and see that it can be written to."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with _files.replacing(out / ".writable"):

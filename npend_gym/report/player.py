@@ -42,14 +42,8 @@ MODELS = {
 def moving(places: FloatArray, interval: float, centres: Sequence[float]) -> dict[str, Any]:
     """Return a motion as the player reads it.
 
-    Parameters
-    ----------
-    places : ndarray, shape (T, n, 2)
-        Of the bobs at every instant, over the length of the chain.
-    interval : float
-        Between instants [s].
-    centres : sequence of float
-        See `centres`.
+    The places of the bobs, (T, n, 2), are those at every `interval` [s], over the length of the
+    chain; for `centres` see there.
     """
     rounded = np.round(places, _DECIMALS).astype("<f4")
     return {

@@ -10,15 +10,7 @@ from npend_gym.report.outputs import write_figure, write_json
 
 
 def evaluation_text(row: Mapping[str, Any], threshold: float | None = None) -> str:
-    """Return an evaluation as lines of text.
-
-    Parameters
-    ----------
-    row : mapping
-        What `npend_gym.rl.Evaluation.as_row` returns.
-    threshold : float, optional
-        Return from which on the environment counts as solved.
-    """
+    """Return the row of an `Evaluation` as lines of text; from `threshold` on a task is solved."""
     episodes, rate = row["episodes"], row["success"]
     interval = f"{row['success_low']:.1%} to {row['success_high']:.1%} (Wilson)"
     solved = "" if threshold is None else f", solved from {threshold:g} on"

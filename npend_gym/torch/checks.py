@@ -86,13 +86,7 @@ def check_tensor(
 
 
 def as_tensors(values: Mapping[str, Any]) -> list[Tensor]:
-    """Return tensors of one dtype and device; plain numbers become that of the first.
-
-    Raises
-    ------
-    TypeError
-        If one is no tensor, not of float64 or float32, or unlike the first.
-    """
+    """Return tensors of one dtype and device; plain numbers become that of the first."""
     first = next(iter(values.items()))
     tensors: list[Tensor] = []
     for name, given in values.items():
@@ -109,15 +103,7 @@ def as_tensors(values: Mapping[str, Any]) -> list[Tensor]:
 
 
 def check_device(device: str | torch.device) -> torch.device:
-    """Return the device, refused where steps cannot be taken there.
-
-    Raises
-    ------
-    ValueError
-        If it is neither the processor nor an NVIDIA GPU.
-    RuntimeError, ImportError
-        If there is no GPU, or torch or Numba cannot use it.
-    """
+    """Return the device, refused where steps cannot be taken there."""
     chosen = torch.device(device)
     _checks.choice("device", chosen.type, _DEVICES)
     if chosen.type == "cuda":

@@ -60,25 +60,15 @@ class _Lanes(DifferentiableEnsemble):
 class CompiledSteps:
     """Steps of any number of chains of one kind; an ensemble for each number is kept.
 
-    Parameters
-    ----------
-    chain : Chain
-        Of the kind of all chains, and the chain itself where no other parameters are given.
-    joints : sequence of int
-        Joints with a torque.
-    threads : int
-    timing : (int, float), optional
-        The least number of substeps of a step, and the rotation that divides one [rad], where these
-        are not as in `Ensemble.advance`.
+    The chains are like `chain` where no other parameters are given. `timing` has the least number
+    of substeps, and the rotation that divides one [rad], where these are not as in
+    `Ensemble.advance`.
     """
 
     def __init__(
-        self,
-        chain: Chain,
-        joints: Sequence[int] = (0,),
-        threads: int = 1,
+        self, chain: Chain, joints: Sequence[int] = (0,), threads: int = 1,
         timing: tuple[int, float] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.chain: Chain = chain
         self.joints: Sequence[int] = joints
         self.threads: int = threads
@@ -96,13 +86,7 @@ class CompiledSteps:
         return self._on_gpu
 
     def chains(self, size: int, values: Mapping[str, FloatArray]) -> ChainParameters:
-        """Return the parameters of chains with some `values`, (size, n) or (size,), by name.
-
-        Raises
-        ------
-        ValueError
-            If one breaks its rule, with the lane.
-        """
+        """Return the parameters of chains with some `values`, (size, n) or (size,), by name."""
         if not values:
             return self._own
         last = self._changed.get(size)
@@ -134,14 +118,9 @@ class CompiledSteps:
             return torch.from_numpy(q), torch.from_numpy(u)
 
     def backward(
-        self,
-        rows: ChainParameters,
-        state: Sequence[Tensor],
-        bars: Sequence[Tensor],
-        dt: float,
-        substeps: int | None,
-        names: Sequence[str],
-    ) -> tuple[list[Tensor], dict[str, Tensor]]:
+        self, rows: ChainParameters, state: Sequence[Tensor], bars: Sequence[Tensor], dt: float,
+        substeps: int | None, names: Sequence[str],
+    ) -> tuple[list[Tensor], dict[str, Tensor]]:  # fmt: skip
         """Return the gradient by `state` and by the parameters that are named, from `bars`.
 
         These are the gradients by the coordinates and rates to which the step leads.

@@ -25,13 +25,7 @@ _MAX_KEPT = 16  # sizes of batches for which what a GPU needs is kept
 
 
 class DeviceSteps:
-    """What `CompiledSteps` is, for tensors on a GPU.
-
-    Parameters
-    ----------
-    chain, joints, timing
-        As for `CompiledSteps`.
-    """
+    """What `CompiledSteps` is, for tensors on a GPU."""
 
     def __init__(
         self, chain: Chain, joints: Sequence[int], timing: tuple[int, float] | None
@@ -57,14 +51,9 @@ class DeviceSteps:
         return theta, omega
 
     def backward(
-        self,
-        rows: ChainParameters,
-        state: Sequence[Tensor],
-        bars: Sequence[Tensor],
-        dt: float,
-        substeps: int | None,
-        names: Sequence[str],
-    ) -> tuple[list[Tensor], dict[str, Tensor]]:
+        self, rows: ChainParameters, state: Sequence[Tensor], bars: Sequence[Tensor], dt: float,
+        substeps: int | None, names: Sequence[str],
+    ) -> tuple[list[Tensor], dict[str, Tensor]]:  # fmt: skip
         """Return the gradient by theta, omega and torque, and by the parameters that are named."""
         check_names(names, KINDS[count_terms(self.chain.repeated(1))])
         if not all(bool((bar.abs() <= _checks.LARGEST).all()) for bar in bars):
@@ -82,9 +71,9 @@ class DeviceSteps:
             chains, options = self._chains(rows, theta), self._options(rows, theta, dt, substeps)
             chains.step_vjp(q, u, tau, bars, lost, dt, **options)
         _check_lost(flags)
-        by_name = (
-            {name: of_chains[:, _row(name)] for name in names} if of_chains is not None else {}
-        )
+        by_name: dict[str, Tensor] = {}
+        if of_chains is not None:
+            by_name = {name: of_chains[:, _row(name)] for name in names}
         if of_chains is not None and "lengths" in names and "centres" not in names:
             stacked = self._stacked(rows, theta)  # centres at the ends of rods stay there
             ends = stacked[:, _row("centres")] == stacked[:, _row("lengths")]

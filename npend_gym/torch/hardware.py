@@ -53,12 +53,7 @@ class Past:
 class Motors:
     """The motors of an environment, and pushes at the tip, as `npend_gym.envs.motors`.
 
-    Attributes
-    ----------
-    pieces : int
-        Into how many equal pieces a step is divided.
-    joints : list of int
-        Joints that have a load: all where a push or a ripple may turn them.
+    Each of the `pieces` of a step has loads on `joints`, all where a push or ripple may turn them.
     """
 
     def __init__(self, episodes: Episodes, device: torch.device) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from npend_gym._checks import BoolArray, FloatArray
+from npend_gym.chain import Chain
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.inputs import checked_action
 from npend_gym.rl.evaluation.settings import Setting
@@ -24,6 +25,12 @@ _WIDTH = (0.05, 0.1)  # standard deviation [s]
 # What acts on the joints in a step, by its number and the info before it: torques [N m], (B, n),
 # and in which lanes the controller acts as well, (B,)
 Disturbance = Callable[[int, dict[str, Any]], tuple[FloatArray, BoolArray]]
+
+
+def holding_torques(chain: Chain, theta: FloatArray) -> FloatArray:
+    """Return the torques at all joints that hold the rods where they are [N m], (B, n)."""
+    weight = chain.gravity * chain.lift * np.sin(theta)
+    return np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
 
 
 class DisturbedEnvs:

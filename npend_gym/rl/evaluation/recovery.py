@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
-from npend_gym.rl.evaluation.disturbances import DisturbedEnvs
+from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, holding_torques
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
 from npend_gym.rl.evaluation.rollouts import Controller, forget, rollout
@@ -53,9 +53,8 @@ class Turner:
         self._last = np.where(on, error, self._last)
         drive = _STIFFNESS * error + _INTEGRAL * self._step * self._sum
         drive += _DAMPING / self._step * change
-        weight = self._chain.gravity * self._chain.lift * np.sin(theta)
-        lift = np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
-        torque = np.clip(np.clip(limit * drive, -limit, limit) + lift, -limit, limit)
+        hold = holding_torques(self._chain, theta)
+        torque = np.clip(np.clip(limit * drive, -limit, limit) + hold, -limit, limit)
         return np.where(on, torque, 0.0)
 
 

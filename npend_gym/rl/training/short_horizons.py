@@ -29,6 +29,7 @@ from npend_gym.rl.controllers.step_model import (
     set_states,
     states_of,
 )
+from npend_gym.rl.evaluation.disturbances import holding_torques
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.training.tasks import observation_scale
 from npend_gym.torch.judging import Lanes, State, judge, observe
@@ -178,8 +179,7 @@ def _turning(
     speed = np.diff(omega, axis=1, prepend=0.0)
     error = wrap(goal - angle)
     drive = config.max_torque * (_STIFFNESS * error - _DAMPING * speed)
-    weight = config.chain.gravity * config.chain.lift * np.sin(theta)
-    drive += np.cumsum(weight[:, ::-1], axis=1)[:, ::-1]
+    drive += holding_torques(config.chain, theta)
     return np.clip(drive, -config.max_torque, config.max_torque)
 
 
