@@ -73,14 +73,6 @@ def test_the_true_values_lie_within_their_standard_errors():
     assert result.chain.inertias == pytest.approx(TRUE.inertias, rel=0.02)
 
 
-def test_standard_errors_are_neither_too_small_nor_too_large():
-    scaled = []
-    for seed in range(12):
-        times, theta, piece = recorded(TRUE, 8, seed=seed)
-        scaled.append(deviations(identify(times, theta, piece=piece, chain=KNOWN), TRUE))
-    assert 0.6 < np.sqrt(np.mean(np.square(scaled))) < 1.5
-
-
 def test_standard_errors_cover_errors_that_last_and_white_noise_alike():
     """Noise of an AR(1) process that lasts for a fifth of a recording, and white noise."""
     for memory, least in ((0.0, 0.55), (0.9, 0.55)):
@@ -97,7 +89,7 @@ def test_standard_errors_cover_errors_that_last_and_white_noise_alike():
         within = np.mean(np.abs(scaled) < 1.0), np.mean(np.abs(scaled) < 2.0)
         assert within[0] > least, (memory, within)
         assert within[1] > 0.9, (memory, within)
-        assert 0.5 < np.sqrt(np.mean(np.square(scaled))) < 1.4
+        assert (0.5 if memory else 0.6) < np.sqrt(np.mean(np.square(scaled))) < 1.4
 
 
 @pytest.mark.filterwarnings("ignore:standard errors are large", "ignore:the fit found")
@@ -215,12 +207,12 @@ def test_the_measured_double_pendulum_is_predicted_better_than_with_its_publishe
 # some chains hardly move, others turn over again and again: both are warned of
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_errors():
-    """Of 40 recordings of 5 s at 50 Hz with 0.01 rad of noise; the torques, which are known, tell
+    """Of 20 recordings of 5 s at 50 Hz with 0.01 rad of noise; the torques, which are known, tell
     the scale of masses. Masses of bobs are lift0^2 / inertia0 and so on, lift0 / m the length.
     """
     true = Chain([0.4, 0.3, 0.2], [0.5, 0.4, 0.3], damping=[0.02, 0.01, 0.005])
     times, torque, close = np.arange(0.0, 5.0, 0.02), [0.5, -0.2, 0.1], 0
-    for seed in range(40):
+    for seed in range(20):
         rng = np.random.default_rng(seed)
         known = Chain(
             true.masses * rng.uniform(0.8, 1.25, 3), true.lengths * rng.uniform(0.9, 1.1, 3)
@@ -234,7 +226,7 @@ def test_inertias_lengths_and_damping_of_three_links_lie_within_three_standard_e
         errors = result.standard_errors[:6] / result.values[:6]
         assert errors.max() < 0.05  # they say something
         close += np.abs(deviations(result, true)).max() < 3.0
-    assert close >= 38
+    assert close >= 19
 
 
 @pytest.mark.filterwarnings("ignore:standard errors are large")
