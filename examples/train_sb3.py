@@ -4,7 +4,8 @@ RL Zoo reads the same file, in its line `algo` too: `python -m rl_zoo3.train --a
 npend/SwingUp-v1 --gym-packages npend_gym --conf-file examples/configs/swingup-2.yml`.
 
 Run it with `python examples/train_sb3.py swingup-2`; it reads `examples/configs/swingup-2.yml` (or
-the file given) and writes checkpoints, TensorBoard logs and a model card to `runs/swingup-2`.
+the file given) and writes checkpoints, TensorBoard logs, a model card and `policy.safetensors`, which
+`npend evaluate` takes, to `runs/swingup-2`.
 `--resume` continues from the last checkpoint. Checkpoints hold weights only: loading runs no code.
 """
 
@@ -29,9 +30,10 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 import npend_gym
-from npend_gym.rl import VALIDATION, SB3VecEnv, episode_seeds, evaluate
+from npend_gym.rl import VALIDATION, Policy, SB3VecEnv, episode_seeds, evaluate
 from npend_gym.rl.training.tasks import evaluation_env
 
+SCRIPT = "examples/train_sb3.py"  # named in the record of a policy
 CONFIGS = Path(__file__).parent / "configs"
 
 
@@ -153,6 +155,18 @@ checkpoints has seen:
 """
 
 
+def policy_of(
+    model: BaseAlgorithm, config: dict[str, Any], seed: int, training: dict[str, Any]
+) -> Policy:
+    """Return the model as plain numbers, with what made it; ValueError if it is no such network."""
+    policy = Policy.from_sb3(model)
+    policy.env = evaluation_env(policy.env)
+    policy.provenance["arguments"] = {"config": config, "env": policy.env, "seed": seed}
+    policy.provenance |= {"trained_by": SCRIPT, "clock": "processor time", "training": training}
+    policy.provenance["evaluation"] = evaluate(policy, policy.env).as_row()
+    return policy
+
+
 def main() -> None:
     """Train, write checkpoints and the model card."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -180,7 +194,7 @@ def main() -> None:
     if arguments.resume:
         restore(model, folder / "last.pth")  # a replay buffer starts empty again
     checkpoints = Checkpoints(config, folder, total, arguments.every)
-    start_time = time.perf_counter()
+    start_time = time.process_time()
     try:
         remaining = max(0, total - model.num_timesteps)
         model.learn(remaining, callback=checkpoints, reset_num_timesteps=not arguments.resume)
@@ -188,9 +202,15 @@ def main() -> None:
         print("interrupted: the weights are written, --resume continues from them")
     checkpoints.save()
     checkpoints.bar.close()
-    made = f"{model.num_timesteps} steps in {time.perf_counter() - start_time:.0f} s"
+    seconds = time.process_time() - start_time  # of this run, after --resume
+    training = {"steps": model.num_timesteps, "seconds": round(seconds, 2)}
+    made = f"{model.num_timesteps} steps in {seconds:.0f} s of processor time"
     restore(model, folder / "best.pth")
     score = score_of(model, config)
+    try:
+        policy_of(model, config, arguments.seed, training).save(folder / "policy.safetensors")
+    except ValueError as error:
+        print(f"no policy.safetensors is written: {error}")
     card = model_card(config, arguments.seed, score, made)
     (folder / "README.md").write_text(card, encoding="utf-8")
     print(f"{path.stem}: {score}\nwritten: {folder}")

@@ -36,7 +36,7 @@ def test_evaluate_films_a_policy(script, tmp_path):
 
 
 @pytest.mark.long
-def test_train_sb3_trains_resumes_and_writes_a_model_card(script, tmp_path):
+def test_train_sb3_trains_resumes_and_writes_a_policy_and_its_card(script, tmp_path):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("yaml")
     script("train_sb3.py", "swingup-1", "--steps", 4096, "--out", "a")
@@ -45,6 +45,9 @@ def test_train_sb3_trains_resumes_and_writes_a_model_card(script, tmp_path):
     assert "for 8192 steps" in card
     assert json.loads(re.search(r"```json\n(.*?)```", card, re.DOTALL)[1])["episodes"] == 100
     assert list((tmp_path / "a" / "tensorboard").rglob("events*"))
+    assert (
+        Policy.load(tmp_path / "a" / "policy.safetensors").provenance["training"]["steps"] == 8192
+    )
     printed = script("evaluate.py", "--run", "a", "--episodes", 5)
     assert successes_in(printed)[1] == "5"
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class Policy:
     """A network from observations to the mean action, in NumPy.
 
-    It observes what `env` says: "sincos" in this package, while ``npend/...`` shows "scaled"::
+    It observes what `env` says, most often "sincos", while ``npend/...`` shows "scaled"::
 
         policy = Policy.pretrained("swingup-2")
         env = gym.make("npend/SwingUp-v1", **policy.env)
