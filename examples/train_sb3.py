@@ -4,9 +4,9 @@ RL Zoo reads the same file, in its line `algo` too: `python -m rl_zoo3.train --a
 npend/SwingUp-v1 --gym-packages npend_gym --conf-file examples/configs/swingup-2.yml`.
 
 Run it with `python examples/train_sb3.py swingup-2`; it reads `examples/configs/swingup-2.yml` (or
-the file given) and writes checkpoints, TensorBoard logs, a model card and `policy.safetensors`, which
-`npend evaluate` takes, to `runs/swingup-2`.
-`--resume` continues from the last checkpoint. Checkpoints hold weights only: loading runs no code.
+the file given) and writes checkpoints, TensorBoard logs and a model card to `runs/swingup-2`, and
+`policy.safetensors` for `npend evaluate`. `--resume` continues from the last checkpoint.
+Checkpoints hold weights only: loading runs no code.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import importlib
 import json
 import shutil
 import time
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -160,9 +161,10 @@ def policy_of(
 ) -> Policy:
     """Return the model as plain numbers, with what made it; ValueError if it is no such network."""
     policy = Policy.from_sb3(model)
-    policy.env = evaluation_env(policy.env)
+    policy = replace(policy, env=evaluation_env(policy.env))
     policy.provenance["arguments"] = {"config": config, "env": policy.env, "seed": seed}
-    policy.provenance |= {"trained_by": SCRIPT, "clock": "processor time", "training": training}
+    made = {"trained_by": SCRIPT, "clock": "processor time", "training": training}
+    policy.provenance.update(made)
     policy.provenance["evaluation"] = evaluate(policy, policy.env).as_row()
     return policy
 
