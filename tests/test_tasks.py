@@ -14,7 +14,7 @@ from npend_gym import Chain
 from npend_gym.envs import EnvConfig, NPendulumEnv, NPendulumVectorEnv
 from npend_gym.envs.keywords import DEFAULTS
 from npend_gym.envs.registration import ENV_ID, MAX_EPISODE_STEPS, TASKS
-from npend_gym.rl import Policy, evaluate, lqr, planned_transitions
+from npend_gym.rl import Policy, evaluate, lqr
 
 PAGES = Path(__file__).parents[1] / "docs" / "tasks"
 N_5 = {"chain": Chain.uniform(5).as_dict()}  # poles on a cart have a chain of their own
@@ -23,7 +23,6 @@ CONTROLLED = {
     "npend/CartPole-v1": lqr,
     "npend/CartDoublePole-v1": lqr,
     "npend/CartTriplePole-v1": partial(lqr, action_weight=20.0),
-    "npend/Transition-v1": partial(planned_transitions, tries=1),
 }
 
 
@@ -79,12 +78,7 @@ def solution_of(env_id):
 
 
 @pytest.mark.parametrize(
-    "env_id",
-    [
-        pytest.param(env_id, marks=[pytest.mark.long] if "Transition" in env_id else [])
-        for env_id, task in TASKS.items()
-        if task.reward_threshold is not None
-    ],
+    "env_id", [env_id for env_id, task in TASKS.items() if task.reward_threshold is not None]
 )
 def test_a_model_reaches_the_threshold_of_its_task_and_chance_does_not(env_id):
     threshold = gym.spec(env_id).reward_threshold
