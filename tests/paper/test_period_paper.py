@@ -46,9 +46,16 @@ def test_kept_numbers_are_those_that_are_computed_now(key):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("key", sorted(set(compute.NUMBERS) - {*QUICK, "early", "tables"}))
+@pytest.mark.parametrize("key", sorted(set(compute.NUMBERS) - {*QUICK, "early", "law-errors", "tables"}))
 def test_costly_kept_numbers_are_those_that_are_computed_now(key):
     assert compute.NUMBERS[key](False) == kept()[key]
+
+
+@pytest.mark.long
+def test_errors_of_the_law_are_those_that_are_computed_now():
+    """Up to 20 rods. `python -m paper.period.compute law-errors` checks all: half a minute."""
+    found = compute.NUMBERS["law-errors"](True)
+    assert found == kept()["law-errors"][: len(found)]
 
 
 @pytest.mark.long
