@@ -36,6 +36,12 @@ SAMPLE = [
     ("environments", "LQR, single and vector", "pivot"),
 ]
 LONG = [(name, row) for name, matrix in MATRICES.items() for row in matrix.rows]
+# Kinds with the most features. An ability is tried with these and one of the others in turn;
+# `.ci/nightly` tries all.
+RICH = {
+    "friction, rotors", "springs, cart", "cart, rail damping, force", "pivot shaken",
+    "RealAIGym robot", "cart, 2 rods", "noise and delay", "transition",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "row", "column"), SAMPLE)
@@ -45,11 +51,14 @@ def test_a_sample_of_abilities_works(name, row, column):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "row"), LONG)
-def test_an_ability_works_with_everything_or_is_refused_for_a_stated_reason(name, row):
+def test_an_ability_works_or_is_refused_for_a_stated_reason(name, row):
     matrix = MATRICES[name]
     cells = matrix.published()
+    others = [column for column in matrix.columns if column not in RICH]
+    turn = others[[*matrix.rows].index(row) % len(others)]
     for column in matrix.columns:
-        assert matrix.outcome(row, column) == cells[row, column], column
+        if column in RICH or column == turn or cells[row, column]:
+            assert matrix.outcome(row, column) == cells[row, column], column
 
 
 @pytest.mark.parametrize(("name", "least"), [("mechanisms", 0.95), ("environments", 0.97)])
