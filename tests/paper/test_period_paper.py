@@ -46,7 +46,9 @@ def test_kept_numbers_are_those_that_are_computed_now(key):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("key", sorted(set(compute.NUMBERS) - {*QUICK, "early", "law-errors", "tables"}))
+@pytest.mark.parametrize(
+    "key", sorted(set(compute.NUMBERS) - {*QUICK, "early", "law-errors", "tables"})
+)
 def test_costly_kept_numbers_are_those_that_are_computed_now(key):
     assert compute.NUMBERS[key](False) == kept()[key]
 
