@@ -73,8 +73,9 @@ def measure(episodes: int) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for task, case, randomize in tqdm(plays, disable=None, unit="case"):
         for name in (task, f"{task}-robust"):
-            keywords = env_of_task(task) | {"randomize": randomize}
-            row = evaluate(Policy.pretrained(name), keywords, episodes=episodes).as_row()
+            policy = Policy.pretrained(name)
+            env = policy.env | {"randomize": randomize}
+            row = evaluate(policy, env, episodes=episodes).as_row()
             kept = {key: row[key] for key in ("episodes", "success", "return")}
             rows.append({"policy": name, "case": case} | kept)
     return rows

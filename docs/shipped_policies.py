@@ -16,7 +16,7 @@ from npend_gym.rl import Policy, pretrained_names
 
 ROOT = Path(__file__).parents[1]
 ALGORITHMS = {
-    "ppo": "PPO", "train_cleanrl": "PPO", "train_es": "evolution strategies",
+    "ppo": "PPO", "train_cleanrl": "PPO", "train_sb3": "PPO of Stable-Baselines3",
     "evolution_strategies": "evolution strategies", "shac": "SHAC",
     "imitation": "imitation of plans", "train_imitation": "imitation of plans",
     "robust_shac": "SHAC, with errors", "robust_imitation": "imitation, from angles alone",
