@@ -16,10 +16,8 @@ from npend_gym.rl import Policy, pretrained_names
 
 ROOT = Path(__file__).parents[1]
 ALGORITHMS = {
-    "ppo": "PPO", "train_cleanrl": "PPO", "train_sb3": "PPO of Stable-Baselines3",
-    "evolution_strategies": "evolution strategies", "shac": "SHAC",
-    "imitation": "imitation of plans", "train_imitation": "imitation of plans",
-    "robust_shac": "SHAC, with errors", "robust_imitation": "imitation, from angles alone",
+    "train_cleanrl": "PPO", "evolution_strategies": "evolution strategies", "shac": "SHAC",
+    "imitation": "imitation of plans", "robust_imitation": "imitation, from angles alone",
 }  # fmt: skip
 ORDER = ("swingup", "transition", "balance", "calm")
 SWING_UP, TRANSITION = "`npend/SwingUp-v1`, `n=1`", "`npend/Transition-v1`, `n=2`"

@@ -156,16 +156,13 @@ checkpoints has seen:
 """
 
 
-def policy_of(
-    model: BaseAlgorithm, config: dict[str, Any], seed: int, training: dict[str, Any]
-) -> Policy:
+def policy_of(model: BaseAlgorithm, config: dict[str, Any], seed: int, **record: Any) -> Policy:
     """Return the model as plain numbers, with what made it; ValueError if it is no such network."""
     policy = Policy.from_sb3(model)
     policy = replace(policy, env=evaluation_env(policy.env))
-    policy.provenance["arguments"] = {"config": config, "env": policy.env, "seed": seed}
-    made = {"trained_by": SCRIPT, "clock": "processor time", "training": training}
-    policy.provenance.update(made)
-    policy.provenance["evaluation"] = evaluate(policy, policy.env).as_row()
+    arguments = {"config": config, "env": policy.env, "seed": seed}
+    made = {"trained_by": SCRIPT, "clock": "processor time", "arguments": arguments}
+    policy.provenance.update(made | record)
     return policy
 
 
@@ -209,8 +206,9 @@ def main() -> None:
     made = f"{model.num_timesteps} steps in {seconds:.0f} s of processor time"
     restore(model, folder / "best.pth")
     score = score_of(model, config)
+    record = {"training": training, "evaluation": score}
     try:
-        policy_of(model, config, arguments.seed, training).save(folder / "policy.safetensors")
+        policy_of(model, config, arguments.seed, **record).save(folder / "policy.safetensors")
     except ValueError as error:
         print(f"no policy.safetensors is written: {error}")
     card = model_card(config, arguments.seed, score, made)

@@ -49,6 +49,11 @@ def test_a_sample_of_abilities_works(name, row, column):
     assert MATRICES[name].outcome(row, column) == ""
 
 
+def test_the_kinds_with_the_most_features_are_columns_of_the_tables():
+    columns = {column for matrix in MATRICES.values() for column in matrix.columns}
+    assert RICH.issubset(columns)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "row"), LONG)
 def test_an_ability_works_or_is_refused_for_a_stated_reason(name, row):

@@ -111,8 +111,9 @@ def test_a_browser_computes_the_bits_of_the_package(page, name):
     assert found["energy"] == pytest.approx(ensemble.energy[0], rel=1e-12)
 
 
-def test_a_browser_computes_the_bits_of_links_with_motors(open_page, tmp_path):
-    out, name = tmp_path / "live.html", "realaigym C.1"
+@pytest.mark.parametrize("name", ["acrobot", "realaigym C.1"])
+def test_a_browser_computes_the_bits_of_links_and_machines(open_page, tmp_path, name):
+    out = tmp_path / "live.html"
     assert main(["play", "--chain", name, "--out", str(out)]) == 0
     page, chain = opened(open_page, out), Chain.preset(name)
     rng = np.random.default_rng(1)

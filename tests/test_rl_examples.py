@@ -45,9 +45,8 @@ def test_train_sb3_trains_resumes_and_writes_a_policy_and_its_card(script, tmp_p
     assert "for 8192 steps" in card
     assert json.loads(re.search(r"```json\n(.*?)```", card, re.DOTALL)[1])["episodes"] == 100
     assert list((tmp_path / "a" / "tensorboard").rglob("events*"))
-    assert (
-        Policy.load(tmp_path / "a" / "policy.safetensors").provenance["training"]["steps"] == 8192
-    )
+    record = Policy.load(tmp_path / "a" / "policy.safetensors").provenance
+    assert record["training"]["steps"] == 8192
     printed = script("evaluate.py", "--run", "a", "--episodes", 5)
     assert successes_in(printed)[1] == "5"
 

@@ -59,8 +59,8 @@ SHORT_RAIL = {"base": "cart", "rail": 1.8, "max_force": 10.0}  # of "npend/CartT
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("n", "rail"), [(3, "default"), (5, "short")])
-def test_a_plan_swings_up_three_and_five_rods_on_a_cart_in_held_out_episodes(n, rail):
+@pytest.mark.parametrize(("n", "rail"), [(3, "default"), (4, "default"), (5, "short")])
+def test_a_plan_swings_up_three_to_five_rods_on_a_cart_in_held_out_episodes(n, rail):
     keywords = {"n": n, "mode": "swingup", "base": "cart"}
     if rail == "short":
         keywords |= SHORT_RAIL | {"chain": Chain.dm_control("cartpole", n)}
