@@ -40,7 +40,7 @@ def record(name: str) -> dict[str, Any]:
     about = Policy.pretrained(name).provenance
     gone = "note" in about
     algorithm = ALGORITHMS[Path(about["trained_by"]).stem]
-    if name.startswith("balance"):  # LQR alone is the expert
+    if name.startswith(("balance", "calm")):  # LQR alone is the expert
         algorithm = algorithm.replace("of plans", "of LQR")
     seed = about["settings" if "settings" in about else "arguments"]["seed"]  # of older records
     evaluation = about["evaluation"]

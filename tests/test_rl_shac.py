@@ -151,21 +151,13 @@ def test_what_differs_between_episodes_is_known_to_rewards_observations_and_step
 
 
 @pytest.mark.long
-def test_shac_learns_to_swing_up_a_rod_on_a_cart_in_a_minute():
-    from npend_gym.rl.training.shac import Settings, train
-
-    env = {"n": 1, "mode": "swingup", "base": "cart", "observation": "sincos"}
-    policy, _ = train(Settings(env=env, total_timesteps=36_000))
-    assert evaluate(policy, env, episodes=50).success_rate >= 0.9
-
-
-@pytest.mark.long
-def test_shac_learns_to_swing_up_one_rod_in_twenty_thousand_steps():
+@pytest.mark.parametrize("task", ["swingup-1", "swingup-1-cart"])
+def test_shac_learns_to_swing_up_one_rod_in_twenty_thousand_steps(task):
     from npend_gym.rl.training.shac import settings_of, train
 
-    policy, curve = train(settings_of("swingup-1"))
+    policy, curve = train(settings_of(task))
     assert curve[-1]["steps"] <= 20_000
-    assert evaluate(policy, policy.env).success_rate == 1.0
+    assert evaluate(policy, policy.env).success_rate >= 0.98
 
 
 @pytest.mark.long

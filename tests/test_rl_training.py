@@ -114,8 +114,14 @@ def test_a_task_on_a_cart_is_the_registered_cart_in_its_mode(n, mode):
     assert config.mode.name == registered.mode.name
 
 
+def test_words_at_the_end_of_a_task_combine():
+    robust = env_of_task("swingup-2-robust")["randomize"]
+    for robot in ("swingup-2-acrobot", "balance-3-cart"):
+        assert env_of_task(f"{robot}-robust") == env_of_task(robot) | {"randomize": robust}
+
+
 @pytest.mark.parametrize(
-    "task", ["swingup-0-cart", "swingup-x-cart", "swing-1-cart", "calm-1-rail"]
+    "task", ["swingup-0-cart", "swingup-x-cart", "swing-1-cart", "calm-1-rail", "calm-1-cart-x"]
 )
 def test_what_names_no_task_on_a_cart_is_refused(task):
     with pytest.raises(ValueError, match="must be"):

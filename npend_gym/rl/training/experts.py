@@ -1,8 +1,8 @@
 """Who teaches: plans that are found, or the way of a policy; feedback where none is needed.
 
 A student's actions are never quite the expert's. How far this leads astray differs much from plan
-to plan, so that some cannot be learned. Of a plan that is found, variants can be tried, to keep
-those along which chains with noisy actions come less far away.
+to plan, so that some cannot be learned. Variants of a plan can be tried, to keep those along which
+chains with noisy actions come less far away.
 """
 
 from __future__ import annotations
@@ -121,11 +121,12 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
 
 def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition:
     """Return the plan for the nominal chain."""
-    if settings.demonstrator:
-        return plan_of(find_policy(settings.demonstrator), config, settings.seconds)
     seed = settings.plan_seed
     seed = guess + (settings.guesses * settings.seed if seed is None else seed)
-    plan = planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
+    if settings.demonstrator:
+        plan = plan_of(find_policy(settings.demonstrator), config, settings.seconds)
+    else:
+        plan = planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
     return steadied(config, plan, settings.variants, seed)
 
 

@@ -72,19 +72,24 @@ def env_of_task(task: str) -> dict[str, Any]:
     """Return the keywords of the environment of a task such as "swingup-2" or "calm-2-robust".
 
     Of a "robust" task every episode has another chain; "swingup-2-pendubot" and
-    "swingup-2-acrobot" are for RealAIGym's, with a motor at the pivot or at the elbow.
+    "swingup-2-acrobot" are for RealAIGym's, with a motor at the pivot or at the elbow. Names may
+    end in several of these words, as "swingup-2-acrobot-robust" does.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1", and more
     rods on the latter's, as poles like its own. There "balance-4-cart" has spread=0.002 and
     "balance-5-cart" spread=0.0005.
     """
-    mode, n, *variant = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
+    mode, n, *variants = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
     known = mode in MODES and n.isdecimal()
-    keywords = _variant(variant[0], int(n)) if known and variant else {}
-    if not known or keywords is None:
+    keywords: dict[str, Any] = {}
+    for name in variants if known else ():
+        more = _variant(name, int(n))
+        known = known and more is not None
+        keywords |= more or {}
+        if name in ("pendubot", "acrobot") and n != "2":
+            raise ValueError(f'task must have two links, as "{mode}-2-{name}", got {task!r}')
+    if not known:
         raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
-    if variant in (["pendubot"], ["acrobot"]) and n != "2":
-        raise ValueError(f'task must have two links, as "{mode}-2-{variant[0]}", got {task!r}')
     if task in _SPREADS:
         keywords["spread"] = _SPREADS[task]
     return {"n": int(n), "mode": mode, "observation": "sincos"} | keywords
