@@ -134,9 +134,9 @@ def _of_network(policy: Policy, prefix: str) -> dict[str, Any]:
     sizes = [policy.scale.size, *(bias.size for bias in policy.biases)]
     layers = zip(policy.weights, policy.biases, strict=True)
     numbers = np.concatenate([np.r_[bias, weight.T.ravel()] for weight, bias in layers])
-    shifted = "observation[k]"
+    shifted = "observation[seen]"
     if policy.offset is not None:
-        shifted = f"(observation[k] - {prefix}_offset[k])"
+        shifted = f"(observation[seen] - {prefix}_offset[k])"
     scaled = f"{shifted} / {prefix}_scale[k]"
     limited = f"{prefix}_clip({scaled}, {_exact(policy.limit)}f)"
     functions = {"clip": f"{prefix}_clip(sum[i], 1.0f)", "relu": "sum[i] < 0.0f ? 0.0f : sum[i]"}
