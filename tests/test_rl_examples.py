@@ -106,7 +106,7 @@ def test_rl_zoo_trains_what_the_config_is_named_after(config):
 
 
 @pytest.mark.parametrize("task", ["swingup-1-robust", "calm-2-robust"])
-def test_the_configs_of_robust_policies_draw_what_the_policies_of_the_package_were_shown(task):
+def test_the_configs_of_robust_policies_draw_the_chains_of_the_task(task):
     yaml = pytest.importorskip("yaml")
     pytest.importorskip("torch")
     from npend_gym.rl.training.tasks import env_of_task
@@ -116,9 +116,18 @@ def test_the_configs_of_robust_policies_draw_what_the_policies_of_the_package_we
     shown = next(value for key, value in by_id.items() if key != "algo")["env_kwargs"]
     assert shown.pop("max_episode_steps") <= 400
     assert shown == {name: env[name] for name in ("n", "randomize")}
+
+
+def test_the_records_of_robust_policies_say_which_chains_they_were_shown():
+    pytest.importorskip("torch")
+    from npend_gym.rl.training import imitation
+    from npend_gym.rl.training.tasks import env_of_task
+
     trained = Policy.pretrained("swingup-1-robust")
     assert trained.env["randomize"] == trained.provenance["arguments"]["env"]["randomize"]
-    assert trained.env["randomize"] == env["randomize"]
+    assert trained.env["randomize"] == env_of_task("swingup-1-robust")["randomize"]
+    imitates = Policy.pretrained("calm-2-robust").provenance["arguments"]  # nominal chain in `env`
+    assert imitates["errors"] == imitation.ERRORS
 
 
 @pytest.mark.parametrize("config", CONFIGS)

@@ -49,23 +49,24 @@ ROBUST: dict[str, Any] = {
 _SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
 
 
-def _variant(name: str, n: int) -> dict[str, Any] | None:
-    """Return the keywords of the environment that follow from the end of a task's name."""
-    match name:
+_WORDS = {"robust", "pendubot", "acrobot", "cart"}  # at the end of a task's name
+
+
+def _variant(word: str, n: int) -> dict[str, Any]:
+    """Return the keywords of the environment that follow from one of `_WORDS`."""
+    match word:
         case "robust":
             return {"randomize": ROBUST}
         case "pendubot" | "acrobot":  # of RealAIGym's leaderboards: a motor at pivot or elbow
             robot = Chain.realaigym("C.1", motors=False).as_dict()
-            elbow = {"actuated": (1,)} if name == "acrobot" else {}
+            elbow = {"actuated": (1,)} if word == "acrobot" else {}
             return {"chain": robot, "max_torque": 6.0, "dt": 0.02} | elbow  # N m, s
-        case "cart":  # mode and observation are those of the task
+        case _:  # a cart; mode and observation are those of the task
             carts = "CartPole", "CartDoublePole", "CartTriplePole"
             registered = REGISTERED[f"npend/{carts[min(n, 3) - 1]}-v1"].keywords
             more = {"chain": Chain.dm_control("cartpole", n).as_dict()} if n > 3 else {}
             names = "chain", "base", "rail", "max_force"
             return {keyword: registered[keyword] for keyword in names} | more
-        case _:
-            return None
 
 
 def env_of_task(task: str) -> dict[str, Any]:
@@ -79,17 +80,14 @@ def env_of_task(task: str) -> dict[str, Any]:
     rods on the latter's, as poles like its own. There "balance-4-cart" has spread=0.002 and
     "balance-5-cart" spread=0.0005.
     """
-    mode, n, *variants = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
-    known = mode in MODES and n.isdecimal()
-    keywords: dict[str, Any] = {}
-    for name in variants if known else ():
-        more = _variant(name, int(n))
-        known = known and more is not None
-        keywords |= more or {}
-        if name in ("pendubot", "acrobot") and n != "2":
-            raise ValueError(f'task must have two links, as "{mode}-2-{name}", got {task!r}')
-    if not known:
+    mode, n, *words = [*task.split("-"), ""][: max(2, task.count("-") + 1)]
+    if not (mode in MODES and n.isdecimal() and _WORDS.issuperset(words)):
         raise ValueError(f'task must be like "swingup-2" or "swingup-2-robust", got {task!r}')
+    keywords: dict[str, Any] = {}
+    for word in words:
+        if word in ("pendubot", "acrobot") and n != "2":
+            raise ValueError(f'task must have two links, as "{mode}-2-{word}", got {task!r}')
+        keywords |= _variant(word, int(n))
     if task in _SPREADS:
         keywords["spread"] = _SPREADS[task]
     return {"n": int(n), "mode": mode, "observation": "sincos"} | keywords
