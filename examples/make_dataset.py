@@ -70,7 +70,7 @@ def episodes_of(source: Source, count: int, seed: int) -> tuple[list[dict[str, A
     envs: Any = gym.make_vec(ENV_ID, num_envs=count, **source.env)
     rng = np.random.default_rng(seed)
     observation, info = envs.reset(seed=seed)
-    told: dict[str, list[Any]] = {"observations": [observation]}
+    arrays: dict[str, list[Any]] = {"observations": [observation]}
     ends, success = np.zeros(count, np.int64), np.zeros(count, np.bool_)
     while (ends == 0).any():
         action = np.asarray(source.controller(observation, info))
@@ -82,10 +82,10 @@ def episodes_of(source: Source, count: int, seed: int) -> tuple[list[dict[str, A
         step = {"observations": observation, "actions": action, "rewards": reward,
                 "terminations": terminated, "truncations": truncated}  # fmt: skip
         for name, value in step.items():
-            told.setdefault(name, []).append(value)
+            arrays.setdefault(name, []).append(value)
         now = (ends == 0) & (terminated | truncated)
-        ends[now], success[now] = len(told["actions"]), info["success"][now]
-    stacked = {name: np.stack(values, axis=1) for name, values in told.items()}
+        ends[now], success[now] = len(arrays["actions"]), info["success"][now]
+    stacked = {name: np.stack(values, axis=1) for name, values in arrays.items()}
     found = [
         {name: values[lane, : end + (name == "observations")] for name, values in stacked.items()}
         | {"seed": seed + lane}

@@ -43,13 +43,13 @@ def main(path: str) -> None:
             counts = np.rint(angles * COUNTS / (2.0 * np.pi)).astype(int) % COUNTS
             line.write(" ".join(map(str, [round(1e6 * clock), *counts])).encode() + b"\n")
             signal.alarm(PATIENCE)
-            told = line.readline()
-            if told.strip() == b"stop":
+            answer = line.readline()
+            if answer.strip() == b"stop":
                 break
             tick += 1
             ends, late = PERIOD * tick + rng.uniform(-JITTER, JITTER), rng.uniform(*DELAY)
             ensemble.advance(torque, late)
-            torque = float(told)
+            torque = float(answer)
             ensemble.advance(torque, ends - clock - late)
             upright = upright + ends - clock if np.all(np.cos(ensemble.theta) < -0.95) else 0.0
             clock = ends

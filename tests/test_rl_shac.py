@@ -107,7 +107,7 @@ def test_rewards_and_ends_on_carts_are_those_of_the_environment(task):
 VARIED = {
     "chains": {"n": 2, "mode": "swingup", "randomize": {"masses": (0.7, 1.3), "gravity": (0.8, 1.2),
                "max_torque": (0.5, 1.5), "damping": {"low": 0.0, "high": 0.1}}},
-    "chains, told": {"n": 2, "mode": "balance", "observe_context": True,
+    "chains, observed": {"n": 2, "mode": "balance", "observe_context": True,
                      "randomize": {"lengths": (0.7, 1.3)}},
     "goals": {"n": 2, "mode": "transition"},
     "links on a cart, goals": {

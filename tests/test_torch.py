@@ -198,8 +198,8 @@ def test_float32_goes_in_and_comes_out_while_steps_are_of_float64():
     assert theta.grad.dtype == torch.float32
     env = DifferentiableVectorEnv(2, dtype=torch.float32, n=2)
     observation, _ = env.reset(seed=0)
-    told = env.step(torch.zeros(2, 1))
-    assert {observation.dtype, told[0].dtype, told[1].dtype} == {torch.float32}
+    outputs = env.step(torch.zeros(2, 1))
+    assert {observation.dtype, outputs[0].dtype, outputs[1].dtype} == {torch.float32}
 
 
 @pytest.mark.filterwarnings("ignore:`torch.jit.script` is deprecated:DeprecationWarning")

@@ -281,9 +281,9 @@ class Episodes:
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
-        mode, members, told = self.config.mode, self._memory.members, self.outputs
-        outputs, flags = told.rows[:, : self.count], told.flags[:, : self.count]
-        quantities = told.quantities(of_only_lane=self.count == 1)
+        mode, members, results = self.config.mode, self._memory.members, self.outputs
+        outputs, flags = results.rows[:, : self.count], results.flags[:, : self.count]
+        quantities = results.quantities(of_only_lane=self.count == 1)
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         left = left_rail(quantities.rail_position)

@@ -128,11 +128,11 @@ class Snapshots:
 def _fingerprint(config: EnvConfig) -> int:
     """Return a number that two environments share if one can go on from the other's state."""
     mode, random = type(config.mode), config.randomization
-    told = (
+    settings = (
         *config.chain.repeated(1), random.draws, config.joints,
         np.array([config.dt, config.min_substeps, config.max_rotation]),
         np.array([getattr(config, name) or 0.0 for name in ("rail", *OF_LANES)]),
         np.frombuffer(f"{mode.__module__}:{mode.__qualname__}".encode(), np.uint8),
     )  # fmt: skip
-    digest = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in told))
+    digest = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in settings))
     return int.from_bytes(digest.digest()[:8], "little")

@@ -62,9 +62,9 @@ def uncertainty(solution: Solution, model: Model) -> Uncertainty:
     scores = _clusters(weighted * solution.residuals[..., None], edges)
     parts = _clusters(np.einsum("smi,smj->smij", weighted, columns), edges)
     values, vectors = np.linalg.eigh(parts.sum(axis=0))
-    told = values > _SINGULAR * values.max(initial=0.0)
-    whiten = vectors[:, told] / np.sqrt(values[told])  # to values of unit information
-    left = (1.0 + _PINNED) * np.eye(told.sum()) - whiten.T @ parts @ whiten
+    determined = values > _SINGULAR * values.max(initial=0.0)
+    whiten = vectors[:, determined] / np.sqrt(values[determined])  # to values of unit information
+    left = (1.0 + _PINNED) * np.eye(determined.sum()) - whiten.T @ parts @ whiten
     changes = np.linalg.solve(left, (scores @ whiten)[..., None])[..., 0] @ whiten.T
     changes -= changes.mean(axis=0)
     inner = (1.0 - 1.0 / len(scores)) * changes.T @ changes
@@ -79,7 +79,7 @@ def uncertainty(solution: Solution, model: Model) -> Uncertainty:
     spread = np.sqrt(np.maximum(np.diag(inner), np.diag(least)))
     covariance = mixed * np.outer(spread * scale, spread * scale)
     errors = np.sqrt(np.diag(covariance))
-    errors[np.abs(vectors[:, ~told]).max(axis=1, initial=0.0) > 0.1] = np.inf
+    errors[np.abs(vectors[:, ~determined]).max(axis=1, initial=0.0) > 0.1] = np.inf
     ruling = np.isin(np.argwhere(model.free)[:, 0], (INERTIA, LIFT))
     rough = len(solution.weights) < _ENOUGH * fitted and float(np.median(excess)) > _ROUGH**2
     rough &= bool(np.any(spread[ruling] > _LARGE))

@@ -85,11 +85,11 @@ class TorchRLEnv(EnvBase):
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = cast("torch.Tensor", tensordict["action"])
         observation, reward, terminated, truncated, _ = self.env.step(action)
-        told = {
+        values = {
             "reward": reward, "terminated": terminated, "truncated": truncated,
             "done": terminated | truncated,
         }  # fmt: skip
-        columns = {name: value[:, None] for name, value in told.items()}
+        columns = {name: value[:, None] for name, value in values.items()}
         return TensorDict({"observation": observation, **columns}, batch_size=self.batch_size)
 
     def _set_seed(self, seed: int | None) -> None:

@@ -138,8 +138,8 @@ def performance(
     angles, speeds = np.zeros((2, steps + 1, count, coordinates))
     for k, (running, before, _, info) in enumerate(rollout(controller, nominal.make(count), seed)):
         torques[k] = np.where(running[:, None], unit[config.joints] * info["torque"], 0.0)
-        for row, told in ((k, before), (k + 1, info)):
-            angles[row], speeds[row] = joint_motion(told) / unit
+        for row, moment in ((k, before), (k + 1, info)):
+            angles[row], speeds[row] = joint_motion(moment) / unit
         up[k + 1] = running & (info["tip_height"] > UP * length)
     return _judged(config, torques, angles[:, :, config.joints], speeds, up)
 
