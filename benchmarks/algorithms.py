@@ -112,13 +112,12 @@ def renewed(rows: list[dict[str, Any]], tasks: list[str]) -> list[dict[str, Any]
     """Return recorded rows; those of `tasks` evaluated again, unless they need a training run."""
     known: dict[tuple[Any, ...], Controller] = {}
     for task in tasks:
-        known |= {(task, name, None): agent for name, agent in references(task).items()}
+        known |= {(task, name, None, None): agent for name, agent in references(task).items()}
         if task in pretrained_names():
-            policy = Policy.pretrained(task)
-            name = trainer_of(policy)
-            settings = policy.provenance.get("settings", policy.provenance)  # of older files
-            known[task, name, settings["seed"]] = policy
-    keys = [(row["task"], row["agent"], row["seed"]) for row in rows]
+            about = (policy := Policy.pretrained(task)).provenance
+            # a policy with other settings than those of its task has other steps
+            known[task, trainer_of(policy), about["seed"], about["training"]["steps"]] = policy
+    keys = [(row["task"], row["agent"], row["seed"], row["steps"]) for row in rows]
     envs = {key: getattr(agent, "env", env_of_task(key[0])) for key, agent in known.items()}
     return [
         row | evaluate(known[key], envs[key]).as_row() if key in known else row
@@ -171,6 +170,8 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
         rows += [evaluated(task, name, agent) for name, agent in references(task).items()]
         for path in sorted(out.glob(f"{task}-*-seed*.safetensors")):
             agent, seed = path.stem.removeprefix(f"{task}-").split("-seed")
+            if agent not in TRAINERS:  # of a task with more words
+                continue
             run = {"task": task, "agent": agent, "seed": int(seed)}
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
                 curve = list(csv.DictReader(file))
@@ -214,7 +215,8 @@ def learned(runs: list[dict[str, Any]]) -> list[str]:
         str(len(runs)),
         f"{runs[0]['steps'] / 1e6:.2f} M",
         ", ".join(
-            f"{np.median([row['seconds'] for row in runs if row['clock'] == clock]):.0f} s {clock}"
+            f"{np.median([row['seconds'] for row in runs if row['clock'] == clock]):.0f} s"
+            + f" {clock}" * (clock != "processor")
             for clock in dict.fromkeys(row["clock"] for row in runs)
         ),
         f"{middle:.0f} %" + f" ({low:.0f} to {high:.0f})" * (low < high),
@@ -224,13 +226,15 @@ def learned(runs: list[dict[str, Any]]) -> list[str]:
 
 def draw(curves: list[dict[str, Any]], path: Path) -> None:
     """Draw the success rate of the training episodes against steps, a panel for every mode."""
+    from matplotlib import colormaps
     from matplotlib.figure import Figure
 
     modes = list(dict.fromkeys(row["task"].split("-")[0] for row in curves))
     figure = Figure(figsize=(5.0 * len(modes), 3.6), layout="constrained")
     for axes, mode in zip(figure.subplots(1, len(modes), squeeze=False)[0], modes, strict=True):
         here = [row for row in curves if row["task"].startswith(mode)]
-        colors = {task: f"C{k}" for k, task in enumerate(dict.fromkeys(r["task"] for r in here))}
+        tasks = dict.fromkeys(row["task"] for row in here)
+        colors = dict(zip(tasks, colormaps["tab20"].colors, strict=False))
         named: set[str] = set()
         for task, agent, seed in dict.fromkeys((r["task"], r["agent"], r["seed"]) for r in here):
             name = f"N = {', '.join(task.split('-')[1:])}, {agent}"

@@ -19,6 +19,7 @@ ALGORITHMS = {
     "train_cleanrl": "PPO", "evolution_strategies": "evolution strategies", "shac": "SHAC",
     "imitation": "imitation of plans", "robust_imitation": "imitation, from angles alone",
 }  # fmt: skip
+CLOCKS = {"processor time": "", "wall time": " wall"}
 ORDER = ("swingup", "transition", "balance", "calm")
 SWING_UP, TRANSITION = "`npend/SwingUp-v1`, `n=1`", "`npend/Transition-v1`, `n=2`"
 # Of the README: environment, what is to be done, name of the policy
@@ -42,14 +43,13 @@ def record(name: str) -> dict[str, Any]:
     algorithm = ALGORITHMS[Path(about["trained_by"]).stem]
     if name.startswith(("balance", "calm")):  # LQR alone is the expert
         algorithm = algorithm.replace("of plans", "of LQR")
-    seed = about["settings" if "settings" in about else "arguments"]["seed"]  # of older records
     evaluation = about["evaluation"]
     settling = evaluation.get("settling_time", evaluation.get("since"))
     return {
         "algorithm": algorithm + (" (1)" if gone else ""),
-        "seed": str(seed),
+        "seed": str(about["seed"]),
         "steps": f"{about['training']['steps'] / 1e6:.2f} M",
-        "time": f"{about['training']['seconds']:.0f} s {about['clock'].removesuffix(' time')}",
+        "time": f"{about['training']['seconds']:.0f} s" + CLOCKS[about["clock"]],
         "success": f"{100 * evaluation['success']:.0f} %",
         "settling": f"{settling:.1f} s",
     }

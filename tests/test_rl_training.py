@@ -96,7 +96,7 @@ def test_small_seeds_train_in_the_episodes_of_the_policies_that_ship(monkeypatch
     }
     assert first == {
         "shac": [2000],
-        "imitation": [200_000, 200_512, 200_000 + 15 * 512],
+        "imitation": [200_000, 200_512, 200_000 + 10 * 512],
     }
 
 

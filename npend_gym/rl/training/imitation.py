@@ -284,26 +284,33 @@ _ROBUST: dict[str, Any] = {
 }  # fmt: skip
 _ANGLES = {NOTHING: 0.05, CHAIN: 0.47, "torque_noise": 0.08, "motor_lag": 0.02, "delay": 0.25,
            PUSHES: 0.08, SEVERAL: 0.05}  # fmt: skip
-_ANGLES_4 = {NOTHING: 0.16, "torque_noise": 0.22, "motor_lag": 0.1, "delay": 0.3, PUSHES: 0.22}
+_ANGLES_4 = {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
+             PUSHES: 0.18}  # fmt: skip
 _LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
+_FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
+    "demonstrator": "swingup-4", "variants": 300, "first_level": 0.2, "standing": 220, "length": 10,
+    "errors": _ANGLES_4,
+}  # fmt: skip
 _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
     "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
+_QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
 _POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
 TASKS: dict[str, dict[str, Any]] = {
-    "swingup-3": {"rounds": 15},
-    "swingup-4": {"seconds": 7.0, "guesses": 8, "rounds": 90},
+    "swingup-1": _QUICK | {"seconds": 3.0, "plan_seed": 0, "rounds": 4, "hidden": 32},
+    "swingup-2": _QUICK | {"seconds": 3.0, "plan_seed": 0, "rounds": 10, "hidden": 64},
+    "swingup-3": _QUICK | {"seconds": 4.0, "plan_seed": 4, "rounds": 10},
+    "swingup-4": _QUICK | {"seconds": 5.0, "plan_seed": 10, "rounds": 24, "variants": 100},
     "swingup-5": _LONG | {"errors": {}, "plan_seed": 11, "variants": 300, "rounds": 300},
     "swingup-2-robust": {"rescuer": "swingup-2"},
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
     "swingup-3-robust": {"rounds": 240, "length": 10, "errors": _ANGLES},
-    "swingup-4-robust": _LONG
-    | {"demonstrator": "swingup-4", "first_level": 0.2, "errors": _ANGLES_4},
+    "swingup-4-robust": _FOUR,
     "calm-2-robust": {"rounds": 20, "hidden": 48},
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
-    "swingup-3-cart": {"seconds": 8.0, "rounds": 55, "averaging": 0.998},
+    "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
     "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
