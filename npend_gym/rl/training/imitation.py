@@ -282,11 +282,15 @@ _ROBUST: dict[str, Any] = {
     "num_envs": 320, "student_fraction": 0.35, "expert_fraction": 0.2, "kept": 0.4,
     "first_updates": 400, "minibatch_size": 512, "averaging": 0.998, "length": 5, "hidden": 256,
 }  # fmt: skip
-_ANGLES = {NOTHING: 0.05, CHAIN: 0.47, "torque_noise": 0.08, "motor_lag": 0.02, "delay": 0.25,
-           PUSHES: 0.08, SEVERAL: 0.05}  # fmt: skip
+_ANGLES = {NOTHING: 0.05, CHAIN: 0.42, "torque_noise": 0.1, "motor_lag": 0.02, "delay": 0.2,
+           PUSHES: 0.16, SEVERAL: 0.05}  # fmt: skip
 _ANGLES_4 = {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
              PUSHES: 0.18}  # fmt: skip
 _LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
+_THREE: dict[str, Any] = {
+    "seconds": 4.0, "plan_seed": 11, "standing": 160, "rounds": 240, "length": 10,
+    "errors": _ANGLES,
+}  # fmt: skip
 _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
     "demonstrator": "swingup-4", "variants": 300, "first_level": 0.2, "standing": 220, "length": 10,
     "errors": _ANGLES_4,
@@ -306,7 +310,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-robust": {"rescuer": "swingup-2"},
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
-    "swingup-3-robust": {"rounds": 240, "length": 10, "errors": _ANGLES},
+    "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
     "calm-2-robust": {"rounds": 20, "hidden": 48},
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
