@@ -168,11 +168,13 @@ def collect(tasks: list[str], out: Path) -> tuple[list[dict[str, Any]], list[dic
     curves: list[dict[str, Any]] = []
     for task in tasks:
         rows += [evaluated(task, name, agent) for name, agent in references(task).items()]
-        for path in sorted(out.glob(f"{task}-*-seed*.safetensors")):
-            agent, seed = path.stem.removeprefix(f"{task}-").split("-seed")
-            if agent not in TRAINERS:  # of a task with more words
-                continue
-            run = {"task": task, "agent": agent, "seed": int(seed)}
+        runs = [
+            (agent, path)
+            for agent in sorted(TRAINERS)
+            for path in sorted(out.glob(f"{task}-{agent}-seed*.safetensors"))
+        ]
+        for agent, path in runs:
+            run = {"task": task, "agent": agent, "seed": int(path.stem.rpartition("-seed")[2])}
             with path.with_suffix(".csv").open(encoding="utf-8") as file:
                 curve = list(csv.DictReader(file))
             curves += [run | {key: row.get(key, "") for key in CURVE} for row in curve]
@@ -214,11 +216,7 @@ def learned(runs: list[dict[str, Any]]) -> list[str]:
         runs[0]["agent"],
         str(len(runs)),
         f"{runs[0]['steps'] / 1e6:.2f} M",
-        ", ".join(
-            f"{np.median([row['seconds'] for row in runs if row['clock'] == clock]):.0f} s"
-            + f" {clock}" * (clock != "processor")
-            for clock in dict.fromkeys(row["clock"] for row in runs)
-        ),
+        f"{np.median([row['seconds'] for row in runs]):.0f} s",
         f"{middle:.0f} %" + f" ({low:.0f} to {high:.0f})" * (low < high),
         f"{np.mean(times):.1f} s" if times else "-",
     ]
@@ -233,8 +231,8 @@ def draw(curves: list[dict[str, Any]], path: Path) -> None:
     figure = Figure(figsize=(5.0 * len(modes), 3.6), layout="constrained")
     for axes, mode in zip(figure.subplots(1, len(modes), squeeze=False)[0], modes, strict=True):
         here = [row for row in curves if row["task"].startswith(mode)]
-        tasks = dict.fromkeys(row["task"] for row in here)
-        colors = dict(zip(tasks, colormaps["tab20"].colors, strict=False))
+        order = dict.fromkeys(row["task"] for row in here)
+        colors = {task: colormaps["tab20"](k) for k, task in enumerate(order)}
         named: set[str] = set()
         for task, agent, seed in dict.fromkeys((r["task"], r["agent"], r["seed"]) for r in here):
             name = f"N = {', '.join(task.split('-')[1:])}, {agent}"

@@ -63,10 +63,7 @@ def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
         again, timeout=180, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     )
     client.execute()
-    assert len(printed(again)) == len(printed(shown))
-    both = ("\n".join(printed(one)).split() for one in (again, shown))
-    for ours, theirs in zip(*both, strict=True):  # matrix products differ between processors
-        assert ours == theirs or float(ours) == pytest.approx(float(theirs), abs=2e-6)
+    assert printed(again) == printed(shown)
     assert pictures(again) == pictures(shown) == count
     players = [html_of(one).count("<iframe") for one in (again, shown)]
     assert players[0] == players[1] == (name == "try_it.ipynb")

@@ -28,7 +28,7 @@ CHAINS = [
 
 
 def dagger_of(**changes):
-    small = {"num_envs": 64, "hidden": 8, "averaging": 0.0}
+    small = {"seconds": 3.0, "num_envs": 64, "hidden": 8, "averaging": 0.0}
     settings = imitation.settings_of("swingup-1", **small | changes)
     torch.manual_seed(0)
     config = EnvConfig(**settings.env)

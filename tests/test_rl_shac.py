@@ -108,7 +108,7 @@ VARIED = {
     "chains": {"n": 2, "mode": "swingup", "randomize": {"masses": (0.7, 1.3), "gravity": (0.8, 1.2),
                "max_torque": (0.5, 1.5), "damping": {"low": 0.0, "high": 0.1}}},
     "chains, observed": {"n": 2, "mode": "balance", "observe_context": True,
-                     "randomize": {"lengths": (0.7, 1.3)}},
+                         "randomize": {"lengths": (0.7, 1.3)}},
     "goals": {"n": 2, "mode": "transition"},
     "links on a cart, goals": {
         "chain": Chain([1.0, 0.6], [0.8, 0.5], centres=0.3, inertias=0.02, base=Cart(2.0)),

@@ -282,18 +282,16 @@ _ROBUST: dict[str, Any] = {
     "num_envs": 320, "student_fraction": 0.35, "expert_fraction": 0.2, "kept": 0.4,
     "first_updates": 400, "minibatch_size": 512, "averaging": 0.998, "length": 5, "hidden": 256,
 }  # fmt: skip
-_ANGLES = {NOTHING: 0.05, CHAIN: 0.42, "torque_noise": 0.1, "motor_lag": 0.02, "delay": 0.2,
-           PUSHES: 0.16, SEVERAL: 0.05}  # fmt: skip
-_ANGLES_4 = {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
-             PUSHES: 0.18}  # fmt: skip
 _LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
 _THREE: dict[str, Any] = {
     "seconds": 4.0, "plan_seed": 11, "standing": 160, "rounds": 240, "length": 10,
-    "errors": _ANGLES,
+    "errors": {NOTHING: 0.05, CHAIN: 0.42, "torque_noise": 0.1, "motor_lag": 0.02, "delay": 0.2,
+               PUSHES: 0.16, SEVERAL: 0.05},
 }  # fmt: skip
 _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
     "demonstrator": "swingup-4", "variants": 300, "first_level": 0.2, "standing": 220, "length": 10,
-    "errors": _ANGLES_4,
+    "errors": {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
+               PUSHES: 0.18},
 }  # fmt: skip
 _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
