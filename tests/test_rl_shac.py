@@ -160,6 +160,23 @@ def test_shac_learns_to_swing_up_one_rod_in_twenty_thousand_steps(task):
     assert evaluate(policy, policy.env).success_rate == 1.0
 
 
+def test_ranges_are_wider_in_training_than_in_the_record():
+    from npend_gym.rl.training.keywords import with_wider_ranges
+    from npend_gym.rl.training.shac import settings_of, train
+
+    ranges = {"masses": (0.8, 1.2), "gravity": (0.5, 1.0), "damping": {"low": 0.0, "high": 0.1}}
+    config = EnvConfig(n=2, mode="swingup", randomize=ranges)
+    wider = with_wider_ranges(config, 0.5)
+    ends = {name: [*wider.randomize[name].values()] for name in ranges}
+    np.testing.assert_allclose(ends["masses"], [[0.7, 0.7], [1.3, 1.3]])
+    np.testing.assert_allclose(ends["gravity"], [[9.81 * 0.375], [9.81 * 1.125]])
+    np.testing.assert_allclose(ends["damping"], [[0.0, 0.0], [0.125, 0.125]])
+    assert with_wider_ranges(config, 0.0) is config
+    few = {"total_timesteps": 320, "num_envs": 8, "updates": 1, "margin": 0.5}
+    policy, _ = train(settings_of("swingup-1-robust", **few))
+    assert policy.env["randomize"]["masses"] == [0.8, 1.2]
+
+
 @pytest.mark.long
 def test_shac_learns_from_links_that_start_as_a_knock_leaves_them():
     from npend_gym.rl import recovery

@@ -14,6 +14,8 @@ from npend_gym import _checks
 from npend_gym.envs import EnvConfig, EnvKeywords, NPendulumVectorEnv
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, DEFAULTS, check_names
 from npend_gym.envs.settings import CartSettings
+from npend_gym.envs.starts import Draw
+from npend_gym.rl.evaluation.settings import keywords_of
 
 # Those of a chain that is simulated without an environment, and of the start of its episodes
 OF_CHAIN = (
@@ -49,3 +51,21 @@ def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -
             f'observation must be "sincos" for {algorithm}, got {_checks.show(config.observation)}'
         )
     return config
+
+
+def with_wider_ranges(config: EnvConfig, margin: float) -> EnvConfig:
+    """Return settings whose ranges of random numbers are wider, at either end by `margin`.
+
+    `margin` is over half the width of a range. What cannot be negative stays so.
+    """
+    if margin == 0.0:
+        return config
+    ranges: dict[str, dict[str, list[float]]] = {}
+    drawn = config.randomization
+    for name, low, high in zip(drawn.names, *drawn.draws[:, [Draw.LOW, Draw.HIGH]].T, strict=True):
+        away = 0.5 * margin * (high - low)
+        ends = ranges.setdefault(name.partition("[")[0], {"low": [], "high": []})
+        ends["low"].append(float(low - away if low < 0.0 else max(0.0, low - away)))
+        ends["high"].append(float(high + away))
+    keywords: dict[str, Any] = keywords_of(config) | {"randomize": ranges or None}
+    return EnvConfig(**keywords)

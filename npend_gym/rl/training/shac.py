@@ -27,7 +27,7 @@ from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
 from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
-from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config
+from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config, with_wider_ranges
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import (
     Curve,
@@ -66,6 +66,7 @@ class Settings(TrainingSettings):
     episode: int = 64  # steps in training
     speed: float = 2.5  # deviation of angular velocities of starts anywhere [rad/s]
     knocked: float = 0.0  # share of the episodes that start after a knock-down
+    margin: float = 0.0  # by which ranges of `randomize` are wider, see `with_wider_ranges`
 
 
 class Learner:
@@ -211,6 +212,7 @@ def train(
                 "max_torque: leave it out, or train by imitation"
             )
     torch.manual_seed(settings.seed)
+    config = with_wider_ranges(config, settings.margin)  # so that their ends are no rare cases
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
     learner = Learner(task, config.joints.size, settings)
@@ -260,7 +262,7 @@ _ROBOT: dict[str, Any] = {
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 144_000},
-    "swingup-1-robust": {"total_timesteps": 60_000},
+    "swingup-1-robust": {"total_timesteps": 160_000, "episode": 128, "margin": 1.0},
     "transition-2": {"total_timesteps": 200_000},
     "balance-1": {"total_timesteps": 20_000},
     "balance-2": {"total_timesteps": 60_000},
