@@ -17,7 +17,13 @@ torch = pytest.importorskip("torch")
 from npend_gym.rl.training import imitation  # noqa: E402
 from npend_gym.rl.training.chain_plans import ChainPlans  # noqa: E402
 from npend_gym.rl.training.error_lanes import ErrorLanes  # noqa: E402
-from npend_gym.rl.training.experts import astray, plan_of, steadied  # noqa: E402
+from npend_gym.rl.training.experts import (  # noqa: E402
+    Replanning,
+    Rescued,
+    astray,
+    plan_of,
+    steadied,
+)
 
 TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
 CHAINS = [
@@ -72,10 +78,10 @@ def test_the_expert_does_not_take_over_from_a_student_that_does_as_it_would(dagg
 def test_the_student_is_the_mean_of_what_the_learner_was_lately():
     dagger = dagger_of(averaging=0.9)
     dagger.play(0)
-    before = dagger.student[0].weight.clone()
+    before = dagger.student[0][0].weight.clone()
     dagger.learn(20)
-    left = (dagger.student[0].weight - dagger.learner[0].weight) / (
-        before - dagger.learner[0].weight
+    left = (dagger.student[0][0].weight - dagger.learner[0][0].weight) / (
+        before - dagger.learner[0][0].weight
     )
     assert torch.allclose(left, torch.full_like(left, 0.9**20), atol=1e-2)
     latest = dagger_of()
@@ -84,9 +90,9 @@ def test_the_student_is_the_mean_of_what_the_learner_was_lately():
     assert all(map(torch.equal, latest.student.parameters(), latest.learner.parameters()))
 
 
-@pytest.mark.parametrize("length", [1, 4])
-def test_the_policy_acts_as_the_student_does(length):
-    dagger = dagger_of(length=length)
+@pytest.mark.parametrize(("length", "networks"), [(1, 1), (4, 1), (2, 3)])
+def test_the_policy_acts_as_the_student_does(length, networks):
+    dagger = dagger_of(length=length, networks=networks)
     dagger.play(0)
     dagger.learn(20)
     policy = dagger.policy({})
@@ -145,6 +151,37 @@ def test_the_plan_of_a_chain_is_a_motion_of_this_very_chain(plans):
         envs.close()
 
 
+def test_what_is_left_of_a_plan_begins_near_the_state_and_ends_at_the_goal(plans):
+    plans.begin(np.array([0, 1, 0]))
+    turned = np.array([[2.0 * np.pi, 0.0, 0.0, 0.0], [0.0, -2.0 * np.pi, 0.0, 0.0]])
+    states, actions, gains = plans.rest(turned, np.array([1, 2]), plans.steps + 10)
+    assert actions.shape == (plans.steps + 10, 2, 1)
+    np.testing.assert_allclose(states[0], turned, atol=1e-9)
+    np.testing.assert_allclose(np.cos(states[-1, :, :2]), -1.0, atol=1e-9)
+    assert (actions[plans.steps :] == 0.0).all()  # the goal is held by feedback
+    assert (gains[plans.steps :] == gains[-1]).all()
+
+
+def test_a_chain_that_its_plan_has_lost_stands_up_where_it_is_planned_again():
+    config = EnvConfig(**TWO)
+    plans = ChainPlans(config, planned_swing_up(config, 4.0, tries=1, guess="mpc"))
+    expert = Rescued(plans, Replanning(config, plans), lost=100.0)
+    envs = gym.make_vec("NPendulum-v0", num_envs=4, **TWO)
+    kicks = np.linspace(2.0, 3.0, 4)[:, None] * [1.0, -1.0]  # rad/s
+    success = []
+    for round_ in (3, 4):  # in one of four it helps
+        _, info = envs.reset(seed=0, options={"theta": np.full((4, 2), np.pi), "omega": kicks})
+        expert.begin(np.zeros(4, np.int64), round_)
+        for _ in range(200):
+            tracking = expert.tracking(info)
+            assert round_ == 3 or (tracking.relative_cost < 100.0).all()
+            info = envs.step(np.clip(tracking.actions, -1.0, 1.0))[-1]
+        success.append(info["success"].sum())
+    envs.close()
+    assert success[0] == 0
+    assert success[1] == 4
+
+
 SHARES = {"nothing": 1.0, "model": 2.0, "velocity_noise": 1.0, "delay": 1.0, "pushes": 1.0}
 
 
@@ -196,7 +233,8 @@ def test_pulses_push_a_chain_that_hangs_and_nothing_else_does():
 
 
 def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
-    lanes = ErrorLanes(setting_of(TWO), 48, dict.fromkeys(SHARES, 1.0), 100, first_level=0.4)
+    shares, last = dict.fromkeys(SHARES, 1.0), {"velocity_noise": 0.55}
+    lanes = ErrorLanes(setting_of(TWO), 48, shares, 100, first_level=0.4, last_levels=last)
     noise, delay, pushes = (lanes.names.index(k) for k in ("velocity_noise", "delay", "pushes"))
     rows = np.flatnonzero(np.isin(lanes.group, [noise, delay, pushes]))
     kept = rows[(lanes.group[rows] != pushes) | (lanes.rank[rows] < 0.5)]
@@ -211,6 +249,10 @@ def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
     np.testing.assert_allclose(lanes.levels[[noise, delay, pushes]], [0.5, 0.4, 0.4])
     high = lanes.lanes.envs[noise].unwrapped.config.randomize["velocity_noise"]["high"]
     assert high == pytest.approx(0.25)
+    for _ in range(2):
+        lanes.judge(kept, good)
+    lanes.grow()
+    assert lanes.levels[noise] == pytest.approx(0.55)  # and no more
     lanes.close()
 
 

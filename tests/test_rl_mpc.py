@@ -140,6 +140,21 @@ def test_environments_are_independent_of_each_other_and_a_new_episode_is_planned
     np.testing.assert_allclose(together(None, info_of(states)), begun, atol=1e-9)
 
 
+def test_plans_belong_to_the_environments_that_are_named():
+    config = EnvConfig(n=2, mode="swingup")
+    states, step = np.random.default_rng(1).normal(2.5, 1.0, (4, 4)), StepModel(config)
+    every, some = (MPC(config, horizon=0.5, first_iterations=3) for _ in range(2))
+    for k, lanes in enumerate(map(np.array, ([0, 2], [0, 1, 2], [1, 2, 3]))):
+        time = np.full(4, k * config.dt)
+        actions = every.plan(states, time)
+        found = some.plan(states[lanes], time[lanes], lanes)
+        known = np.isin(lanes, [0, 2] if k == 1 else [1, 2]) if k else lanes >= 0
+        difference = np.abs(found - actions[lanes]).max(axis=1)
+        assert (difference[known & (lanes != 1)] < 1e-9).all()
+        assert (difference[~known | (lanes == 1)] > 1e-6).all()  # they were begun later
+        states = step(states, actions)
+
+
 @pytest.mark.parametrize(
     ("env", "arguments", "message"),
     [

@@ -111,11 +111,19 @@ class ILQR:
 
         With the feedback `gain`, (joints, 2c), about the states `about`, (B, 2c).
         """
-        steps, lanes, zeros = len(actions), len(start), np.zeros(len(start))
+        steps, lanes = len(actions), len(start)
         states = np.broadcast_to(about, (steps + 1, *about.shape))
         everywhere = np.repeat(actions[:, None], lanes, axis=1)
-        gains = np.broadcast_to(gain, (steps, lanes, *gain.shape))
-        return self.follow(start, Motions(states, everywhere, gains, zeros, zeros + _DAMPING))
+        return self.tracked(
+            start, states, everywhere, np.broadcast_to(gain, (steps, lanes, *gain.shape))
+        )
+
+    def tracked(
+        self, start: FloatArray, states: FloatArray, actions: FloatArray, gains: FloatArray
+    ) -> Motions:
+        """Return the motions from `start`, (B, 2c), that track others by feedback."""
+        zeros = np.zeros(len(start))
+        return self.follow(start, Motions(states, actions, gains, zeros, zeros + _DAMPING))
 
     def follow(self, start: FloatArray, motions: Motions) -> Motions:
         """Return the motions from `start`, (B, 2c), under the same actions and feedback."""

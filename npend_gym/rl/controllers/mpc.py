@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -105,7 +105,7 @@ class MPC:
         ahead = fundamental_period(config.chain.hung()) if horizon is None else horizon
         if horizon is None and np.isnan(ahead):
             raise ValueError("horizon must be given for a chain without a period")
-        steps = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
+        self.steps: int = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
         goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
         weight = _checks.positive_number("action_weight", action_weight)
         last = _checks.positive_number("last_weight", last_weight)
@@ -115,14 +115,14 @@ class MPC:
         with suppress(np.linalg.LinAlgError):  # no feedback stabilises this goal
             self._gain = riccati(config, goal, weight)[0]
         rng = np.random.default_rng(_checks.count("seed", seed, low=0))
-        self._guess = rng.normal(0.0, _GUESS, (steps, config.joints.size)).clip(-1.0, 1.0)
+        self._guess = rng.normal(0.0, _GUESS, (self.steps, config.joints.size)).clip(-1.0, 1.0)
         self.plans = Motions(*np.empty((5, 0)))  # of the last call
         self.reset()
 
     def reset(self, num_envs: int = 0) -> None:
         """Forget all plans; `num_envs` changes nothing."""
         del num_envs
-        self._time = np.empty(0)
+        self._lanes, self._time = np.zeros(0, np.int64), np.zeros(0)  # that have plans, and when
 
     def __call__(self, observation: Any, info: dict[str, Any]) -> FloatArray:
         """Return the actions (B, joints), of discrete ones the numbers (B,); without B of one."""
@@ -131,24 +131,33 @@ class MPC:
         actions = self.plan(np.atleast_2d(states), np.atleast_1d(info["time"]))
         return env_actions(self._config, actions if states.ndim == 2 else actions[0])
 
-    def plan(self, states: FloatArray, time: FloatArray) -> FloatArray:
-        """Return the actions, (B, joints), in states (q, u), (B, 2c), at times [s], (B,)."""
-        known, dt = np.zeros(len(states), np.bool_), self._config.dt
-        if time.shape == self._time.shape:
-            known = abs(time - self._time - dt) < 0.5 * dt
+    def plan(
+        self, states: FloatArray, time: FloatArray, lanes: NDArray[np.int64] | None = None
+    ) -> FloatArray:
+        """Return the actions, (B, joints), in states (q, u), (B, 2c), at times [s], (B,).
+
+        `lanes` are the numbers of the environments, ascending, by default those from 0 on. Plans of
+        others are forgotten.
+        """
+        lanes = np.arange(len(states)) if lanes is None else lanes
+        _, now, before = np.intersect1d(lanes, self._lanes, True, return_indices=True)
+        dt = self._config.dt
+        on_time = abs(time[now] - self._time[before] - dt) < 0.5 * dt
+        known, new = now[on_time], np.delete(np.arange(len(lanes)), now[on_time])
         parts: list[Motions] = []
-        if known.any():
-            motions = self._ilqr.follow(states[known], self.plans.of(known).shifted())
-            parts.append(self._on_rail(states[known], self._improved(motions, self.iterations)))
-        if not known.all():
-            parts.append(self._first_plan(states[~known]))
-        order = np.concatenate([np.flatnonzero(known), np.flatnonzero(~known)])
-        self.plans: Motions = joined(parts).of(np.argsort(order))
-        self._time = time.copy()
+        if known.size > 0:
+            motions = self._ilqr.follow(states[known], self.plans.of(before[on_time]).shifted())
+            motions = self._improved(motions, self.iterations)
+            parts.append(self._on_rail(states[known], motions, lanes[known]))
+        if new.size > 0:
+            parts.append(self._first_plan(states[new], lanes[new]))
+        self.plans: Motions = joined(parts).of(np.argsort([*known, *new]))
+        self._lanes, self._time = lanes, time.copy()
         return self.plans.actions[0]
 
-    def _first_plan(self, states: FloatArray) -> Motions:
+    def _first_plan(self, states: FloatArray, lanes: NDArray[np.int64]) -> Motions:
         """Return the better plan of two: one begins with random actions, the other with `lqr`."""
+        del lanes
         away = states - self._goal
         about = self._goal + away - wrapped(self._config, away)
         about[:, self._config.n :] = 0.0
@@ -156,12 +165,12 @@ class MPC:
         begun = joined([self._ilqr.begin(states, actions, about, k) for actions, k in guesses])
         return _cheapest(self._improved(begun, self.first_iterations), len(states))
 
-    def _on_rail(self, states: FloatArray, plans: Motions) -> Motions:
+    def _on_rail(self, states: FloatArray, plans: Motions, lanes: NDArray[np.int64]) -> Motions:
         """Return the plans; plans that leave the rail are made again where that is cheaper."""
         off = np.any(beyond(self._config, plans.states, 1.0) != 0.0, axis=0)
         if not off.any():
             return plans
-        again = joined([plans.of(off), self._first_plan(states[off])])
+        again = joined([plans.of(off), self._first_plan(states[off], lanes[off])])
         order = np.concatenate([np.flatnonzero(~off), np.flatnonzero(off)])
         return joined([plans.of(~off), _cheapest(again, int(off.sum()))]).of(np.argsort(order))
 

@@ -133,8 +133,9 @@ class ChainPlans:
                 return similar
         return None
 
-    def begin(self, which: NDArray[np.int64]) -> None:
+    def begin(self, which: NDArray[np.int64], round_: int = 0) -> None:
         """Begin episodes in lanes with the chains of these numbers, (B,)."""
+        del round_
         self._which, self._phase = which, np.zeros(which.size, np.int64)
 
     def tracking(self, info: Mapping[str, Any]) -> Tracking:
@@ -157,3 +158,18 @@ class ChainPlans:
         actions, weights = self._actions[which, phase] - feedback, self._weights[which, phase]
         self._phase = phase
         return Tracking(actions, deviation, relative_cost, weights)
+
+    def rest(
+        self, states: FloatArray, lanes: NDArray[np.int64], steps: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what is left of the plans of some lanes, near their states, and the holding.
+
+        These are states, (steps + 1, B, 2c), actions, (steps, B, joints), and gains.
+        """
+        which, ahead = self._which[lanes], np.arange(steps + 1)[:, None]
+        steps_of = np.minimum(self._phase[lanes] + ahead, self.steps)
+        nominal = self._states[which, steps_of]
+        away = states - nominal[0]
+        turns = away - wrapped(self._config, away)
+        before = which, steps_of[:-1]
+        return nominal + turns, self._actions[before], self._gains[before]

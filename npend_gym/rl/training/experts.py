@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from npend_gym._checks import FloatArray
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Calm, SwingUp
+from npend_gym.rl.controllers.ilqr import Motions
+from npend_gym.rl.controllers.mpc import MPC
 from npend_gym.rl.controllers.planning import (
     PlannedTransition,
     Tracking,
@@ -24,7 +26,7 @@ from npend_gym.rl.controllers.planning import (
     replanned,
     track,
 )
-from npend_gym.rl.controllers.step_model import StepModel, at_rest, wrapped
+from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of, wrapped
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.seeds import episode_seeds
@@ -40,6 +42,8 @@ _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64)  # standard deviation of action
 _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
 _GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
+_REPLANNED = 4  # one round of so many has actions that are planned again
+_STATE = "theta", "omega", "cart_position", "cart_velocity", "time"  # of `info`
 _WIDTHS, _REACH = (1.0, 2.0, 4.0, 8.0), 15.0  # of changes, in steps
 
 
@@ -48,8 +52,8 @@ class Expert(Protocol):
 
     chains: Sequence[Changes]  # which it knows; the first is the nominal one
 
-    def begin(self, which: NDArray[np.int64]) -> None:
-        """Begin episodes in lanes with the chains of these numbers, (B,)."""
+    def begin(self, which: NDArray[np.int64], round_: int) -> None:
+        """Begin the episodes of a round, in lanes with the chains of these numbers, (B,)."""
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from where they should be."""
@@ -61,36 +65,99 @@ class GoalPlans(PlannedTransitions):
 
     chains: Sequence[Changes] = ()
 
-    def begin(self, which: NDArray[np.int64]) -> None:
+    def begin(self, which: NDArray[np.int64], round_: int) -> None:
         """Begin episodes in all lanes."""
+        del round_
         self.reset(which.size)
 
 
-class Rescued:
-    """An expert that leaves a chain that it has lost to a policy, until that brings it back.
+class Rescuer(Protocol):
+    """Who acts where an expert has lost a chain."""
 
-    The policy, without a memory, acts from the cost `lost` on. `tracking` tells lower costs: no
-    chain is ever lost.
+    begins: float  # cost of a deviation from which it acts
+
+    def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
+        """Return in which lanes it acts, (B,), with the chains of these numbers, in a round."""
+        ...
+
+    def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
+        """Return the actions in some lanes; `info` is of these alone."""
+        ...
+
+
+class Rescued:
+    """An expert that leaves a chain that it has lost to a rescuer, until that brings it back.
+
+    `tracking` tells lower costs than `lost` where the rescuer helps: there no chain is ever lost.
     """
 
-    def __init__(self, expert: Expert, policy: Policy, lost: float) -> None:
-        self._expert, self._policy, self._lost = expert, policy, lost
+    def __init__(self, expert: Expert, rescuer: Rescuer, lost: float) -> None:
+        self._expert, self._rescuer, self._lost = expert, rescuer, lost
         self.chains: Sequence[Changes] = expert.chains
 
-    def begin(self, which: NDArray[np.int64]) -> None:
+    def begin(self, which: NDArray[np.int64], round_: int) -> None:
         """Begin episodes in lanes with the chains of these numbers, (B,)."""
-        self._expert.begin(which)
+        self._expert.begin(which, round_)
+        self._helped = self._rescuer.helps(which, round_)
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from where they should be."""
-        tracking, policy = self._expert.tracking(info), self._policy
-        far = tracking.relative_cost >= self._lost
-        cart = {k: info[k] for k in ("cart_position", "cart_velocity") if k in info}
-        by_policy = policy(observation_of(policy.config, info["theta"], info["omega"], **cart))
-        return tracking._replace(
-            actions=np.where(far[:, None], by_policy, tracking.actions),
-            relative_cost=np.minimum(tracking.relative_cost, np.nextafter(self._lost, 0.0)),
-        )
+        tracking, actions = self._expert.tracking(info), None
+        cost, helped = tracking.relative_cost, self._helped
+        lanes = np.flatnonzero(helped & (cost >= self._rescuer.begins))
+        if lanes.size > 0:
+            actions = tracking.actions.copy()
+            of_lanes = {key: info[key][lanes] for key in _STATE if key in info}
+            actions[lanes] = self._rescuer.actions(of_lanes, lanes)
+            tracking = tracking._replace(actions=actions)
+        below = np.minimum(cost, np.nextafter(self._lost, 0.0))
+        return tracking._replace(relative_cost=np.where(helped, below, cost))
+
+
+class PolicyRescuer:
+    """A policy without a memory; it helps every chain."""
+
+    def __init__(self, policy: Policy, begins: float) -> None:
+        self._policy, self.begins = policy, begins
+
+    def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
+        """Return in which lanes it acts: in all."""
+        del round_
+        return np.ones(which.size, np.bool_)
+
+    def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
+        """Return the actions in some lanes; `info` is of these alone."""
+        del lanes
+        cart = {key: info[key] for key in _STATE[2:4] if key in info}
+        seen = observation_of(self._policy.config, info["theta"], info["omega"], **cart)
+        return self._policy(seen).astype(np.float64)
+
+
+class Replanning(MPC):
+    """MPC, for the nominal chain alone, and in some rounds alone: it takes long.
+
+    Its first plan is what is left of the expert's, with feedback. So what it does is near what the
+    expert does.
+    """
+
+    begins: float = 30.0
+
+    def __init__(self, config: EnvConfig, plans: ChainPlans) -> None:
+        super().__init__(config)
+        self._plans = plans
+
+    def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
+        """Return in which lanes it acts."""
+        return (which == 0) & (round_ % _REPLANNED == 0)
+
+    def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
+        """Return the actions in some lanes; `info` is of these alone."""
+        return self.plan(state_of(self._config, info), info["time"], lanes)
+
+    def _first_plan(self, states: FloatArray, lanes: NDArray[np.int64]) -> Motions:
+        """Return the rest of the expert's plan, improved once."""
+        rest = self._plans.rest(states, lanes, self.steps)
+        return self._improved(self._ilqr.tracked(states, *rest), 1)
 
 
 def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
@@ -114,9 +181,12 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         plans = ChainPlans(config, _swing_up(settings, config, guess), chains)
     except RuntimeError:  # this guess leads to no trajectory
         return None
-    if not settings.rescuer:
-        return plans
-    return Rescued(plans, find_policy(settings.rescuer), settings.lost)
+    if settings.rescuer == "mpc":
+        return Rescued(plans, Replanning(config, plans), settings.lost)
+    if settings.rescuer:
+        policy = find_policy(settings.rescuer)
+        return Rescued(plans, PolicyRescuer(policy, settings.lost), settings.lost)
+    return plans
 
 
 def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition:

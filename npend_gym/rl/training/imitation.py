@@ -62,9 +62,10 @@ class Settings(TrainingSettings):
     plan_seed: int | None = None  # of the first guess; by default another for each `seed`
     variants: int = 0  # of a plan that are tried, to keep what noise leads less astray from
     demonstrator: str = ""  # a policy, of the package or a file, whose way is the plan
-    rescuer: str = ""  # such a policy that acts in place of an expert that has lost the chain
+    rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
+    last_levels: dict[str, float] = field(default_factory=dict[str, float])  # by kind; else 1
     rounds: int = 24  # after a first one, in which the expert acts alone
     num_envs: int = 512
     expert_fraction: float = 0.25  # of the environments: the expert acts, with noise
@@ -83,8 +84,43 @@ class Settings(TrainingSettings):
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
     hidden: int = 192
+    networks: int = 1  # whose mean is the student: it errs less than each of them
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
+
+
+class Committee(nn.ModuleList):
+    """Networks of one shape, and their mean."""
+
+    def of_each(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the output of each network for inputs of its own, (networks, B, inputs)."""
+        return torch.stack([net(own) for net, own in zip(self, inputs, strict=True)])
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the mean of the outputs for the same inputs, (B, inputs)."""
+        return torch.stack([net(inputs) for net in self]).mean(dim=0)
+
+    @torch.no_grad()
+    def as_one(self) -> nn.Sequential:
+        """Return the mean as one network, whose hidden layers are as wide as all together."""
+        count, layers = len(self), list[nn.Module]()
+        nets = cast("list[nn.Sequential]", [*self])
+        of_nets = [[each for each in net if isinstance(each, nn.Linear)] for net in nets]
+        for k, alike in enumerate(zip(*of_nets, strict=True)):
+            weights, biases = (
+                [getattr(each, name) for each in alike] for name in ("weight", "bias")
+            )
+            if k == 0:
+                weight, bias = torch.cat(weights), torch.cat(biases)
+            elif k < len(of_nets[0]) - 1:
+                weight, bias = torch.block_diag(*weights), torch.cat(biases)
+            else:
+                weight, bias = torch.cat(weights, dim=1) / count, torch.stack(biases).mean(dim=0)
+            layer = nn.Linear(weight.shape[1], weight.shape[0])
+            layer.weight.copy_(weight)
+            layer.bias.copy_(bias)
+            layers += [layer, nn.Tanh()]
+        return nn.Sequential(*layers[:-1])
 
 
 class DAgger:
@@ -100,8 +136,10 @@ class DAgger:
         setting, size = setting_of(settings.env), settings.num_envs
         config = setting.config
         self.episode_steps: int = round(settings.seconds / config.dt) + settings.standing
-        errors, level = settings.errors, settings.first_level
-        self.lanes: ErrorLanes = ErrorLanes(setting, size, errors, self.episode_steps, level)
+        levels = settings.first_level, settings.last_levels
+        self.lanes: ErrorLanes = ErrorLanes(
+            setting, size, settings.errors, self.episode_steps, *levels
+        )
         episodes = size * (settings.rounds + 1)
         self.seeds: range = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
         scales = settings.obs_scale, settings.change_scale
@@ -110,9 +148,12 @@ class DAgger:
         self.to_inputs: torch.Tensor = differences(settings.length, obs_scale, change_scale, joints)
         self.history: History = History(settings.length, config.observed, joints)
         inputs = self.to_inputs.shape[1]
-        self.learner: nn.Sequential = network(inputs, joints, settings.hidden, last_gain=0.1)
+        self.learner: Committee = Committee(
+            network(inputs, joints, settings.hidden, last_gain=0.1)
+            for _ in range(settings.networks)
+        )
         # it acts, with averages of the learner's parameters
-        self.student: nn.Sequential = copy.deepcopy(self.learner)
+        self.student: Committee = copy.deepcopy(self.learner)
         self.dataset: Dataset = Dataset(settings.max_states, inputs, joints)
         self.optimizer: torch.optim.Adam = torch.optim.Adam(self.learner.parameters(), fused=True)
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
@@ -140,7 +181,7 @@ class DAgger:
         settings, rng = self.settings, np.random.default_rng([self.settings.seed, round_])
         size, lanes, expert = settings.num_envs, self.lanes, self.expert
         observation, info = lanes.reset(self.seeds[size * round_], expert.chains, rng)
-        expert.begin(lanes.which)
+        expert.begin(lanes.which, round_)
         self.history.reset(size)
         returns = np.zeros(size)
         by_student = (lanes.rank < settings.student_fraction) & (round_ > 0)
@@ -194,9 +235,10 @@ class DAgger:
         last = settings.first_updates + settings.rounds * settings.updates
         rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * self.updates / last))
         self.optimizer.param_groups[0]["lr"] = rate
-        rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
+        shape = settings.networks, settings.minibatch_size
+        rows = torch.randint(dataset.size, shape, generator=self.shuffler)
         actions, weights = dataset.actions[rows], dataset.weights[rows]
-        prediction = self.learner(dataset.inputs[rows])
+        prediction = self.learner.of_each(dataset.inputs[rows])
         losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
         loss = (weights * losses).mean() / weights.mean()
         self.optimizer.zero_grad()
@@ -208,7 +250,7 @@ class DAgger:
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the student as a policy, with memory where it is given several observations."""
         settings = self.settings
-        made = policy_of(self.student, torch.ones(1), "imitation", settings, last)
+        made = policy_of(self.student.as_one(), torch.ones(1), "imitation", settings, last)
         first = torch.from_numpy(made.weights[0]) @ self.to_inputs.T
         frames = np.ones(self.history.frames.shape[1:], np.float32)
         scale = frames if settings.length > 1 else frames[0, : len(self.to_inputs)]
@@ -293,6 +335,10 @@ _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
     "errors": {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
                PUSHES: 0.18},
 }  # fmt: skip
+_FIVE: dict[str, Any] = _FOUR | {
+    "demonstrator": "", "plan_seed": 11, "rounds": 300,
+    "errors": {NOTHING: 0.12, CHAIN: 0.28, "torque_noise": 0.16, "motor_lag": 0.1, "delay": 0.34},
+}  # fmt: skip
 _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
     "obs_scale": (0.5, 0.5, 4.0),
@@ -310,6 +356,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
+    "swingup-5-robust": _FIVE,
     "calm-2-robust": {"rounds": 20, "hidden": 48},
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
     "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
@@ -317,7 +364,8 @@ TASKS: dict[str, dict[str, Any]] = {
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
 }
-_FROM_ANGLES = ("swingup-5", "swingup-3-robust", "swingup-4-robust")  # no velocities are observed
+# No velocities are observed
+_FROM_ANGLES = "swingup-5", "swingup-3-robust", "swingup-4-robust", "swingup-5-robust"
 
 
 def settings_of(task: str, **changes: Any) -> Settings:
