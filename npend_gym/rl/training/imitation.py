@@ -41,11 +41,11 @@ from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, PUSHES, SEVERAL, ErrorLanes
 from npend_gym.rl.training.experts import Expert, expert_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
+from npend_gym.rl.training.networks import Committee, network
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
     env_of_task,
-    network,
     observation_scale,
     policy_of,
 )
@@ -87,40 +87,6 @@ class Settings(TrainingSettings):
     networks: int = 1  # whose mean is the student: it errs less than each of them
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
-
-
-class Committee(nn.ModuleList):
-    """Networks of one shape, and their mean."""
-
-    def of_each(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the output of each network for inputs of its own, (networks, B, inputs)."""
-        return torch.stack([net(own) for net, own in zip(self, inputs, strict=True)])
-
-    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return the mean of the outputs for the same inputs, (B, inputs)."""
-        return torch.stack([net(inputs) for net in self]).mean(dim=0)
-
-    @torch.no_grad()
-    def as_one(self) -> nn.Sequential:
-        """Return the mean as one network, whose hidden layers are as wide as all together."""
-        count, layers = len(self), list[nn.Module]()
-        nets = cast("list[nn.Sequential]", [*self])
-        of_nets = [[each for each in net if isinstance(each, nn.Linear)] for net in nets]
-        for k, alike in enumerate(zip(*of_nets, strict=True)):
-            weights, biases = (
-                [getattr(each, name) for each in alike] for name in ("weight", "bias")
-            )
-            if k == 0:
-                weight, bias = torch.cat(weights), torch.cat(biases)
-            elif k < len(of_nets[0]) - 1:
-                weight, bias = torch.block_diag(*weights), torch.cat(biases)
-            else:
-                weight, bias = torch.cat(weights, dim=1) / count, torch.stack(biases).mean(dim=0)
-            layer = nn.Linear(weight.shape[1], weight.shape[0])
-            layer.weight.copy_(weight)
-            layer.bias.copy_(bias)
-            layers += [layer, nn.Tanh()]
-        return nn.Sequential(*layers[:-1])
 
 
 class DAgger:
