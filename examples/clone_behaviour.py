@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from npend_gym.rl import Policy, evaluate
-from npend_gym.rl.training.networks import network
+from npend_gym.rl.training.tasks import network
 
 torch.set_num_threads(1)
 torch.manual_seed(0)

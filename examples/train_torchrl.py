@@ -33,8 +33,13 @@ from tqdm import tqdm
 
 from npend_gym.report import write_csv
 from npend_gym.rl import Policy, episode_seeds
-from npend_gym.rl.training.networks import network
-from npend_gym.rl.training.tasks import Curve, TrainingSettings, env_of_task, policy_of
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    network,
+    policy_of,
+)
 
 
 @dataclass(frozen=True)

@@ -78,10 +78,10 @@ def test_the_expert_does_not_take_over_from_a_student_that_does_as_it_would(dagg
 def test_the_student_is_the_mean_of_what_the_learner_was_lately():
     dagger = dagger_of(averaging=0.9)
     dagger.play(0)
-    before = dagger.student[0][0].weight.clone()
+    before = dagger.student[0].weight.clone()
     dagger.learn(20)
-    left = (dagger.student[0][0].weight - dagger.learner[0][0].weight) / (
-        before - dagger.learner[0][0].weight
+    left = (dagger.student[0].weight - dagger.learner[0].weight) / (
+        before - dagger.learner[0].weight
     )
     assert torch.allclose(left, torch.full_like(left, 0.9**20), atol=1e-2)
     latest = dagger_of()
@@ -90,9 +90,9 @@ def test_the_student_is_the_mean_of_what_the_learner_was_lately():
     assert all(map(torch.equal, latest.student.parameters(), latest.learner.parameters()))
 
 
-@pytest.mark.parametrize(("length", "networks"), [(1, 1), (4, 1), (2, 3)])
-def test_the_policy_acts_as_the_student_does(length, networks):
-    dagger = dagger_of(length=length, networks=networks)
+@pytest.mark.parametrize("length", [1, 4])
+def test_the_policy_acts_as_the_student_does(length):
+    dagger = dagger_of(length=length)
     dagger.play(0)
     dagger.learn(20)
     policy = dagger.policy({})
@@ -233,8 +233,7 @@ def test_pulses_push_a_chain_that_hangs_and_nothing_else_does():
 
 
 def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
-    shares, last = dict.fromkeys(SHARES, 1.0), {"velocity_noise": 0.55}
-    lanes = ErrorLanes(setting_of(TWO), 48, shares, 100, first_level=0.4, last_levels=last)
+    lanes = ErrorLanes(setting_of(TWO), 48, dict.fromkeys(SHARES, 1.0), 100, first_level=0.4)
     noise, delay, pushes = (lanes.names.index(k) for k in ("velocity_noise", "delay", "pushes"))
     rows = np.flatnonzero(np.isin(lanes.group, [noise, delay, pushes]))
     kept = rows[(lanes.group[rows] != pushes) | (lanes.rank[rows] < 0.5)]
@@ -249,10 +248,6 @@ def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
     np.testing.assert_allclose(lanes.levels[[noise, delay, pushes]], [0.5, 0.4, 0.4])
     high = lanes.lanes.envs[noise].unwrapped.config.randomize["velocity_noise"]["high"]
     assert high == pytest.approx(0.25)
-    for _ in range(2):
-        lanes.judge(kept, good)
-    lanes.grow()
-    assert lanes.levels[noise] == pytest.approx(0.55)  # and no more
     lanes.close()
 
 

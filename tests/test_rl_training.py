@@ -38,7 +38,7 @@ class Idle:
 
     chains = ()
 
-    def begin(self, which):
+    def begin(self, which, round_):
         pass
 
     def tracking(self, info):

@@ -7,7 +7,6 @@ the chain, sensors and motors, pulses of torque.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,8 +31,7 @@ class ErrorLanes:
     """Vector environments side by side, as one, each with an error of its own.
 
     `errors` has the share of the lanes with each of `KINDS`, over the sum of all. Episodes have a
-    number of `steps`. Errors other than the chain's are multiplied by `first_level` at first, and
-    grow to `last_levels`, 1 for those that it leaves out.
+    number of `steps`. Errors other than the chain's are multiplied by `first_level` at first.
     """
 
     changes: tuple[str, ...] = ("levels", "judged")
@@ -45,7 +43,6 @@ class ErrorLanes:
         errors: Mapping[str, float],
         steps: int,
         first_level: float = 1.0,
-        last_levels: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         for name, share in errors.items():
             _checks.choice("errors", name, KINDS)
@@ -65,7 +62,6 @@ class ErrorLanes:
         self._parts = [np.flatnonzero(self.group == k) for k in range(counts.size)]
         fixed = [name in (NOTHING, CHAIN) for name in self.names]
         self.levels: FloatArray = np.where(fixed, 1.0, first_level)  # what errors are multiplied by
-        self._last: FloatArray = np.array([last_levels.get(name, 1.0) for name in self.names])
         # episodes that have been judged at this level, and those that were good
         self.judged: NDArray[np.int64] = np.zeros((2, counts.size), np.int64)
         self.lanes: Lanes = Lanes([self._make(k) for k in range(counts.size)])
@@ -138,8 +134,8 @@ class ErrorLanes:
         """Raise the levels of the groups in which most episodes were good."""
         episodes, good = self.judged
         enough = episodes >= _JUDGED
-        higher = enough & (2 * good > episodes) & (self.levels < self._last)
-        self.levels[higher] = np.minimum(self._last, _GROWTH * self.levels)[higher]
+        higher = enough & (2 * good > episodes) & (self.levels < 1.0)
+        self.levels[higher] = np.minimum(1.0, _GROWTH * self.levels[higher])
         self.judged[:, enough] = 0
         self._remake(np.flatnonzero(higher))
 

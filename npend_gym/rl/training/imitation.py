@@ -41,11 +41,11 @@ from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, PUSHES, SEVERAL, ErrorLanes
 from npend_gym.rl.training.experts import Expert, expert_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
-from npend_gym.rl.training.networks import Committee, network
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
     env_of_task,
+    network,
     observation_scale,
     policy_of,
 )
@@ -65,7 +65,6 @@ class Settings(TrainingSettings):
     rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
-    last_levels: dict[str, float] = field(default_factory=dict[str, float])  # by kind; else 1
     rounds: int = 24  # after a first one, in which the expert acts alone
     num_envs: int = 512
     expert_fraction: float = 0.25  # of the environments: the expert acts, with noise
@@ -84,7 +83,6 @@ class Settings(TrainingSettings):
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
     hidden: int = 192
-    networks: int = 1  # whose mean is the student: it errs less than each of them
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
 
@@ -102,10 +100,8 @@ class DAgger:
         setting, size = setting_of(settings.env), settings.num_envs
         config = setting.config
         self.episode_steps: int = round(settings.seconds / config.dt) + settings.standing
-        levels = settings.first_level, settings.last_levels
-        self.lanes: ErrorLanes = ErrorLanes(
-            setting, size, settings.errors, self.episode_steps, *levels
-        )
+        errors, level = settings.errors, settings.first_level
+        self.lanes: ErrorLanes = ErrorLanes(setting, size, errors, self.episode_steps, level)
         episodes = size * (settings.rounds + 1)
         self.seeds: range = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
         scales = settings.obs_scale, settings.change_scale
@@ -114,12 +110,9 @@ class DAgger:
         self.to_inputs: torch.Tensor = differences(settings.length, obs_scale, change_scale, joints)
         self.history: History = History(settings.length, config.observed, joints)
         inputs = self.to_inputs.shape[1]
-        self.learner: Committee = Committee(
-            network(inputs, joints, settings.hidden, last_gain=0.1)
-            for _ in range(settings.networks)
-        )
+        self.learner: nn.Sequential = network(inputs, joints, settings.hidden, last_gain=0.1)
         # it acts, with averages of the learner's parameters
-        self.student: Committee = copy.deepcopy(self.learner)
+        self.student: nn.Sequential = copy.deepcopy(self.learner)
         self.dataset: Dataset = Dataset(settings.max_states, inputs, joints)
         self.optimizer: torch.optim.Adam = torch.optim.Adam(self.learner.parameters(), fused=True)
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
@@ -201,10 +194,9 @@ class DAgger:
         last = settings.first_updates + settings.rounds * settings.updates
         rate = 0.5 * settings.learning_rate * (1.0 + math.cos(math.pi * self.updates / last))
         self.optimizer.param_groups[0]["lr"] = rate
-        shape = settings.networks, settings.minibatch_size
-        rows = torch.randint(dataset.size, shape, generator=self.shuffler)
+        rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
         actions, weights = dataset.actions[rows], dataset.weights[rows]
-        prediction = self.learner.of_each(dataset.inputs[rows])
+        prediction = self.learner(dataset.inputs[rows])
         losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
         loss = (weights * losses).mean() / weights.mean()
         self.optimizer.zero_grad()
@@ -216,7 +208,7 @@ class DAgger:
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the student as a policy, with memory where it is given several observations."""
         settings = self.settings
-        made = policy_of(self.student.as_one(), torch.ones(1), "imitation", settings, last)
+        made = policy_of(self.student, torch.ones(1), "imitation", settings, last)
         first = torch.from_numpy(made.weights[0]) @ self.to_inputs.T
         frames = np.ones(self.history.frames.shape[1:], np.float32)
         scale = frames if settings.length > 1 else frames[0, : len(self.to_inputs)]
@@ -301,10 +293,6 @@ _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
     "errors": {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
                PUSHES: 0.18},
 }  # fmt: skip
-_FIVE: dict[str, Any] = _FOUR | {
-    "demonstrator": "", "plan_seed": 11, "rounds": 300,
-    "errors": {NOTHING: 0.12, CHAIN: 0.28, "torque_noise": 0.16, "motor_lag": 0.1, "delay": 0.34},
-}  # fmt: skip
 _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
     "obs_scale": (0.5, 0.5, 4.0),
@@ -322,7 +310,6 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
-    "swingup-5-robust": _FIVE,
     "calm-2-robust": {"rounds": 20, "hidden": 48},
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
     "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
@@ -330,8 +317,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
 }
-# No velocities are observed
-_FROM_ANGLES = "swingup-5", "swingup-3-robust", "swingup-4-robust", "swingup-5-robust"
+_FROM_ANGLES = ("swingup-5", "swingup-3-robust", "swingup-4-robust")  # no velocities are observed
 
 
 def settings_of(task: str, **changes: Any) -> Settings:

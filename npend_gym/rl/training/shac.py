@@ -28,9 +28,14 @@ from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config, with_wider_ranges
-from npend_gym.rl.training.networks import network
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
-from npend_gym.rl.training.tasks import Curve, TrainingSettings, env_of_task, policy_of
+from npend_gym.rl.training.tasks import (
+    Curve,
+    TrainingSettings,
+    env_of_task,
+    network,
+    policy_of,
+)
 
 MODES = (SwingUp, Balance, Calm, Transition)
 

@@ -1,4 +1,4 @@
-"""What all trainers share: tasks by name, policies with their provenance."""
+"""What all trainers share: tasks by name, networks, policies with their provenance."""
 
 from __future__ import annotations
 
@@ -91,6 +91,21 @@ def env_of_task(task: str) -> dict[str, Any]:
     if task in _SPREADS:
         keywords["spread"] = _SPREADS[task]
     return {"n": int(n), "mode": mode, "observation": "sincos"} | keywords
+
+
+def network(inputs: int, outputs: int, hidden: int, last_gain: float) -> nn.Sequential:
+    """Return a PyTorch network of two hidden tanh layers with orthogonal weights."""
+    from torch import nn
+
+    layers: list[nn.Module] = []
+    for width_in, width_out, gain in (
+        (inputs, hidden, 2**0.5), (hidden, hidden, 2**0.5), (hidden, outputs, last_gain)
+    ):  # fmt: skip
+        layer = nn.Linear(width_in, width_out)
+        nn.init.orthogonal_(layer.weight, gain)
+        nn.init.zeros_(layer.bias)
+        layers += [layer, nn.Tanh()]
+    return nn.Sequential(*layers[:-1])
 
 
 def observation_scale(config: EnvConfig, of_rods: tuple[float, float, float]) -> Tensor:
