@@ -42,7 +42,7 @@ _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64)  # standard deviation of action
 _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
 _GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
-_REPLANNED = 4  # one round of so many has actions that are planned again
+_REPLANNED, _BEGINS = 4, 30.0  # MPC helps in one round of so many; cost from which it acts
 _STATE = "theta", "omega", "cart_position", "cart_velocity", "time"  # of `info`
 _WIDTHS, _REACH = (1.0, 2.0, 4.0, 8.0), 15.0  # of changes, in steps
 
@@ -102,16 +102,14 @@ class Rescued:
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from where they should be."""
-        tracking, actions = self._expert.tracking(info), None
-        cost, helped = tracking.relative_cost, self._helped
+        tracking, helped = self._expert.tracking(info), self._helped
+        actions, cost = tracking.actions.copy(), tracking.relative_cost
         lanes = np.flatnonzero(helped & (cost >= self._rescuer.begins))
         if lanes.size > 0:
-            actions = tracking.actions.copy()
             of_lanes = {key: info[key][lanes] for key in _STATE if key in info}
             actions[lanes] = self._rescuer.actions(of_lanes, lanes)
-            tracking = tracking._replace(actions=actions)
-        below = np.minimum(cost, np.nextafter(self._lost, 0.0))
-        return tracking._replace(relative_cost=np.where(helped, below, cost))
+        below = np.where(helped, np.minimum(cost, np.nextafter(self._lost, 0.0)), cost)
+        return tracking._replace(actions=actions, relative_cost=below)
 
 
 class PolicyRescuer:
@@ -140,7 +138,7 @@ class Replanning(MPC):
     expert does.
     """
 
-    begins: float = 30.0
+    begins: float = _BEGINS
 
     def __init__(self, config: EnvConfig, plans: ChainPlans) -> None:
         super().__init__(config)
