@@ -287,6 +287,8 @@ def test_what_is_wrong_follows_from_the_task():
     assert imitation.settings_of("balance-2-robust").errors == imitation.ERRORS
     with pytest.raises(ValueError, match="errors must be"):
         ErrorLanes(setting_of(TWO), 12, {"noise": 1.0}, 100)
+    with pytest.raises(ValueError, match='rescuer must be left out in mode "transition"'):
+        imitation.train(imitation.settings_of("transition-2", rescuer="mpc"))
     with pytest.raises(ValueError, match="observe_context must be False"):
         imitation.train(
             imitation.settings_of("swingup-1-robust", env=TWO | {"observe_context": True})

@@ -105,7 +105,7 @@ class MPC:
         ahead = fundamental_period(config.chain.hung()) if horizon is None else horizon
         if horizon is None and np.isnan(ahead):
             raise ValueError("horizon must be given for a chain without a period")
-        self.steps: int = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
+        steps = max(2, round(_checks.positive_number("horizon", ahead) / config.dt))
         goal = _checks.within("angle", _checks.vector("angle", angle, config.n), 0.5 * MAX_ANGLE)
         weight = _checks.positive_number("action_weight", action_weight)
         last = _checks.positive_number("last_weight", last_weight)
@@ -115,7 +115,7 @@ class MPC:
         with suppress(np.linalg.LinAlgError):  # no feedback stabilises this goal
             self._gain = riccati(config, goal, weight)[0]
         rng = np.random.default_rng(_checks.count("seed", seed, low=0))
-        self._guess = rng.normal(0.0, _GUESS, (self.steps, config.joints.size)).clip(-1.0, 1.0)
+        self._guess = rng.normal(0.0, _GUESS, (steps, config.joints.size)).clip(-1.0, 1.0)
         self.plans = Motions(*np.empty((5, 0)))  # of the last call
         self.reset()
 

@@ -162,9 +162,10 @@ class ChainPlans:
     def rest(
         self, states: FloatArray, lanes: NDArray[np.int64], steps: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what is left of the plans of some lanes, near their states, and the holding.
+        """Return the next steps of the plans of some lanes; after its end a plan holds the goal.
 
-        These are states, (steps + 1, B, 2c), actions, (steps, B, joints), and gains.
+        These are states, (steps + 1, B, 2c), whole turns away from the plan where the chain is;
+        actions, (steps, B, joints); and gains.
         """
         which, ahead = self._which[lanes], np.arange(steps + 1)[:, None]
         steps_of = np.minimum(self._phase[lanes] + ahead, self.steps)

@@ -43,7 +43,7 @@ _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the pl
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
 _GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
 _REPLANNED, _BEGINS = 4, 30.0  # MPC helps in one round of so many; cost from which it acts
-_STATE = "theta", "omega", "cart_position", "cart_velocity", "time"  # of `info`
+_STATE = "theta", "omega", "cart_position", "cart_velocity"  # in `info`
 _WIDTHS, _REACH = (1.0, 2.0, 4.0, 8.0), 15.0  # of changes, in steps
 
 
@@ -106,7 +106,7 @@ class Rescued:
         actions, cost = tracking.actions.copy(), tracking.relative_cost
         lanes = np.flatnonzero(helped & (cost >= self._rescuer.begins))
         if lanes.size > 0:
-            of_lanes = {key: info[key][lanes] for key in _STATE if key in info}
+            of_lanes = {key: info[key][lanes] for key in (*_STATE, "time") if key in info}
             actions[lanes] = self._rescuer.actions(of_lanes, lanes)
         below = np.where(helped, np.minimum(cost, np.nextafter(self._lost, 0.0)), cost)
         return tracking._replace(actions=actions, relative_cost=below)
@@ -126,9 +126,8 @@ class PolicyRescuer:
     def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
         """Return the actions in some lanes; `info` is of these alone."""
         del lanes
-        cart = {key: info[key] for key in _STATE[2:4] if key in info}
-        seen = observation_of(self._policy.config, info["theta"], info["omega"], **cart)
-        return self._policy(seen).astype(np.float64)
+        state = {key: info[key] for key in _STATE if key in info}
+        return self._policy(observation_of(self._policy.config, **state)).astype(np.float64)
 
 
 class Replanning(MPC):
@@ -154,7 +153,7 @@ class Replanning(MPC):
 
     def _first_plan(self, states: FloatArray, lanes: NDArray[np.int64]) -> Motions:
         """Return the rest of the expert's plan, improved once."""
-        rest = self._plans.rest(states, lanes, self.steps)
+        rest = self._plans.rest(states, lanes, len(self._guess))
         return self._improved(self._ilqr.tracked(states, *rest), 1)
 
 

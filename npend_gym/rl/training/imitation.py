@@ -249,6 +249,11 @@ def train(
         raise ValueError(f"mode must be one with an expert, got {config.mode!r}")
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
+    if settings.rescuer and not isinstance(config.mode, SwingUp):
+        raise ValueError(
+            f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '
+            f'got "{settings.rescuer}"'
+        )
     torch.manual_seed(settings.seed)
     clock, curve = Stopwatch(), Curve()
     checkpoint = checkpoint or Checkpoint(settings)

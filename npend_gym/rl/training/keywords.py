@@ -54,11 +54,11 @@ def used_config(algorithm: str, env: Mapping[str, Any], uses: Collection[str]) -
 
 
 def with_wider_ranges(config: EnvConfig, margin: float) -> EnvConfig:
-    """Return settings whose ranges of random numbers are wider, at either end by `margin`.
+    """Return settings whose ranges of random numbers are wider.
 
-    `margin` is over half the width of a range. What cannot be negative stays so.
+    Each end moves out by `margin` times half the width. No end that is positive becomes negative.
     """
-    if margin == 0.0:
+    if _checks.nonnegative_number("margin", margin) == 0.0:
         return config
     ranges: dict[str, dict[str, list[float]]] = {}
     drawn = config.randomization

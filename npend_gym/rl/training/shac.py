@@ -212,7 +212,7 @@ def train(
                 "max_torque: leave it out, or train by imitation"
             )
     torch.manual_seed(settings.seed)
-    config = with_wider_ranges(config, settings.margin)  # so that their ends are no rare cases
+    config = with_wider_ranges(config, settings.margin)  # so that their ends are common
     task = Task(config, settings.gamma, settings.obs_scale)
     collector = Collector(config, task, settings)
     learner = Learner(task, config.joints.size, settings)
