@@ -26,6 +26,56 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
     assert 0 < np.sum(np.abs(policy(obs)) < 1.0) < 50  # some are clipped, some are not
 
 
+@pytest.mark.parametrize("depth", [1, 3])
+def test_an_ensemble_acts_with_the_mean_of_its_policies(depth, tmp_path):
+    rng = np.random.default_rng(3)
+    sizes = [(4, 6), (4, 4), (2, 4)] if depth == 3 else [(2, 6)]
+    seeds = [
+        small_policy(
+            weights=[0.2 * rng.normal(size=size) for size in sizes],
+            biases=[0.1 * rng.normal(size=size[0]) for size in sizes],
+            env={"n": 2, "mode": "calm", "observation": "sincos", "actuated": [0, 1]},
+            provenance={"seed": seed},
+        )
+        for seed in range(3)
+    ]
+    rl.ensemble(seeds).save(tmp_path / "mean.safetensors")
+    loaded = Policy.load(tmp_path / "mean.safetensors")
+    obs = rng.normal(size=(50, 6)).astype(np.float32)
+    expected = np.mean([policy(obs) for policy in seeds], axis=0)
+    assert np.abs(expected).max() < 0.9  # so that no action was clipped
+    np.testing.assert_allclose(loaded(obs), expected, atol=1e-6)
+    assert loaded.provenance["members"] == [{"seed": 0}, {"seed": 1}, {"seed": 2}]
+
+
+def test_an_ensemble_clips_the_mean_and_not_each_output():
+    constant = [
+        small_policy(weights=[np.zeros((1, 6))], biases=[np.array([value])])
+        for value in (3.0, -2.0)
+    ]
+    np.testing.assert_allclose(rl.ensemble(constant)(np.zeros(6, np.float32)), [0.5])
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("env", {"env": {"n": 2, "mode": "swingup", "observation": "sincos"}}),
+        ("scale", {"scale": np.ones(6, np.float32)}),
+        ("offset", {"offset": np.ones(6, np.float32)}),
+        ("output", {"output": "tanh"}),
+        ("number of layers", {"weights": [np.zeros((1, 6))], "biases": [np.zeros(1)]}),
+    ],
+)
+def test_an_ensemble_of_policies_that_differ_is_refused(name, changes):
+    with pytest.raises(ValueError, match=rf"must have the same {name}, got .*policies\[1\]: train"):
+        rl.ensemble([small_policy(), small_policy(**changes)])
+
+
+def test_an_ensemble_of_no_policy_is_refused():
+    with pytest.raises(ValueError, match="policies must be one or more, got none"):
+        rl.ensemble([])
+
+
 def test_a_policy_may_observe_one_number_of_each_rod(tmp_path):
     env = {"n": 3, "observation": "angles", "observe_velocities": False}
     policy = Policy(

@@ -27,6 +27,7 @@ from npend_gym.rl.evaluation.seeds import episode_seeds as episode_seeds
 from npend_gym.rl.evaluation.statistics import bootstrap_interval as bootstrap_interval
 from npend_gym.rl.evaluation.statistics import interquartile_mean as interquartile_mean
 from npend_gym.rl.evaluation.statistics import performance_profile as performance_profile
+from npend_gym.rl.policies.ensembles import ensemble as ensemble
 from npend_gym.rl.policies.files import PRETRAINED as PRETRAINED
 from npend_gym.rl.policies.files import pretrained_names as pretrained_names
 from npend_gym.rl.policies.model_card import write_repository as write_repository
