@@ -90,6 +90,20 @@ def test_the_student_is_the_mean_of_what_the_learner_was_lately():
     assert all(map(torch.equal, latest.student.parameters(), latest.learner.parameters()))
 
 
+def test_muon_changes_most_directions_of_a_matrix_alike_and_adam_the_rest():
+    dagger = dagger_of(muon_learning_rate=0.01, learning_rate=0.0)
+    before = [each.detach().clone() for each in dagger.learner.parameters()]
+    dagger.play(0)
+    dagger.update()
+    after = zip(before, dagger.learner.parameters(), strict=True)
+    changes = [(new - old).detach() for old, new in after]
+    first, second, *others = (changes[k] for k in (0, 2, 1, 3, 4, 5))
+    for change in (first, second):  # Newton and Schulz's iteration is rough
+        values = torch.linalg.svdvals(change)
+        assert values.median() > 0.5 * values.max()
+    assert not any(change.any() for change in others)  # Adam's, whose rate is 0
+
+
 @pytest.mark.parametrize("length", [1, 4])
 def test_the_policy_acts_as_the_student_does(length):
     dagger = dagger_of(length=length)
