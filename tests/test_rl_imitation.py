@@ -265,6 +265,17 @@ def test_errors_grow_with_which_more_than_half_of_the_episodes_were_good():
     lanes.close()
 
 
+def test_errors_grow_beyond_the_largest_of_the_criteria_by_a_margin():
+    lanes = ErrorLanes(setting_of(TWO), 24, {"nothing": 1.0, "delay": 1.0}, 100, 0.9, margin=0.2)
+    for _ in range(3):
+        lanes.judge(np.arange(24), np.ones(24, np.bool_))
+        lanes.grow()
+    np.testing.assert_allclose(lanes.levels, [1.0, 1.2])
+    delayed = lanes.lanes.envs[1].unwrapped.config.randomize["observation_delay"]
+    assert delayed["high"] == pytest.approx(1.2 * 0.8)  # of 0.04 s, in steps
+    lanes.close()
+
+
 def test_the_way_of_a_policy_is_a_plan():
     config = EnvConfig(n=3, mode="swingup", observation="sincos")
     policy = Policy.pretrained("swingup-3")

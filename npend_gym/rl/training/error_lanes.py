@@ -31,7 +31,8 @@ class ErrorLanes:
     """Vector environments side by side, as one, each with an error of its own.
 
     `errors` has the share of the lanes with each of `KINDS`, over the sum of all. Episodes have a
-    number of `steps`. Errors other than the chain's are multiplied by `first_level` at first.
+    number of `steps`. Errors other than the chain's are multiplied by `first_level` at first, which
+    grows up to ``1.0 + margin``.
     """
 
     changes: tuple[str, ...] = ("levels", "judged")
@@ -43,6 +44,7 @@ class ErrorLanes:
         errors: Mapping[str, float],
         steps: int,
         first_level: float = 1.0,
+        margin: float = 0.0,
     ) -> None:
         for name, share in errors.items():
             _checks.choice("errors", name, KINDS)
@@ -62,6 +64,7 @@ class ErrorLanes:
         self._parts = [np.flatnonzero(self.group == k) for k in range(counts.size)]
         fixed = [name in (NOTHING, CHAIN) for name in self.names]
         self.levels: FloatArray = np.where(fixed, 1.0, first_level)  # what errors are multiplied by
+        self._highest = np.where(fixed, 1.0, 1.0 + margin)
         # episodes that have been judged at this level, and those that were good
         self.judged: NDArray[np.int64] = np.zeros((2, counts.size), np.int64)
         self.lanes: Lanes = Lanes([self._make(k) for k in range(counts.size)])
@@ -134,8 +137,8 @@ class ErrorLanes:
         """Raise the levels of the groups in which most episodes were good."""
         episodes, good = self.judged
         enough = episodes >= _JUDGED
-        higher = enough & (2 * good > episodes) & (self.levels < 1.0)
-        self.levels[higher] = np.minimum(1.0, _GROWTH * self.levels[higher])
+        higher = enough & (2 * good > episodes) & (self.levels < self._highest)
+        self.levels[higher] = np.minimum(self._highest, _GROWTH * self.levels)[higher]
         self.judged[:, enough] = 0
         self._remake(np.flatnonzero(higher))
 

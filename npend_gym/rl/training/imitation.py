@@ -65,6 +65,7 @@ class Settings(TrainingSettings):
     rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
+    margin: float = 0.0  # by which they grow beyond the largest
     rounds: int = 24  # after a first one, in which the expert acts alone
     num_envs: int = 512
     expert_fraction: float = 0.25  # of the environments: the expert acts, with noise
@@ -101,8 +102,10 @@ class DAgger:
         setting, size = setting_of(settings.env), settings.num_envs
         config = setting.config
         self.episode_steps: int = round(settings.seconds / config.dt) + settings.standing
-        errors, level = settings.errors, settings.first_level
-        self.lanes: ErrorLanes = ErrorLanes(setting, size, errors, self.episode_steps, level)
+        levels = settings.first_level, settings.margin
+        self.lanes: ErrorLanes = ErrorLanes(
+            setting, size, settings.errors, self.episode_steps, *levels
+        )
         episodes = size * (settings.rounds + 1)
         self.seeds: range = episode_seeds("training", episodes, run=settings.seed, spacing=100_000)
         scales = settings.obs_scale, settings.change_scale
