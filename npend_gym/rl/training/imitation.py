@@ -41,6 +41,7 @@ from npend_gym.rl.training.dataset import Dataset, differences
 from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, PUSHES, SEVERAL, ErrorLanes
 from npend_gym.rl.training.experts import Expert, expert_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
+from npend_gym.rl.training.optimizers import Optimizer
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
@@ -93,7 +94,7 @@ class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
     changes: tuple[str, ...] = (
-        "student", "learner", "dataset", "optimizers", "shuffler", "updates", "distance", "lanes"
+        "student", "learner", "dataset", "optimizer", "shuffler", "updates", "distance", "lanes"
     )  # fmt: skip
 
     def __init__(self, settings: Settings, expert: Expert) -> None:
@@ -118,24 +119,12 @@ class DAgger:
         # it acts, with averages of the learner's parameters
         self.student: nn.Sequential = copy.deepcopy(self.learner)
         self.dataset: Dataset = Dataset(settings.max_states, inputs, joints)
-        self.optimizers: dict[str, torch.optim.Optimizer] = self._optimizers()
+        self.optimizer: Optimizer = Optimizer(
+            self.learner, settings.learning_rate, settings.muon_learning_rate
+        )
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
         self.updates: int = 0  # so far
         self.distance = math.inf  # of the learner's actions from the expert's, in `learn`
-
-    def _optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """Return the optimizers of the learner: Adam, and Muon for matrices where it is asked for.
-
-        Muon makes all singular values of a change of a matrix equal, so that weak directions are
-        learned as fast as strong ones (K. Jordan and others, 2024).
-        """
-        parameters = [*self.learner.parameters()]
-        if self.settings.muon_learning_rate == 0.0:
-            return {"adam": torch.optim.Adam(parameters, fused=True)}
-        matrices = [each for each in parameters if each.ndim == 2][:-1]  # but not of the actions
-        others = [each for each in parameters if all(each is not other for other in matrices)]
-        adam = torch.optim.Adam(others, fused=True)
-        return {"adam": adam, "muon": torch.optim.Muon(matrices, weight_decay=0.0)}
 
     @torch.no_grad()
     def inputs(self, observation: np.ndarray, info: dict[str, Any]) -> torch.Tensor:
@@ -211,17 +200,13 @@ class DAgger:
         settings, dataset = self.settings, self.dataset
         last = settings.first_updates + settings.rounds * settings.updates
         left = 0.5 * (1.0 + math.cos(math.pi * self.updates / last))
-        rates = {"adam": settings.learning_rate, "muon": settings.muon_learning_rate}
         rows = torch.randint(dataset.size, (settings.minibatch_size,), generator=self.shuffler)
         actions, weights = dataset.actions[rows], dataset.weights[rows]
         prediction = self.learner(dataset.inputs[rows])
         losses = nn.functional.smooth_l1_loss(prediction, actions, beta=0.2, reduction="none")
         loss = (weights * losses).mean() / weights.mean()
-        self.learner.zero_grad()
         loss.backward()
-        for name, optimizer in self.optimizers.items():
-            optimizer.param_groups[0]["lr"] = left * rates[name]
-            optimizer.step()
+        self.optimizer.step(left)
         self.updates += 1
         return float((prediction.detach() - actions).abs().mean())
 

@@ -28,6 +28,7 @@ from npend_gym.rl.evaluation.episodes import evaluate
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.keywords import OF_CARTS, OF_CHAIN, used_config, with_wider_ranges
+from npend_gym.rl.training.optimizers import Optimizer
 from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import (
     Curve,
@@ -54,6 +55,7 @@ class Settings(TrainingSettings):
     trust: float = 1.0  # how far from its state a Jacobian is used [rad, obs_scale rad/s]
     actor_learning_rate: float = 4e-3  # both fall linearly in the last two thirds
     critic_learning_rate: float = 4e-3
+    muon_learning_rate: float = 0.0  # of both networks' matrices by Muon; 0: Adam learns them too
     gamma: float = 0.98
     tau: float = 0.05  # how far the target's parameters move to the critic's in an update
     slope_coef: float = 0.02
@@ -72,7 +74,7 @@ class Settings(TrainingSettings):
 class Learner:
     """The actor, the critic and the critic's target, with what has been simulated lately."""
 
-    changes: tuple[str, ...] = ("actor", "critic", "target", "memory")
+    changes: tuple[str, ...] = ("actor", "critic", "target", "memory", "optimizers")
 
     def __init__(self, task: Task, actions: int, settings: Settings) -> None:
         self.task: Task = task
@@ -82,10 +84,12 @@ class Learner:
         self.target: nn.Sequential = copy.deepcopy(self.critic)
         self.memory: Horizons | None = None
         self.discounts: torch.Tensor = settings.gamma ** torch.arange(settings.horizon + 1.0)
-        self.optimizers: list[torch.optim.Adam] = [
-            torch.optim.Adam(self.actor.parameters(), betas=(0.9, 0.95), fused=True),
-            torch.optim.Adam(self.critic.parameters(), betas=(0.9, 0.98), fused=True),
-        ]
+        muon = settings.muon_learning_rate
+        self.optimizers: dict[str, Optimizer] = {
+            "actor": Optimizer(self.actor, settings.actor_learning_rate, muon, (0.9, 0.95)),
+            "critic": Optimizer(self.critic, settings.critic_learning_rate, muon, (0.9, 0.98)),
+        }
+        self.share: float = 1.0  # of the learning rates
 
     def sample(self, memory: Horizons) -> Horizons:
         """Return some horizons; a quarter of them are of the last call of the collector."""
@@ -134,7 +138,7 @@ class Learner:
         )
         for parameter, gradient in zip(parameters, gradients, strict=False):
             parameter.grad = -gradient / len(taken)
-        self.improve(self.actor, self.optimizers[0])
+        self.improve(self.optimizers["actor"])
         with torch.no_grad():
             slopes = torch.stack(gradients[len(parameters) :], 1) / self.discounts[:-1, None]
             returns, following = torch.empty_like(rewards), torch.zeros(len(rewards))
@@ -163,19 +167,18 @@ class Learner:
         error = (values - returns).square().mean()
         # a square for small errors, and no more than proportional to large ones
         loss = error + self.settings.slope_coef * ((1.0 + 10.0 * difference).sqrt() - 1.0).mean()
-        self.optimizers[1].zero_grad()
         loss.backward()
-        self.improve(self.critic, self.optimizers[1])
+        self.improve(self.optimizers["critic"])
         with torch.no_grad():
             pairs = zip(self.target.parameters(), self.critic.parameters(), strict=True)
             for parameter, latest in pairs:
                 parameter.lerp_(latest, self.settings.tau)
         return float(error.detach())
 
-    def improve(self, net: nn.Module, optimizer: torch.optim.Optimizer) -> None:
+    def improve(self, optimizer: Optimizer) -> None:
         """Change a network along its gradients, which are clipped."""
-        nn.utils.clip_grad_norm_(net.parameters(), self.settings.max_grad_norm)
-        optimizer.step()
+        nn.utils.clip_grad_norm_(optimizer.network.parameters(), self.settings.max_grad_norm)
+        optimizer.step(self.share)
 
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the actor as a policy."""
@@ -222,14 +225,12 @@ def train(
     clock, curve = Stopwatch(), Curve()
     parts = {
         "learner": learner, "collector": collector, "curve": curve, "clock": clock,
-        "random": torch.default_generator, "optimizers": dict(enumerate(learner.optimizers)),
+        "random": torch.default_generator,
     }  # fmt: skip
     checkpoint = checkpoint or Checkpoint(settings)
     for k in checkpoint.rounds(parts, num_iterations, progress, "horizon"):
         left = 1.0 - (k - 1) / num_iterations
-        rates = settings.actor_learning_rate, settings.critic_learning_rate
-        for optimizer, rate in zip(learner.optimizers, rates, strict=True):
-            optimizer.param_groups[0]["lr"] = rate * min(1.0, 1.5 * left + 0.02)
+        learner.share = min(1.0, 1.5 * left + 0.02)
         new = collector.collect(learner.actor, settings.exploration * left)
         learner.memory = remembered(learner.memory, new, settings.memory)
         means = [learner.update(learner.memory) for _ in range(settings.updates)][-1]
