@@ -16,16 +16,17 @@ pytestmark = pytest.mark.long
 ONE = {"n": 1, "mode": "swingup", "observation": "sincos"}
 SHORT = {"rounds": 5, "updates": 20, "first_updates": 40, "hidden": 16}
 FEW = {"updates": 2, "num_envs": 16}
+MUON = {"muon_learning_rate": 0.02}
 RUNS = {
     "imitation": (imitation, imitation.Settings(ONE, seconds=3.0, guesses=2, num_envs=8, **SHORT)),
     "imitation with errors": (
         imitation,
-        imitation.settings_of("swingup-1-robust", seconds=3.0, num_envs=32, **SHORT),
+        imitation.settings_of("swingup-1-robust", seconds=3.0, num_envs=32, **SHORT | MUON),
     ),
     "shac": (shac, shac.settings_of("swingup-2", total_timesteps=480, **FEW)),
     "shac with chains that differ": (
         shac,
-        shac.settings_of("swingup-1-robust", total_timesteps=800, episode=20, **FEW),
+        shac.settings_of("swingup-1-robust", total_timesteps=800, episode=20, **FEW | MUON),
     ),
     "shac with goals on a cart": (
         shac, shac.Settings(
