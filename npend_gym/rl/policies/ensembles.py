@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.chain import plain_keywords
+from npend_gym.rl.policies.from_sb3 import env_of
 from npend_gym.rl.policies.policy import Policy
 
 
@@ -72,7 +72,7 @@ def ensemble(policies: Sequence[Policy]) -> Policy:
 def _common(policy: Policy) -> dict[str, Any]:
     """Return what the policies of an ensemble share."""
     return {
-        "env": plain_keywords(policy.env),
+        "env": env_of(policy.config),
         "scale": policy.scale.tolist(),
         "offset": None if policy.offset is None else policy.offset.tolist(),
         "limit": policy.limit,
