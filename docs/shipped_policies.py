@@ -16,9 +16,10 @@ from npend_gym.rl import Policy, pretrained_names
 
 ROOT = Path(__file__).parents[1]
 ALGORITHMS = {
-    "train_cleanrl": "PPO", "evolution_strategies": "evolution strategies", "shac": "SHAC",
-    "imitation": "imitation of plans", "robust_imitation": "imitation, from angles alone",
-}  # fmt: skip
+    "evolution_strategies": "evolution strategies",
+    "shac": "SHAC",
+    "imitation": "imitation of plans",
+}
 ORDER = ("swingup", "transition", "balance", "calm")
 SWING_UP, TRANSITION = "`npend/SwingUp-v1`, `n=1`", "`npend/Transition-v1`, `n=2`"
 # Of the README: environment, what is to be done, name of the policy
@@ -38,17 +39,19 @@ CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MP
 def record(name: str) -> dict[str, Any]:
     """Return what the record of a policy that ships says, under the same names for all."""
     about = Policy.pretrained(name).provenance
-    gone = "note" in about
+    members = about.get("members", [])
     algorithm = ALGORITHMS[Path(about["trained_by"]).stem]
     if name.startswith(("balance", "calm")):  # LQR alone is the expert
         algorithm = algorithm.replace("of plans", "of LQR")
+    if members:
+        algorithm += f", mean of {len(members)}"
     evaluation = about["evaluation"]
     settling = evaluation.get("settling_time", evaluation.get("since"))
     return {
-        "algorithm": algorithm + (" (1)" if gone else ""),
-        "seed": str(about["seed"]),
+        "algorithm": algorithm,
+        "seed": ", ".join(str(made["seed"]) for made in members or [about]),
         "steps": f"{about['training']['steps'] / 1e6:.2f} M",
-        "time": f"{about['training']['seconds']:.0f} s" + " wall" * (about["clock"] == "wall time"),
+        "time": f"{about['training']['seconds']:.0f} s",
         "success": f"{100 * evaluation['success']:.0f} %",
         "settling": f"{settling:.1f} s",
     }

@@ -26,6 +26,9 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
     assert 0 < np.sum(np.abs(policy(obs)) < 1.0) < 50  # some are clipped, some are not
 
 
+TRAINED = {"steps": 10, "seconds": 2.0, "return": 3.0}
+
+
 @pytest.mark.parametrize("depth", [1, 3])
 def test_an_ensemble_acts_with_the_mean_of_its_policies(depth, tmp_path):
     rng = np.random.default_rng(3)
@@ -35,7 +38,7 @@ def test_an_ensemble_acts_with_the_mean_of_its_policies(depth, tmp_path):
             weights=[0.2 * rng.normal(size=size) for size in sizes],
             biases=[0.1 * rng.normal(size=size[0]) for size in sizes],
             env={"n": 2, "mode": "calm", "observation": "sincos", "actuated": [0, 1]},
-            provenance={"seed": seed},
+            provenance={"trained_by": "a test", "seed": seed, "training": TRAINED},
         )
         for seed in range(3)
     ]
@@ -45,7 +48,10 @@ def test_an_ensemble_acts_with_the_mean_of_its_policies(depth, tmp_path):
     expected = np.mean([policy(obs) for policy in seeds], axis=0)
     assert np.abs(expected).max() < 0.9  # so that no action was clipped
     np.testing.assert_allclose(loaded(obs), expected, atol=1e-6)
-    assert loaded.provenance["members"] == [{"seed": 0}, {"seed": 1}, {"seed": 2}]
+    about = loaded.provenance
+    assert [member["seed"] for member in about["members"]] == [0, 1, 2]
+    assert about["trained_by"] == "a test"
+    assert about["training"] == {"steps": 30, "seconds": 6.0}
 
 
 def test_an_ensemble_clips_the_mean_and_not_each_output():

@@ -16,7 +16,7 @@ from npend_gym.rl.policies.from_sb3 import env_of
 from npend_gym.rl.policies.policy import Policy
 
 
-def ensemble(policies: Sequence[Policy]) -> Policy:
+def ensemble(policies: Sequence[Policy], weights: Sequence[float] | None = None) -> Policy:
     """Return one policy whose network gives the mean of the outputs of several.
 
     Seeds of one training make different errors, which partly cancel in their mean. The networks
@@ -27,16 +27,20 @@ def ensemble(policies: Sequence[Policy]) -> Policy:
     ----------
     policies : sequence of Policy
         With the same environment, the same scale and memory, and as many layers.
+    weights : sequence of float, optional
+        Of the policies in the mean, as for `numpy.average`.
 
     Returns
     -------
     Policy
-        Its provenance has that of each policy, as "members".
+        Its provenance has what those of all policies say, the sums of their steps and seconds of
+        training, and each of them, as "members".
 
     Raises
     ------
     ValueError
-        If there is none, or if they differ in one of these.
+        If there is none, if they differ in one of these, or if the weights are not one positive
+        number for each.
 
     Examples
     --------
@@ -57,16 +61,17 @@ def ensemble(policies: Sequence[Policy]) -> Policy:
                     f"and {_checks.show(found[name])} in policies[{k}]: train them for the same "
                     "task, with other seeds"
                 )
+    given = _checks.vector("weights", 1.0 if weights is None else weights, len(policies))
+    shares = _checks.positive("weights", given) / given.sum()
     layers = zip(*(policy.weights for policy in policies), strict=True)
-    weights: list[FloatArray] = [block_diag(*layer) for layer in layers]
+    matrices: list[FloatArray] = [block_diag(*layer) for layer in layers]
     biases = [np.concatenate(layer) for layer in zip(*(p.biases for p in policies), strict=True)]
-    count, outputs = len(policies), len(policies[0].biases[-1])
-    weights[0] = weights[0] @ np.tile(np.eye(policies[0].scale.size), (count, 1))
-    mean = np.tile(np.eye(outputs), count) / count
-    weights[-1], biases[-1] = mean @ weights[-1], mean @ biases[-1]
-    members = {"members": [policy.provenance for policy in policies]}
-    made = {"trained_by": "ensemble"} | members | provenance({"policies": count})
-    return replace(policies[0], weights=weights, biases=biases, provenance=made)
+    outputs = len(policies[0].biases[-1])
+    matrices[0] = matrices[0] @ np.tile(np.eye(policies[0].scale.size), (len(policies), 1))
+    mean = np.repeat(shares, outputs) * np.tile(np.eye(outputs), len(policies))
+    matrices[-1], biases[-1] = mean @ matrices[-1], mean @ biases[-1]
+    made = _made_of([policy.provenance for policy in policies], shares)
+    return replace(policies[0], weights=matrices, biases=biases, provenance=made)
 
 
 def _common(policy: Policy) -> dict[str, Any]:
@@ -80,3 +85,13 @@ def _common(policy: Policy) -> dict[str, Any]:
         "output": policy.output,
         "number of layers": len(policy.weights),
     }
+
+
+def _made_of(records: list[dict[str, Any]], shares: FloatArray) -> dict[str, Any]:
+    """Return the provenance of an ensemble of policies with these."""
+    first, made = records[0], provenance({"weights": shares.tolist()})
+    said = {key: value for key, value in first.items() if all(r.get(key) == value for r in records)}
+    if all("training" in record for record in records):
+        sums = {key: sum(r["training"][key] for r in records) for key in ("steps", "seconds")}
+        made["training"] = sums
+    return said | made | {"members": records}

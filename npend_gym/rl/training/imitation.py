@@ -294,9 +294,11 @@ _ROBUST: dict[str, Any] = {
 }  # fmt: skip
 _LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
 _THREE: dict[str, Any] = {
-    "seconds": 4.0, "plan_seed": 11, "standing": 160, "rounds": 240, "length": 10,
-    "errors": {NOTHING: 0.05, CHAIN: 0.42, "torque_noise": 0.1, "motor_lag": 0.02, "delay": 0.2,
-               PUSHES: 0.16, SEVERAL: 0.05},
+    "seconds": 4.0, "plan_seed": 11, "standing": 160, "rounds": 125, "length": 10,
+    "updates": 400, "minibatch_size": 1024, "muon_learning_rate": 0.02,
+    "rescuer": "mpc", "margin": 0.6,  # so that sensors a whole step late are no rare case
+    "errors": {NOTHING: 0.05, CHAIN: 0.42, "torque_noise": 0.08, "motor_lag": 0.02, "delay": 0.26,
+               PUSHES: 0.14, SEVERAL: 0.03},
 }  # fmt: skip
 _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
     "demonstrator": "swingup-4", "variants": 300, "first_level": 0.2, "standing": 220, "length": 10,
