@@ -91,7 +91,8 @@ def _made_of(records: list[dict[str, Any]], shares: FloatArray) -> dict[str, Any
     """Return the provenance of an ensemble of policies with these."""
     first, made = records[0], provenance({"weights": shares.tolist()})
     said = {key: value for key, value in first.items() if all(r.get(key) == value for r in records)}
-    if all("training" in record for record in records):
-        sums = {key: sum(r["training"][key] for r in records) for key in ("steps", "seconds")}
-        made["training"] = sums
+    trained = [record.get("training", {}) for record in records]
+    known = [key for key in ("steps", "seconds") if all(key in each for each in trained)]
+    if known:
+        made["training"] = {key: sum(each[key] for each in trained) for key in known}
     return said | made | {"members": records}
