@@ -60,6 +60,12 @@ def test_an_ensemble_clips_the_mean_and_not_each_output():
         for value in (3.0, -2.0)
     ]
     np.testing.assert_allclose(rl.ensemble(constant)(np.zeros(6, np.float32)), [0.5])
+    weighted = rl.ensemble(constant, weights=[1, 3])
+    np.testing.assert_allclose(weighted(np.zeros(6, np.float32)), [-0.75])
+    assert "training" not in weighted.provenance  # of which nothing is known
+    for weights, rule in (([1, 1, 1], "an array of shape"), ([1, 0], "greater than zero")):
+        with pytest.raises(ValueError, match=f"weights must be .*{rule}"):
+            rl.ensemble(constant, weights=weights)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,10 @@ from gymnasium.envs.registration import EnvSpec
 
 from npend_gym import _checks
 from npend_gym._threads import one_torch_thread
+from npend_gym.chain import plain_keywords
 from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.keywords import CHAIN_KEYWORDS, EnvKeywords
+from npend_gym.envs.modes import MODES
 from npend_gym.envs.registration import ENV_ID, register_envs
 from npend_gym.rl.evaluation.wrappers import changing_wrappers, layers_of
 
@@ -113,6 +115,27 @@ def keywords_of(config: EnvConfig) -> dict[str, Any]:
     """Return the keywords of an environment of these settings."""
     from_others = {*CHAIN_KEYWORDS, "n", "difficulty"}  # `chain` and `max_torque` hold them
     return {k: getattr(config, k) for k in EnvKeywords.__annotations__ if k not in from_others}
+
+
+def env_of(config: EnvConfig) -> dict[str, Any]:
+    """Return keywords of an environment of these settings, as few as say the same, for JSON."""
+    given, mode = keywords_of(config), config.mode
+    known = MODES.get(mode.name, type(mode))
+    if mode.name not in MODES or type(mode) is not known:
+        given["mode"] = f"{type(mode).__module__}:{type(mode).__qualname__}"
+    elif vars(mode) == vars(known()):
+        given["mode"] = mode.name
+    else:
+        raise ValueError(
+            "mode must be unchanged, because a policy stores only the name of its class; got "
+            f"{mode!r}"
+        )
+    uniform: dict[str, Any] = {"n": config.n, "mode": given["mode"]}
+    of_chain: dict[str, Any] = {"chain": config.chain, "mode": given["mode"]}
+    base = uniform if EnvConfig(**uniform).chain == config.chain else of_chain
+    usual = plain_keywords(keywords_of(EnvConfig(**base)) | base)
+    plain = plain_keywords(given)
+    return plain_keywords(base) | {k: v for k, v in plain.items() if v != usual[k]}
 
 
 def _attribute(base: Any, name: str) -> Any:

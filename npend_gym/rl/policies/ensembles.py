@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
-from npend_gym.rl.policies.from_sb3 import env_of
+from npend_gym.rl.evaluation.settings import env_of
 from npend_gym.rl.policies.policy import Policy
 
 
@@ -89,8 +89,9 @@ def _common(policy: Policy) -> dict[str, Any]:
 
 def _made_of(records: list[dict[str, Any]], shares: FloatArray) -> dict[str, Any]:
     """Return the provenance of an ensemble of policies with these."""
-    first, made = records[0], provenance({"weights": shares.tolist()})
-    said = {key: value for key, value in first.items() if all(r.get(key) == value for r in records)}
+    made = provenance({"weights": shares.tolist()})
+    said = {k: v for k, v in records[0].items() if all(v == each.get(k) for each in records)}
+    said.pop("evaluation", None)  # that is not of the ensemble
     trained = [record.get("training", {}) for record in records]
     known = [key for key in ("steps", "seconds") if all(key in each for each in trained)]
     if known:

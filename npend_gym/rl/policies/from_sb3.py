@@ -7,11 +7,8 @@ from typing import Any
 import numpy as np
 
 from npend_gym._provenance import provenance
-from npend_gym.chain import plain_keywords
-from npend_gym.envs.config import EnvConfig
-from npend_gym.envs.modes import MODES
 from npend_gym.rl.evaluation.models import trained_through
-from npend_gym.rl.evaluation.settings import EnvLike, keywords_of, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, env_of, setting_of
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
 
@@ -86,24 +83,3 @@ def _not_layers(name: str, what: str) -> ValueError:
         f"model must be linear layers with tanh or ReLU between them, got {name} with {what}: "
         "evaluate and robustness take the model itself"
     )
-
-
-def env_of(config: EnvConfig) -> dict[str, Any]:
-    """Return keywords of an environment of these settings, as few as say the same, for JSON."""
-    given, mode = keywords_of(config), config.mode
-    known = MODES.get(mode.name, type(mode))
-    if mode.name not in MODES or type(mode) is not known:
-        given["mode"] = f"{type(mode).__module__}:{type(mode).__qualname__}"
-    elif vars(mode) == vars(known()):
-        given["mode"] = mode.name
-    else:
-        raise ValueError(
-            "mode must be unchanged, because a policy stores only the name of its class; got "
-            f"{mode!r}"
-        )
-    uniform: dict[str, Any] = {"n": config.n, "mode": given["mode"]}
-    of_chain: dict[str, Any] = {"chain": config.chain, "mode": given["mode"]}
-    base = uniform if EnvConfig(**uniform).chain == config.chain else of_chain
-    usual = plain_keywords(keywords_of(EnvConfig(**base)) | base)
-    plain = plain_keywords(given)
-    return plain_keywords(base) | {k: v for k, v in plain.items() if v != usual[k]}

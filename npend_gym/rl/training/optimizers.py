@@ -33,11 +33,11 @@ class Optimizer:
         muon_learning_rate: float = 0.0,
         betas: tuple[float, float] = (0.9, 0.999),
     ) -> None:
-        parameters = [*network.parameters()]
-        matrices = [each for each in parameters if each.ndim == 2][:-1]
-        if muon_learning_rate == 0.0:
-            matrices = []
-        others = [each for each in parameters if all(each is not other for other in matrices)]
+        others = [*network.parameters()]
+        matrices: list[nn.Parameter] = []
+        if muon_learning_rate > 0.0:
+            *matrices, last = (each for each in others if each.ndim == 2)
+            others = [last, *(each for each in others if each.ndim == 1)]
         self.network = network
         self.rates: dict[str, float] = {"adam": learning_rate, "muon": muon_learning_rate}
         self.parts: dict[str, torch.optim.Optimizer] = {
