@@ -11,7 +11,7 @@ from test_rl_memory import policy_with_memory
 from npend_gym import __version__
 from npend_gym.cli import main
 from npend_gym.export import to_onnx, to_torch
-from npend_gym.rl import Policy, pretrained_names
+from npend_gym.rl import Policy
 
 POLICIES = {
     "calm-10": Policy.pretrained("calm-10"),
@@ -74,11 +74,11 @@ def test_files_act_as_the_policy_does(name, loaded, file, tmp_path):
         begins = np.zeros_like(begins)
     actions, ours = np.stack(actions, 1), np.stack(ours, 1)
     print(f"{name}, {file}: largest difference {abs(actions - ours).max():.1e}")
-    if name in pretrained_names():  # networks of random numbers magnify what is rounded
-        np.testing.assert_allclose(actions, ours, rtol=0.0, atol=2e-6)
-    exact, bound = in_float64(policy, observations, actions)
+    (exact, bound), (meant, _) = (in_float64(policy, observations, a) for a in (actions, ours))
     assert actions.dtype == np.float32
     assert (abs(actions - exact) <= bound).all()
+    # The order of sums differs between libraries and processors; networks magnify what is rounded
+    assert abs(actions - exact).max() <= 3.0 * abs(ours - meant).max()
 
 
 @pytest.mark.parametrize(("loaded", "file"), FORMATS)
