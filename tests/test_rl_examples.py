@@ -191,6 +191,39 @@ def test_new_results_join_those_of_other_seeds_and_replace_their_own(monkeypatch
 
 
 @pytest.mark.long
+def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
+    tmp_path, monkeypatch, capsys
+):
+    pytest.importorskip("sb3_contrib")
+    pytest.importorskip("yaml")
+    import side_by_side
+
+    monkeypatch.setitem(side_by_side.shac.TASKS, "balance-1", {"total_timesteps": 960})
+    monkeypatch.setattr(side_by_side, "CSV", tmp_path / "rows.csv")
+    monkeypatch.setattr(side_by_side, "FIGURE", tmp_path / "rows.png")
+    monkeypatch.setattr(side_by_side, "PAGE", tmp_path / "page.md")
+    (tmp_path / "page.md").write_text("before\n\n| algorithm | old |\n\nafter\n")
+    agents = ["SHAC", "PPO tuned", "SAC default"]
+    arguments = ["--tasks", "balance-1", "--seeds", "0", "--budget", "1", "--publish"]
+    arguments += ["--out", str(tmp_path / "runs"), "--agents", *agents]
+    monkeypatch.setattr("sys.argv", ["side_by_side.py", *arguments])
+    side_by_side.main()
+    first, written = capsys.readouterr().out, (tmp_path / "rows.csv").read_text()
+    side_by_side.main()  # all is there: it trains nothing
+    assert first.endswith(capsys.readouterr().out)
+    assert (tmp_path / "rows.csv").read_text() == written
+    rows = list(csv.DictReader(written.splitlines()))
+    assert [row["agent"] for row in rows] == agents
+    assert all(float(row["seconds"]) >= 1.0 for row in rows[1:])
+    assert all(row["episodes"] == "100" for row in rows)
+    assert (tmp_path / "rows.png").stat().st_size > 10_000
+    page = (tmp_path / "page.md").read_text()
+    assert page.startswith("before\n\n| algorithm | balance-1 | all |\n")
+    assert page.endswith("|\n\nafter\n")
+    assert page.count("\n| ") == 1 + len(side_by_side.AGENTS)
+
+
+@pytest.mark.long
 def test_train_torchrl_writes_a_policy_that_can_be_evaluated(script, tmp_path):
     pytest.importorskip("torchrl")
     arguments = ["swingup-1", "--steps", 8192, "--out", "."]

@@ -310,6 +310,10 @@ _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "obs_scale": (0.5, 0.5, 4.0),
 }  # fmt: skip
 _QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
+_FOUR_POLES: dict[str, Any] = _QUICK | {
+    "seconds": 10.0, "plan_seed": 4, "variants": 100, "rounds": 80, "hidden": 256,
+    "muon_learning_rate": 0.015,
+}  # fmt: skip
 _POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": _QUICK | {"seconds": 3.0, "plan_seed": 0, "rounds": 4, "hidden": 32},
@@ -325,6 +329,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "calm-2-robust": {"rounds": 20, "hidden": 48},
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
     "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
+    "swingup-4-cart": _FOUR_POLES,
     "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},

@@ -1,0 +1,260 @@
+"""What several algorithms learn in five minutes of processor time, on the same tasks.
+
+    python benchmarks/side_by_side.py --out results/side_by_side --publish
+
+trains PPO, SAC and TQC of Stable-Baselines3 and sb3-contrib beside SHAC and imitation of this
+package. With "default" settings an algorithm runs as its library has it, on a single environment of
+`gym.make`. With "tuned" settings it runs as one file of `examples/configs` says, the same for all
+tasks, on a vector environment. SHAC and imitation have the settings of the task.
+
+A run of Stable-Baselines3 ends when its policy succeeds in all of 50 validation episodes, which are
+tried now and then, or else after five minutes of processor time. That of SHAC and imitation ends
+where its settings say. The last policy is judged in 100 held-out episodes. Each run is a file in
+the folder, so that this can be interrupted, or run several times at once with other `--tasks`.
+`--publish` puts the rows into `docs/results/side_by_side.csv`, the table into the page
+`docs/notes/side_by_side.md`, and draws them; rows of runs that the folder has not are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+import sys
+import time
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import sb3_contrib
+import stable_baselines3
+import torch
+import yaml
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+
+import npend_gym
+from npend_gym._provenance import machine
+from npend_gym.envs import EnvConfig
+from npend_gym.report import write_csv
+from npend_gym.rl import (
+    VALIDATION,
+    bootstrap_interval,
+    episode_seeds,
+    evaluate,
+    interquartile_mean,
+)
+from npend_gym.rl.training import imitation, shac
+from npend_gym.rl.training.tasks import env_of_task
+
+ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT / "examples"))
+from train_sb3 import CONFIGS, algorithm, make_model  # noqa: E402
+
+CSV = ROOT / "docs" / "results" / "side_by_side.csv"
+FIGURE = ROOT / "docs" / "images" / "side_by_side.png"
+PAGE = ROOT / "docs" / "notes" / "side_by_side.md"
+TABLE = re.compile(r"\| algorithm \|.*?\n\n", re.DOTALL)
+TASKS = tuple(
+    f"{mode}-{chain}"
+    for chain, mode in product(("1", "1-cart", "2", "2-acrobot"), ("balance", "swingup"))
+)
+TUNED = {"PPO": "swingup-1", "SAC": "swingup-1-sac", "TQC": "balance-2-tqc"}  # files of settings
+OURS: dict[str, Any] = {"SHAC": shac, "imitation": imitation}
+AGENTS = (*OURS, *(f"{name} {how}" for name, how in product(TUNED, ("tuned", "default"))))
+BUDGET, CHECKED = 300.0, 15.0  # s of processor time: for all, and between trials of a policy
+EPISODE = 10.0  # s, in training; an evaluation has the environment's own length
+TRIALS = 50  # validation episodes in a trial
+KEY = ("task", "agent", "seed")
+
+
+class Budget(BaseCallback):
+    """Ends a run when its policy succeeds in all trial episodes, or its time is over."""
+
+    def __init__(self, env: dict[str, Any], budget: float) -> None:
+        super().__init__()
+        self.env, self.budget = env, budget
+        self.begun, self.tried, self.next_trial = time.process_time(), 0.0, CHECKED
+
+    @property
+    def seconds(self) -> float:
+        """The processor time of training, without that of the trials."""
+        return time.process_time() - self.begun - self.tried
+
+    def _on_step(self) -> bool:
+        if self.seconds >= self.budget:
+            return False
+        if self.seconds < self.next_trial:
+            return True
+        self.next_trial += CHECKED
+        before = time.process_time()
+        found = evaluate(self.model, self.env, episodes=TRIALS, seed=VALIDATION)
+        self.tried += time.process_time() - before
+        return found.success_rate < 1.0
+
+
+def model_of(task: str, agent: str, seed: int, left: Callable[[], float]) -> BaseAlgorithm:
+    """Return an untrained model; `left` tells which share of its time it has left."""
+    name, settings = agent.split()
+    env = env_of_task(task)
+    env["max_episode_steps"] = round(EPISODE / EnvConfig(**env).dt)
+    if settings == "default":
+        first = episode_seeds("training", 1, run=seed).start
+        single = gym.make("NPendulum-v0", **env)
+        return algorithm(name)("MlpPolicy", single, seed=first, device="cpu")
+    config = yaml.safe_load((CONFIGS / f"{TUNED[name]}.yml").read_text(encoding="utf-8"))
+    (section,) = (value for value in config.values() if isinstance(value, dict))
+    rate = section["learning_rate"]
+    if isinstance(rate, str):  # "lin_1e-3" falls linearly to zero: here over the time
+        initial = float(rate.removeprefix("lin_"))
+        section["learning_rate"] = lambda _: initial * left()
+    section["env_kwargs"] = env
+    return make_model({"algo": config["algo"], "NPendulum-v0": section}, seed)
+
+
+def by_sb3(task: str, agent: str, seed: int, budget: float) -> tuple[BaseAlgorithm, dict[str, Any]]:
+    """Return a model that was trained, and its steps and seconds."""
+    ends = Budget(env_of_task(task), budget)
+    model = model_of(task, agent, seed, lambda: max(0.0, 1.0 - ends.seconds / budget))
+    ends.begun = time.process_time()
+    model.learn(10**9, callback=ends)
+    model.get_env().close()
+    return model, {"steps": model.num_timesteps, "seconds": round(ends.seconds, 1)}
+
+
+def by_ours(task: str, agent: str, seed: int) -> tuple[npend_gym.rl.Policy, dict[str, Any]]:
+    """Return a policy of a trainer of this package, and its steps and seconds."""
+    trainer = OURS[agent]
+    policy, curve = trainer.train(trainer.settings_of(task, seed=seed), f"{task}, {agent}")
+    return policy, {"steps": curve[-1]["steps"], "seconds": round(curve[-1]["seconds"], 1)}
+
+
+def run(task: str, agent: str, seed: int, budget: float) -> dict[str, Any]:
+    """Train, judge in held-out episodes, and return what to keep."""
+    found: tuple[Any, dict[str, Any]] = (
+        by_ours(task, agent, seed) if agent in OURS else by_sb3(task, agent, seed, budget)
+    )
+    row = dict(zip(KEY, (task, agent, seed), strict=True)) | found[1]
+    row |= evaluate(found[0], env_of_task(task)).as_row()
+    versions = {
+        "npend_gym": npend_gym.__version__,
+        "stable_baselines3": stable_baselines3.__version__,
+        "sb3_contrib": sb3_contrib.__version__,
+        "torch": torch.__version__,
+    }
+    return row | versions | {"budget": budget, "machine": machine()}
+
+
+def collected(folder: Path) -> list[dict[str, Any]]:
+    """Return the rows of the table in `docs/`, those of the folder in their place, in order."""
+    rows: list[dict[str, Any]] = []
+    if CSV.exists():
+        with CSV.open(encoding="utf-8") as file:
+            rows = [row | {"seed": int(row["seed"])} for row in csv.DictReader(file)]
+    rows += [json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")]
+    latest = {tuple(row[key] for key in KEY): row for row in rows}
+    order = TASKS, AGENTS, range(1000)
+    return sorted(
+        latest.values(), key=lambda r: [o.index(r[k]) for o, k in zip(order, KEY, strict=True)]
+    )
+
+
+def scores(rows: list[dict[str, Any]], task: str, agent: str, column: str) -> list[float]:
+    """Return what the seeds of an algorithm reached in a task."""
+    return [float(row[column]) for row in rows if (row["task"], row["agent"]) == (task, agent)]
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the table of success, with its interquartile mean over the tasks, in Markdown."""
+    tasks = [task for task in TASKS if any(row["task"] == task for row in rows)]
+    titles = ["algorithm", *tasks, "all"]
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    for agent in AGENTS:
+        cells = [agent]
+        for task in tasks:
+            success = scores(rows, task, agent, "success")
+            seconds = scores(rows, task, agent, "seconds")
+            cells.append(
+                f"{100 * np.mean(success):.0f} %, {np.median(seconds):.0f} s" if success else "-"
+            )
+        whole = overall(rows, tasks, agent)
+        cells.append("-" if whole is None else "{:.0f} % ({:.0f} to {:.0f})".format(*whole))
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def overall(
+    rows: list[dict[str, Any]], tasks: list[str], agent: str
+) -> tuple[float, float, float] | None:
+    """Return the interquartile mean of success [%] with its 95 % interval, of all tasks alike."""
+    runs = [scores(rows, task, agent, "success") for task in tasks]
+    count = min(map(len, runs), default=0)
+    if count == 0:
+        return None
+    success = 100.0 * np.array([each[:count] for each in runs]).T
+    return interquartile_mean(success), *bootstrap_interval(success)
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draw the success of every run, against its processor time, a panel for each task."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13.0, 6.0), layout="constrained")
+    panels = figure.subplots(2, len(TASKS) // 2, sharex=True, sharey=True)
+    marks = dict(zip(("SHAC", "imitation", *TUNED), "o^sDv", strict=True))
+    for axes, task in zip(panels.T.ravel(), TASKS, strict=True):
+        axes.axvline(BUDGET, color="0.8", lw=1.0)
+        for k, agent in enumerate(AGENTS):
+            axes.plot(
+                scores(rows, task, agent, "seconds"),
+                [100.0 * each for each in scores(rows, task, agent, "success")],
+                marks[agent.split()[0]],
+                color=f"C{k}",
+                markerfacecolor="none" if agent.endswith("default") else None,
+                label=agent,
+            )
+        axes.set(title=task, xscale="log", xlim=(1.0, 1000.0), ylim=(-5.0, 105.0))
+    for axes in panels[-1]:
+        axes.set_xlabel("processor time [s]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("success [%]")
+    handles = panels[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=len(AGENTS) // 2)
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """Train what is missing, each run into a file of its own."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/side_by_side"))
+    parser.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
+    parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
+    parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1, 2])
+    parser.add_argument("--budget", type=float, default=BUDGET, help="s of processor time")
+    parser.add_argument("--publish", action="store_true", help="in docs/")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)  # two are slower for networks this small
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for seed, task, agent in product(arguments.seeds, arguments.tasks, arguments.agents):
+        path = arguments.out / f"{task}-{agent.replace(' ', '-')}-{seed}.json"
+        if path.exists():
+            continue
+        row = run(task, agent, seed, arguments.budget)
+        path.write_text(json.dumps(row), encoding="utf-8")
+        print(f"{path.stem}: {row['success']:.2f} after {row['seconds']} s", flush=True)
+    rows = collected(arguments.out)
+    print(table(rows))
+    if arguments.publish:
+        write_csv(CSV, rows)
+        draw(rows, FIGURE)
+        page = PAGE.read_text(encoding="utf-8")
+        page = TABLE.sub(lambda _: table(rows) + "\n", page, count=1)
+        PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
