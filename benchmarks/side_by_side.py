@@ -7,8 +7,8 @@ package. With "default" settings an algorithm runs as its library has it, on a s
 `gym.make`. With "tuned" settings it runs as one file of `examples/configs` says, the same for all
 tasks, on a vector environment. SHAC and imitation have the settings of the task.
 
-A run of Stable-Baselines3 ends when its policy succeeds in all of 50 validation episodes, which are
-tried now and then, or else after five minutes of processor time. That of SHAC and imitation ends
+A run of Stable-Baselines3 ends when its policy succeeds in all of 50 validation episodes, or else
+after five minutes of processor time; it is tried now and then. That of SHAC and imitation ends
 where its settings say. The last policy is judged in 100 held-out episodes. Each run is a file in
 the folder, so that this can be interrupted, or run several times at once with other `--tasks`.
 `--publish` puts the rows into `docs/results/side_by_side.csv`, the table into the page

@@ -54,6 +54,26 @@ def test_an_ensemble_acts_with_the_mean_of_its_policies(depth, tmp_path):
     assert about["training"] == {"steps": 30, "seconds": 6.0}
 
 
+def test_an_ensemble_in_an_ensemble_counts_as_its_members():
+    rng = np.random.default_rng(4)
+    one, two, three = (
+        small_policy(
+            weights=[rng.normal(size=(4, 6)), 0.1 * rng.normal(size=(1, 4))],
+            biases=[rng.normal(size=4), 0.1 * rng.normal(size=1)],
+            provenance={"trained_by": "a test", "seed": seed, "training": TRAINED},
+        )
+        for seed in range(3)
+    )
+    nested = rl.ensemble([rl.ensemble([one, two], weights=[2, 1]), three], weights=[2, 1])
+    flat = rl.ensemble([one, two, three], weights=[4, 2, 3])
+    obs = rng.normal(size=(50, 6)).astype(np.float32)
+    np.testing.assert_allclose(nested(obs), flat(obs), atol=1e-6)
+    for about in (nested.provenance, flat.provenance):
+        assert [member["seed"] for member in about["members"]] == [0, 1, 2]
+        assert about["arguments"]["weights"] == pytest.approx([4 / 9, 2 / 9, 3 / 9])
+        assert about["training"] == {"steps": 30, "seconds": 6.0}
+
+
 def test_an_ensemble_clips_the_mean_and_not_each_output():
     constant = [
         small_policy(weights=[np.zeros((1, 6))], biases=[np.array([value])])

@@ -34,7 +34,8 @@ def ensemble(policies: Sequence[Policy], weights: Sequence[float] | None = None)
     -------
     Policy
         Its provenance has what those of all policies say, the sums of their steps and seconds of
-        training, and each of them, as "members".
+        training, and each of them, as "members". An ensemble among the policies counts as its
+        members.
 
     Raises
     ------
@@ -89,11 +90,16 @@ def _common(policy: Policy) -> dict[str, Any]:
 
 def _made_of(records: list[dict[str, Any]], shares: FloatArray) -> dict[str, Any]:
     """Return the provenance of an ensemble of policies with these."""
-    made = provenance({"weights": shares.tolist()})
-    said = {k: v for k, v in records[0].items() if all(v == each.get(k) for each in records)}
+    members, weights = list[dict[str, Any]](), list[float]()
+    for record, share in zip(records, shares.tolist(), strict=True):
+        of_members = record["arguments"]["weights"] if "members" in record else [1.0]
+        members += record.get("members", [record])
+        weights += [share * weight for weight in of_members]
+    made = provenance({"weights": weights})
+    said = {k: v for k, v in members[0].items() if all(v == each.get(k) for each in members)}
     said.pop("evaluation", None)  # that is not of the ensemble
-    trained = [record.get("training", {}) for record in records]
+    trained = [member.get("training", {}) for member in members]
     known = [key for key in ("steps", "seconds") if all(key in each for each in trained)]
     if known:
         made["training"] = {key: sum(each[key] for each in trained) for key in known}
-    return said | made | {"members": records}
+    return said | made | {"members": members}
