@@ -163,6 +163,11 @@ def collected(folder: Path) -> list[dict[str, Any]]:
     )
 
 
+def tried(rows: list[dict[str, Any]]) -> list[str]:
+    """Return the tasks that have rows, in order."""
+    return [task for task in TASKS if any(row["task"] == task for row in rows)]
+
+
 def scores(rows: list[dict[str, Any]], task: str, agent: str, column: str) -> list[float]:
     """Return what the seeds of an algorithm reached in a task."""
     return [float(row[column]) for row in rows if (row["task"], row["agent"]) == (task, agent)]
@@ -170,7 +175,7 @@ def scores(rows: list[dict[str, Any]], task: str, agent: str, column: str) -> li
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return the table of success, with its interquartile mean over the tasks, in Markdown."""
-    tasks = [task for task in TASKS if any(row["task"] == task for row in rows)]
+    tasks = tried(rows)
     titles = ["algorithm", *tasks, "all"]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     for agent in AGENTS:
@@ -203,10 +208,14 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw the success of every run, against its processor time, a panel for each task."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.0, 6.0), layout="constrained")
-    panels = figure.subplots(2, len(TASKS) // 2, sharex=True, sharey=True)
+    tasks = tried(rows)
+    columns = -(-len(tasks) // 2)
+    figure = Figure(figsize=(3.25 * max(columns, 3), 6.0), layout="constrained")
+    panels = figure.subplots(2, columns, sharex=True, sharey=True, squeeze=False)
     marks = dict(zip(("SHAC", "imitation", *TUNED), "o^sDv", strict=True))
-    for axes, task in zip(panels.T.ravel(), TASKS, strict=True):
+    for axes in panels.T.ravel()[len(tasks) :]:
+        axes.set_axis_off()
+    for axes, task in zip(panels.T.ravel(), tasks, strict=False):
         axes.axvline(BUDGET, color="0.8", lw=1.0)
         for k, agent in enumerate(AGENTS):
             axes.plot(

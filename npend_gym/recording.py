@@ -36,11 +36,13 @@ class Recording:
     motion: Trajectory  # of T instants from 0 on
     # of every bob [s], (n,), also the instant that completes it; NaN beyond the recording
     periods: FloatArray
-    torque: FloatArray  # at `joint` over its limit, from each instant on, (T,); the last repeats
+    # at `joint`, or force on the cart, over its limit, from each instant on, (T,); the last repeats
+    torque: FloatArray
     reading: str  # what completes a pseudo-period, see `npend_gym.pseudo_periods`
     caption: str  # what it is, in a few words
     provenance: dict[str, Any]
-    joint: int = 0  # whose torque is recorded; 0 is the pivot
+    joint: int = 0  # whose torque is recorded; 0 is the pivot, n the cart
+    rail: float = 0.0  # half its length [m]; 0 where there is none
 
     def signals(self) -> FloatArray:
         """Return the signal of every bob whose changes of sign the reading counts, shape (T, n).
@@ -52,12 +54,22 @@ class Recording:
         shown = signals(self.motion, self.reading)
         return np.broadcast_to(shown, self.motion.theta.shape)
 
+    def cart(self) -> FloatArray:
+        """Return where the cart is on its rail [m], shape (T,); zeros where there is none."""
+        position = self.motion.position
+        is_cart = position is not None and position.ndim == 1
+        return position if is_cart else np.zeros(self.motion.times.size)
+
+    def positions(self) -> FloatArray:
+        """Return where the bobs are [m], (T, n, 2), from the pivot or the middle of the rail."""
+        return self.motion.positions() + self.cart()[:, None, None] * (1.0, 0.0)
+
     def turning_points(self) -> FloatArray:
         """Return where each bob completed its pseudo-period [m], shape (n, 2), NaN where not.
 
         Interpolated between the recorded instants: for pictures.
         """
-        places, turned = self.motion.positions(), np.empty((self.motion.chain.n, 2))
+        places, turned = self.positions(), np.empty((self.motion.chain.n, 2))
         for bob, period in enumerate(self.periods.tolist()):
             for axis in (0, 1):
                 turned[bob, axis] = np.interp(period, self.motion.times, places[:, bob, axis])
@@ -221,13 +233,11 @@ def record_episode(
     Raises
     ------
     ValueError
-        If the recording would be too long to be held, or shows a cart.
+        If the recording would be too long to be held.
     """
     seconds, seed = _checks.positive_number("seconds", seconds), _checks.count("seed", seed, low=0)
     env: Any = gym.make(ENV_ID, **keywords)
     config = env.unwrapped.config
-    if config.has_cart:
-        raise ValueError('base must be "pivot" in recordings, which show no cart; got "cart"')
     _check_size(seconds / config.dt, config.n)
     observation, info = env.reset(seed=seed)
     infos, done = [info], False
@@ -240,14 +250,15 @@ def record_episode(
         infos.append(info)
         actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
     env.close()
-    times, theta, omega = (np.array([i[key] for i in infos]) for key in ("time", "theta", "omega"))
+    keys = ["time", "theta", "omega", *(f"cart_{each}" for each in PIVOT if config.has_cart)]
     periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)
     return Recording(
-        Trajectory(config.chain, times, theta, omega),
+        Trajectory(config.chain, *(np.array([info[key] for info in infos]) for key in keys)),
         periods,
         np.array([*actions, actions[-1]]),
         "bob",
         f"{config.mode.name} by {name}, n = {config.chain.n}",
         provenance({"policy": name, "seconds": seconds, "env": plain_keywords(keywords)}, seed),
         int(config.joints[0]) if config.joints.size else 0,
+        config.rail or 0.0,
     )

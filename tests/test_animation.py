@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import gymnasium as gym
 import imageio.v3 as imageio
 import numpy as np
 import pytest
@@ -12,7 +13,12 @@ from npend_gym import Chain, __version__, simulate
 from npend_gym.cli import main
 from npend_gym.experiments import ReleaseExperiment, measure
 from npend_gym.identification import read_motion
-from npend_gym.recording import record_release, record_simulation
+from npend_gym.recording import (
+    record_episode,
+    record_motion,
+    record_release,
+    record_simulation,
+)
 from npend_gym.report.animation import Film, write
 
 TIP = (0xD5, 0x5E, 0x00)
@@ -40,6 +46,31 @@ def test_the_tip_moves_in_the_film_as_in_the_motion(n):
         x, y = motion.positions()[k, -1] / motion.chain.total_length
         expected = 120 + 0.44 * 240 * np.array([x, -y])
         np.testing.assert_allclose(tip_of(shown.picture(k), 240), expected, atol=1.0)
+
+
+def test_a_film_of_an_episode_on_a_cart_shows_what_the_environment_renders():
+    keywords = {"n": 2, "mode": "swingup", "base": "cart"}
+    recording = record_episode(lambda *_: np.array([[0.6]]), keywords, seed=3, seconds=1.5)
+    shown = Film(recording, fps=20.0, size=160, diagrams=False)
+    env = gym.make("NPendulum-v0", render_mode="rgb_array", render_size=160, **keywords)
+    env.reset(seed=3)
+    env.step(np.array([0.6], np.float32))
+    completed = np.nanmin(recording.periods)  # from there on films have a dot
+    for k in range(1, np.searchsorted(recording.motion.times, completed)):
+        # the force of a step is shown before it in films, and here after it; traces begin elsewhere
+        np.testing.assert_allclose(shown.picture(k).astype(int), env.render(), atol=8)
+        env.step(np.array([0.6], np.float32))
+    assert np.ptp(recording.cart()) > 0.05
+
+
+def test_a_film_of_a_simulated_chain_on_a_cart_shows_how_far_that_goes():
+    motion = simulate(Chain.dm_control("cartpole", 2), 2.5, 0.0, np.linspace(0.0, 2.0, 41))
+    pictures = Film(record_motion(motion), fps=20.0, size=240, diagrams=False)
+    for k in (0, 17, 40):
+        x, y = motion.positions()[k].mean(axis=0)  # of the last link, from the cart
+        x += motion.position[k]
+        expected = 120 + 0.44 * 240 * np.array([x, -y]) / motion.chain.total_length
+        np.testing.assert_allclose(tip_of(pictures.picture(k), 240), expected, atol=2.5)
 
 
 def test_the_diagrams_appear_from_left_to_right():

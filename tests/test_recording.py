@@ -117,3 +117,25 @@ def test_a_release_that_completes_nothing_is_recorded_for_the_papers_window():
     plan = ReleaseExperiment(n_values=[2], trials=1, gravity=0.0)
     recording = record_release(plan, Run(2, 1, 0.7, np.full(2, np.nan)), 0.5)
     assert recording.motion.times[-1] == 10.0
+
+
+def test_an_episode_on_a_cart_has_the_way_of_the_cart_and_the_force_on_it():
+    def push(_observation, info):
+        return np.array([[0.4]]) * np.cos(2.0 * info["time"][0])
+
+    keywords = {"n": 2, "mode": "swingup", "base": "cart"}
+    recording = record_episode(push, keywords, seed=3, seconds=2.0)
+    env = gym.make("NPendulum-v0", **keywords)
+    _, info = env.reset(seed=3)
+    places = [info["cart_position"]]
+    for k in range(40):
+        action = np.array([0.4 * np.cos(2.0 * 0.05 * k)], np.float32)
+        info = env.step(action)[-1]
+        places.append(info["cart_position"])
+    assert np.ptp(places) > 0.05
+    np.testing.assert_array_equal(recording.cart(), places)
+    tips = recording.positions()[:, -1] - recording.motion.positions()[:, -1]
+    np.testing.assert_allclose(tips, np.column_stack([places, np.zeros(41)]), atol=1e-15)
+    assert (recording.joint, recording.rail) == (2, env.unwrapped.config.rail)
+    np.testing.assert_allclose(recording.motion.energy()[-1], info["energy"], rtol=1e-12)
+    np.testing.assert_allclose(recording.torque[:3], 0.4 * np.cos([0.0, 0.1, 0.2]), atol=1e-6)

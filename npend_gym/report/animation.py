@@ -76,8 +76,10 @@ class Film:
         interval = self.speed / self.fps
         times = interval * np.arange(int(motion.times[-1] / interval + 1e-6) + 1)
         self._shown = np.searchsorted(motion.times, times + 1e-6 * interval, side="right") - 1
-        self._places, self._energy = motion.positions(), motion.energy()
-        self._centres = motion.bodies()
+        self._places, self._energy = recording.positions(), motion.energy()
+        self._cart = recording.cart()
+        self._rail: float = recording.rail or float(np.abs(self._cart).max())
+        self._centres = motion.bodies() + self._cart[:, None, None] * (1.0, 0.0)
         self._turned = recording.turning_points()
         self._diagrams = _diagrams(recording, size) if diagrams else None
 
@@ -108,19 +110,23 @@ class Film:
         motion, time = recording.motion, recording.motion.times[now]
         done = recording.periods <= time
         first = max(0, k - round(_TRACE_SECONDS * self.fps / self.speed))
+        on_cart, acts = recording.joint == motion.chain.n, float(recording.torque[now])
         return Scene(
             positions=self._places[now],
-            reach=motion.chain.total_length,
+            reach=max(self._rail, motion.chain.total_length),
             time=float(time),
             energy=float(self._energy[now]),
             pseudo_period=float(recording.periods[done].mean()) if done.any() else 0.0,
             completed=int(done.sum()),
-            torque=float(recording.torque[now]),
+            torque=0.0 if on_cart else acts,
             caption=recording.caption,
             trace=self._places[self._shown[first:k], -1],
             marks=self._turned[done],
             centres=self._centres[now],
-            joint=recording.joint,
+            joint=0 if on_cart else recording.joint,
+            rail=self._rail,
+            cart=float(self._cart[now]),
+            force=acts if on_cart else 0.0,
         )
 
     def _diagrams_at(
