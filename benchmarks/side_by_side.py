@@ -174,9 +174,9 @@ def scores(rows: list[dict[str, Any]], task: str, agent: str, column: str) -> li
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """Return the table of success, with its interquartile mean over the tasks, in Markdown."""
+    """Return the table of success, with its means over all tasks, in Markdown."""
     tasks = tried(rows)
-    titles = ["algorithm", *tasks, "all"]
+    titles = ["algorithm", *tasks, "mean", "interquartile mean"]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     for agent in AGENTS:
         cells = [agent]
@@ -186,22 +186,20 @@ def table(rows: list[dict[str, Any]]) -> str:
             cells.append(
                 f"{100 * np.mean(success):.0f} %, {np.median(seconds):.0f} s" if success else "-"
             )
-        whole = overall(rows, tasks, agent)
-        cells.append("-" if whole is None else "{:.0f} % ({:.0f} to {:.0f})".format(*whole))
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append("| " + " | ".join(cells + overall(rows, tasks, agent)) + " |")
     return "\n".join(lines) + "\n"
 
 
-def overall(
-    rows: list[dict[str, Any]], tasks: list[str], agent: str
-) -> tuple[float, float, float] | None:
-    """Return the interquartile mean of success [%] with its 95 % interval, of all tasks alike."""
+def overall(rows: list[dict[str, Any]], tasks: list[str], agent: str) -> list[str]:
+    """Return the cells of means over all tasks, with as many seeds of each."""
     runs = [scores(rows, task, agent, "success") for task in tasks]
     count = min(map(len, runs), default=0)
     if count == 0:
-        return None
+        return ["-", "-"]
     success = 100.0 * np.array([each[:count] for each in runs]).T
-    return interquartile_mean(success), *bootstrap_interval(success)
+    low, high = bootstrap_interval(success)
+    interval = f" ({low:.0f} to {high:.0f})" if low < high else ""
+    return [f"{success.mean():.0f} %", f"{interquartile_mean(success):.0f} %{interval}"]
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:

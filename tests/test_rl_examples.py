@@ -218,7 +218,7 @@ def test_algorithms_side_by_side_have_a_row_for_each_run_and_a_picture(
     assert all(row["episodes"] == "100" for row in rows)
     assert (tmp_path / "rows.png").stat().st_size > 10_000
     page = (tmp_path / "page.md").read_text()
-    assert page.startswith("before\n\n| algorithm | balance-1 | all |\n")
+    assert page.startswith("before\n\n| algorithm | balance-1 | mean | interquartile mean |\n")
     assert page.endswith("|\n\nafter\n")
     assert page.count("\n| ") == 1 + len(side_by_side.AGENTS)
 
