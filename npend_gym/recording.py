@@ -57,8 +57,9 @@ class Recording:
     def cart(self) -> FloatArray:
         """Return where the cart is on its rail [m], shape (T,); zeros where there is none."""
         position = self.motion.position
-        is_cart = position is not None and position.ndim == 1
-        return position if is_cart else np.zeros(self.motion.times.size)
+        if position is None or position.ndim > 1:  # of a pivot that is moved
+            return np.zeros(self.motion.times.size)
+        return position
 
     def positions(self) -> FloatArray:
         """Return where the bobs are [m], (T, n, 2), from the pivot or the middle of the rail."""
@@ -250,10 +251,13 @@ def record_episode(
         infos.append(info)
         actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
     env.close()
-    keys = ["time", "theta", "omega", *(f"cart_{each}" for each in PIVOT if config.has_cart)]
+    times, theta, omega = (np.array([i[key] for i in infos]) for key in ("time", "theta", "omega"))
+    cart: dict[str, Any] = {}
+    if config.has_cart:
+        cart = {name: np.array([i[f"cart_{name}"] for i in infos]) for name in PIVOT}
     periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)
     return Recording(
-        Trajectory(config.chain, *(np.array([info[key] for info in infos]) for key in keys)),
+        Trajectory(config.chain, times, theta, omega, **cart),
         periods,
         np.array([*actions, actions[-1]]),
         "bob",
