@@ -12,7 +12,7 @@ after five minutes of processor time; it is tried now and then. That of SHAC and
 where its settings say. The last policy is judged in 100 held-out episodes. Each run is a file in
 the folder, so that this can be interrupted, or run several times at once with other `--tasks`.
 `--publish` puts the rows into `docs/results/side_by_side.csv`, the table into the page
-`docs/notes/side_by_side.md`, and draws them; rows of runs that the folder has not are kept.
+`docs/notes/side_by_side.md`, and draws them; rows of runs that the folder lacks are kept.
 """
 
 from __future__ import annotations

@@ -63,7 +63,11 @@ class Recording:
 
     def positions(self) -> FloatArray:
         """Return where the bobs are [m], (T, n, 2), from the pivot or the middle of the rail."""
-        return self.motion.positions() + self.cart()[:, None, None] * (1.0, 0.0)
+        return self.on_rail(self.motion.positions())
+
+    def on_rail(self, places: FloatArray) -> FloatArray:
+        """Return places from the middle of the rail [m], of those from the cart, (T, k, 2)."""
+        return places + self.cart()[:, None, None] * (1.0, 0.0)
 
     def turning_points(self) -> FloatArray:
         """Return where each bob completed its pseudo-period [m], shape (n, 2), NaN where not.

@@ -79,7 +79,7 @@ class Film:
         self._places, self._energy = recording.positions(), motion.energy()
         self._cart = recording.cart()
         self._rail: float = recording.rail or float(np.abs(self._cart).max())
-        self._centres = motion.bodies() + self._cart[:, None, None] * (1.0, 0.0)
+        self._centres = recording.on_rail(motion.bodies())
         self._turned = recording.turning_points()
         self._diagrams = _diagrams(recording, size) if diagrams else None
 
