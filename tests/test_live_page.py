@@ -9,13 +9,16 @@ from accessibility import grave_findings
 
 from npend_gym import Cart, Chain, pseudo_periods, simulate, theory
 from npend_gym.cli import main
+from npend_gym.envs import EnvConfig
 from npend_gym.physics import Ensemble
+from npend_gym.physics.energy import kinetic_of_motion, potential_energy
 from npend_gym.physics.substeps import default_substeps
 from npend_gym.rl import Policy
 
 pytestmark = pytest.mark.long  # the first page of a version compiles for a minute
 
 UNEVEN = Chain([1.0, 0.4, 2.0], [0.7, 1.2, 0.5], gravity=3.7, damping=[0.1, 0.02, 0.3])
+ON_CART = Chain(UNEVEN.masses, UNEVEN.lengths, damping=0.05, base=Cart(1.5, damping=0.2))
 CHAINS = {
     "1": Chain.uniform(1),
     "2": Chain.uniform(2),
@@ -54,6 +57,14 @@ def wait_for(page, true, seconds=30):
     raise TimeoutError
 
 
+def page_of(open_page, tmp_path, chain):
+    """The page that a chain moves on, and the chain."""
+    (tmp_path / "chain.json").write_text(json.dumps(chain.as_dict()))
+    out = tmp_path / "live.html"
+    assert main(["play", "--chain", str(tmp_path / "chain.json"), "--out", str(out)]) == 0
+    return opened(open_page, out), chain
+
+
 def plain(chain):
     """A chain as the scripts of the page take it."""
     values = chain.as_dict()
@@ -68,9 +79,9 @@ ADVANCE = """async ([chain, theta, omega, torque, dt, substeps, steps]) => {
   live.begin(chain ?? npend.data.chain, theta, omega);
   const states = [];
   for (let step = 0; step < steps; step++) {
-    live.torque.set(torque);
+    live.base.torque.set(torque); // and the force on a cart
     if (substeps) live.step(dt, substeps, 0); else live.advance(dt);
-    states.push([...live.theta, ...live.omega]);
+    states.push([...live.theta, ...live.omega, live.place, live.speed]);
   }
   const periods = [...live.periods].map((t) => (t > 0 ? t : -1));
   return { states, periods, energy: live.output("ENERGY"), error: live.output("ENERGY_ERROR"),
@@ -85,13 +96,13 @@ def advanced(page, chain, start, torque, dt, substeps, steps):
     return np.array(found.pop("states")), found
 
 
-def by_the_package(chain, theta, omega, torque):
+def by_the_package(chain, theta, omega, torque, force=0.0):
     """States and ensemble after 100 steps."""
     ensemble, states = Ensemble(chain, 1, joints=range(chain.n)), []
     ensemble.set_state(0, theta, omega)
     for _ in range(100):
-        ensemble.advance(torque[None], 0.02, 40)
-        states.append(np.concatenate([ensemble.theta[0], ensemble.omega[0]]))
+        ensemble.advance(torque[None], 0.02, 40, force=force)
+        states.append(np.concatenate([ensemble.theta[0], ensemble.omega[0], *ensemble.cart]))
     return states, ensemble
 
 
@@ -111,20 +122,23 @@ def test_a_browser_computes_the_bits_of_the_package(page, name):
     assert found["energy"] == pytest.approx(ensemble.energy[0], rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["acrobot", "realaigym C.1"])
-def test_a_browser_computes_the_bits_of_links_and_machines(open_page, tmp_path, name):
-    out = tmp_path / "live.html"
-    assert main(["play", "--chain", name, "--out", str(out)]) == 0
-    page, chain = opened(open_page, out), Chain.preset(name)
+@pytest.mark.parametrize("name", ["acrobot", "realaigym C.1", "cartpole", "uneven"])
+def test_a_browser_computes_the_bits_of_links_machines_and_carts(open_page, tmp_path, name):
+    page, chain = page_of(open_page, tmp_path, ON_CART if name == "uneven" else Chain.preset(name))
     rng = np.random.default_rng(1)
     theta, omega = rng.uniform(-2.0, 2.0, chain.n), rng.normal(size=chain.n)
     torque = 0.1 * chain.lifting_energy * rng.normal(size=chain.n)
+    force = 0.0 if chain.base is None else 3.0
     start = theta.tolist(), omega.tolist()
-    states, found = advanced(page, None, start, torque.tolist(), 0.02, 40, 100)
-    expected, ensemble = by_the_package(chain, theta, omega, torque)
+    states, found = advanced(page, None, start, [*torque.tolist(), force], 0.02, 40, 100)
+    expected, ensemble = by_the_package(chain, theta, omega, torque, force)
     np.testing.assert_array_equal(states, expected)
-    assert found["energy"] == pytest.approx(ensemble.energy[0], rel=1e-12)
-    needed = default_substeps(chain, 1.0)
+    speed = None if chain.base is None else ensemble.cart[1]
+    angles, rates = ensemble.theta, ensemble.omega
+    energy = kinetic_of_motion(chain, angles, rates, speed, None, None)
+    energy += potential_energy(chain, angles)
+    assert found["energy"] == pytest.approx(energy[0], rel=1e-12)
+    needed = EnvConfig(chain=chain, dt=1.0, max_torque=1.0).min_substeps
     assert page.evaluate("globalThis.npend.chain.rate * 16.0") == pytest.approx(needed)
     assert not page.is_visible("#n")
     before = page.evaluate("[...globalThis.npend.chain.theta]")
@@ -143,7 +157,9 @@ def test_trajectories_agree_with_the_adaptive_method_to_1e_9_over_2_s(page, name
         chain, theta, 0.0, np.linspace(0.0, 2.0, 21), torque=torque, rtol=1e-13, atol=1e-14
     )
     np.testing.assert_allclose(states[:, : chain.n], exact.theta[1:], rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(states[:, chain.n :], exact.omega[1:], rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(
+        states[:, chain.n : 2 * chain.n], exact.omega[1:], rtol=0.0, atol=1e-8
+    )
 
 
 def test_pseudo_periods_are_those_of_the_package(page):
@@ -229,11 +245,10 @@ def test_the_page_is_one_file_of_200_kb_that_refers_to_nothing_outside(path):
 
 
 def test_chains_that_the_page_cannot_move_are_refused(refusal, tmp_path):
-    for chain in (Chain.uniform(2, base=Cart(1.0)), Chain.uniform(2, stiffness=1e3)):
-        file = tmp_path / "chain.json"
-        file.write_text(json.dumps(chain.as_dict()))
-        message = refusal("play", "--chain", str(file), "--out", str(tmp_path / "a.html"))
-        assert "chain must have its pivot at rest and no springs" in message
+    file = tmp_path / "chain.json"
+    file.write_text(json.dumps(Chain.uniform(2, stiffness=1e3).as_dict()))
+    message = refusal("play", "--chain", str(file), "--out", str(tmp_path / "a.html"))
+    assert "chain must have no stiffness" in message
     file.write_text(json.dumps(Chain.uniform(300).as_dict()))
     assert "number of links must be between 1 and 200" in refusal("play", "--chain", str(file))
 
@@ -352,6 +367,46 @@ def test_keys_turn_the_chain_at_the_pivot(page):
     before = np.array(page.evaluate(angles))
     page.keyboard.press("ArrowRight")
     np.testing.assert_allclose(page.evaluate(angles), before + 0.05, rtol=1e-12)
+
+
+def test_keys_push_a_cart_and_the_picture_follows_it(open_page, tmp_path):
+    page, chain = page_of(open_page, tmp_path, ON_CART)
+    page.focus("#chain")
+    for _ in range(4):
+        page.keyboard.press("ArrowUp")
+    assert page.get_attribute("#chain", "aria-label") == "3 pendulums; the cart is chosen"
+    page.keyboard.down("ArrowRight")
+    wait_for(page, lambda: page.text_content("#status") == "A motor pushes the cart.")
+    weight = (chain.masses.sum() + chain.base.mass) * chain.gravity
+    force = page.evaluate("globalThis.npend.chain.base.torque[3]")
+    assert force == pytest.approx(0.5 * weight, rel=1e-12)
+    wait_for(page, lambda: page.evaluate("globalThis.npend.chain.joints()[0][0]") > 2.0)
+    page.keyboard.up("ArrowRight")
+    page.keyboard.press("Space")
+    assert page.get_attribute("#chain", "aria-label") == "3 pendulums; the cart is chosen"
+    place = page.evaluate("globalThis.npend.chain.place")
+    page.keyboard.press("ArrowRight")
+    moved = place + 0.03 * chain.total_length
+    assert page.evaluate("globalThis.npend.chain.place") == pytest.approx(moved)
+    page.click("#release")
+    assert page.evaluate("globalThis.npend.chain.place") == 0.0
+
+
+def test_the_mouse_pulls_a_cart_and_its_energies_add_up(open_page, tmp_path):
+    page, _ = page_of(open_page, tmp_path, ON_CART)
+    start = pixel_of_bob(page, 0)
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(start[0] + 60.0, start[1])
+    wait_for(page, lambda: page.text_content("#status") == "The cart is pulled.")
+    wait_for(page, lambda: page.evaluate("globalThis.npend.chain.place") > 0.2)
+    page.mouse.up()
+    page.click("#play")
+    state = "(({ theta, omega, place, speed, kinetic }) => ({ theta: [...theta], omega: [...omega],"
+    found = page.evaluate(state + " place, speed, kinetic }))(globalThis.npend.chain)")
+    angles, rates, speed = (np.array(found[name]) for name in ("theta", "omega", "speed"))
+    kinetic = kinetic_of_motion(ON_CART, angles, rates, speed, None, None)
+    assert found["kinetic"] == pytest.approx(float(kinetic), rel=1e-12)
 
 
 def test_a_release_is_compared_with_the_models_until_it_is_disturbed(page):

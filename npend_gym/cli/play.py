@@ -12,6 +12,7 @@ Examples
   npend play
   npend play -n 20 --amplitude 0.3
   npend play --chain acrobot
+  npend play --chain cartpole
   npend play -o live.html                  writes the page, and does not open it
 """
 

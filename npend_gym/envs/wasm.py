@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.wasm import wasm_module
 from npend_gym.envs.config import EnvConfig
@@ -14,7 +15,13 @@ from npend_gym.envs.starts import begin_one
 from npend_gym.physics.kernels.layout import RK4, Member, Rod, Timing
 from npend_gym.physics.kernels.link_terms import model_terms
 from npend_gym.physics.kernels.rk4 import RK4_ROWS
-from npend_gym.physics.substeps import MAX_PHASE, MAX_ROTATION, default_substeps
+from npend_gym.physics.mechanism import mechanism_of
+from npend_gym.physics.substeps import (
+    MAX_PHASE,
+    MAX_ROTATION,
+    default_substeps,
+    substeps_on_cart,
+)
 
 _RODS = "float64[:, :, ::1]"
 
@@ -22,11 +29,11 @@ _RODS = "float64[:, :, ::1]"
 def step_module(chain: Chain) -> bytes:
     """Return the WebAssembly module of one environment with chains of the kind of `chain`.
 
-    Point masses, links and machines have modules of their own. A module exports `begin_one` and
-    `step_one`, to be called as `wasm_module` says. The first call for a kind on a machine compiles,
-    for about a minute.
+    Point masses, links, and machines or carts have modules of their own. A module exports
+    `begin_one` and `step_one`, to be called as `wasm_module` says. The first call for a kind on a
+    machine compiles, for about a minute.
     """
-    terms = len(model_terms(chain.repeated(1)))
+    terms = len(_model_terms(chain))
     model = f"UniTuple({_RODS}, {terms})" if terms else "none"
     memory = f"float64[:, ::1], {_RODS}, {model}"  # `members`, `rods` and model of one chain
     return wasm_module(
@@ -42,7 +49,7 @@ def step_layout(chain: Chain) -> dict[str, Any]:
     """Return the rows, or entries, of the arrays that the kernels take, by their names.
 
     "Member" has the rows of Episode and Setting too. The number of rows of the scratch follows, and
-    that of each array of the model that chains of the kind of `chain` need.
+    rows and columns of each array of the model that `chain` needs.
     """
     fields = Rod, Timing, Output, Flag, Task, Wiring
     layout: dict[str, Any] = {
@@ -50,18 +57,29 @@ def step_layout(chain: Chain) -> dict[str, Any]:
     }
     layout["Member"] = Member._asdict() | Episode._asdict() | Setting._asdict()
     layout["Parameter"] = {name: row for row, name in enumerate(ChainParameters._fields)}
-    terms = [len(rows) for rows in model_terms(chain.repeated(1))]
+    terms = [[rows.shape[0], rows.shape[2]] for rows in _model_terms(chain)]
     return layout | {"scratchRows": RK4 + RK4_ROWS, "terms": terms}
+
+
+def _model_terms(chain: Chain) -> list[FloatArray]:
+    """Return the arrays of the model, (rows, 1, columns) each."""
+    mechanism = mechanism_of([chain])
+    return model_terms(mechanism.parameters, mechanism.base)
 
 
 def step_chain(chain: Chain) -> dict[str, Any]:
     """Return the parameters of a chain as plain numbers, by the names of `ChainParameters`.
 
-    An infinite gear ratio is None. Beside them stand `hasBobs` and `rate`: substeps over 16 [1/s].
+    An infinite gear ratio is None. Beside them stand `hasBobs` and `rate`, substeps over 16 [1/s],
+    and of a chain on a cart its mass `cart` and the rows `base` of `link_terms.Base`.
     """
     plain = {name: row[0].tolist() for name, row in chain.repeated(1)._asdict().items()}
     plain["gear"] = [None if math.isinf(gear) else gear for gear in plain["gear"]]
-    return plain | {"hasBobs": chain.has_bobs, "rate": MAX_PHASE * default_substeps(chain, 1.0)}
+    substeps, cart = default_substeps(chain, 1.0), chain.base
+    if cart is not None:
+        substeps = substeps_on_cart(substeps, chain, 1.0, 1.0 / cart.mass, cart.damping)
+        plain |= {"cart": cart.mass, "base": _model_terms(chain)[-1].ravel().tolist()}
+    return plain | {"hasBobs": chain.has_bobs, "rate": MAX_PHASE * substeps}
 
 
 def step_constants(config: EnvConfig) -> dict[str, Any]:

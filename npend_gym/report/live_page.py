@@ -37,6 +37,7 @@ _SCRIPTS = (
     "app.js",
 )  # fmt: skip
 _STYLES = "page.css", "live.css"
+_CART_BY_KEYS = "the cart", "push the cart"
 _PLOTS = "phase", "energies", "apart"
 _FIGURE = (
     '<figure><svg id="{0}" aria-label="{0}" tabindex="0" role="application" '
@@ -71,7 +72,7 @@ class Start:
     Raises
     ------
     ValueError
-        If an argument breaks its rule, or the chain has a cart or springs.
+        If an argument breaks its rule, or the chain has springs.
     """
 
     angle: float
@@ -87,8 +88,10 @@ class Start:
         if self.chain is None:
             return
         _checks.count("number of links", self.chain.n, high=_MOST_LINKS)
-        if self.chain.base is not None or self.chain.stiffness is not None:
-            raise ValueError("chain must have its pivot at rest and no springs, to be played with")
+        if self.chain.stiffness is not None:
+            raise ValueError(
+                "chain must have no stiffness, to be played with: the page moves rigid rods"
+            )
 
 
 def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
@@ -120,7 +123,8 @@ def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
         "module": _text(engine.module),
         "weights": _text(b"".join(map(_packed, policies))),
     }
-    about = "" if chain is None else f"A chain of {chain.n} links, {chain.total_length:.4g} m long"
+    cart = None if chain is None else chain.base
+    joint, turn = ("the pivot", "turn the chain at the pivot") if cart is None else _CART_BY_KEYS
     return player.page(
         "live.html",
         data,
@@ -128,7 +132,9 @@ def page(engine: Engine, policies: Sequence[Policy], start: Start) -> str:
         _STYLES,
         title="N pendulums, live",
         by_hand="" if chain is None else " hidden",
-        chain=about,
+        chain="" if chain is None else _about(chain),
+        pivot=joint,
+        turn=turn,
         most=MAX_N,
         n=start.n,
         angle=round(math.degrees(start.angle)),
@@ -144,10 +150,11 @@ def _models(chain: Chain | None) -> dict[str, Any]:
     """Return the models of the pseudo-period under a gravity of 1 m/s^2, as the page reads them.
 
     The limits for small angles [s] are those of every number of equal rods, or of the chain alone.
-    Models that depend on the angle are to be multiplied by the factor of that angle [degree].
+    Models that depend on the angle are to be multiplied by the factor of that angle [degree]. There
+    are none for a chain on a cart.
     """
     uniform = (Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1))
-    chains = list(uniform) if chain is None else [chain]
+    chains = list(uniform) if chain is None else [chain] if chain.base is None else []
     models = [theory.models(one, 0.0) for one in chains]
     limits = {
         name: [
@@ -159,7 +166,7 @@ def _models(chain: Chain | None) -> dict[str, Any]:
     shown = {
         name: list(map(_short, limit))
         for name, limit in limits.items()
-        if all(map(math.isfinite, limit))
+        if limit and all(map(math.isfinite, limit))
     }
     factors = theory.pendulum_factor(np.radians(np.arange(_DEGREES[1] + 1)))
     return {
@@ -173,8 +180,17 @@ def _models(chain: Chain | None) -> dict[str, Any]:
     }
 
 
+def _about(chain: Chain) -> str:
+    text = f"A chain of {_count(chain.n, 'link')}, {chain.total_length:.4g} m long"
+    return text if chain.base is None else f"{text}, on a cart of {chain.base.mass:.4g} kg"
+
+
+def _count(n: int, name: str) -> str:
+    return f"{n} {name}" if n == 1 else f"{n} {name}s"
+
+
 def _choice(n: int) -> str:
-    rods = f"{n} rods" if n > 1 else "1 rod"
+    rods = _count(n, "rod")
     button = f'<input type="radio" name="motor" value="{n}"><span>{rods}</span>'
     return f"          <label>{button}</label>"
 

@@ -23,24 +23,24 @@ function step() {
 function nearest(event) {
   const box = $("chain").getBoundingClientRect();
   const [x, y] = stage.place([event.clientX - box.left, event.clientY - box.top]);
-  let [bob, far] = [-1, TOUCH / stage.reach];
-  chain.joints().slice(1).forEach((joint, i) => {
-    const distance = Math.hypot(joint[0] - x, joint[1] - y);
-    if (distance < far) [bob, far] = [i, distance];
+  let [bob, far] = [null, TOUCH / stage.reach];
+  chain.joints().forEach((joint, i) => {
+    const distance = Math.hypot(joint[0] - x, joint[1] - y), moves = i > 0 || chain.cart !== null;
+    if (moves && distance < far) [bob, far] = [i - 1, distance];
   });
   return { bob, x, y };
 }
 
 $("chain").onpointerdown = (event) => {
   const at = nearest(event);
-  if (at.bob < 0 || event.button > 0) return;
+  if (at.bob === null || event.button > 0) return;
   $("chain").setPointerCapture(event.pointerId);
   pull = at;
   player.redraw();
 };
 $("chain").onpointermove = (event) => {
   const at = nearest(event);
-  $("chain").style.cursor = pull ? "grabbing" : at.bob < 0 ? "" : "grab";
+  $("chain").style.cursor = pull ? "grabbing" : at.bob === null ? "" : "grab";
   if (!pull || pull.key) return;
   Object.assign(pull, { x: at.x, y: at.y });
   if (!player.playing) pose(pull.bob, at.x, at.y);
@@ -57,9 +57,10 @@ function pullBy(side) {
   player.redraw();
 }
 
-/** At the pivot keys are a motor, or turn the whole chain. */
+/** At the pivot keys are a motor, or turn the whole chain; a cart they push, or move. */
 function turnBy(side) {
   if (player.playing) turn = side;
+  else if (chain.cart !== null) pose(-1, chain.joints()[0][0] + 0.03 * side, 0);
   else rest(Array.from(chain.theta, (angle) => angle + 0.05 * side));
 }
 

@@ -2,7 +2,7 @@
 
 const START = 64; // bytes at address 0 that kernels may write what they return to
 
-/** A chain that hangs from a pivot; all quantities in SI units. */
+/** A chain that hangs from a pivot, or from a cart on a rail; all quantities in SI units. */
 class Chain {
   /** Compile the module; `layout` names the rows of its arrays, `physics` has the constants. */
   static async load(module, layout, physics) {
@@ -40,11 +40,13 @@ class Chain {
     array("wiring", [rows(Wiring), n + 1]);
     array("timing", [rows(Timing)]);
     array("scratch", [scratchRows, n + 2]);
-    terms.forEach((fields, k) => array(`terms${k}`, [1, fields, n]));
+    terms.forEach(([fields, columns], k) => array(`terms${k}`, [1, fields, columns]));
     this.model = terms.length ? terms.flatMap((_, k) => this.handed[`terms${k}`]) : 0;
-    const row = (field) => this.arrays.rods.subarray(Rod[field] * (n + 1), Rod[field] * (n + 1) + n);
+    const all = (field) => this.arrays.rods.subarray(Rod[field] * (n + 1), (Rod[field] + 1) * (n + 1));
+    const row = (field) => all(field).subarray(0, n);
     [this.theta, this.omega, this.torque] = [row("THETA"), row("OMEGA"), row("TORQUE")];
     [this.periods, this.lengths, this.masses] = [row("PERIOD"), row("LENGTH"), row("MASS")];
+    this.base = { theta: all("THETA"), omega: all("OMEGA"), torque: all("TORQUE") }; // a cart comes after the rods
     this.observation = this.arrays.observation;
     const { task } = this.arrays, { mode, form, speedLimit } = this.physics.task;
     this.arrays.wiring.fill(1, Wiring.PER_SPEED * (n + 1));
@@ -62,8 +64,10 @@ class Chain {
   /**
    * Give it parameters, named as in the package, and a state; time, work and pseudo-periods begin
    * there. Point masses need the first four; a chain of links has `rate` [1/s], too: see `fastestRate`.
+   * One on a cart has its mass `cart`, and `base`; `place` [m] and `speed` [m/s] are those of the cart.
    */
-  begin({ masses, lengths, gravity, damping, hasBobs = true, rate, ...others }, theta, omega) {
+  begin({ masses, lengths, gravity, damping, hasBobs = true, rate, cart = null, base = [], ...others },
+    theta, omega, place = 0, speed = 0) {
     if (masses.length !== this.n) this.allocate(masses.length);
     const { Parameter, Member } = this.layout, { n } = this, { chain, members } = this.arrays;
     const simple = { centres: lengths, inertias: [0], friction_speed: [1], gear: [null] };
@@ -75,13 +79,18 @@ class Chain {
     [members[Member.WITH_COM], members[Member.HAS_BOBS], members[Member.STARTING]] = [1, hasBobs ? 1 : 0, 1];
     this.theta.set(theta);
     this.omega.set(omega);
+    this.cart = cart;
+    if (cart !== null) {
+      this.arrays.terms2.set(base);
+      [this.base.theta[n], this.base.omega[n]] = [place, speed];
+    }
     this.gravity = gravity;
     this.rate = rate ?? this.fastestRate({ masses, lengths, gravity, damping });
     const shares = given.centres.map((centre, i) => centre / lengths[i]);
     this.centres = hasBobs ? [] : shares;
     // the least mass that resists a force across a rod, at its end [kg]
     this.lightest = Math.min(...shares.map((share, i) =>
-      masses[i] * share ** 2 + (given.inertias[i] ?? 0) / lengths[i] ** 2));
+      masses[i] * share ** 2 + (given.inertias[i] ?? 0) / lengths[i] ** 2), cart ?? Infinity);
     this.call("begin_one", this.handed.chain);
     this.step(0, 0, 0);
   }
@@ -128,16 +137,22 @@ class Chain {
   /** Energy that lifts the hanging chain upright [J]. */
   get liftingEnergy() { return 1 / this.arrays.members[this.layout.Member.PER_ENERGY]; }
   get totalLength() { return 1 / this.arrays.members[this.layout.Member.PER_LENGTH]; }
-  /** Kinetic energy of point masses [J]. */
+  /** Kinetic energy of point masses, and of their cart [J]; null for links. */
   get kinetic() {
+    if (this.centres.length) return null;
     const square = (_, bob) => this.velocity(bob).reduce((sum, speed) => sum + speed ** 2, 0);
-    return Array.from(this.masses, square).reduce((sum, each, bob) => sum + (this.masses[bob] * each) / 2, 0);
+    const ofCart = ((this.cart ?? 0) * this.speed ** 2) / 2;
+    return Array.from(this.masses, square).reduce((sum, each, bob) => sum + (this.masses[bob] * each) / 2, ofCart);
   }
-  get totalMass() { return this.masses.reduce((sum, mass) => sum + mass, 0); }
+  /** Of the chain, with its cart [kg]. */
+  get totalMass() { return this.masses.reduce((sum, mass) => sum + mass, this.cart ?? 0); }
+  /** Place of the cart from the middle of its rail [m], 0 for a pivot at rest; and its velocity [m/s]. */
+  get place() { return this.cart === null ? 0 : this.base.theta[this.n]; }
+  get speed() { return this.cart === null ? 0 : this.base.omega[this.n]; }
 
-  /** Places [x, y] of the n + 1 joints over the length of the chain, from the pivot on, y upwards. */
+  /** Places [x, y] of the n + 1 joints over the length of the chain, y upwards; [0, 0] is the pivot at rest. */
   joints() {
-    const joints = [[0, 0]], scale = 1 / this.totalLength;
+    const joints = [[this.place / this.totalLength, 0]], scale = 1 / this.totalLength;
     for (let i = 0; i < this.n; i++) {
       const [x, y] = joints[i], length = scale * this.lengths[i];
       joints.push([x + length * Math.sin(this.theta[i]), y - length * Math.cos(this.theta[i])]);
@@ -145,9 +160,9 @@ class Chain {
     return joints;
   }
 
-  /** Velocity of the bob below a rod, counted from 0 [m/s]. */
+  /** Velocity of the bob below a rod, counted from 0, or of the cart, -1 [m/s]. */
   velocity(bob) {
-    let [x, y] = [0, 0];
+    let [x, y] = [this.speed, 0];
     for (let i = 0; i <= bob; i++) {
       const speed = this.lengths[i] * this.omega[i];
       x += speed * Math.cos(this.theta[i]);
@@ -156,8 +171,9 @@ class Chain {
     return [x, y];
   }
 
-  /** Add torques at the joints that do what a force [N] on a bob does. */
+  /** Add torques at the joints, and the force on a cart, that do what a force [N] on a bob does. */
   push(bob, x, y) {
+    if (this.cart !== null) this.base.torque[this.n] += x;
     let torque = 0; // on joint i acts what turns the rods from i on
     for (let i = bob; i >= 0; i--) {
       torque += this.lengths[i] * (x * Math.cos(this.theta[i]) + y * Math.sin(this.theta[i]));

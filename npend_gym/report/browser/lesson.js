@@ -2,7 +2,7 @@
 
 const ROWS = 18000; // kept for the table and the plots: five minutes
 const SHOWN = 600; // of them in a plot: ten seconds
-let rows = []; // since the start: time, angles, angular velocities, energy, kinetic energy, angles of the second chain
+let rows = []; // since the start: time, angles, angular velocities, energy, kinetic energy, angles of the second chain, place and velocity of a cart
 let film = null; // a MediaRecorder that runs
 
 /** The angles of a release [rad]: those that the reader has written, the last one for rods without, or the slider's. */
@@ -16,7 +16,7 @@ function written() {
 function record() {
   if (ticked % 2 || rows.length >= ROWS) return;
   rows.push([chain.output("TIME"), ...chain.theta, ...chain.omega, chain.output("ENERGY"), chain.kinetic,
-    ...(twin ? second.theta : [])]);
+    ...(twin ? second.theta : []), ...(chain.cart === null ? [] : [chain.place, chain.speed])]);
 }
 
 function showPlots() {
@@ -35,7 +35,7 @@ function showPlots() {
     [series("last rod", "blue", degrees(n), (row) => row[2 * n])]);
   show("energies", "Energy against time", "time [s]", "energy [J]", [
     series("all", "blue", time, (row) => row[energy]),
-    ...(given ? [] : [series("kinetic", "orange", time, (row) => row[energy + 1]),
+    ...(chain.kinetic === null ? [] : [series("kinetic", "orange", time, (row) => row[energy + 1]),
       series("potential", "green", time, (row) => row[energy] - row[energy + 1], "dashed")])]);
   $("apart").parentElement.hidden = !twin;
   if (twin) show("apart", "Angle between the last rods", "time [s]", "last rods apart [\u00b0]",
@@ -48,7 +48,8 @@ function save(blob, name) {
 
 function table() {
   const each = (name) => Array.from({ length: chain.n }, (_, k) => name + k);
-  const heads = ["time", ...each("theta"), ...each("omega"), "energy", "kinetic", ...(twin ? each("second_theta") : [])];
+  const heads = ["time", ...each("theta"), ...each("omega"), "energy", "kinetic", ...(twin ? each("second_theta") : []),
+    ...(chain.cart === null ? [] : ["cart_position", "cart_velocity"])];
   return [heads, ...rows].map((row) => `${row}\n`).join("");
 }
 

@@ -7,6 +7,7 @@ const BUDGET = 11; // ms of computation in a picture's 16; beyond it time runs s
 const TOUCH = 44; // pixels within which a bob is grabbed
 const MAX_PARTS = 64; // of a tick, while a bob is pulled
 const TURN = 0.25; // of the lifting energy [N m]: the torque by keys, half of what holds the chain level
+const PUSH = 0.5; // of the weight, with that of the cart: the force by keys on a cart
 const TRACE = 360; // places of the tip, in ticks
 const reduced = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -30,9 +31,9 @@ const player = new Player(run, () => {
 let owed = 0, ticked = 0, slow = false;
 let motor = null; // the policy that acts, if any
 let action = 0; // its last
-let turn = 0; // torque at the pivot by keys, -1, 0 or 1
-let pull = null; // {bob, x, y}: a bob, and where it is pulled to, over the length; {key}: by a key
-let chosen = null; // the joint that keys act on: 0 is the pivot, k is bob k
+let turn = 0; // torque at the pivot by keys, or force on the cart, -1, 0 or 1
+let pull = null; // {bob, x, y}: a bob, or the cart, -1, and where it is pulled to, over the length; {key}: by a key
+let chosen = null; // the joint that keys act on: 0 is the pivot or the cart, k is bob k
 let released = null; // rad, of the release, while nothing else has moved the chain
 let twin = 0; // rad, by which the second chain is turned at the start; 0: there is none
 let upright = false; // whether the network has met its goal for as long as success needs
@@ -53,11 +54,11 @@ const byHand = () => {
 };
 const radians = () => (value("angle") / 180) * Math.PI;
 
-function begin(theta, omega) {
-  chain.begin(parameters(), theta, omega);
+function begin(theta, omega, place = 0, speed = 0) {
+  chain.begin(parameters(), theta, omega, place, speed);
   chain.torque.fill(0);
   twin = (value("twin") / 180) * Math.PI;
-  if (twin) second.begin(parameters(), theta.map((angle) => angle + twin), omega);
+  if (twin) second.begin(parameters(), theta.map((angle) => angle + twin), omega, place, speed);
   [trace, rows] = [[], []];
   marks.clear();
   [owed, ticked, upright, action] = [0, 0, false, 0];
@@ -67,7 +68,7 @@ function begin(theta, omega) {
 
 function release() {
   const theta = written(), alike = theta.every((angle) => angle === radians());
-  [motor, pull, turn, released] = [null, null, 0, alike ? radians() : null];
+  [motor, pull, turn, released, stage.middle] = [null, null, 0, alike ? radians() : null, 0];
   begin(theta, theta.map(() => 0));
   showMotor();
 }
@@ -75,7 +76,7 @@ function release() {
 /** Go on from the present state, measuring anew. */
 function goOn() {
   released = null;
-  begin(Array.from(chain.theta), Array.from(chain.omega));
+  begin(Array.from(chain.theta), Array.from(chain.omega), chain.place, chain.speed);
 }
 
 /** Let a network of the package swing up its chain from near rest. */
@@ -91,17 +92,18 @@ function swing(n) {
 }
 
 function tick() {
-  const { torque } = chain, every = Math.round(task.dt / TICK);
+  const { torque } = chain.base, every = Math.round(task.dt / TICK);
   if (motor && ticked % every === 0) action = motor.act(chain.observation);
   ticked += 1;
   const limit = task.torque * chain.liftingEnergy;
   const parts = pull ? pullParts() : 1;
   for (let part = 0; part < parts; part++) {
     torque.fill(0);
-    torque[0] = (motor ? limit * action : 0) + TURN * turn * chain.liftingEnergy;
+    if (chain.cart === null) torque[0] = (motor ? limit * action : 0) + TURN * turn * chain.liftingEnergy;
+    else torque[chain.n] = PUSH * turn * weight();
     if (pull) addPull();
     if (twin) {
-      second.torque.set(torque);
+      second.base.torque.set(torque);
       second.advance(TICK / parts);
     }
     chain.advance(TICK / parts);
@@ -124,16 +126,18 @@ function follow() {
 function drawChain() {
   stage.draw({
     joints: chain.joints(), centres: chain.centres, trace, marks: [...marks.values()], chosen,
+    onCart: chain.cart !== null,
     torque: (motor ? action : 0) || turn,
     held: pull && pull.bob + 1, hand: pull && [pull.x, pull.y], second: twin ? second.joints() : [],
   });
 }
 
+const weight = () => chain.totalMass * (chain.gravity || physics.gravity); // [N]
+
 /** A damped spring from the bob to the pointer: 1/30 of the chain's length bears its weight. */
 function spring() {
-  const { totalLength, totalMass } = chain, weight = totalMass * (chain.gravity || physics.gravity);
-  const stiffness = (30 * weight) / totalLength;
-  return { stiffness, damping: Math.sqrt(stiffness * totalMass), most: 12 * weight };
+  const { totalLength, totalMass } = chain, stiffness = (30 * weight()) / totalLength;
+  return { stiffness, damping: Math.sqrt(stiffness * totalMass), most: 12 * weight() };
 }
 
 function pullParts() { // the force is held for a part of a tick, in which it must not brake too much
@@ -149,8 +153,9 @@ function addPull() {
   chain.push(pull.bob, share * force[0], share * force[1]);
 }
 
-/** Bend the chain so that a bob comes to a place, the rods below it keeping their directions. */
+/** Bend the chain so that a bob comes to a place, the rods below it keeping their directions; or move the cart. */
 function pose(bob, x, y) {
+  if (bob < 0) return rest(Array.from(chain.theta), x * chain.totalLength);
   const points = chain.joints().slice(0, bob + 2), theta = Array.from(chain.theta);
   const lengths = Array.from(chain.lengths, (length) => length / chain.totalLength);
   const towards = (from, to, length) => { // the point at a distance from one, in the direction of another
@@ -170,9 +175,9 @@ function pose(bob, x, y) {
 }
 
 /** Let the chain be at rest at these angles. */
-function rest(theta) {
+function rest(theta, place = chain.place) {
   released = null;
-  begin(theta, new Array(chain.n).fill(0));
+  begin(theta, new Array(chain.n).fill(0), place);
 }
 
 function letGo() {

@@ -31,7 +31,8 @@ const tell = {
   },
   text() {
     const { n } = chain, done = chain.output("BOBS_COMPLETED");
-    if (turn) return `A motor turns ${plural(n, "pendulum")} at the pivot.`;
+    if (turn) return chain.cart === null ? `A motor turns ${plural(n, "pendulum")} at the pivot.` : "A motor pushes the cart.";
+    if (pull?.bob < 0) return "The cart is pulled.";
     if (pull) return `Bob ${pull.bob + 1} of ${n} is pulled.`;
     if (motor && upright) return `${plural(n, "rod")} stand upright. Pull a bob, and see whether they get up again.`;
     if (motor) return `A network swings up ${plural(n, "rod")} by the motor at the pivot.`;
@@ -57,7 +58,7 @@ const UNITS = {
   masses: (power) => `\u00d7 ${(2 ** power).toPrecision(2)}`,
 };
 
-const jointName = (joint) => (joint === 0 ? "the pivot" : `bob ${joint}`);
+const jointName = (joint) => (joint > 0 ? `bob ${joint}` : chain.cart === null ? "the pivot" : "the cart");
 
 function showValues() {
   for (const [id, write] of Object.entries(UNITS)) {
