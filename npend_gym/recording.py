@@ -254,6 +254,7 @@ def record_episode(
         done = terminated or truncated or info["time"] >= seconds
         infos.append(info)
         actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
+    chain = env.unwrapped.chain  # `randomize` may have drawn it
     env.close()
     times, theta, omega = (np.array([i[key] for i in infos]) for key in ("time", "theta", "omega"))
     cart: dict[str, Any] = {}
@@ -261,7 +262,7 @@ def record_episode(
         cart = {name: np.array([i[f"cart_{name}"] for i in infos]) for name in PIVOT}
     periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)
     return Recording(
-        Trajectory(config.chain, times, theta, omega, **cart),
+        Trajectory(chain, times, theta, omega, **cart),
         periods,
         np.array([*actions, actions[-1]]),
         "bob",

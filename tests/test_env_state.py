@@ -291,3 +291,32 @@ def test_a_planner_that_knows_only_the_states_swings_the_pendulum_up(tmp_path):
     after, held = map(float, re.search(r"upright after (\S+) s, and for the (\S+) s", out).groups())
     assert 1.0 < after < 8.0
     assert held > 5.0
+
+
+@pytest.mark.parametrize("mode", ["passive", "calm", "swingup"])
+def test_energy_counts_from_a_state_that_was_set(mode):
+    whole, moved = (make(n=1, mode=mode, randomize=None) for _ in range(2))
+    for env in (whole, moved):
+        env.reset(seed=0, options={"theta": [0.5], "omega": [0.0]})
+    moved.step(moved.action_space.sample())
+    moved.state = [0.5, 0.0]
+    idle = 0 * moved.action_space.sample()
+    (*_, reward, _, _, expected), (*_, found, _, _, info) = (e.step(idle) for e in (whole, moved))
+    assert found == reward
+    assert abs(info["energy_error"]) < 1e-7
+    assert info["energy"] == expected["energy"]
+    moved.state = [0.0, 0.0]
+    assert abs(moved.step(idle)[-1]["energy_error"]) < 1e-7
+
+
+def test_an_environment_tells_the_chain_of_its_episode():
+    env = make(randomize={"lengths": (0.5, 1.5), "cart_mass": (0.5, 1.5)}, base="cart")
+    drawn = []
+    for seed in (0, 1):
+        env.reset(seed=seed)
+        drawn.append(env.chain)
+        kept = env.get_state()
+        assert env.chain.base.mass == pytest.approx(1.0 / kept["base"][0, 0], rel=1e-12)
+    assert drawn[0] != drawn[1]
+    env.reset(seed=0, options={"lengths": [0.3, 0.4]})
+    assert env.chain.lengths.tolist() == [0.3, 0.4]

@@ -420,6 +420,26 @@ def test_a_release_is_compared_with_the_models_until_it_is_disturbed(page):
     wait_for(page, lambda: page.eval_on_selector_all(".legend span", names) == ["bobs"])
 
 
+def test_angles_may_be_written_in_many_ways(open_page, path):
+    page = opened(open_page, path)
+    read = """(text) => {
+      const field = document.getElementById("angles");
+      field.value = text;
+      field.dispatchEvent(new Event("change"));
+      return [...globalThis.npend.chain.theta].map((angle) => (angle * 180) / Math.PI);
+    }"""
+    page.focus("#chain")
+    page.keyboard.press("ArrowUp")  # a bob is chosen that a shorter chain lacks
+    for text, angles in {
+        "120, -10": [120, -10], "120\u00b0, \u221210\u00b0": [120, -10], "22,5; 10": [22.5, 10],
+        "1e1 20": [10, 20], "30": [30, 30],
+    }.items():  # fmt: skip
+        assert page.evaluate(read, text) == pytest.approx(angles)
+    assert page.text_content("#n-value") == "2 pendulums"
+    before = clock(page)
+    wait_for(page, lambda: clock(page) > before + 0.1)
+
+
 def test_a_network_stands_the_rods_up_until_the_chain_is_released(page):
     page.select_option("#speed", "4")
     page.check("input[name=motor][value='2']", force=True)

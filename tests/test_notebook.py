@@ -11,7 +11,7 @@ import pytest
 from accessibility import grave_findings
 from PIL import Image
 
-from npend_gym import Chain, simulate
+from npend_gym import Cart, Chain, simulate
 
 
 @pytest.fixture(scope="module")
@@ -150,3 +150,16 @@ def test_any_chain_draws_itself_within_its_frame(chain):
         assert np.all((values > 0.0) & (values < limit))
     assert shown.count("<circle") <= 202
     assert len(shown) < 60_000
+
+
+def test_a_motion_on_a_cart_is_played_with_the_cart():
+    chain, times = Chain.rods([0.1, 0.2], [0.3, 0.3], base=Cart(0.2)), np.linspace(0.0, 2.0, 51)
+    motion = simulate(chain, 2.0, 0.0, times, position=0.3, velocity=1.0)
+    (data,) = data_of(motion._repr_html_())
+    places = np.frombuffer(base64.b64decode(data["places"]), "<f4").reshape(51, 3, 2)
+    assert data["onCart"]
+    assert data["n"] == 2
+    size = max(chain.total_length, np.hypot(*motion.positions().T).max())
+    np.testing.assert_allclose(places[:, 0, 0] * size, motion.position, atol=1e-4)
+    tip = motion.positions()[:, -1] + np.outer(motion.position, [1.0, 0.0])
+    np.testing.assert_allclose(places[:, -1] * size, tip, atol=1e-4)

@@ -139,3 +139,12 @@ def test_an_episode_on_a_cart_has_the_way_of_the_cart_and_the_force_on_it():
     assert (recording.joint, recording.rail) == (2, env.unwrapped.config.rail)
     np.testing.assert_allclose(recording.motion.energy()[-1], info["energy"], rtol=1e-12)
     np.testing.assert_allclose(recording.torque[:3], 0.4 * np.cos([0.0, 0.1, 0.2]), atol=1e-6)
+
+
+def test_an_episode_is_recorded_with_the_chain_that_was_drawn_for_it():
+    keywords = {"n": 2, "mode": "swingup", "randomize": {"lengths": (0.5, 1.5)}}
+    recording = record_episode(lambda *_: np.zeros((1, 1)), keywords, seed=3, seconds=1.0)
+    env = gym.make("NPendulum-v0", **keywords)
+    _, info = env.reset(seed=3)
+    assert recording.motion.energy()[0] == pytest.approx(info["energy"], rel=1e-9)
+    assert recording.positions()[0, -1, 1] == pytest.approx(info["tip_height"], rel=1e-9)

@@ -10,7 +10,7 @@ from campaign_tables import part_of, read_part
 from scipy.special import ellipk
 from test_page import data_of
 
-from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym import Cart, Chain, pseudo_periods, simulate, theory
 from npend_gym.chain import as_chain, preset_name
 from npend_gym.cli import main
 from npend_gym.experiments import (
@@ -181,3 +181,32 @@ def test_a_recording_of_links_is_made_again_from_its_provenance(runs):
     again = record_release(experiment, measure(experiment, 2, trial, start), 0.05)
     np.testing.assert_array_equal(again.motion.theta, recording.motion.theta)
     assert recording.motion.bodies().shape == recording.motion.positions().shape
+
+
+@pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, {"stiffness": 1e3}])
+def test_carts_and_springs_are_released_and_no_model_is_told_of_them(tmp_path, parts):
+    chain, file, out = Chain.uniform(2, **parts), tmp_path / "chain.json", tmp_path / "out"
+    file.write_text(json.dumps(chain.as_dict()))
+    page = str(tmp_path / "page.html")
+    arguments = ["--chain", str(file), "--trials", "1", "--out", str(out), "--page", page]
+    assert main(["release", *arguments]) == 0
+    experiment, runs = release_tables.read(out)
+    (row,) = summary_rows(experiment, runs)
+    expected = pseudo_periods(chain, runs[0].start)
+    np.testing.assert_allclose(runs[0].periods, expected, rtol=1e-12)
+    assert row["measured_s"] == pytest.approx(np.nanmean(expected))
+    assert np.isnan([row["fundamental_s"], row["law_s"], row["ideal_error"]]).all()
+    (release,) = data_of(tmp_path / "page.html")["releases"]
+    assert release["onCart"] == ("base" in parts)
+    plan = CampaignPlan(chain=chain, trials=2)
+    with Campaign(plan, tmp_path / "campaign") as campaign:
+        assert all(record.done for _, record in campaign.run("threading"))
+    assert analyse(tmp_path / "campaign").groups == ()
+
+
+def test_results_that_another_command_replaced_are_refused_by_its_name(tmp_path, refusal):
+    out = tmp_path / "results"
+    assert main(["release", "-n", "1", "--trials", "1", "--out", str(out)]) == 0
+    manifest = out / "manifest.json"
+    manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"experiment": "identify"}))
+    assert "its manifest.json is that of 'identify'" in refusal("release", str(out))

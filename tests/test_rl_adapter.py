@@ -460,3 +460,42 @@ def test_what_can_neither_act_nor_predict_is_refused_by_every_judge():
     for judge in (rl.evaluate, rl.performance, rl.recovery, rl.robustness):
         with pytest.raises(TypeError, match="model must be callable as"):
             judge("swingup-2", SWING)
+
+
+def test_a_model_becomes_a_policy_of_its_own_environment_alone():
+    from stable_baselines3 import PPO
+
+    venv = gym.make_vec("npend/SwingUp-v1", num_envs=2, n=1, autoreset_mode="SAME_STEP")
+    model = PPO("MlpPolicy", rl.SB3VecEnv(venv), n_steps=8, batch_size=16)
+    assert rl.Policy.from_sb3(model).config.observation == "scaled"
+    with pytest.raises(ValueError, match="observation must be as in the model's training"):
+        rl.Policy.from_sb3(model, {"n": 1, "observation": "sincos"})
+    with pytest.raises(ValueError, match="env must be that of the model, with 3 observed"):
+        rl.Policy.from_sb3(model, {"n": 2, "observation": "sincos"})
+
+
+def test_hindsight_replay_learns_from_several_lanes():
+    from stable_baselines3 import SAC, HerReplayBuffer
+
+    keywords = {"n": 1, "goal_env": True, "reward_type": "sparse", "max_episode_steps": 20}
+    venv = gym.make_vec("npend/Transition-v1", num_envs=4, autoreset_mode="SAME_STEP", **keywords)
+    model = SAC(
+        "MultiInputPolicy", rl.SB3VecEnv(venv), learning_starts=100, seed=0,
+        replay_buffer_class=HerReplayBuffer, policy_kwargs={"net_arch": [8]},
+    )  # fmt: skip
+    assert model.learn(130).num_timesteps >= 130
+
+
+def test_options_of_all_lanes_may_be_one_number():
+    venv = rl.SB3VecEnv(native(n=2, mode="swingup"))
+    venv.set_options({"masses": 2.0})
+    venv.reset()
+    assert venv.venv.unwrapped.get_state()["rods"]["mass"][:, :2].tolist() == [[2.0, 2.0]] * COUNT
+    venv.set_options([{"amplitude": 0.1 * (k + 1)} for k in range(COUNT)])
+    venv.reset()
+
+
+def test_discrete_actions_are_refused_for_a_policy_by_their_keyword():
+    policy = rl.Policy.pretrained("swingup-1")
+    with pytest.raises(ValueError, match="torque_levels must be left out for a policy"):
+        rl.evaluate(policy, policy.env | {"torque_levels": 3}, episodes=1)

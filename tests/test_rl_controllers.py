@@ -263,3 +263,16 @@ def test_evaluation_takes_models_with_predict_and_refuses_what_cannot_act():
     for other in (None, 3, gym.make_vec("CartPole-v1", num_envs=2)):
         with pytest.raises(TypeError, match=r'env must be an id such as "npend/SwingUp-v1"'):
             evaluate(Still(), other)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda config: rl.lqr(config, action_weight=0.0), "action_weight must be"),
+        (lambda config: rl.lqr(config, angle=1.0), "angle must be an equilibrium"),
+        (lambda config: rl.energy_swing_up(config, pump_gain=np.nan), "pump_gain must be"),
+    ],
+)
+def test_what_makes_no_controller_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make(config_of(n=1))

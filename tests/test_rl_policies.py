@@ -305,3 +305,14 @@ def test_old_keywords_of_the_scores_name_the_new_place(name):
     for old, place in places.items():
         with pytest.raises(TypeError, match=f"{name} takes no keyword '{old}': it is .*{place}"):
             getattr(rl, name)(None, {}, **{old: None})
+
+
+def test_measurements_that_are_no_numbers_or_of_nothing_are_refused():
+    on_cart = Policy.pretrained("swingup-1-cart")
+    with pytest.raises(ValueError, match="cart_position"):
+        on_cart.act([0.1], [0.0], cart_position=np.nan)
+    config = EnvConfig(n=1, observation="sincos")
+    with pytest.raises(ValueError, match="must be 0 for a chain without a cart"):
+        observation_of(config, [0.1], [0.0], cart_position=1.0)
+    with pytest.raises(ValueError, match="goal must be left out in mode"):
+        observation_of(config, [0.1], [0.0], goal=[0.0])

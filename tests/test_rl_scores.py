@@ -9,6 +9,7 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain
+from npend_gym.envs import SwingUp
 from npend_gym.rl import HELD_OUT, Policy, evaluate, lqr, performance, recovery
 from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.evaluation.performance import _most
@@ -218,3 +219,65 @@ def test_a_regulator_balances_with_few_torques():
     keywords = {"n": 1, "mode": "balance", "torque_levels": 31}
     found = evaluate(lqr(config_of(**keywords)), keywords, episodes=5)
     assert found.success_rate == 1.0
+
+
+class Standing(SwingUp):
+    """Begins upright, where a policy of balance holds it."""
+
+    name = "standing"
+
+    def start(self, rng, n, amplitude, spread):
+        del amplitude, spread
+        return np.pi + rng.uniform(-0.02, 0.02, n), np.zeros(n)
+
+
+def uptime(controller, keywords, seconds=10.0, episodes=20):
+    """The fraction of the time for which the tip is up, in the environment itself."""
+    config = config_of(**keywords)
+    envs = gym.make_vec("NPendulum-v0", num_envs=episodes, **keywords)
+    observation, info = envs.reset(seed=HELD_OUT)
+    up, steps = 0.0, round(seconds / config.dt)
+    for _ in range(steps):
+        observation, _, _, _, info = envs.step(np.clip(controller(observation, info), -1.0, 1.0))
+        up += np.mean(info["tip_height"] > 0.9 * config.chain.total_length)
+    return up / steps
+
+
+@pytest.mark.parametrize("error", [{"torque_ripple": 2.0}, {"torque_noise": 3.0}])
+def test_motors_that_only_stand_for_disturbances_are_exact(error):
+    controller, keywords = lqr(config_of(n=2)), {"n": 2, "mode": Standing()} | error
+    found = recovery(controller, keywords, episodes=5, seconds=10.0, resets=0).score
+    assert found == uptime(controller, keywords) == 1.0
+
+
+def test_pushes_keep_their_impulse_in_recovery():
+    controller = lqr(config_of(n=2))
+    keywords = {"n": 2, "mode": Standing(), "push_rate": 2.0, "push_force": 10.0}
+    found = recovery(controller, keywords, episodes=20, seconds=10.0, resets=0).score
+    assert found == pytest.approx(uptime(controller, keywords), abs=0.1)
+    assert found < 0.8
+
+
+def test_recovery_refuses_delays_that_it_cannot_keep_in_their_own_unit():
+    policy = Policy.pretrained("swingup-1")
+    with pytest.raises(
+        ValueError, match=r"action_delay must be at most 4 steps of 0.05 s .* got 5"
+    ):
+        recovery(policy, policy.env | {"action_delay": 5.0}, episodes=1)
+
+
+def test_an_episode_is_judged_alike_whatever_runs_beside_it():
+    keywords = {"n": 1, "mode": "balance"}
+    many, alone = (
+        performance(lambda seen, _: np.zeros((len(seen), 1)), keywords, **chosen)
+        for chosen in ({"episodes": 8}, {"episodes": 1})
+    )
+    for name in ("velocity_cost", "torque_cost", "energy", "score"):
+        assert getattr(many, name)[0] == getattr(alone, name)[0]
+
+
+def test_judges_choose_for_themselves_how_environments_are_run():
+    policy = Policy.pretrained("swingup-1")
+    chosen = policy.env | {"autoreset_mode": "SAME_STEP", "num_envs": 3}
+    assert evaluate(policy, chosen, episodes=5).success_rate == 1.0
+    assert performance(policy, chosen, episodes=2).success.all()

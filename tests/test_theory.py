@@ -191,12 +191,16 @@ def test_the_papers_period_does_not_apply_to_links():
     assert theory.ideal_period(rubbing) == theory.ideal_period(Chain.uniform(2))
 
 
+@pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, {"stiffness": 1e3}])
+def test_no_model_applies_to_carts_and_springs(parts):
+    assert np.isnan(theory.models(Chain.uniform(3, **parts), 0.1)).all()
+
+
 @pytest.mark.parametrize(
     "function",
     [
         theory.normal_modes, theory.fundamental_period, theory.fastest_frequency,
         theory.ideal_period, theory.small_angle_periods, theory.com_period,
-        lambda chain: theory.models(chain, 0.1),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("parts", [{"base": Cart(1.0)}, {"stiffness": 1e3}])

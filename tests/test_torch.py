@@ -386,3 +386,18 @@ def test_torchrl_takes_the_environment_with_gradients_through_rollouts(task):
         total = total + reward.sum()
     (expected,) = torch.autograd.grad(total, gain)
     torch.testing.assert_close(gain.grad, expected)
+
+
+def test_after_an_episode_its_info_is_final_and_the_new_one_is_shown():
+    keywords = {"n": 1, "max_episode_steps": 3, "autoreset_mode": "SAME_STEP"}
+    ours, theirs = DifferentiableVectorEnv(2, **keywords), NPendulumVectorEnv(2, **keywords)
+    for envs in (ours, theirs):
+        envs.reset(seed=0)
+    for _ in range(3):
+        info = ours.step(torch.zeros(2, 1))[-1]
+        expected = theirs.step(np.zeros((2, 1)))[-1]
+    for name in ("time", "theta", "success"):
+        np.testing.assert_allclose(info[name].numpy(), expected[name], atol=1e-12)
+        last = info["final_info"][name].numpy()
+        np.testing.assert_allclose(last, expected["final_info"][name], atol=1e-12)
+    assert info["time"].dtype == torch.float64

@@ -188,6 +188,11 @@ class Chain(NamedChains):
         """Number of coordinates: n angles, the position of a cart, n stretches of springs."""
         return self.n * (1 if self.stiffness is None else 2) + (self.base is not None)
 
+    @property
+    def is_hung(self) -> bool:
+        """Whether rigid rods hang from a pivot at rest: there are no springs and no cart."""
+        return self.stiffness is None and self.base is None
+
     @cached_property
     def has_bobs(self) -> bool:
         """Whether the links are point masses on massless rods, without rotors."""
@@ -330,7 +335,7 @@ def check_hung(value: Any, what: str) -> Chain:
         If `value` is no chain, or has springs or a cart.
     """
     chain = check_chain(value)
-    if chain.stiffness is not None or chain.base is not None:
+    if not chain.is_hung:
         raise ValueError(
             f"{what} is defined for rigid rods on a pivot at rest: chain must have no stiffness "
             f"and no base, as `chain.hung()` has none, got {chain!r}"

@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from npend_gym.cli.common import OK, can_draw, show_written, warn
+from npend_gym.cli.common import OK, can_draw, prepare_results, show_written, warn
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -75,7 +75,6 @@ def run(
     from npend_gym.identification import read_motion
     from npend_gym.identification.fit import Problem
     from npend_gym.report import identification_report as report
-    from npend_gym.report import outputs
 
     single = {"lengths": lengths, "masses": masses, "centres": centres, "gravity": gravity}
     single = {name: value for name, value in single.items() if value is not None}
@@ -83,7 +82,7 @@ def run(
         motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
         problem = Problem(motion, _known(chain, single), **chosen)
         if out is not None:
-            outputs.prepare_folder(out)
+            prepare_results(out, "npend identify")
         result = problem.solve()
     if as_json:
         print(json.dumps(result.as_dict(), indent=2, allow_nan=False))

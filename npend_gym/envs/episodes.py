@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym._streams import Purpose
-from npend_gym.chain import ChainParameters
+from npend_gym.chain import Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.philox import generator
 from npend_gym.envs.config import EnvConfig, task_numbers
@@ -233,6 +233,9 @@ class Episodes:
         for field, column in zip(STATE, values.T[2 * n :], strict=False):
             memory.of_base(field)[memory.place(lanes)] = column
         memory.write_state(lanes, values[:, :n], values[:, n : 2 * n])
+        self.observe()  # to know the energy, which counts from here
+        energy_now = self.outputs.rows[Output.ENERGY, : self.count]
+        memory.members[Episode.START_ENERGY] = energy_now
         self.observe()
 
     def observe(self, *, reuse_buffers: bool = False) -> None:
@@ -327,6 +330,10 @@ class Episodes:
         if self.motors is None or self.config.largest["push_force"] == 0.0:
             return np.zeros(self.count)
         return self.motors.pushes[: self.count] / self.config.largest["push_force"]
+
+    def chain(self, lane: int) -> Chain:
+        """Return the chain of a lane in its episode."""
+        return self._memory.chain(lane)
 
     def chain_length(self, lane: int) -> float:
         """Return the length of the chain of a lane [m]."""

@@ -55,6 +55,7 @@ class Motors:
         self._apply, self._advance = kernels
         # for the step kernel, which then leaves the torques as they are
         self.no_actions: FloatArray = np.zeros((0, memory.lanes))
+        self.noisy: int = count  # motors with noise and ripple, the first ones
         self._past = np.zeros((memory.lanes, _slots(largest["action_delay"]), count))
         self._commands = aligned_zeros(len(Command), max(1, count), memory.lanes)
 
@@ -89,7 +90,8 @@ class Motors:
 
     def drive(self, keys: Keys, actions: FloatArray) -> None:
         """Set the torques of a step, and take all of its pieces but the last."""
-        run, arrays = self._memory.run, (keys, actions, self._joints, self._past, self._commands)
+        run = self._memory.run
+        arrays = keys, actions, self._joints, self.noisy, self._past, self._commands
         for piece in range(self.pieces):
             if piece > 0:
                 run(self._advance, (), self.plan)

@@ -166,8 +166,8 @@ def _older_share(numbers: FloatArray, g: int, piece: int, pieces: int) -> Any:
 
 @inlined_kernel
 def _drive(
-    numbers: FloatArray, g: int, group: Group, joints: Joints, commands: FloatArray, piece: int,
-    pieces: int, h: float,
+    numbers: FloatArray, g: int, group: Group, joints: Joints, noisy: int, commands: FloatArray,
+    piece: int, pieces: int, h: float,
 ) -> None:  # fmt: skip
     """Set the torques of a group in one of the equal pieces of the step, of `h` seconds."""
     share, action = _older_share(numbers, g, piece, pieces), commands[Command.ACTION]
@@ -185,7 +185,7 @@ def _drive(
             torque = numbers[Setting.max_torque, g] * action[j, g] + commands[Command.NOISE, j, g]
             group.torque[joints[j]] = torque
     if any_of(numbers[Setting.torque_ripple, g] > 0.0):
-        _add_ripple(numbers, g, group, joints, 0.5 * h)
+        _add_ripple(numbers, g, group, joints[:noisy], 0.5 * h)
     for j in range(joints.size):
         mean = group.torque[joints[j]] * (1.0 / pieces)
         if piece > 0:
@@ -198,7 +198,7 @@ def _drive(
 @spliced_kernel
 def _apply(
     view: NumbersOf, width: int, members: FloatArray, rods: FloatArray, model: Model,
-    keys: Keys, actions: FloatArray, joints: Joints, past: FloatArray,
+    keys: Keys, actions: FloatArray, joints: Joints, noisy: int, past: FloatArray,
     commands: FloatArray, piece: int, pieces: int, timing: FloatArray,
 ) -> None:  # fmt: skip
     h = timing[Timing.DT]
@@ -207,28 +207,28 @@ def _apply(
     for g in range(int(timing[Timing.FIRST_GROUP]), int(timing[Timing.LAST_GROUP])):
         if piece == 0:
             _choose_actions(members, g, width, actions, past, commands)
-            _disturb(members, g, width, h * pieces, keys, joints.size, commands)
+            _disturb(members, g, width, h * pieces, keys, noisy, commands)
         group = group_of(view(members), view(rods), view(model), g)
-        _drive(view(members), g, group, joints, view(commands), piece, pieces, h)
+        _drive(view(members), g, group, joints, noisy, view(commands), piece, pieces, h)
 
 
 @kernel
 def apply_one(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, actions: FloatArray,
-    joints: Joints, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
+    joints: Joints, noisy: int, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Set the torques of one environment; see `apply_many`."""
     _apply(
         bare, 1, bare(members), bare(rods), bare(model), bare(keys), bare(actions), bare(joints),
-        bare(past), bare(commands), piece, pieces, timing,
+        noisy, bare(past), bare(commands), piece, pieces, timing,
     )  # fmt: skip
 
 
 @kernel
 def apply_many(
     members: FloatArray, rods: FloatArray, model: Model, keys: Keys, actions: FloatArray,
-    joints: Joints, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
+    joints: Joints, noisy: int, past: FloatArray, commands: FloatArray, piece: int, pieces: int,
     timing: FloatArray, scratch: FloatArray,
 ) -> None:  # fmt: skip
     """Set the torques of every lane for one of the equal pieces of a step.
@@ -242,6 +242,8 @@ def apply_many(
         Raw actions of the m motors.
     joints : ndarray, int64, shape (m,)
         Where the motors are.
+    noisy : int
+        How many of them, the first, have noise and ripple.
     past : ndarray, shape (lanes, slots, m)
         Clipped actions of the last steps, kept here; slots is a power of two.
     commands : ndarray, shape (len(Command), max(m, 1), lanes)
@@ -250,5 +252,5 @@ def apply_many(
     """
     _apply(
         packs, WIDTH, bare(members), bare(rods), bare(model), bare(keys), bare(actions),
-        bare(joints), bare(past), bare(commands), piece, pieces, timing,
+        bare(joints), noisy, bare(past), bare(commands), piece, pieces, timing,
     )  # fmt: skip

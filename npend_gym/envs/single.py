@@ -10,6 +10,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from typing_extensions import Unpack
 
+from npend_gym.chain import Chain
 from npend_gym.envs.config import make_config
 from npend_gym.envs.episodes import Episodes
 from npend_gym.envs.info import Info
@@ -243,8 +244,16 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
         ready.append(True)
         return result
 
+    @property
+    def chain(self) -> Chain:
+        """The chain of this episode, as `randomize` and the options of `reset` made it."""
+        self._calls.check(self, "chain")
+        return self._episodes.chain(0)
+
     def get_state(self) -> States:
         """Return the whole state: chain, motion, clock, measurements, seed, number of the episode.
+
+        Options that persist are not in it: they belong to the environment that was given them.
 
         Returns
         -------

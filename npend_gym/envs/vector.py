@@ -174,6 +174,14 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
         self._done = np.zeros(self.num_envs, np.bool_)
         return episodes.outputs.masked_info() | final
 
+    def keep_noise_to(self, motors: int) -> None:
+        """Let `torque_noise` and `torque_ripple` act on this many motors, the first, alone.
+
+        The others then stand for torques that no motor exerts.
+        """
+        if self._episodes.motors is not None:
+            self._episodes.motors.noisy = motors
+
     def get_state(self, lanes: ArrayLike | None = None) -> States:
         """Return the whole state of all lanes, or of some, by number or as a mask: records (k,).
 

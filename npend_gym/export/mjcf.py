@@ -94,7 +94,10 @@ def check_known(chain: Chain, where: str, lacks: Sequence[str]) -> None:
         value: Any = getattr(chain, name)
         if np.any(geared) if name == "gear" else value is not None and np.any(value):
             shown = _checks.show(value.tolist())
-            raise ValueError(f"{name} must be left out: {where} has no such thing; got {shown}")
+            raise ValueError(
+                f"{name} must be left out: {where} has no such thing, so fit or make "
+                f"the chain without it; got {shown}"
+            )
 
 
 def _link(chain: Chain, i: int, parent: ET.Element, place: str) -> ET.Element:

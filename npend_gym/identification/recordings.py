@@ -115,6 +115,11 @@ def _is_read(name: str) -> bool:
 def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
     table = _read_table(path, columns)
     for name in ("time", "theta0"):
+        if name not in table and len(table) == 1 and re.search(r"[;\t]", next(iter(table))):
+            raise ValueError(
+                f"{path} must have commas between its columns, and points in its numbers, got the "
+                f"line {_checks.show(next(iter(table)))}"
+            )
         if name not in table:
             raise ValueError(
                 f"{path} must have the column {name}, got {_checks.show(', '.join(table))}: the "

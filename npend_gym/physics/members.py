@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from npend_gym._checks import BoolArray, FloatArray
-from npend_gym.chain import Cart, Chain, ChainParameters
+from npend_gym.chain import Chain, ChainParameters
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.kernels.link_terms import Base
 from npend_gym.physics.memory import Memory
-from npend_gym.physics.substeps import chain_of, substeps_of, substeps_on_cart
+from npend_gym.physics.substeps import substeps_of, substeps_on_cart
 
 
 class Members:
@@ -97,12 +97,7 @@ class Members:
 
     def chain(self, member: int) -> Chain:
         """Return the chain of a member, with its cart."""
-        chain, bases = chain_of(self.parameters, member), self._intact.bases
-        if bases is None:
-            return chain
-        inverse_mass, damping = bases[[Base.INVERSE_MASS, Base.DAMPING], member]
-        cart = Cart(float(1.0 / inverse_mass), float(damping))
-        return Chain.from_dict(chain.as_dict() | {"base": cart})
+        return self._intact.chain(member)
 
     def _default_substeps(self, dt: float) -> int:
         """Return the substeps that the chain with the fastest mode needs; kept for the last dt."""

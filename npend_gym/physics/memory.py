@@ -11,13 +11,14 @@ import numpy as np
 
 from npend_gym._checks import FloatArray
 from npend_gym._threads import Call, Helpers, check_threads, each_once
-from npend_gym.chain import SIMPLE_FIELDS, ChainParameters
+from npend_gym.chain import SIMPLE_FIELDS, Cart, Chain, ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics.kernels.advance import MAX_PARTS
 from npend_gym.physics.kernels.layout import Member, Model, Rod, Timing, group_width, new_scratch
-from npend_gym.physics.kernels.link_terms import Joint, Link, check_terms, model_terms
+from npend_gym.physics.kernels.link_terms import Base, Joint, Link, check_terms, model_terms
 from npend_gym.physics.kernels.member_rows import Indices, begin_all_to_measure, write_chains
+from npend_gym.physics.substeps import chain_of
 
 _RODS_PER_CALL = 2_000_000  # rods times substeps in one compiled call: some tenths of a second
 _ALIASED = 256  # numbers, of 2 kB
@@ -205,6 +206,15 @@ class Memory:
         if model is None or len(model) < 3 or model[-1].shape[1] == 0:
             return None
         return model[-1].swapaxes(0, 1).reshape(model[-1].shape[1], -1)[:, : self.size]
+
+    def chain(self, member: int) -> Chain:
+        """Return the chain of a member, with its cart."""
+        chain, bases = chain_of(self.parameters, member), self.bases
+        if bases is None:
+            return chain
+        inverse_mass, damping = bases[[Base.INVERSE_MASS, Base.DAMPING], member]
+        cart = Cart(float(1.0 / inverse_mass), float(damping))
+        return Chain.from_dict(chain.as_dict() | {"base": cart})
 
     def write_chain(self, members: Indices, chains: ChainParameters) -> None:
         """Give some members, k of them, the parameters (k, n); or (1, n), the same to all."""

@@ -154,7 +154,7 @@ def _models(chain: Chain | None) -> dict[str, Any]:
     are none for a chain on a cart.
     """
     uniform = (Chain.uniform(n, gravity=1.0) for n in range(1, MAX_N + 1))
-    chains = list(uniform) if chain is None else [chain] if chain.base is None else []
+    chains = list(uniform) if chain is None else [chain]
     models = [theory.models(one, 0.0) for one in chains]
     limits = {
         name: [
@@ -166,7 +166,7 @@ def _models(chain: Chain | None) -> dict[str, Any]:
     shown = {
         name: list(map(_short, limit))
         for name, limit in limits.items()
-        if limit and all(map(math.isfinite, limit))
+        if all(map(math.isfinite, limit))
     }
     factors = theory.pendulum_factor(np.radians(np.arange(_DEGREES[1] + 1)))
     return {

@@ -55,7 +55,8 @@ def as_html(motion: Any) -> str:
 
 def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
     """Return motion `k` for the player: at most this many places, at equal intervals."""
-    shown = record_motion(motion).motion
+    recording = record_motion(motion)
+    shown, on_cart = recording.motion, recording.motion.chain.base is not None
     n, end = shown.chain.n, float(shown.times[-1])
     bobs = np.linspace(n - 1, 0, min(n, _MOST_BOBS)).round().astype(int)[::-1]
     most = max(2, most_places // bobs.size)
@@ -70,11 +71,15 @@ def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
         axis=1,
     )
     size = max(shown.chain.total_length, float(np.hypot(*at.T).max()))
+    cart = np.interp(times, shown.times, recording.cart()) if on_cart else None
+    if cart is not None:
+        places[..., 0] += cart[:, None]
+        cart = cart / size
     centres = player.centres(shown) if bobs.size == n else []
     return {
         "label": f"{k}: {n} pendulums",
         "periods": [None] * int(bobs.size),
-        **player.moving(places / size, float(times[1]), centres),
+        **player.moving(places / size, float(times[1]), centres, cart),
     }
 
 

@@ -39,15 +39,22 @@ MODELS = {
 }
 
 
-def moving(places: FloatArray, interval: float, centres: Sequence[float]) -> dict[str, Any]:
+def moving(
+    places: FloatArray, interval: float, centres: Sequence[float], cart: FloatArray | None = None
+) -> dict[str, Any]:
     """Return a motion as the player reads it.
 
-    The places of the bobs, (T, n, 2), are those at every `interval` [s], over the length of the
-    chain; for `centres` see there.
+    The places of the bobs, (T, n, 2), and of a cart, (T,), are those at every `interval` [s], over
+    the length of the chain; for `centres` see there.
     """
-    rounded = np.round(places, _DECIMALS).astype("<f4")
+    bodies = places
+    if cart is not None:
+        pivots = np.stack([cart, np.zeros_like(cart)], axis=-1)
+        bodies = np.concatenate([pivots[:, None], places], axis=1)
+    rounded = np.round(bodies, _DECIMALS).astype("<f4")
     return {
         "n": places.shape[1],
+        "onCart": cart is not None,
         "interval": interval,
         "places": base64.b64encode(rounded.tobytes()).decode(),
         "centres": centres,

@@ -90,7 +90,8 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
         models = theory.models(chain, experiment.amplitude)
         if np.isfinite(models.ideal):
             axes.axhline(models.ideal, color=_IDEAL, label="the paper's $T_0$")
-        axes.axhline(models.fundamental, color=_FUNDAMENTAL, label="$T_1$, slowest normal mode")
+        if np.isfinite(models.fundamental):
+            axes.axhline(models.fundamental, color=_FUNDAMENTAL, label="$T_1$, slowest normal mode")
         axes.set_ylim(0.0, None)
         axes.set_title(f"N = {n}: {_completed(runs, n)}")
         axes.set(xlabel="bob, counted from the pivot", ylabel="pseudo-period [s]")

@@ -79,10 +79,13 @@ def _models(experiment: ReleaseExperiment, n: int, start: float) -> dict[str, fl
 def _recorded(experiment: ReleaseExperiment, recording: Recording) -> dict[str, Any]:
     motion, n = recording.motion, recording.motion.chain.n
     start = float(motion.theta[0, 0])
-    places = motion.positions() / motion.chain.total_length
+    length = motion.chain.total_length
+    cart = None if motion.chain.base is None else recording.cart() / length
     return {
         "label": f"{n}, from {math.degrees(start):.4g} degrees",
-        **player.moving(places, float(motion.times[1]), player.centres(motion)),
+        **player.moving(
+            recording.positions() / length, float(motion.times[1]), player.centres(motion), cart
+        ),
         "periods": [float(t) if math.isfinite(t) else None for t in recording.periods],
         "models": {
             name: {"value": value, **player.MODELS[name]}

@@ -83,6 +83,7 @@ def _spread(value: float) -> str:
 
 
 def _percent(value: float, digits: int = 1) -> str:
+    digits = digits if value < 1.0 else 0
     return "-" if math.isnan(value) else f"{100 * value:.{digits}f}%"
 
 
@@ -113,7 +114,13 @@ def read(folder: Path) -> tuple[ReleaseExperiment, list[Run]]:
         If the folder holds no results of a release, or they have been changed since.
     """
     try:
-        digests = _files.parse_json(_files.read_text(folder / "manifest.json"))["sha256"]
+        manifest = _files.parse_json(_files.read_text(folder / "manifest.json"))
+        if manifest["experiment"] != "release":
+            raise ValueError(
+                f"its manifest.json is that of {_checks.show(manifest['experiment'])}, which was "
+                "written there later: release into a folder of its own"
+            )
+        digests = manifest["sha256"]
         for name in ("release.json", "periods.csv"):
             if digests[name] != _files.sha256(folder / name):
                 raise ValueError(f"{name} has been changed since")

@@ -119,7 +119,7 @@ class SB3VecEnv(VecEnv):
         for key in keys:
             if not all(key in options for options in self._options):
                 raise ValueError(f"options[{key!r}] must be given for every environment or none")
-        return {key: np.stack([options[key] for options in self._options]) for key in sorted(keys)}
+        return {key: _joined([options[key] for options in self._options]) for key in sorted(keys)}
 
     def close(self) -> None:
         """Close the vector environment."""
@@ -162,7 +162,8 @@ class SB3VecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method of all environments; native ones share one call."""
         lanes, bare = self._chosen_lanes(indices)
-        self._refuse_some(lanes, "method")
+        if method_name != "compute_reward":  # of goal environments: it has no state
+            self._refuse_some(lanes, "method")
         if hasattr(bare, "call"):
             return list(bare.call(method_name, *method_args, **method_kwargs))
         holder = self.venv if hasattr(self.venv, method_name) else bare
@@ -181,6 +182,14 @@ class SB3VecEnv(VecEnv):
     def _refuse_some(self, lanes: list[int], what: str) -> None:
         if lanes != list(range(self.num_envs)):
             raise ValueError(f"indices must be all environments or None: they share the {what}")
+
+
+def _joined(values: Sequence[Any]) -> Any:
+    """Return the values of all lanes as an array, or the one number that all of them are."""
+    first = values[0]
+    if np.ndim(first) == 0 and all(np.ndim(value) == 0 and value == first for value in values):
+        return first
+    return np.stack(values)
 
 
 def _lane_info(infos: Any, lane: int) -> dict[str, Any]:

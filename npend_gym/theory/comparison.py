@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
-from npend_gym.chain import Chain, check_hung
+from npend_gym.chain import Chain, check_chain
 from npend_gym.theory.closed_forms import (
     amplitude_correction,
     ideal_period,
@@ -23,7 +23,8 @@ _LAW_UP_TO = 2000  # unequal rods: the modes of more take minutes
 class Models(NamedTuple):
     """Models of the pseudo-period of a released chain [s]; NaN where one does not apply.
 
-    Without gravity none does. To links, in place of point masses, the paper's do not.
+    Without gravity none does, nor to springs or chains on a cart. To links, in place of point
+    masses, the paper's do not.
 
     Attributes
     ----------
@@ -56,7 +57,8 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
     >>> [round(float(period), 4) for period in theory.models(Chain.uniform(5), np.pi / 4)]
     [4.4857, 4.665, 3.9076, 4.0233]
     """
-    check_hung(chain, "theory.models")
+    if not check_chain(chain).is_hung:
+        return Models(*[math.nan] * len(Models._fields))
     ideal = ideal_period(chain) if chain.has_bobs else math.nan
     corrected = ideal * (1.0 + float(amplitude_correction(angle).mean()))
     small = math.nan

@@ -197,7 +197,7 @@ class DifferentiableVectorEnv(ManyLanes):
     # -- stepping ---------------------------------------------------------------------------
 
     @uncompiled
-    def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
+    def step(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Advance every lane by `dt`; actions beyond the box are clipped.
 
         Parameters
@@ -212,7 +212,8 @@ class DifferentiableVectorEnv(ManyLanes):
         terminated, truncated : Tensor, bool, shape (B,)
         info : dict of Tensor
             "theta" and "omega" [rad, rad/s], (B, n), "energy" [J], "time" [s], "success", and with
-            SAME_STEP "final_obs".
+            SAME_STEP "final_obs" and "final_info", of all lanes as they were before any began
+            again.
 
         Raises
         ------
@@ -258,7 +259,7 @@ class DifferentiableVectorEnv(ManyLanes):
 
     def _outcome(
         self, clipped: Tensor, fresh: Tensor | None
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Return what `step` does; lanes that are `fresh` have only begun."""
         state = State(self._theta, self._omega, self._lanes)
         squares = (clipped * clipped).mean(-1) if clipped.shape[1] else self._zeros(self.num_envs)
@@ -273,12 +274,15 @@ class DifferentiableVectorEnv(ManyLanes):
             truncated = self._age >= self.max_episode_steps
         self._done = terminated | truncated
         self._sensors.see(self._theta, self._omega)
-        info, observation = self._info(state), self._observation(state)
+        info: dict[str, Any] = self._info(state)
+        observation = self._observation(state)
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            info["final_obs"] = observation
+            final = {"final_obs": observation, "final_info": info}
             if self._done.any():
-                observation = self._observation(self._start(self._done))
+                began = self._start(self._done)
+                observation, info = self._observation(began), self._info(began)
                 self._done = torch.zeros_like(terminated)
+            info = info | final
         return observation, reward.to(self.dtype), terminated, truncated, info
 
     def _observation(self, state: State) -> Any:
@@ -293,7 +297,7 @@ class DifferentiableVectorEnv(ManyLanes):
             "theta": state.theta,
             "omega": state.omega,
             "energy": state.energy,
-            "time": self._age * self.config.dt,
+            "time": self._age.to(torch.float64) * self.config.dt,
             "success": self._held > self.config.hold_steps,
         }
         if self.config.has_cart:

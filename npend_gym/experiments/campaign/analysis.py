@@ -167,7 +167,8 @@ def _groups(plan: CampaignPlan, stats: Statistics) -> Iterator[CellGroup]:
     grouped: dict[tuple[Any, ...], list[CellResult]] = {}
     for index in range(plan.cells):
         cell = plan.cell(index)
-        fundamental = theory.fundamental_period(plan.chain_of(cell))
+        chain = plan.chain_of(cell)
+        fundamental = theory.fundamental_period(chain) if chain.is_hung else np.nan
         if np.isfinite(stats.median[index]) and np.isfinite(fundamental):
             key = tuple((name, cell[name]) for name in _GROUPED if name in cell)
             point = CellResult(

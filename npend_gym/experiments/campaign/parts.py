@@ -129,7 +129,8 @@ def write_cells(plan: CampaignPlan, path: Path) -> None:
 def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a cell releases; the chain of the plan, where it has one, whole as JSON."""
     chain = plan.chain_of(cell)
-    ideal = theory.ideal_period(chain) if chain.has_bobs else np.nan
+    ideal = theory.ideal_period(chain) if chain.has_bobs and chain.is_hung else np.nan
+    fundamental = theory.fundamental_period(chain) if chain.is_hung else np.nan
     own = {"chain": json.dumps(chain.as_dict())} if plan.chain is not None else {}
     return {
         "n": chain.n,
@@ -137,7 +138,7 @@ def _chain_columns(plan: CampaignPlan, cell: Mapping[str, Any]) -> dict[str, Any
         "lengths_m": chain.lengths.tolist(),
         "gravity_m_s2": chain.gravity,
         "damping_nms": cell["damping"] if "damping" in cell else chain.damping.tolist(),
-        "fundamental_s": finite_or_none(theory.fundamental_period(chain)),
+        "fundamental_s": finite_or_none(fundamental),
         "ideal_s": finite_or_none(ideal),
         **own,
     }

@@ -1,20 +1,28 @@
 // In class: an angle for every rod, a second chain nearly like the first, plots, files.
 
-const ROWS = 18000; // kept for the table and the plots: five minutes
+const ROWS = 18000; // the latest ones, kept for the table and the plots: five minutes
 const SHOWN = 600; // of them in a plot: ten seconds
-let rows = []; // since the start: time, angles, angular velocities, energy, kinetic energy, angles of the second chain, place and velocity of a cart
+let rows = []; // time, angles, angular velocities, energy, kinetic energy, angles of the second chain, place and velocity of a cart
 let film = null; // a MediaRecorder that runs
 
 /** The angles of a release [rad]: those that the reader has written, the last one for rods without, or the slider's. */
 function written() {
-  const asked = $("angles").value.split(/[^-+.\d]+/).filter(Boolean).map(Number).filter(Number.isFinite).slice(0, $("n").max);
+  const asked = numbers($("angles").value).slice(0, $("n").max);
   if (asked.length > 1 && !given) $("n").value = asked.length;
   const n = parameters().masses.length;
   return Array.from({ length: n }, (_, k) => ((asked[k] ?? asked.at(-1) ?? value("angle")) / 180) * Math.PI);
 }
 
+/** The numbers of a text, between commas, semicolons or blanks; beside semicolons a comma is a decimal one. */
+function numbers(text) {
+  const plain = text.replace(/[\u2212\u2013]/g, "-").replaceAll("\u00b0", " ");
+  const parts = plain.includes(";") ? plain.replaceAll(",", ".").split(/[;\s]+/) : plain.split(/[,\s]+/);
+  return parts.filter(Boolean).map(Number).filter(Number.isFinite);
+}
+
 function record() {
-  if (ticked % 2 || rows.length >= ROWS) return;
+  if (ticked % 2) return;
+  if (rows.length === ROWS) rows.shift();
   rows.push([chain.output("TIME"), ...chain.theta, ...chain.omega, chain.output("ENERGY"), chain.kinetic,
     ...(twin ? second.theta : []), ...(chain.cart === null ? [] : [chain.place, chain.speed])]);
 }
@@ -55,7 +63,10 @@ function table() {
 
 $("csv").onclick = () => save(new Blob([table()], { type: "text/csv" }), "pendulums.csv");
 $("film").onclick = () => {
-  if (film) return film.stop();
+  if (film) {
+    player.redraw();
+    return requestAnimationFrame(() => film.stop());
+  }
   const parts = [];
   film = new MediaRecorder($("chain").captureStream());
   film.ondataavailable = ({ data }) => parts.push(data);
@@ -65,6 +76,7 @@ $("film").onclick = () => {
     $("film").textContent = "Film";
   };
   film.start();
+  player.redraw(); // a film has a picture at least
   $("film").textContent = "Stop and save";
 };
 $("film").hidden = !globalThis.MediaRecorder;

@@ -63,13 +63,16 @@ function begin(theta, omega, place = 0, speed = 0) {
   marks.clear();
   [owed, ticked, upright, action] = [0, 0, false, 0];
   tell.reset();
+  record();
   player.redraw();
 }
 
 function release() {
   const theta = written(), alike = theta.every((angle) => angle === radians());
-  [motor, pull, turn, released, stage.middle] = [null, null, 0, alike ? radians() : null, 0];
+  [motor, pull, turn, chosen, stage.middle] = [null, null, 0, null, 0];
+  released = alike ? radians() : null;
   begin(theta, theta.map(() => 0));
+  showValues();
   showMotor();
 }
 
@@ -184,6 +187,7 @@ function letGo() {
   if (!pull && !turn) return;
   [pull, turn] = [null, 0];
   if (player.playing && !motor) goOn();
+  tell.spoken = -Infinity; // nothing is pulled any more
   player.redraw();
 }
 

@@ -5,17 +5,20 @@ const beside = { chosen() {}, shown() {} }; // what a page shows beside the chai
 
 for (const release of data.releases) {
   const bytes = Uint8Array.from(atob(release.places), (c) => c.charCodeAt(0));
-  release.places = new Float32Array(bytes.buffer); // x, y of every bob at every instant, over the chain's length
-  release.instants = release.places.length / (2 * release.n);
+  // x, y of every bob at every instant, over the chain's length; those of a cart come first
+  release.places = new Float32Array(bytes.buffer);
+  release.bodies = release.n + (release.onCart ? 1 : 0);
+  release.instants = release.places.length / (2 * release.bodies);
   release.end = (release.instants - 1) * release.interval;
 }
 
-/** Place of a bob (counted from 0) at a time, between the two nearest instants. */
+/** Place of a bob (counted from 0), or of the cart, -1, at a time, between the two nearest instants. */
 function place(release, bob, time) {
+  if (bob < 0 && !release.onCart) return [0, 0];
   const at = Math.min(Math.max(time / release.interval, 0), release.instants - 1);
   const k = Math.min(Math.floor(at), Math.max(release.instants - 2, 0));
-  const [i, j] = [2 * (k * release.n + bob), 2 * ((k + 1) * release.n + bob)];
-  const { places } = release;
+  const { places, bodies } = release, body = bob + bodies - release.n;
+  const [i, j] = [2 * (k * bodies + body), 2 * ((k + 1) * bodies + body)];
   if (j >= places.length) return [places[i], places[i + 1]];
   const share = at - k;
   return [0, 1].map((c) => places[i + c] + share * (places[j + c] - places[i + c]));
@@ -35,13 +38,13 @@ function playOrPause() {
 }
 
 function show() {
-  const { n, interval, periods, centres } = release, trace = [];
+  const { n, interval, periods, centres, onCart } = release, trace = [];
   for (let t = Math.max(0, time - TRACE_SECONDS); t < time; t += interval / 2)
     trace.push(place(release, n - 1, t));
-  const joints = [[0, 0], ...periods.map((_, bob) => place(release, bob, time))];
+  const joints = [place(release, -1, time), ...periods.map((_, bob) => place(release, bob, time))];
   const marks = periods.flatMap((period, bob) =>
     period !== null && period <= time ? [place(release, bob, period)] : []);
-  stage.draw({ joints, centres, trace, marks });
+  stage.draw({ joints, centres, trace, marks, onCart });
   $("time").value = time;
   $("time").setAttribute("aria-valuetext", `${time.toFixed(2)} seconds`);
   $("clock").textContent = `${time.toFixed(2)} of ${release.end.toFixed(2)} s`;

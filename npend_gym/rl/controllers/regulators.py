@@ -10,9 +10,11 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize_scalar
 
+from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import STANDARD_GRAVITY, Chain
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.physics import linearise
 from npend_gym.physics.energy import energy
 from npend_gym.rl.controllers.step_model import (
@@ -115,6 +117,8 @@ def lqr(
 
     Raises
     ------
+    TypeError, ValueError
+        If an argument breaks its rule.
     numpy.linalg.LinAlgError
         If the actuated joints cannot stabilise this equilibrium.
 
@@ -126,7 +130,10 @@ def lqr(
     >>> rl.evaluate(rl.lqr(EnvConfig(**task)), task, episodes=2).success.tolist()
     [True, True]
     """
-    return StateFeedback(config, angle, riccati(config, angle, action_weight)[0])
+    check_config(config)
+    checked_equilibrium("angle", _checks.vector("angle", angle, config.n))
+    weight = _checks.positive_number("action_weight", action_weight)
+    return StateFeedback(config, angle, riccati(config, angle, weight)[0])
 
 
 def riccati(
@@ -259,5 +266,7 @@ def energy_swing_up(
     >>> rl.evaluate(rl.energy_swing_up(EnvConfig(**task)), task, episodes=2).success.tolist()
     [True, True]
     """
+    pump_gain = _checks.positive_number("pump_gain", pump_gain)
+    catch_cost = _checks.nonnegative_number("catch_cost", catch_cost)
     gain, cost = riccati(config, np.pi, action_weight=1.0)
     return EnergySwingUp(StateFeedback(config, np.pi, gain), cost, pump_gain, catch_cost)

@@ -38,6 +38,7 @@ class DisturbedEnvs:
 
     To a controller it is the environment of the same setting. That behind it has a motor at every
     joint, with twice the torque limit, so that a disturbance can exceed the controller's limit.
+    Where the setting has no motor there is no noise.
     """
 
     def __init__(self, setting: Setting, num_envs: int, disturbance: Disturbance) -> None:
@@ -45,14 +46,18 @@ class DisturbedEnvs:
         self.config: EnvConfig = config
         self.num_envs: int = num_envs
         self.disturbance: Disturbance = disturbance
-        every = {"actuated": tuple(range(config.n)), "max_torque": 2.0 * config.max_torque}
+        own = config.joints[config.joints < config.n].tolist()
+        rest = [joint for joint in range(config.n) if joint not in own]
+        every = {"actuated": (*own, *rest), "max_torque": 2.0 * config.max_torque}
         every |= {"difficulty": None, "torque_levels": None}
         if config.has_cart:
             every["max_force"] = config.max_force
         self._envs = setting.make(num_envs, **every)
+        self._envs.unwrapped.keep_noise_to(config.joints.size)
         behind: EnvConfig = self._envs.unwrapped.config
-        self._joints = behind.joints < config.n
-        self._columns = [behind.joints.tolist().index(joint) for joint in config.joints]
+        self._joints = behind.joints[behind.joints < config.n]
+        self._of_joints = behind.joints < config.n
+        self._columns = slice(config.joints.size)  # the controller's motors are the first
         self._ratio = config.action_limits / behind.action_limits[self._columns]
         self._limit = behind.max_torque
         self._step, self._info = 0, dict[str, Any]()
@@ -69,9 +74,9 @@ class DisturbedEnvs:
         config, shape = self.config, (self.num_envs, self.config.joints.size)
         taken = np.clip(np.asarray(checked_action(action, shape, config.action_table)), -1.0, 1.0)
         torque, active = self.disturbance(self._step, self._info)
-        whole = np.zeros((self.num_envs, self._joints.size))
+        whole = np.zeros((self.num_envs, self._of_joints.size))
         whole[:, self._columns] = np.where(active[:, None], taken * self._ratio, 0.0)
-        whole[:, self._joints] += torque / self._limit
+        whole[:, self._of_joints] += torque[:, self._joints] / self._limit
         result = self._envs.step(whole)
         self._step, self._info = self._step + 1, result[-1]
         self._show_own_motors()

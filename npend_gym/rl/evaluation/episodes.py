@@ -26,8 +26,8 @@ class Evaluation:
     success : ndarray, bool
         ``info["success"]`` of the last step.
     settling_time : ndarray, float
-        Time [s] from which on ``info["success"]`` was true: where the goal must hold for 5 s, these
-        are included. NaN without success.
+        Last time [s] at which ``info["success"]`` was not yet true: where the goal must hold for
+        5 s, these are included. NaN without success.
     motor_work : ndarray, float
         Work [J] that the motors did and took up, both counted as positive: the sum over steps and
         motors of abs(torque times turn of the joint), with the torque that acted,

@@ -47,7 +47,7 @@ def as_controller(
     if not wrappers and getattr(model, "get_env", None) is not None:
         wrappers = trained_through(model, config)
         if all(map(is_normalizing, wrappers)):
-            _check_space(model, config)
+            check_space(model, config)
     if any(map(_is_new, wrappers)) and getattr(model, "num_timesteps", 1) > 0:
         raise _without_statistics(model)
     return Behind(Predicting(model), wrappers)
@@ -60,6 +60,11 @@ def _check_observation(model: Any, config: EnvConfig) -> None:
     """
     env = getattr(model, "env", None)
     keywords = cast("Mapping[str, Any]", env if isinstance(env, Mapping) else {})
+    if keywords and len(config.action_table) > 0 and keywords.get("torque_levels") is None:
+        raise ValueError(
+            "torque_levels must be left out for a policy with continuous actions, got "
+            f"{len(config.action_table)} discrete ones"
+        )
     trained = keywords.get("observation")
     if trained not in (None, config.observation):
         raise ValueError(
@@ -68,7 +73,7 @@ def _check_observation(model: Any, config: EnvConfig) -> None:
         )
 
 
-def _check_space(model: Any, config: EnvConfig) -> None:
+def check_space(model: Any, config: EnvConfig) -> None:
     """Raise an error if a model was trained on as many numbers, with other bounds."""
     trained: Any = getattr(model, "observation_space", None)
     shown: Any = config.observation_space

@@ -92,6 +92,7 @@ def performance(
     time and the torque cost; the velocity cost is divided by it).
 
     On a cart the length of the chain makes a torque of the force, and an angle of the place.
+    `randomize` is left out: nothing is random but the start.
 
     The smoothness of their definition is the standard deviation of the change of the torque from
     one step to the next, of 0.002 s. The torque is sampled as often here, whatever the step of the
@@ -135,11 +136,12 @@ def performance(
     unit = np.where(np.arange(coordinates) < config.n, 1.0, length)  # 1 for angles
     shape = (count, config.joints.size)  # of the torques that acted, not of the commands
     torques, up = np.zeros((steps, *shape)), np.zeros((steps + 1, count), np.bool_)
-    angles, speeds = np.zeros((2, steps + 1, count, coordinates))
+    angles, speeds = np.zeros((2, steps + 1, count, coordinates))  # no speed is of the last row
     for k, (running, before, _, info) in enumerate(rollout(controller, nominal.make(count), seed)):
         torques[k] = np.where(running[:, None], unit[config.joints] * info["torque"], 0.0)
-        for row, moment in ((k, before), (k + 1, info)):
-            angles[row], speeds[row] = joint_motion(moment) / unit
+        angles[k], speed = joint_motion(before) / unit
+        angles[k + 1], _ = joint_motion(info) / unit
+        speeds[k] = np.where(running[:, None], speed, 0.0)
         up[k + 1] = running & (info["tip_height"] > UP * length)
     return _judged(config, torques, angles[:, :, config.joints], speeds, up)
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs.config import EnvConfig
+from npend_gym.envs.settings import MAX_DELAY
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, holding_torques
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.performance import UP
@@ -159,8 +160,9 @@ def recovery(
 
     The motors are a PID controller with gravity compensation and steps of 0.002 s. They turn joints
     by their angles with whole turns, so that a joint that has turned twice turns back twice. The
-    controller acts in the steps of its environment, whose delays and noise are kept. No force acts
-    on a cart while they do, and beyond the end of its rail an episode is over.
+    controller acts in the steps of its environment, whose delays and noise are kept; pushes keep
+    their impulse. `randomize` is left out. No force acts on a cart while they do, and beyond the
+    end of its rail an episode is over.
 
     Parameters
     ----------
@@ -204,6 +206,13 @@ def recovery(
     controller = as_controller(model, config, nominal.wrappers)
     length = _checks.positive_number("reset_seconds", reset_seconds)
     parts = max(1, round(config.dt / STEP))
+    for name in ("observation_delay", "action_delay"):
+        if parts * getattr(config, name) > MAX_DELAY:
+            raise ValueError(
+                f"{name} must be at most {MAX_DELAY / parts:g} steps of {config.dt:g} s to be "
+                f"judged by recovery, whose motors act every {STEP:g} s; "
+                f"got {getattr(config, name):g}"
+            )
     knocks = KnockDowns(config, config.dt / parts, parts * steps, count, times, length, seed)
     shorter = nominal._replace(keywords=_divided(nominal.keywords, config, parts))
     envs, up = DisturbedEnvs(shorter, count, knocks), np.zeros(count)
@@ -220,6 +229,7 @@ def _divided(keywords: dict[str, Any], config: EnvConfig, parts: int) -> dict[st
         "observation_delay": parts * config.observation_delay,
         "action_delay": parts * config.action_delay,
         "torque_noise": np.sqrt(parts) * config.torque_noise,  # the same noise over a long step
+        "push_force": parts * config.push_force,  # for a step each: the same impulse
     }
     if config.substeps is not None:
         shorter["substeps"] = -(-config.substeps // parts)

@@ -88,7 +88,7 @@ def setting_of(env: EnvLike) -> Setting:
         return Setting(env, {})
     if isinstance(env, Mapping):
         keywords: dict[str, Any] = dict(env)  # pyright: ignore[reportUnknownArgumentType]
-        return Setting(keywords.pop("id", ENV_ID), keywords)
+        return Setting(keywords.pop("id", ENV_ID), _without_making(keywords))
     if isinstance(env, EnvSpec):
         if env.additional_wrappers:
             raise ValueError(
@@ -96,7 +96,7 @@ def setting_of(env: EnvLike) -> Setting:
                 f"got {env.additional_wrappers[0].name}: give a vector environment with its own"
             )
         keywords = {"max_episode_steps": env.max_episode_steps} | env.kwargs
-        return Setting(env.id, {k: v for k, v in keywords.items() if k not in _OF_MAKING})
+        return Setting(env.id, _without_making(keywords))
     *_, base = [None, *layers_of(env)]
     config = _attribute(base, "config")
     if not isinstance(config, EnvConfig):
@@ -109,6 +109,11 @@ def setting_of(env: EnvLike) -> Setting:
     steps = steps or getattr(_attribute(env, "spec"), "max_episode_steps", None)
     keywords = keywords_of(config) | {"max_episode_steps": steps}
     return Setting(_attribute(base, "env_id") or ENV_ID, keywords, changing_wrappers(env))
+
+
+def _without_making(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords of the environments, without those that a judge chooses itself."""
+    return {name: value for name, value in keywords.items() if name not in _OF_MAKING}
 
 
 def keywords_of(config: EnvConfig) -> dict[str, Any]:

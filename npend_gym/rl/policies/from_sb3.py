@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from npend_gym._provenance import provenance
-from npend_gym.rl.evaluation.models import trained_through
+from npend_gym.rl.evaluation.models import check_space, trained_through
 from npend_gym.rl.evaluation.settings import EnvLike, env_of, setting_of
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}  # by the class of torch.nn
@@ -22,6 +22,7 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
             "the id or the keywords of gym.make_vec"
         )
     config = setting_of(trained_in if env is None else env).config
+    check_space(model, config)
     network = _network_of(model)
     scale, offset = np.ones(config.observed, np.float32), None
     limit = np.inf
@@ -35,6 +36,12 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
         if wrapper.norm_obs:
             scale = np.sqrt(statistics.var + wrapper.epsilon).astype(np.float32)
             offset, limit = statistics.mean.astype(np.float32), float(wrapper.clip_obs)
+    shapes = network["weights"][0].shape[1], network["weights"][-1].shape[0]
+    if shapes != (config.observed, config.joints.size):
+        raise ValueError(
+            f"env must be that of the model, with {shapes[0]} observed numbers and {shapes[1]} "
+            f"actions, got one with {config.observed} and {config.joints.size}"
+        )
     made = {"algorithm": type(model).__name__, "timesteps": int(model.num_timesteps)}
     return network | {
         "scale": scale,

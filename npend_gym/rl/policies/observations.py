@@ -47,8 +47,8 @@ def observation_of(
     Raises
     ------
     ValueError
-        If a shape is wrong or a number not finite, if the goal is missing, or if the environment
-        observes its context.
+        If a shape is wrong or a number not finite; if the goal is missing; if a cart or a goal is
+        given that the environment has not; or if it observes its context.
 
     Examples
     --------
@@ -73,15 +73,19 @@ def observation_of(
         limit = config.speed_limit
         parts.append(np.clip(speeds / config.speed_scale, -limit, limit))
     lead = angles.shape[:-1]
+    place = _checks.broadcast("cart_position", cart_position, lead)
+    velocity = _checks.broadcast("cart_velocity", cart_velocity, lead)
     if config.rail is not None:
-        entries = [np.asarray(cart_position) / config.rail]
+        entries = [place / config.rail]
         if config.observe_velocities:
-            entries.append(np.asarray(cart_velocity) * config.cart_speed_factor)
-        clipped = (np.clip(entry, -MAX_CART_ENTRY, MAX_CART_ENTRY) for entry in entries)
-        parts += [np.broadcast_to(entry, lead)[..., None] for entry in clipped]
-    if config.observes_goals:
-        if goal is None:
-            raise ValueError(f"goal must be given in mode {config.mode.name!r}")
+            entries.append(velocity * config.cart_speed_factor)
+        parts += [np.clip(e, -MAX_CART_ENTRY, MAX_CART_ENTRY)[..., None] for e in entries]
+    elif np.any(place) or np.any(velocity):
+        raise ValueError("cart_position and cart_velocity must be 0 for a chain without a cart")
+    if (goal is not None) != config.observes_goals:
+        needed = "given" if config.observes_goals else "left out"
+        raise ValueError(f"goal must be {needed} in mode {config.mode.name!r}")
+    if goal is not None:
         parts.append(np.broadcast_to(np.cos(_rows("goal", goal, config.n)), angles.shape))
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
