@@ -63,10 +63,7 @@ function table() {
 
 $("csv").onclick = () => save(new Blob([table()], { type: "text/csv" }), "pendulums.csv");
 $("film").onclick = () => {
-  if (film) {
-    player.redraw();
-    return requestAnimationFrame(() => film.stop());
-  }
+  if (film) return film.stop();
   const parts = [];
   film = new MediaRecorder($("chain").captureStream());
   film.ondataavailable = ({ data }) => parts.push(data);

@@ -24,7 +24,7 @@ PLANS: dict[int, dict[str, Any]] = {
     5: {"seconds": 12.0, "settle": 10.0},
     6: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
     7: {"seconds": 14.0, "settle": 10.0, "guess": "mpc"},
-    8: {"seconds": 22.0, "settle": 10.0, "guess": "mpc", "tries": 8, "seed": 2},
+    8: {"seconds": 22.0, "settle": 10.0, "guess": "mpc", "tries": 2, "seed": 2},
 }
 ON_CART: dict[int, dict[str, Any]] = {
     3: {"seconds": 10.0, "guess": "mpc"},
