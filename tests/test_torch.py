@@ -394,7 +394,7 @@ def test_after_an_episode_its_info_is_final_and_the_new_one_is_shown():
     for envs in (ours, theirs):
         envs.reset(seed=0)
     for _ in range(3):
-        info = ours.step(torch.zeros(2, 1))[-1]
+        info = ours.step(torch.zeros(2, 1, dtype=torch.float64))[-1]
         expected = theirs.step(np.zeros((2, 1)))[-1]
     for name in ("time", "theta", "success"):
         np.testing.assert_allclose(info[name].numpy(), expected[name], atol=1e-12)
