@@ -14,7 +14,7 @@ from npend_gym.physics.arguments import check_rtol, warn_of_degrees
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.kernels.turning_points import BOB, COM, HEIGHT, LINK
 from npend_gym.physics.measurement import Measurement, measure, shares
-from npend_gym.physics.mechanism import mechanism_of
+from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
 READINGS = tuple(_CODES)
@@ -110,12 +110,13 @@ def pseudo_periods(
     threads = check_threads(threads)
     if duration is not None:
         duration = _checks.positive_number("duration", duration)
-    if chain.gravity == 0.0 and not np.any(omega):
+    felt = in_frame_of_pivot(chain.hung(), pivot_acceleration)
+    if chain.gravity == 0.0 and pivot_acceleration is None and not np.any(omega):
         return np.full(theta.shape, np.nan)
     if duration is None:
-        if chain.gravity == 0.0:
+        if felt.gravity == 0.0:
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
-        duration = _WINDOW * theory.fundamental_period(chain.hung())
+        duration = _WINDOW * theory.fundamental_period(felt)
     mechanism_of([chain]).check_vibrations(duration)
 
     measurement = Measurement(_CODES[reading], duration, rtol, pivot_acceleration)

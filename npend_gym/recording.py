@@ -251,7 +251,7 @@ def record_episode(
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
         action = np.asarray(policy(observation[None], batch))[0].astype(env.action_space.dtype)
         observation, _, terminated, truncated, info = env.step(action)
-        done = terminated or truncated or info["time"] >= seconds
+        done = terminated or truncated or info["time"] >= seconds - 0.5 * config.dt
         infos.append(info)
         actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
     chain = env.unwrapped.chain  # `randomize` may have drawn it

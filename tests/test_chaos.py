@@ -6,7 +6,7 @@ import pytest
 from interrupt import Interrupt
 from scipy.integrate import simpson
 
-from npend_gym import Chain, chaos, simulate
+from npend_gym import Chain, Event, chaos, pseudo_periods, simulate
 from npend_gym.physics import linearise
 
 
@@ -170,3 +170,29 @@ def test_the_flow_keeps_volume_and_friction_does_not(uneven):
     assert abs(chaos.volume_change(uneven)) < 1e-7
     damped = Chain(uneven.masses, uneven.lengths, damping=0.5)
     assert chaos.volume_change(damped) < -0.5
+
+
+def test_a_pivot_that_is_accelerated_is_another_gravity():
+    # A. Einstein, Annalen der Physik 35 (1911), 898-908: in a frame so accelerated both are alike
+    by_gravity, by_pivot = Chain.uniform(2, gravity=200.0), Chain.uniform(2, gravity=10.0)
+    moved = {"pivot_acceleration": [0.0, 190.0]}
+    assert chaos.megno(by_pivot, 0.0, duration=40.0, **moved).value < 0.1
+    expected = chaos.lyapunov_spectrum(by_gravity, 0.0, duration=5.0).exponents
+    found = chaos.lyapunov_spectrum(by_pivot, 0.0, duration=5.0, **moved).exponents
+    np.testing.assert_allclose(found[[0, 1, -2, -1]], expected, atol=1e-4)
+    free = Chain.uniform(2, gravity=0.0)
+    times = pseudo_periods(free, 0.5, pivot_acceleration=[0.0, 9.81])
+    np.testing.assert_allclose(
+        times, pseudo_periods(Chain.uniform(2, gravity=9.81), 0.5), rtol=1e-9
+    )
+    slow = pseudo_periods(Chain.uniform(2), 0.5, pivot_acceleration=[0.0, -9.80])
+    assert np.isfinite(slow).all()
+
+
+def test_links_whose_weight_is_above_their_joint_flip_with_little_energy():
+    chain = Chain([1.0, 1.0], [1.0, 1.0], centres=[1.0, -0.5], inertias=0.01)
+    (found,) = chaos.flip_times(chain, [[0.0, 0.3]], duration=10.0)
+    events = [Event("flip", rod=rod, terminal=True) for rod in (0, 1)]
+    assert found == pytest.approx(
+        simulate(chain, [0.0, 0.3], 0.0, [0.0, 10.0], events=events).times[-1]
+    )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from interrupt import Interrupt
 
+from npend_gym import Chain
 from npend_gym.cli import main
 from npend_gym.rl import Policy, evaluate, pretrained_names, robustness
 from npend_gym.rl.controllers.references import CONTROLLERS, reference_controller
@@ -179,3 +180,32 @@ def test_every_reference_controller_acts():
         state = {"theta": np.full((3, 2), 0.1), "omega": np.zeros((3, 2))}
         info = state | {"time": np.zeros(3), "energy": np.ones(3)}
         assert controller(np.zeros((3, 4)), info).shape == (3, 1)
+
+
+def test_a_task_says_how_many_rods_are_trained(refusal, tmp_path):
+    about = {"chain": Chain.uniform(2).as_dict(), "chain_standard_errors": {}}
+    (tmp_path / "fit.json").write_text(json.dumps(about))
+    message = refusal("train", "swingup-1", "--around", str(tmp_path / "fit.json"))
+    assert "swingup-1 is for 1 rods, the fit in" in message
+    assert "--env n must be left out" in refusal("train", "swingup-1", "--env", "n=2")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "total_timesteps=0"], "total_timesteps must be at least 1"),
+        (["--algorithm", "imitation", "--set", "rounds=1"], "rounds must be at least 2"),
+        (["--env", "threads=2"], "shac does not use threads: leave it out; got 2"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused_at_once(refusal, tmp_path, arguments, message):
+    assert message in refusal("train", "swingup-1", "-o", str(tmp_path), *arguments)
+    assert not list(tmp_path.glob("*.safetensors"))
+
+
+def test_an_episode_has_the_steps_of_its_environment(refusal, tmp_path):
+    message = refusal("simulate", "swingup-1", "--interval", "0.5")
+    assert "--interval must be left out with a policy" in message
+    table = tmp_path / "a.csv"
+    assert main(["simulate", "swingup-1", "--duration", "3", "--csv", str(table)]) == 0
+    assert len(table.read_text().splitlines()) == 62  # a head, the start, 60 steps

@@ -8,6 +8,7 @@ import pytest
 
 import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, simulate
+from npend_gym.envs import EnvConfig
 from npend_gym.rl import CRITERIA, HELD_OUT, Criterion, Policy, Pushes, lqr, robustness
 from npend_gym.rl.evaluation.criteria import Group
 from npend_gym.rl.evaluation.disturbances import Pulses
@@ -296,3 +297,14 @@ def test_randomized_chains_can_be_a_criterion_and_one_may_depend_on_the_environm
 def test_a_policy_that_was_trained_with_errors_survives_what_the_results_say(name, least):
     policy = Policy.pretrained(name)
     assert robustness(policy, policy.env).score >= least
+
+
+def test_pushes_that_are_drawn_are_left_out_of_the_scores():
+    keywords = {"n": 1, "mode": "balance", "observation": "sincos"}
+    pushed = {"push_rate": 1.0, "randomize": {"push_force": (0.0, 1.0)}}
+    controller = lqr(EnvConfig(**keywords))
+    found, expected = (
+        robustness(controller, keywords | more, criteria={"delay": CRITERIA["delay"]}, values=3)
+        for more in (pushed, {})
+    )
+    assert found.survived == expected.survived

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from scipy.interpolate import CubicSpline
 
 import npend_gym
-from npend_gym import Chain, IntegrationError, Trajectory, simulate, theory
+from npend_gym import Chain, Event, IntegrationError, Trajectory, simulate, theory
 from npend_gym.identification import read_motion
 
 
@@ -199,3 +199,22 @@ def test_bad_arguments_are_refused_with_their_rule(uneven, change, message):
 def test_no_motions_at_all_are_refused():
     with pytest.raises(ValueError, match=r"must have the shape \(B, 2\), got \(0, 2\)"):
         simulate(Chain.uniform(2), np.zeros((0, 2)), 0.0, [0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"rod": 1.5}, TypeError, "rod must be an integer"),
+        ({"rod": True}, TypeError, "rod must be an integer"),
+        ({"direction": "up"}, TypeError, "direction must be an integer"),
+        ({"direction": 2}, ValueError, "direction must be between -1 and 1"),
+    ],
+)
+def test_what_is_no_event_is_refused_when_it_is_made(given, error, message):
+    with pytest.raises(error, match=message):
+        Event("angle", **given)
+
+
+def test_many_motions_have_no_slices():
+    with pytest.raises(TypeError, match="slice"):
+        simulate(Chain.uniform(2), np.zeros((3, 2)), 0.0, [0.0, 1.0])[0:2]

@@ -60,11 +60,11 @@ def flip_times(
 
     Notes
     -----
-    A start whose energy does not lift any rod to upright, with all others hanging, is not followed:
-    nothing adds energy. Instants are zeros of the dense solution, by halving to the resolution of
-    time. A rod that passes upright and comes back within one step is found where its angular
-    velocity changes sign once. Such maps are those of J. S. Heyl, "The double pendulum fractal"
-    (2008).
+    A start whose energy does not lift any rod to upright, with all others as low as they can be, is
+    not followed: nothing adds energy. Instants are zeros of the dense solution, by halving to the
+    resolution of time. A rod that passes upright and comes back within one step is found where its
+    angular velocity changes sign once. Such maps are those of J. S. Heyl, "The double pendulum
+    fractal" (2008).
 
     Examples
     --------
@@ -85,7 +85,8 @@ def flip_times(
     times[over] = 0.0
     reaches = np.ones_like(over)
     if chain.stiffness is None and pivot_acceleration is None:  # no energy comes from elsewhere
-        needed = float(2.0 * chain.gravity * np.abs(chain.lift).min())
+        lower = np.minimum(chain.lift, 0.0)  # links whose weight is above their joint
+        needed = float(2.0 * chain.gravity * (chain.lift - lower + lower.sum()).min())
         reaches = energy(chain, q[:, :n], u[:, :n]) >= needed
     followed = np.flatnonzero(~over & reaches)
     loads = np.zeros((followed.size, states.loads.shape[-1]))

@@ -13,6 +13,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.chaos.variations import count_parts, fastest_rate, motion_of, tangents
 from npend_gym.physics import mass_matrix, simulate
+from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.motion import Motion
 from npend_gym.physics.sensitivities import carry
 
@@ -115,21 +116,26 @@ def log_growth(
     chain: Chain,
     motion: Motion,
     duration: float,
-    rate: float = 1.0,
+    rate: float | None = 1.0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> tuple[FloatArray, FloatArray]:
     """Return instants [s], and the logarithm of a tangent vector's length there, (T,) each.
 
     Its length is that of (theta, omega / rate), 1 at the start, lengths counted in mean rods;
-    `progress` wraps the iteration over hundredths of the duration, for which the `motion` of the
-    chain is followed.
+    without a `rate` it is that of the fastest mode. The vector leaves a pivot that is moved where
+    it is. `progress` wraps the iteration over hundredths of the duration, for which the `motion` of
+    the chain is followed.
     """
-    count, step = count_parts(chain, duration, STEP), STEP / fastest_rate(chain)
+    felt = in_frame_of_pivot(chain, motion.mechanism.pivot_acceleration)
+    count, step = count_parts(felt, duration, STEP), STEP / fastest_rate(felt)
+    rate = fastest_rate(felt) if rate is None else rate
     m = motion.mechanism.size
     # lengths by that of a rod, so that they compare with angles
     units = np.where(np.arange(m) < chain.n, 1.0, 1.0 / float(chain.lengths.mean()))
     scale = np.concatenate([units, units / rate])
     vectors = np.random.default_rng(chain.n).normal(size=(1, 2 * m))
+    if motion.mechanism.pivot_acceleration is not None:
+        vectors.reshape(2, m)[:, chain.n : chain.n + 2] = 0.0
     vectors /= np.linalg.norm(vectors)
     vectors /= scale
     times, logarithm, total = step * np.arange(count + 1.0), np.zeros(count + 1), 0.0

@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
 from npend_gym.chaos.growth import log_growth
-from npend_gym.chaos.variations import fastest_rate, motion_of, record
+from npend_gym.chaos.variations import motion_of, record
 from npend_gym.physics.motion import Motion
 
 _SETTLING = 10  # a tenth of the motion, in which the vector turns into the direction that grows
@@ -211,7 +211,7 @@ def _grow(
     progress: Callable[[Iterable[int]], Iterable[int]],
 ) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
     """Return instants, the logarithm of a tangent vector there, and the record of the arguments."""
-    times, logarithm = log_growth(chain, motion, duration, fastest_rate(chain), progress)
+    times, logarithm = log_growth(chain, motion, duration, None, progress)
     if times.size < _SETTLING * max(_BLOCKS):
         least = _SETTLING * max(_BLOCKS) * times[0]
         raise ValueError(f"duration must be at least {least:g} s for this chain, got {duration:g}")

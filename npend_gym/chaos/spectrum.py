@@ -15,6 +15,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
 from npend_gym.chaos.variations import fastest_rate, loses_energy, motion_of, record
 from npend_gym.physics import mass_matrix, momentum_jacobian
+from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.sensitivities import carry
 
 MAX_RODS = 500  # each orthogonalisation takes O(n^3) operations: a second of them
@@ -68,7 +69,8 @@ def lyapunov_spectrum(
         How long the motion is followed [s]: the error falls off as one over its square root in
         chaos, as log t / t in regular motion.
     count : int, optional
-        How many exponents, the largest first; by default all 2n. The time grows with it.
+        How many exponents, the largest first; by default all, two for each coordinate: rods,
+        a cart, stretches of springs, and two of a pivot that is moved. The time grows with it.
     samples : int
         How many instants the history has.
     rtol : float
@@ -85,7 +87,7 @@ def lyapunov_spectrum(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule: `count` is more than 2n, say.
+        If an argument breaks its rule: `count` is more than there are, say.
     IntegrationError
         If the motion diverges.
 
@@ -117,7 +119,8 @@ def lyapunov_spectrum(
     duration = _checks.positive_number("duration", duration)
     instants = np.linspace(0.0, duration, _checks.count("samples", samples) + 1)[1:].tolist()
     inertia = float(np.mean(np.diagonal(mass_matrix(chain, start[:n]))[:n]))
-    unit = inertia * fastest_rate(chain)
+    felt = in_frame_of_pivot(chain, motion.mechanism.pivot_acceleration)
+    unit = inertia * fastest_rate(felt)
     basis = np.eye(2 * m)[:, [*range(m), *reversed(range(m, 2 * m))]][:, :count]
     vectors = np.ascontiguousarray(solve(_metric(chain, start, unit), basis).T)
     steps = _DAMPED_STEPS if loses_energy(chain) else _STEPS

@@ -15,7 +15,7 @@ from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.integration import check_times
-from npend_gym.physics.mechanism import mechanism_of
+from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
 from npend_gym.physics.motion import Motion
 from npend_gym.physics.sensitivities import carry
 from npend_gym.physics.start import Start
@@ -104,7 +104,8 @@ def motion_of(
 
     A cart starts at rest, and springs with the tensions of rigid rods.
     """
-    n, rate = check_chain(chain).n, max(fastest_rate(chain), fastest_decay(chain))
+    n, felt = check_chain(chain).n, in_frame_of_pivot(chain, pivot_acceleration)
+    rate = max(fastest_rate(felt), fastest_decay(chain))
     settings = check_settings("dop853", rtol, 0.01 * rtol, _LONGEST / rate)
     start = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
     drives = {"torque": None, "force": 0.0, "pivot_acceleration": pivot_acceleration}

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _FPS = 25.0
 _RODS, _ANGLE, _SECONDS = 5, math.pi / 4, 10.0  # by default
+_INTERVAL = 0.01  # s
 _SHOWN = 10  # rods that are printed
 FILLS: dict[str, Any] = {
     "npend_gym.cli.evaluate:run": ("trust",),
@@ -53,7 +54,7 @@ def run(
     csv: Path | None = None,
     plot: Path | None = None,
     film: Path | None = None,
-    interval: float = 0.01,
+    interval: float | None = None,
     fps: float | None = None,
     speed: float = 1.0,
     plain: bool = False,
@@ -83,8 +84,9 @@ def run(
         Draw angles, angular velocities and energy to this .png or .pdf file.
     film : file, optional
         Film to this .gif or .mp4 file.
-    interval : float
-        Time between two rows of the table and two points of the plot [s].
+    interval : float, optional
+        Time between two rows of the table and two points of the plot [s] (default 0.01; an episode
+        of a policy has the steps of its environment).
     plain : bool
         Film the chain alone, in square pictures without the diagrams.
     """
@@ -93,18 +95,20 @@ def run(
 
     speed = _checks.positive_number("speed", speed)
     fps = None if fps is None else _checks.positive_number("fps", fps)
-    given: dict[str, Any] = {"n": n, "theta": theta, "omega": omega} | chain
+    given: dict[str, Any] = {"n": n, "theta": theta, "omega": omega, "interval": interval} | chain
     start = {name: value for name, value in given.items() if value is not None}
     if policy is not None and start:
         raise ValueError(
-            f"{spelled(next(iter(start)))} must be left out with a policy, whose chain and start "
-            "are those of its environment"
+            f"{spelled(next(iter(start)))} must be left out with a policy, whose chain, start and "
+            "steps are those of its environment"
         )
     if policy is None and (trust or seed is not None):
         raise ValueError(f"--{'trust' if trust else 'seed'} is for policies: name one")
     if policy is None:
+        every: float = start.pop("interval", _INTERVAL)
         record = _of_chain(duration=duration, **start)
     else:
+        every = _INTERVAL
         record = _of_policy(policy, 0 if seed is None else seed, duration, trust=trust)
     if csv is not None:
         prepare_file(csv, (".csv",), "csv")
@@ -114,7 +118,7 @@ def run(
         from npend_gym.report.animation import SUFFIXES
 
         prepare_file(film, SUFFIXES, "film")
-    intervals = [interval] if film is None else [interval, speed / (fps or _FPS)]
+    intervals = [every] if film is None else [every, speed / (fps or _FPS)]
     recordings = record(*intervals)
     motion = recordings[0].motion
     _show(motion)

@@ -81,7 +81,13 @@ def run(
     using = _settings(chosen, task, dict(settings), seed)
     keywords = using.env
     if around is not None:
-        keywords = {k: value for k, value in keywords.items() if k != "n"} | env_around(around)
+        found = env_around(around)
+        rods = len(found["chain"]["masses"])
+        if rods != keywords["n"]:
+            raise ValueError(f"{task} is for {keywords['n']} rods, the fit in {around} has {rods}")
+        keywords = {k: value for k, value in keywords.items() if k != "n"} | found
+    if "n" in dict(env):
+        raise ValueError(f"--env n must be left out, TASK says it; got {task}")
     using = replace(using, env={**keywords, **dict(env)})
     kept = path.with_suffix(".checkpoint")
     checkpoint = Checkpoint(using, kept, resume=resume)

@@ -145,8 +145,13 @@ def _of_base(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
         given = np.array([float(given), 0.0])
     if shape[-1] == 1 and given.shape == shape[:-1]:
         given = given[..., None]
-    return np.array(_checks.broadcast(name, given, shape) if given.ndim != 1 or len(shape) == 1
-                    else np.broadcast_to(given, shape))  # fmt: skip
+    if given.ndim != 1 or len(shape) == 1:
+        return _checks.broadcast(name, given, shape)
+    if given.shape != shape[-1:]:
+        raise ValueError(
+            f"{name} must be one number or an array of shape {shape}, got shape {given.shape}"
+        )
+    return np.array(np.broadcast_to(given, shape))
 
 
 def accelerations(

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import MAX_RODS, Chain
 from npend_gym.physics import energy as _energy
 from npend_gym.physics.functions import called
 from npend_gym.physics.motion import TakenSteps
@@ -31,7 +31,8 @@ class Event:
     quantity : {"angle", "angular_velocity", "velocity", "height", "energy", "flip"}
         The angle of the rod [rad]; its angular velocity [rad/s]; the horizontal velocity of its bob
         [m/s]; the height of its bob above the pivot [m]; the energy of its mass, above hanging at
-        rest [J]; or "flip": the rod stands upright, in whatever turn.
+        rest [J]; or "flip": the rod stands upright, in whatever turn. Velocity and energy are
+        relative to the pivot, which may be on a cart.
     rod : int
         Counted from 0 at the pivot; -1 is the last.
     value : float
@@ -66,6 +67,8 @@ class Event:
         """Check the arguments."""
         _checks.choice("quantity", self.quantity, QUANTITIES)
         _checks.number("value", self.value)
+        _checks.count("rod", self.rod, low=-MAX_RODS, high=MAX_RODS)
+        _checks.count("direction", self.direction, low=-1, high=1)
         _checks.truth("terminal", self.terminal)
         if self.quantity == "flip" and (self.value, self.direction) != (0.0, 0):
             raise ValueError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -36,6 +37,13 @@ class Mechanism(NamedTuple):
     def n(self) -> int:
         """Number of rods."""
         return self.parameters.masses.shape[1]
+
+    @property
+    def pivot_acceleration(self) -> FloatArray | None:
+        """Constant acceleration of the first pivot [m/s^2], (2,), if one is prescribed."""
+        if self.places != 2 or self.base is None:
+            return None
+        return self.base[[Base.ACROSS, Base.UP], 0]
 
     @property
     def size(self) -> int:
@@ -141,6 +149,18 @@ def mechanism_of(chains: Sequence[Chain], accelerated: FloatArray | None = None)
         base[Base.ACROSS], base[Base.UP] = pairs.T
         return Mechanism(parameters, springs, base, 2)
     return Mechanism(parameters, springs, None, 0)
+
+
+def in_frame_of_pivot(chain: Chain, acceleration: Any) -> Chain:
+    """Return a chain under the gravity that it feels where its pivot is accelerated.
+
+    That is known of a constant `acceleration`, two numbers [m/s^2]; else the chain is returned.
+    """
+    if acceleration is None or callable(acceleration) or np.shape(acceleration) != (2,):
+        return chain
+    across, up = np.asarray(acceleration, np.float64).tolist()
+    felt = math.hypot(across, chain.gravity + up)
+    return Chain.from_dict(chain.as_dict() | {"gravity": felt})
 
 
 def check_axial_start(

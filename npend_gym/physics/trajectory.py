@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
@@ -158,7 +159,7 @@ class Trajectory:
     def __getitem__(self, k: int) -> Trajectory:
         """Return the motion `k` of many, up to the event that ended it, if one did."""
         count = len(self)
-        if not -count <= k < count:
+        if not -count <= operator.index(k) < count:
             raise IndexError(f"motion must be from {-count} to {count - 1}, got {k}")
         status = int(np.broadcast_to(self.status, count)[k])
         last = int(np.isfinite(self.theta[k]).all(axis=1).sum()) if status else None

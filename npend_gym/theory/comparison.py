@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from npend_gym import _checks
 from npend_gym.chain import Chain, check_chain
 from npend_gym.theory.closed_forms import (
     amplitude_correction,
@@ -57,6 +59,9 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
     >>> [round(float(period), 4) for period in theory.models(Chain.uniform(5), np.pi / 4)]
     [4.4857, 4.665, 3.9076, 4.0233]
     """
+    angle = _checks.array("angle", angle)
+    if not np.all(np.abs(angle) < math.pi):
+        raise ValueError(f"angle must lie between -pi and pi, got {_checks.show(angle.tolist())}")
     if not check_chain(chain).is_hung:
         return Models(*[math.nan] * len(Models._fields))
     ideal = ideal_period(chain) if chain.has_bobs else math.nan

@@ -28,6 +28,7 @@ _keywords_moved = _checks.keywords_moved(
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
+_PUSHES = {"push_rate", "push_force"}
 _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 
@@ -73,7 +74,10 @@ class Setting(NamedTuple):
             )
         if given.get("goal_env", False):
             raise ValueError("goal_env must be False, because models must observe one array")
-        setting = self._replace(keywords=given | {"randomize": None})
+        exact: dict[str, Any] = {"randomize": None}
+        if not _PUSHES.isdisjoint(given.get("randomize") or ()):  # half of a pair would be left
+            exact |= dict.fromkeys(_PUSHES, 0.0)
+        setting = self._replace(keywords=given | exact)
         config = setting.config
         if config.joints.size == 0:
             raise ValueError(f"mode must be one with a motor, got {config.mode.name!r}")

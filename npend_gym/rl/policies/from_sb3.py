@@ -22,6 +22,8 @@ def policy_fields(model: Any, env: EnvLike | None) -> dict[str, Any]:
             "the id or the keywords of gym.make_vec"
         )
     config = setting_of(trained_in if env is None else env).config
+    if config.goal_env:
+        raise ValueError("goal_env must be False, because policies observe one array")
     check_space(model, config)
     network = _network_of(model)
     scale, offset = np.ones(config.observed, np.float32), None

@@ -29,6 +29,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from npend_gym import _checks
 from npend_gym._threads import one_torch_thread
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
@@ -254,6 +255,7 @@ def train(
         raise ValueError(f"mode must be one with an expert, got {config.mode!r}")
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
+    _checks.count("rounds", settings.rounds, low=2)
     if settings.rescuer and not isinstance(config.mode, SwingUp):
         raise ValueError(
             f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '

@@ -25,7 +25,7 @@ OF_CHAIN = (
 # Those of a cart, for trainers that take one
 OF_CARTS = tuple(each.name for each in fields(CartSettings))
 # Those of an environment whose observations are one array, and whose actions are continuous
-OF_ENV = {*EnvKeywords.__annotations__, "threads"} - {"torque_levels", "goal_env"}
+OF_ENV = {*EnvKeywords.__annotations__} - {"torque_levels", "goal_env"}
 # Of vector environments, beside those of `EnvConfig`
 _OF_VECTOR_ENV = {"max_episode_steps": None, "threads": 1, "autoreset_mode": None,
                   "render_mode": None}  # fmt: skip

@@ -21,6 +21,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from npend_gym import _checks
 from npend_gym._threads import one_torch_thread
 from npend_gym.envs.keywords import CHAIN_KEYWORDS
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
@@ -214,6 +215,7 @@ def train(
                 f"shac does not use randomize[{name!r}], only parameters of the chain and "
                 "max_torque: leave it out, or train by imitation"
             )
+    _checks.count("total_timesteps", settings.total_timesteps)
     torch.manual_seed(settings.seed)
     config = with_wider_ranges(config, settings.margin)  # so that their ends are common
     task = Task(config, settings.gamma, settings.obs_scale)
