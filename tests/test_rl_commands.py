@@ -186,7 +186,7 @@ def test_a_task_says_how_many_rods_are_trained(refusal, tmp_path):
     about = {"chain": Chain.uniform(2).as_dict(), "chain_standard_errors": {}}
     (tmp_path / "fit.json").write_text(json.dumps(about))
     message = refusal("train", "swingup-1", "--around", str(tmp_path / "fit.json"))
-    assert "swingup-1 is for 1 rods, the fit in" in message
+    assert "--around must be a fit of as many rods as TASK has, 1, got 2" in message
     assert "--env n must be left out" in refusal("train", "swingup-1", "--env", "n=2")
 
 

@@ -83,8 +83,11 @@ def run(
     if around is not None:
         found = env_around(around)
         rods = len(found["chain"]["masses"])
-        if rods != keywords["n"]:
-            raise ValueError(f"{task} is for {keywords['n']} rods, the fit in {around} has {rods}")
+        if rods != keywords.get("n", rods):
+            raise ValueError(
+                f"--around must be a fit of as many rods as TASK has, {keywords['n']}, got {rods} "
+                f"in {around}"
+            )
         keywords = {k: value for k, value in keywords.items() if k != "n"} | found
     if "n" in dict(env):
         raise ValueError(f"--env n must be left out, TASK says it; got {task}")
