@@ -19,7 +19,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.rl.controllers.mpc import MPC
-from npend_gym.rl.controllers.regulators import StateFeedback, lqr, riccati, state_weights
+from npend_gym.rl.controllers.regulators import StateFeedback, regulator, riccati, state_weights
 from npend_gym.rl.controllers.step_model import (
     StepModel,
     at_rest,
@@ -272,5 +272,5 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
         s = costs[k] = 0.5 * (s + s.T)
     return PlannedTransition(
         nominal, gains, costs, np.diagonal(hessians, axis1=1, axis2=2),
-        lqr(config, start), lqr(config, goal), settle,
+        regulator(config, start), regulator(config, goal), settle,
     )  # fmt: skip
