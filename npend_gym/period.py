@@ -110,10 +110,10 @@ def pseudo_periods(
     threads = check_threads(threads)
     if duration is not None:
         duration = _checks.positive_number("duration", duration)
-    felt = in_frame_of_pivot(chain.hung(), pivot_acceleration)
     if chain.gravity == 0.0 and pivot_acceleration is None and not np.any(omega):
         return np.full(theta.shape, np.nan)
     if duration is None:
+        felt = in_frame_of_pivot(chain.hung(), pivot_acceleration)
         if felt.gravity == 0.0:
             raise ValueError("duration must be given where gravity is 0: no period sets a window")
         duration = _WINDOW * theory.fundamental_period(felt)

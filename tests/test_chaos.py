@@ -196,3 +196,15 @@ def test_links_whose_weight_is_above_their_joint_flip_with_little_energy():
     assert found == pytest.approx(
         simulate(chain, [0.0, 0.3], 0.0, [0.0, 10.0], events=events).times[-1]
     )
+
+
+@pytest.mark.parametrize("bad", [[0.0, np.nan], ["a", "b"], [0.0, [1.0]], [1.0, 2.0, 3.0]])
+def test_a_bad_acceleration_of_the_pivot_is_refused_by_its_name(bad):
+    chain = Chain.uniform(2)
+    for measure in (
+        lambda: pseudo_periods(chain, 0.5, pivot_acceleration=bad),
+        lambda: chaos.megno(chain, 1.0, duration=30.0, pivot_acceleration=bad),
+        lambda: chaos.lyapunov_spectrum(chain, 1.0, duration=1.0, pivot_acceleration=bad),
+    ):
+        with pytest.raises((ValueError, TypeError), match="pivot_acceleration must"):
+            measure()

@@ -104,11 +104,10 @@ def run(
         )
     if policy is None and (trust or seed is not None):
         raise ValueError(f"--{'trust' if trust else 'seed'} is for policies: name one")
+    every: float = start.pop("interval", _INTERVAL)
     if policy is None:
-        every: float = start.pop("interval", _INTERVAL)
         record = _of_chain(duration=duration, **start)
     else:
-        every = _INTERVAL
         record = _of_policy(policy, 0 if seed is None else seed, duration, trust=trust)
     if csv is not None:
         prepare_file(csv, (".csv",), "csv")

@@ -156,10 +156,12 @@ def in_frame_of_pivot(chain: Chain, acceleration: Any) -> Chain:
 
     That is known of a constant `acceleration`, two numbers [m/s^2]; else the chain is returned.
     """
-    if acceleration is None or callable(acceleration) or np.shape(acceleration) != (2,):
+    if acceleration is None or callable(acceleration):
         return chain
-    across, up = np.asarray(acceleration, np.float64).tolist()
-    felt = math.hypot(across, chain.gravity + up)
+    pair = _checks.array("pivot_acceleration", acceleration)
+    if pair.shape != (2,):
+        return chain
+    felt = math.hypot(pair[0], chain.gravity + pair[1])
     return Chain.from_dict(chain.as_dict() | {"gravity": felt})
 
 

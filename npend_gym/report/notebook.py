@@ -63,6 +63,8 @@ def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
     instants = min(most, max(2, math.ceil(end / _INTERVAL) + 1))
     times = np.linspace(0.0, end, instants)
     at = shown.positions()[:, bobs]
+    size = max(shown.chain.total_length, float(np.hypot(*at.T).max()))
+    at = recording.on_rail(at)
     places = np.stack(
         [
             np.stack([np.interp(times, shown.times, at[:, bob, axis]) for axis in (0, 1)], axis=-1)
@@ -70,11 +72,7 @@ def _played(motion: Any, k: int, most_places: int) -> dict[str, Any]:
         ],
         axis=1,
     )
-    size = max(shown.chain.total_length, float(np.hypot(*at.T).max()))
-    cart = np.interp(times, shown.times, recording.cart()) if on_cart else None
-    if cart is not None:
-        places[..., 0] += cart[:, None]
-        cart = cart / size
+    cart = np.interp(times, shown.times, recording.cart()) / size if on_cart else None
     centres = player.centres(shown) if bobs.size == n else []
     return {
         "label": f"{k}: {n} pendulums",

@@ -56,7 +56,7 @@ const radians = () => (value("angle") / 180) * Math.PI;
 
 function begin(theta, omega, place = 0, speed = 0) {
   chain.begin(parameters(), theta, omega, place, speed);
-  chain.torque.fill(0);
+  chain.base.torque.fill(0);
   twin = (value("twin") / 180) * Math.PI;
   if (twin) second.begin(parameters(), theta.map((angle) => angle + twin), omega, place, speed);
   [trace, rows] = [[], []];

@@ -136,7 +136,8 @@ def performance(
     unit = np.where(np.arange(coordinates) < config.n, 1.0, length)  # 1 for angles
     shape = (count, config.joints.size)  # of the torques that acted, not of the commands
     torques, up = np.zeros((steps, *shape)), np.zeros((steps + 1, count), np.bool_)
-    angles, speeds = np.zeros((2, steps + 1, count, coordinates))  # no speed is of the last row
+    angles = np.zeros((steps + 1, count, coordinates))
+    speeds = np.zeros((steps, count, coordinates))  # at the start of each step
     for k, (running, before, _, info) in enumerate(rollout(controller, nominal.make(count), seed)):
         torques[k] = np.where(running[:, None], unit[config.joints] * info["torque"], 0.0)
         angles[k], speed = joint_motion(before) / unit
@@ -164,7 +165,7 @@ def _judged(
         "integrated_torque": dt * np.abs(torques).sum(axis=(0, 2)),
         "torque_cost": dt * (torques**2).sum(axis=(0, 2)),
         "smoothness": np.sqrt(np.maximum(square, 0.0)).sum(axis=1),
-        "velocity_cost": dt * (speeds[:-1] ** 2).sum(axis=(0, 2)),
+        "velocity_cost": dt * (speeds**2).sum(axis=(0, 2)),
     }
     most = _most(config)
     costs = [np.tanh(np.pi * found[name] / most[name]) for name in most]
