@@ -158,6 +158,16 @@ def test_the_task_may_be_named_by_its_id_and_scores_are_measured_there_too():
     assert type(setting.make(1, actuated=(0, 1)).unwrapped) is type(envs.unwrapped)
 
 
+def test_episodes_of_an_id_are_as_long_in_mujoco(monkeypatch):
+    monkeypatch.setattr(gym.envs.registration, "registry", dict(gym.registry))
+    kind = "npend_gym.envs:NPendulumVectorEnv"
+    gym.register("my/Short-v0", vector_entry_point=kind, max_episode_steps=3, kwargs={"n": 1})
+    envs = in_mujoco({"id": "my/Short-v0", "mode": "swingup"})
+    envs.reset(seed=0)
+    truncated = [bool(envs.step(np.zeros((1, 1), np.float32))[3][0]) for _ in range(3)]
+    assert truncated == [False, False, True]
+
+
 def test_what_mujoco_does_not_play_is_refused_by_its_name():
     for name, value in {
         "angle_noise": 0.1, "observation_delay": 1.0, "action_delay": 1.0, "motor_lag": 0.1,

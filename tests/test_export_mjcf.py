@@ -139,6 +139,10 @@ def test_what_mujoco_does_not_know_is_refused_by_its_name():
             to_mjcf(Chain(1.0, [1.0, 1.0], **keywords))
     with pytest.raises(ValueError, match="a motor must be between 0 and 1, got 2"):
         to_mjcf(Chain.uniform(2), motors=(2,))
+    with pytest.raises(ValueError, match=r"motors must be at different joints, got \[0, 0\]"):
+        to_mjcf(Chain.uniform(2), motors=(0, 0))
+    with pytest.raises(ValueError, match="limits must be left out without motors, got 5"):
+        to_mjcf(Chain.uniform(2), limits=5.0)
     with pytest.raises(ValueError, match="limits must be greater than zero"):
         to_mjcf(Chain.uniform(2), motors=(0,), limits=0.0)
     with pytest.raises(ValueError, match="timestep must be greater than zero"):

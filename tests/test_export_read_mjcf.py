@@ -168,6 +168,8 @@ def test_models_of_dm_control_are_read_from_their_files():
     ('name="c" pos="0 0 0.4"', 'name="c" pos="0 0.1 0"', "body 'b' must have a length"),
     ('name="c"', 'name="c" gravcomp="1"', "body 'c' must have no gravcomp"),
     ('<motor joint="elbow" gear="1"/>', '<position name="s" joint="elbow"/>', "actuator 's' must"),
+    ('<motor joint="elbow" gear="1"/>', '<motor name="m" joint="elbow" damping="0 0.7"/>',
+     "actuator 'm' must be a plain motor"),
     ("</worldbody>", '<body name="d"><joint/><geom fromto="0 0 0 0 0 1"/></body></worldbody>',
      "body 'd' must hang from body 'c': a chain has no branches"),
     ("<actuator>", '<equality><joint joint1="elbow"/></equality><actuator>', "no <equality>"),
@@ -196,6 +198,24 @@ def test_what_a_model_disables_is_not_in_the_chain():
     text = ARM.replace('<flag contact="disable"/>', off)
     chain = from_mjcf(text.replace('axis="0 -1 0"', 'range="-90 90"'))
     assert (chain.gravity, chain.damping.max()) == (0.0, 0.0)
+
+
+TOUCHING = """<mujoco><option><flag {flag}/></option><worldbody><body name="a">
+<joint axis="0 -1 0"/><geom type="capsule" fromto="0 0 0 0 0 -1" size=".05"/>
+<body name="b" pos="0 0 -1">
+<joint axis="0 -1 0"/><geom type="capsule" fromto="0 0 0 0 0 -1" size=".05"/>{third}
+</body></body></worldbody>{contact}</mujoco>"""
+THIRD = """<body name="c" pos="0 0 -1"><joint axis="0 -1 0"/>
+<geom type="capsule" fromto="0 0 0 0 0 -1" size=".05"/></body>"""
+
+
+def test_links_may_be_near_only_where_mujoco_lets_them_pass():
+    usual, excluded = 'filterparent="enable"', '<contact><exclude body1="c" body2="a"/></contact>'
+    assert from_mjcf(TOUCHING.format(flag=usual, third="", contact="")).n == 2
+    assert from_mjcf(TOUCHING.format(flag=usual, third=THIRD, contact=excluded)).n == 3
+    for flag, third in (('filterparent="disable"', ""), (usual, THIRD)):
+        with pytest.raises(ValueError, match="must not touch"):
+            from_mjcf(TOUCHING.format(flag=flag, third=third, contact=""))
 
 
 def test_a_model_without_hinges_and_a_chain_with_springs_are_refused():

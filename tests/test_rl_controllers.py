@@ -1,5 +1,6 @@
 """Reference controllers and evaluation against linear theory and closed forms."""
 
+import itertools
 from statistics import NormalDist
 
 import gymnasium as gym
@@ -19,6 +20,7 @@ from npend_gym.rl import (
     evaluate,
 )
 from npend_gym.rl.controllers import regulators
+from npend_gym.rl.controllers.references import reference_controller
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 
 
@@ -204,10 +206,13 @@ def predictive(config):
     return MPC(config, horizon=0.25, first_iterations=2)
 
 
-@pytest.mark.parametrize("keywords", [{}, {"base": "cart", "actuated": (1,)}, {"actuated": (1,)}])
+MOTORS = [{}, {"base": "cart", "actuated": (1,)}, {"actuated": (1,)}]
+MAKERS = [regulators.lqr, regulators.modal_damping, regulators.energy_swing_up, planned, predictive]
+NO_PUMP = regulators.energy_swing_up, MOTORS[2]  # it is refused
+
+
 @pytest.mark.parametrize(
-    "made",
-    [regulators.lqr, regulators.modal_damping, regulators.energy_swing_up, planned, predictive],
+    ("made", "keywords"), [each for each in itertools.product(MAKERS, MOTORS) if each != NO_PUMP]
 )
 def test_controllers_take_the_info_of_a_single_environment(made, keywords):
     keywords = keywords | {"n": 2, "mode": "calm"}
@@ -271,6 +276,12 @@ def test_evaluation_takes_models_with_predict_and_refuses_what_cannot_act():
         (lambda config: rl.lqr(config, action_weight=0.0), "action_weight must be"),
         (lambda config: rl.lqr(config, angle=1.0), "angle must be an equilibrium"),
         (lambda config: rl.energy_swing_up(config, pump_gain=np.nan), "pump_gain must be"),
+        (lambda _: rl.energy_swing_up(config_of(n=2, actuated=(1,))), "actuated must have the fir"),
+        *[
+            (lambda _, make=make: make(config_of(n=2, mode="passive")), "must have motors")
+            for make in (rl.lqr, rl.modal_damping, rl.energy_swing_up, rl.planned_swing_up, rl.MPC)
+        ],
+        (lambda _: reference_controller("LQR", {"mode": "transition"}), 'must be "plan" in mode'),
     ],
 )
 def test_what_makes_no_controller_is_refused(make, message):

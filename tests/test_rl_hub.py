@@ -1,6 +1,7 @@
 import os
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from hashlib import sha256
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -27,9 +28,11 @@ def policy():
         ({"n": 2, "mode": "swingup", "observation": "sincos"}, "npend/SwingUp-v1"),
         ({}, "npend/SwingUp-v1"),
         ({"mode": "balance"}, "npend/Balance-v1"),
-        ({"mode": "balance", "base": "cart"}, "npend/CartPole-v1"),
+        ({"mode": "balance", "base": "cart", "n": 1}, "npend/CartPole-v1"),
+        (Policy.pretrained("balance-2-cart").env, "npend/CartDoublePole-v1"),
+        (Policy.pretrained("balance-5-cart").env, "npend/CartTriplePole-v1"),
         ({"mode": "passive"}, "npend/Release-v1"),
-        ({"mode": "my.module:Mode"}, "NPendulum-v0"),
+        ({"mode": "npend_gym.envs.modes:SwingUp"}, "NPendulum-v0"),
     ],
 )
 def test_the_task_of_a_policy_is_the_named_one_with_its_mode_and_base(env, task):
@@ -62,6 +65,17 @@ def test_the_example_of_a_card_names_the_repository_once(name, repository, polic
     assert f'Policy.from_hub("{repository}")' in card.content
     assert card.data.model_name == "one-rod"
     assert "\n# one-rod\n" in card.content
+
+
+def test_the_card_says_what_is_true_of_the_seeds_and_of_a_mode_of_ones_own(tmp_path):
+    shipped = Policy.pretrained("swingup-1")
+    own = replace(shipped, env=shipped.env | {"mode": "npend_gym.envs.modes:SwingUp"})
+    texts: list[str] = []
+    for given, seed in ((shipped, 1_000_000), (shipped, 0), (own, 0)):
+        write_repository(given, tmp_path, "me/x", episodes=2, seed=seed)
+        texts.append((tmp_path / "README.md").read_text())
+    assert ["which no training takes" in text for text in texts] == [True, False, False]
+    assert ['from_hub("me/x", trust=True)' in text for text in texts] == [False, False, True]
 
 
 class Repositories(BaseHTTPRequestHandler):

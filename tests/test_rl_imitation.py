@@ -314,6 +314,9 @@ def test_what_is_wrong_follows_from_the_task():
         ErrorLanes(setting_of(TWO), 12, {"noise": 1.0}, 100)
     with pytest.raises(ValueError, match='rescuer must be left out in mode "transition"'):
         imitation.train(imitation.settings_of("transition-2", rescuer="mpc"))
+    for name in ("student_fraction", "kept"):
+        with pytest.raises(ValueError, match=f"{name} must be"):
+            imitation.train(imitation.settings_of("swingup-1", **{name: 0.0}))
     with pytest.raises(ValueError, match="observe_context must be False"):
         imitation.train(
             imitation.settings_of("swingup-1-robust", env=TWO | {"observe_context": True})

@@ -159,6 +159,23 @@ def test_similar_chains_have_similar_plans_where_these_are_to_be_like_one_plan(t
     assert steps[True] < 0.03 < steps[False]
 
 
+def test_a_plan_begins_from_any_whole_turn():
+    plan = planned_swing_up(config_of(n=1, mode="swingup"), 3.0, tries=1, guess="mpc")
+    info = {"theta": np.array([[0.02], [-0.01]]), "omega": np.zeros((2, 1)), "time": np.zeros(2)}
+    turned = info | {"theta": info["theta"] + 2.0 * np.pi * np.array([[-1.0], [3.0]])}
+    np.testing.assert_allclose(plan(None, turned), plan(None, info), atol=1e-12)
+
+
+def test_every_step_of_a_plan_is_taken_once_wherever_the_time_to_settle_ends():
+    config = config_of(n=1, mode="swingup")
+    for steps in (2.4, 2.5, 3.5):
+        plan = planned_swing_up(config, 3.0, settle=steps * config.dt, tries=1, guess="mpc")
+        wait, states = round(steps), plan.nominal.states
+        info = {"theta": states[:, :1], "omega": states[:, 1:]}
+        info["time"] = (wait + np.arange(len(states))) * config.dt
+        assert plan.tracking(info).relative_cost.max() < 1e-9
+
+
 def test_with_settle_the_chain_is_calmed_before_the_trajectory_begins():
     config = config_of(n=1, mode="swingup")
     controller = planned_swing_up(config, seconds=3.0, settle=4.0, tries=1)

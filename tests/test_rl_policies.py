@@ -7,6 +7,7 @@ from policy_files import small_policy
 
 from npend_gym import Chain, rl
 from npend_gym.envs import EnvConfig
+from npend_gym.envs.modes import SwingUp
 from npend_gym.rl import Policy, evaluate, observation_of, pretrained_names
 from npend_gym.rl.training.tasks import env_of_task
 
@@ -24,6 +25,27 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
         expected = torch.nn.Sequential(*layers[:-1])(torch.from_numpy(obs / 2.0)).clamp(-1.0, 1.0)
     np.testing.assert_allclose(policy(obs), expected.numpy(), atol=1e-6)
     assert 0 < np.sum(np.abs(policy(obs)) < 1.0) < 50  # some are clipped, some are not
+
+
+@pytest.mark.parametrize(("given", "message"), [
+    ({"activation": "gelu"}, "activation must be one of"),
+    ({"output": "sigmoid"}, "output must be one of"),
+    ({"limit": -1.0}, "limit must be"),
+    ({"provenance": {"env": {}}}, r"provenance\['env'\] must be left out"),
+    ({"provenance": {"crc32": 5}}, r"provenance\['crc32'\] must be left out"),
+])  # fmt: skip
+def test_a_network_that_no_file_could_hold_is_refused_at_once(given, message):
+    with pytest.raises(ValueError, match=message):
+        replace(small_policy(), **given)
+
+
+def test_keywords_are_kept_as_plain_values_or_refused_by_name(tmp_path):
+    path, policy = tmp_path / "policy.safetensors", small_policy()
+    replace(policy, env=policy.env | {"dt": np.float64(0.05), "n": np.int64(2)}).save(path)
+    assert Policy.load(path).env["n"] == 2
+    with pytest.raises(TypeError, match=r"^env and provenance must hold what JSON can"):
+        replace(policy, env=policy.env | {"mode": SwingUp()}).save(path)
+    assert Policy.load(path).env["n"] == 2
 
 
 TRAINED = {"steps": 10, "seconds": 2.0, "return": 3.0}
@@ -227,6 +249,16 @@ def test_measured_angles_and_velocities_become_what_the_environment_observes(tas
     np.testing.assert_allclose(encoders, observed, rtol=1e-5, atol=1e-5)
     one = observation_of(config, theta[3], omega[3], **{k: v[3] for k, v in others.items()})
     np.testing.assert_array_equal(one, found[3])
+
+
+def test_small_and_many_times_turned_angles_are_observed_to_the_last_bit():
+    rng = np.random.default_rng(0)
+    small, turned = rng.normal(0.0, 1e-9, (500, 2)), 2.0 * np.pi * rng.integers(-900, 900, (500, 2))
+    theta = np.concatenate([small, turned + 1e-7, rng.uniform(-9.0, 9.0, (500, 2))])
+    envs = gym.make_vec("NPendulum-v0", num_envs=len(theta), n=2, observation="angles")
+    observed, _ = envs.reset(seed=0, options={"theta": theta, "omega": 0.0})
+    found = observation_of(envs.unwrapped.config, theta, np.zeros_like(theta))
+    np.testing.assert_array_equal(found, observed)
 
 
 def test_a_policy_acts_on_measured_angles_as_on_what_its_environment_shows():

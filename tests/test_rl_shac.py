@@ -62,6 +62,33 @@ def test_a_horizon_ends_where_its_jacobians_no_longer_hold():
     np.testing.assert_array_equal(near > 0, within.cummin(1).values)
 
 
+def test_a_share_of_the_reward_is_for_a_tip_where_recovery_counts_it_as_up():
+    from npend_gym.rl.training.short_horizons import Task
+
+    config = EnvConfig(n=2, mode="swingup", observation="sincos")
+    usual, other = (Task(config, 0.9, (1.0, 1.0, 5.0), share) for share in (0.0, 0.7))
+    angles = np.arccos(-np.array([-1.0, 0.7, 0.9, 1.0]))  # of both rods: the tip in lengths
+    states = torch.tensor(np.stack([angles, angles, 0.0 * angles, 0.0 * angles], 1)).float()
+    none = torch.zeros(4, 1), torch.zeros(4, 0)
+    counted = (other.reward(states, *none) - 0.3 * usual.reward(states, *none)) / 0.1
+    expected = 0.7 / (1.0 + np.exp(-np.array([-1.9, -0.2, 0.0, 0.1]) / 0.04))
+    np.testing.assert_allclose(counted, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"memory": 100}, "memory must be at least 320"),
+    ({"updates": 0}, "updates must be"),
+    ({"horizon": 0}, "horizon must be"),
+    ({"gamma": 1.0}, "gamma must lie from 0 to below 1"),
+    ({"uptime": -0.1}, "uptime must lie from 0 to below 1"),
+])  # fmt: skip
+def test_settings_that_cannot_teach_are_refused_by_name(changes, message):
+    from npend_gym.rl.training import shac
+
+    with pytest.raises(ValueError, match=message):
+        shac.train(shac.settings_of("swingup-1", **changes))
+
+
 CARTS = {
     "balance": {"n": 2, "mode": "balance", "base": "cart", "observation": "sincos"},
     "calm": {"n": 1, "mode": "calm", "base": "cart", "observation": "sincos"},

@@ -106,6 +106,36 @@ def test_episodes_begin_anew_where_time_goes_back(both):
     np.testing.assert_array_equal(both(None, swapped), first[::-1])
 
 
+def test_an_episode_that_was_only_looked_at_leaves_nothing_behind(both):
+    theta, omega = np.array([[0.0], [np.pi]]), np.zeros((2, 1))
+    info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.pi - theta}
+    both.reset()
+    first = both(None, info)
+    swapped = {name: value[::-1] for name, value in info.items()}
+    np.testing.assert_array_equal(both(None, swapped), first[::-1])
+    both(None, info | {"time": np.full(2, 0.05)})  # and a goal that changes begins an episode
+    late = swapped | {"time": np.full(2, 0.1)}
+    again = both(None, late)
+    both.reset()
+    np.testing.assert_array_equal(again, both(None, late))
+
+
+def test_the_expert_of_goals_goes_by_the_state_and_not_by_the_clock(both):
+    from npend_gym.rl.training.experts import GoalPlans
+
+    config = config_of(**ONE_ROD)
+    expert = GoalPlans(config, both)
+    hangs = {"theta": np.zeros((3, 1)), "omega": np.zeros((3, 1)), "goal": np.full((3, 1), np.pi)}
+    expert.begin(np.zeros(3, np.int64))
+    expert.tracking(hangs | {"time": np.zeros(3)})
+    states, actions = both.plans[(False,), (True,)].nominal
+    for k in range(1, 30):  # twice as late as the plan
+        late = {"theta": np.tile(states[k, :1], (3, 1)), "omega": np.tile(states[k, 1:], (3, 1))}
+        said = expert.tracking(late | {"time": np.full(3, 2 * k * config.dt)})
+        np.testing.assert_allclose(said.actions, np.tile(actions[k], (3, 1)), atol=1e-6)
+        assert said.relative_cost.max() < 1e-9
+
+
 def test_rods_may_have_turned_before_an_episode_begins(both):
     theta, omega = np.array([[0.01], [np.pi + 0.01]]), np.zeros((2, 1))
     info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.array([[np.pi], [0.0]])}
@@ -122,6 +152,7 @@ def test_plans_that_were_saved_give_the_same_actions(both, tmp_path):
     with np.load(tmp_path / "plans.npz") as file:
         assert json.loads(str(file["about"]))["arguments"]["tries"] == 1
     again = PlannedTransitions.load(tmp_path / "plans.npz", config_of(**ONE_ROD))
+    assert again.arguments == both.arguments
     rng = np.random.default_rng(0)
     info = {"theta": rng.normal(0.0, 0.3, (6, 1)), "omega": rng.normal(0.0, 0.3, (6, 1))}
     info |= {"goal": np.full((6, 1), np.pi), "time": np.linspace(0.0, 4.0, 6)}

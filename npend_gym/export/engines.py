@@ -43,7 +43,8 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
     Parameters
     ----------
     env : mapping, str, EnvSpec, or environment
-        As for `npend_gym.rl.evaluate`, without wrappers that change observations or actions.
+        As for `npend_gym.rl.evaluate`, without wrappers that change observations or actions. Its
+        number of lanes, autoreset and rendering are left out.
     num_envs : int
         Number of lanes.
 
@@ -85,7 +86,9 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
         gym.register(
             MUJOCO_ID, vector_entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS
         )
-    keywords = gym.spec(setting.env_id).kwargs | setting.keywords
+    spec = gym.spec(setting.env_id)
+    length = {"max_episode_steps": spec.max_episode_steps}
+    keywords = length | spec.kwargs | setting.keywords
     made: Any = gym.make_vec(MUJOCO_ID, num_envs=num_envs, **keywords)
     return made
 

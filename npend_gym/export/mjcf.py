@@ -46,12 +46,15 @@ def to_mjcf(
     ------
     ValueError
         If MuJoCo has no such thing as the chain's `drag`, `quadratic_drag`, or armature of joints
-        behind the first with a finite `gear`; or a motor is at no joint.
+        behind the first with a finite `gear`; a motor is at no joint, or two are at one; or there
+        are limits without motors.
 
     Notes
     -----
     MuJoCo's bodies have inertia. A point mass gets 1e-13 m c^2, c being its distance from the
     joint, so that motions agree as far as MuJoCo's time step allows: to 1e-9 over 2 s in the tests.
+    MuJoCo gives every body 2e-15 kg m^2 at least, which matters to links of milligrams and
+    millimetres: of a bob of 1 mg on 1 mm, accelerations are wrong by 0.3 %.
     Dry friction is another law there: `frictionloss` holds a joint at rest, where `friction` fades
     below `friction_speed`.
 
@@ -142,8 +145,12 @@ def _motors(
     """Add the motors, in their order."""
     last = chain.n - (chain.base is None)
     joints = [_checks.count("a motor", joint, low=0, high=last) for joint in motors]
+    if len(set(joints)) < len(joints):
+        raise ValueError(f"motors must be at different joints, got {joints}")
     ends = None
     if limits is not None:
+        if not joints:
+            raise ValueError(f"limits must be left out without motors, got {_checks.show(limits)}")
         ends = _checks.positive("limits", _checks.vector("limits", limits, len(joints)))
     actuators = ET.SubElement(root, "actuator")
     for k, joint in enumerate(joints):

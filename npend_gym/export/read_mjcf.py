@@ -189,7 +189,8 @@ class _Reader:
             raise ValueError("the option must have no density and no viscosity of a fluid")
         for body in np.flatnonzero(model.body_gravcomp).tolist():
             raise ValueError(f"{self._body(body)} must have no gravcomp")
-        more = [getattr(model, f"actuator_{name}", None) for name in ("armature", "damping")]
+        names = "armature", "damping", "dampingpoly"  # the last is newer than the oldest MuJoCo
+        more = [getattr(model, f"actuator_{name}", None) for name in names]
         acts = [model.actuator_biastype, *(each for each in more if each is not None)]
         for k in range(model.nu):
             if any(np.any(each[k]) for each in acts):
@@ -202,8 +203,13 @@ class _Reader:
             return
         touches, welded = model.geom_contype[:, None] & model.geom_conaffinity, model.body_weldid
         of = welded[model.geom_bodyid]
-        above = welded[model.body_parentid[of]]  # MuJoCo leaves out the link above, not the world
-        near = (of[:, None] == of) | ((above == of[:, None]) & (of[:, None] != 0))
+        near = of[:, None] == of
+        if not self._without("FILTERPARENT"):
+            above = welded[model.body_parentid[of]]  # the link above is left out, not the world
+            near |= (above == of[:, None]) & (of[:, None] != 0)
+        for signature in model.exclude_signature.tolist():  # two bodies, of 16 bits each
+            one, other = (model.geom_bodyid == body for body in divmod(signature, 1 << 16))
+            near |= one[:, None] & other
         for pair in np.argwhere((touches | touches.T) & ~(near | near.T)):
             one, other = (_named("geom", model.geom(k)) for k in pair)
             raise ValueError(

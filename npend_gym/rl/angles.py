@@ -9,4 +9,4 @@ from npend_gym._checks import FloatArray
 
 def wrap(angle: FloatArray) -> FloatArray:
     """Return angles [rad] in [-pi, pi)."""
-    return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi
+    return angle - 2.0 * np.pi * np.floor((angle + np.pi) * (0.5 / np.pi))  # small ones unchanged

@@ -97,8 +97,6 @@ class MPC:
         seed: int = 0,
     ) -> None:
         check_config(config)
-        if config.joints.size == 0:
-            raise ValueError(f'the environment must have motors, got mode "{config.mode.name}"')
         self.iterations: int = _checks.count("iterations", iterations)
         self.first_iterations: int = _checks.count("first_iterations", first_iterations)
         self._config = config

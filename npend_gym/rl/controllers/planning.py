@@ -26,6 +26,7 @@ from npend_gym.rl.controllers.step_model import (
     check_config,
     env_actions,
     state_of,
+    wrapped,
 )
 from npend_gym.rl.controllers.transcription import NominalTrajectory, Transcription
 from npend_gym.rl.evaluation.settings import keywords_of
@@ -78,9 +79,10 @@ class PlannedTransition:
     def at(self, states: FloatArray, time: FloatArray) -> Tracking:
         """Return `tracking` in states (q, u), (..., 2c), at times [s], (...)."""
         steps, dt = len(self.gains), self.hold_goal.config.dt
-        step = np.rint((time - self.settle) / dt).astype(np.int64)
+        step = np.rint(time / dt).astype(np.int64) - round(self.settle / dt)
         k = np.clip(step, 0, steps - 1)
-        deviation = states - self.nominal.states[np.clip(step, 0, steps)]
+        away = states - self.nominal.states[np.clip(step, 0, steps)]
+        deviation = wrapped(self.hold_goal.config, away)
         track = self.nominal.actions[k] - np.einsum("...ji,...i->...j", self.gains[k], deviation)
         before, after = (step < 0)[..., None], (step >= steps)[..., None]
         start, goal = self.hold_start.actions(states), self.hold_goal.actions(states)

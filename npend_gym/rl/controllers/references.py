@@ -42,11 +42,17 @@ def reference_controller(
 ) -> Controller:
     """Return one of `CONTROLLERS` for the environment of these keywords.
 
-    `progress` may wrap the iteration over the guesses of a plan, or over many plans, as tqdm does.
+    Where episodes have goals it must be "plan". `progress` may wrap the iteration over the guesses
+    of a plan, or over many plans, as tqdm does.
     """
     _checks.choice("controller", name, CONTROLLERS)
     known = {key: value for key, value in keywords.items() if key != "max_episode_steps"}
     config = EnvConfig(**known)
+    if config.mode.has_goals and name != "plan":
+        raise ValueError(
+            f'controller must be "plan" in mode "{config.mode.name}", got "{name}", which knows '
+            "one equilibrium alone"
+        )
     if name == "energy":
         return energy_swing_up(config)
     if name == "plan" and config.mode.has_goals:

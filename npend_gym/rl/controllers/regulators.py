@@ -118,7 +118,7 @@ def lqr(
     Raises
     ------
     TypeError, ValueError
-        If an argument breaks its rule.
+        If an argument breaks its rule, or the environment has no motor.
     numpy.linalg.LinAlgError
         If the actuated joints cannot stabilise this equilibrium.
 
@@ -265,6 +265,11 @@ def energy_swing_up(
     The defaults did best for n = 2 among gains of 3 to 100 and costs of 5 to 50, in the 200
     episodes of the seeds 0 to 199.
 
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument breaks its rule, or no motor is at the base or a cart.
+
     Examples
     --------
     >>> from npend_gym import rl
@@ -273,6 +278,12 @@ def energy_swing_up(
     >>> rl.evaluate(rl.energy_swing_up(EnvConfig(**task)), task, episodes=2).success.tolist()
     [True, True]
     """
+    check_config(config)
+    if not {0, config.n} & set(config.joints.tolist()):
+        raise ValueError(
+            f"actuated must have the first joint or a cart, got {config.joints.tolist()}: motors "
+            "elsewhere do not pump energy in"
+        )
     pump_gain = _checks.positive_number("pump_gain", pump_gain)
     catch_cost = _checks.nonnegative_number("catch_cost", catch_cost)
     gain, cost = riccati(config, np.pi, action_weight=1.0)

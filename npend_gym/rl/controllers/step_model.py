@@ -21,12 +21,14 @@ _MAX_ENSEMBLES = 16
 
 
 def check_config(config: Any) -> None:
-    """Raise a TypeError if a user gives something else than settings, such as the environment."""
+    """Raise an error if a user gives something else than settings, or there is no motor."""
     if not isinstance(config, EnvConfig):
         raise TypeError(
             "config must be the settings of an environment, env.unwrapped.config or "
             f"EnvConfig(...); got {_checks.show(config)}"
         )
+    if config.joints.size == 0:
+        raise ValueError(f'the environment must have motors, got mode "{config.mode.name}"')
 
 
 def state_of(config: EnvConfig, info: Mapping[str, Any]) -> FloatArray:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym._files import read_arrays, replacing
+from npend_gym._files import parse_json, read_arrays, replacing
 from npend_gym._provenance import provenance
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking, planned_transition, track
@@ -37,8 +37,9 @@ Pair = tuple[tuple[bool, ...], tuple[bool, ...]]  # which rods stand at the star
 class PlannedTransitions:
     """In each environment, the plan for the start and the goal of its episode.
 
-    An episode begins where an environment is seen for the first time or its time has gone back; its
-    start is the equilibrium nearest to the state seen then, its goal ``info["goal"]``.
+    An episode begins where an environment is seen for the first time or at time 0, its time has
+    gone back, or it has another goal. Its start is the equilibrium nearest to the state seen then,
+    its goal ``info["goal"]``.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ class PlannedTransitions:
     def reset(self, num_envs: int = 0) -> None:
         """Take what is seen next as the beginning of episodes; `num_envs` changes nothing."""
         del num_envs
-        self._time = np.empty(0)
+        self._time, self._goal = np.empty(0), np.empty((0, 0))
         self._number = np.empty(0, np.int64)  # of the plan of each environment
         self._origin = np.empty((0, 0))  # whole turns of the rods at the beginning [rad]
 
@@ -92,18 +93,18 @@ class PlannedTransitions:
         """Find the plans of the environments whose episode begins."""
         n, new = goal.shape[1], np.ones(len(time), np.bool_)
         if time.shape == self._time.shape:
-            new = time < self._time
+            new[:] = (time < self._time) | (time == 0.0) | np.any(goal != self._goal, axis=1)
         else:
             self._number, self._origin = np.empty(len(time), np.int64), np.zeros(states.shape)
         for lane in np.flatnonzero(new):
             half_turns = np.rint(states[lane, :n] / np.pi)
             self._origin[lane, :n] = 2.0 * np.pi * np.floor(0.5 * half_turns)
             start = np.remainder(half_turns, 2.0) == 1.0
-            pair = _pair(start, np.cos(goal[lane]) < 0.0)
+            pair = pair_of(start, np.cos(goal[lane]) < 0.0)
             if pair not in self._numbers:
                 raise ValueError(f"there is no plan from {pair[0]} to {pair[1]} (True: stands)")
             self._number[lane] = self._numbers[pair]
-        self._time = time.copy()
+        self._time, self._goal = time.copy(), goal.copy()
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the trajectories, and what made them, to one file, `path` (.npz)."""
@@ -137,14 +138,15 @@ class PlannedTransitions:
         try:
             arrays = read_arrays(Path(path), MAX_BYTES)
             pairs, states, actions, settle = _check_arrays(arrays, config)
+            arguments = parse_json(str(arrays["about"]))["arguments"]
         except (KeyError, ValueError) as error:
             raise ValueError(f"{path} holds no plans: {error}") from error
         plans: dict[Pair, PlannedTransition] = {}
         for k in range(len(pairs)):
-            nominal, pair = NominalTrajectory(states[k], actions[k]), _pair(*pairs[k])
+            nominal, pair = NominalTrajectory(states[k], actions[k]), pair_of(*pairs[k])
             _check_motion(path, nominal, pair, config)
             plans[pair] = track(config, nominal, float(settle[k]))
-        return cls(plans)
+        return cls(plans, arguments)
 
 
 def planned_transitions(
@@ -197,7 +199,8 @@ def planned_transitions(
     return PlannedTransitions(plans, arguments | {"seconds": seconds} | settings)
 
 
-def _pair(start: Iterable[Any], goal: Iterable[Any]) -> Pair:
+def pair_of(start: Iterable[Any], goal: Iterable[Any]) -> Pair:
+    """Return a key of `PlannedTransitions.plans`: which rods stand at the start and the goal."""
     return tuple(bool(stands) for stands in start), tuple(bool(stands) for stands in goal)
 
 
@@ -223,7 +226,7 @@ def _check_motion(path: object, nominal: NominalTrajectory, pair: Pair, config: 
     """Raise a ValueError where steps of the environment do not lead along the trajectory."""
     states, actions = nominal
     half_turns = np.rint(states[[0, -1], : config.n] / np.pi)
-    if _pair(*(np.remainder(half_turns, 2.0) == 1.0)) != pair:
+    if pair_of(*(np.remainder(half_turns, 2.0) == 1.0)) != pair:
         raise ValueError(f"{path} holds plans that do not lead where they say")
     missed = np.abs(StepModel(config)(states[:-1], actions) - states[1:]).max()
     if not missed < _DEFECT:

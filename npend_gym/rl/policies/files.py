@@ -23,7 +23,7 @@ MAX_BYTES = 10_000_000  # of a file
 POLICY_FILE = "policy.safetensors"  # of a repository of the Hugging Face Hub
 _SUFFIX = ".safetensors"
 _ABOUT = "npend_gym"  # the entry of the header that has the description
-_CHECKSUM = "crc32"  # the entry of the description that has the checksum
+CHECKSUM = "crc32"  # the entry of the description that has the checksum
 
 PRETRAINED = Path(__file__).parent / "pretrained"  # the policies that come with the package
 
@@ -52,7 +52,10 @@ def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, A
     from safetensors.numpy import save  # here, so that importing the package does not take longer
 
     _check_suffix(path)
-    described = about | {_CHECKSUM: _checksum(arrays, about)}
+    try:
+        described = about | {CHECKSUM: _checksum(arrays, about)}
+    except TypeError as error:
+        raise TypeError(f"env and provenance must hold what JSON can: {error}") from error
     text = json.dumps(described, indent=2, allow_nan=False)
     # `save` writes the memory of an array as it lies, also that of a transposed one
     rows = {name: np.asarray(array, order="C") for name, array in arrays.items()}
@@ -76,9 +79,9 @@ def read_policy(path: Path) -> tuple[dict[str, Float32Array], dict[str, Any]]:
             raise ValueError("its env must be an object, names and values")
     except ValueError as error:
         raise ValueError(f"{path} does not describe a policy: {error}") from error
-    checksum = about.pop(_CHECKSUM, None)  # other programs may write none
+    checksum = about.pop(CHECKSUM, None)  # other programs may write none
     if checksum is not None and checksum != _checksum(arrays, about):
-        raise ValueError(f"{path} is no policy: it is damaged, its {_CHECKSUM} does not fit")
+        raise ValueError(f"{path} is no policy: it is damaged, its {CHECKSUM} does not fit")
     return arrays, about
 
 

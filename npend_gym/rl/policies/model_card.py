@@ -11,9 +11,10 @@ from npend_gym._extras import require
 from npend_gym._files import replacing
 from npend_gym._version import __version__
 from npend_gym.chain import plain_keywords
+from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.registration import ENV_ID, TASKS
 from npend_gym.rl.evaluation.episodes import Evaluation, evaluate
-from npend_gym.rl.evaluation.seeds import HELD_OUT
+from npend_gym.rl.evaluation.seeds import HELD_OUT, MAX_SEED
 from npend_gym.rl.policies.files import POLICY_FILE
 from npend_gym.rl.policies.policy import Policy
 
@@ -29,7 +30,7 @@ one file of safetensors, which holds numbers and text alone.
 ```python
 from npend_gym.rl import Policy, evaluate
 
-policy = Policy.from_hub("{repository}")
+policy = Policy.from_hub("{repository}"{trust})
 print(evaluate(policy, policy.env, episodes=20).success_rate)
 ```
 
@@ -41,7 +42,7 @@ It was made for the environment `gym.make("{env_id}", **policy.env)` with these 
 
 ## Evaluation
 
-{episodes} whole episodes, with the seeds from {seed} on, which no training takes.
+{episodes} whole episodes, with the seeds from {seed} on{held_out}.
 
 | | |
 |---|---|
@@ -116,15 +117,18 @@ def _card(hub: Any, policy: Policy, name: str, found: Evaluation, seed: int) -> 
     task, row = task_of(policy.env), found.as_row()
     low, high = found.success_interval
     mean, deviation = float(found.returns.mean()), float(found.returns.std())
-    settling = row["settling_time"]
+    settling, mode, count = row["settling_time"], policy.env.get("mode", ""), found.returns.size
+    held_out = seed >= HELD_OUT and seed + count - 1 <= MAX_SEED
     return _CARD.format(
         about=_metadata(hub, task, name, mean, deviation, found.success_rate),
         name=name.rpartition("/")[2], repository=name if "/" in name else f"USER/{name}",
+        trust=", trust=True" if ":" in mode else "",
         task=task, env_id=ENV_ID, version=__version__, layers=len(policy.weights),
         activation=policy.activation,
         numbers=sum(a.size for a in (*policy.weights, *policy.biases)),
         env=json.dumps(plain_keywords(policy.env), indent=2),
-        episodes=found.returns.size, seed=seed, success=found.success_rate, low=low, high=high,
+        episodes=count, seed=seed, held_out=", which no training takes" if held_out else "",
+        success=found.success_rate, low=low, high=high,
         mean=mean, deviation=deviation,
         settling="none" if settling is None else f"{settling:.1f} s in successful episodes",
         provenance=json.dumps(policy.provenance, indent=2),
@@ -155,8 +159,10 @@ def _metadata(hub: Any, task: str, name: str, mean: float, deviation: float, suc
 def task_of(env: dict[str, Any]) -> str:
     """Return the id of the named task that an environment of these keywords is closest to."""
     own = {"mode": env.get("mode", "swingup"), "base": env.get("base", "pivot")}
+    like: dict[str, EnvConfig] = {}
     for env_id, task in TASKS.items():
         named = {"base": "pivot", **task.keywords}
         if own == {name: named[name] for name in own}:
-            return env_id
-    return ENV_ID
+            like[env_id] = EnvConfig(**task.keywords)
+    n = EnvConfig(**env).n
+    return min(like, key=lambda env_id: abs(like[env_id].n - n), default=ENV_ID)

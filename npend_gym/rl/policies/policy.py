@@ -17,6 +17,7 @@ from npend_gym._extras import require
 from npend_gym.chain import plain_keywords
 from npend_gym.rl.policies.checks import USUAL, check_env, check_functions, check_network
 from npend_gym.rl.policies.files import (
+    CHECKSUM,
     POLICY_FILE,
     Float32Array,
     pretrained_path,
@@ -27,6 +28,9 @@ from npend_gym.rl.policies.history import History
 
 if TYPE_CHECKING:
     from npend_gym.envs.config import EnvConfig
+
+
+_RESERVED = {"env", "network", CHECKSUM}  # beside the provenance in a file
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -62,6 +66,12 @@ class Policy:
     output : str
         What bounds the actions: "clip" or "tanh".
 
+    Raises
+    ------
+    ValueError
+        If `limit`, `activation` or `output` is none of these, or `provenance` has a name that a
+        file gives another meaning: "env", "network" or "crc32".
+
     Examples
     --------
     >>> import gymnasium as gym
@@ -85,6 +95,9 @@ class Policy:
     _history: History | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        check_functions(self._functions)
+        for name in _RESERVED & self.provenance.keys():
+            raise ValueError(f"provenance[{name!r}] must be left out: a file has its own")
         numbers = {"scale": self.scale, "weights": self.weights, "biases": self.biases}
         for name, given in (numbers | {"offset": self.offset}).items():
             object.__setattr__(self, name, _as_float32(given))  # as a file holds them
@@ -94,6 +107,11 @@ class Policy:
             joints = len(self.biases[-1])
             history = History(length, entries - joints, joints)
         object.__setattr__(self, "_history", history)
+
+    @property
+    def _functions(self) -> dict[str, Any]:
+        """How the network acts, where that is not usual."""
+        return {k: getattr(self, k) for k, v in USUAL.items() if getattr(self, k) != v}
 
     def _key(self) -> tuple[Any, ...]:
         """Return the network: its numbers, by their shapes and bytes, and its functions."""
@@ -248,11 +266,12 @@ class Policy:
         ------
         ValueError
             If it ends otherwise.
+        TypeError
+            If `env` or `provenance` has what JSON cannot hold, such as a mode that is an object.
         """
         about = {"env": plain_keywords(self.env)} | self.provenance
-        functions = {k: getattr(self, k) for k, v in USUAL.items() if getattr(self, k) != v}
-        if functions:
-            about["network"] = functions
+        if self._functions:
+            about["network"] = self._functions
         write_policy(Path(path), self._arrays(), about)
 
     @classmethod
@@ -312,7 +331,12 @@ class Policy:
 
     @classmethod
     def from_hub(
-        cls, repo_id: str, filename: str = POLICY_FILE, *, revision: str | None = None
+        cls,
+        repo_id: str,
+        filename: str = POLICY_FILE,
+        *,
+        revision: str | None = None,
+        trust: bool = False,
     ) -> Policy:
         """Load a policy from the Hugging Face Hub; it is downloaded once and kept.
 
@@ -326,6 +350,8 @@ class Policy:
             Of a file that `save` wrote, in the repository.
         revision : str, optional
             Branch, tag or commit; by default the newest.
+        trust : bool
+            As for `load`.
 
         Raises
         ------
@@ -335,7 +361,8 @@ class Policy:
             If the file is no policy, or cannot be downloaded.
         """
         hub = require("huggingface_hub", "hub", "policies of the Hugging Face Hub")
-        return cls.load(hub.hf_hub_download(repo_id, filename, revision=revision))
+        file = hub.hf_hub_download(repo_id, filename, revision=revision)
+        return cls.load(file, trust=trust)
 
     @classmethod
     def pretrained(cls, name: str) -> Policy:

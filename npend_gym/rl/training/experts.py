@@ -7,7 +7,7 @@ chains with noisy actions come less far away.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,7 +28,7 @@ from npend_gym.rl.controllers.planning import (
 )
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of, wrapped
 from npend_gym.rl.controllers.transcription import NominalTrajectory
-from npend_gym.rl.controllers.transitions import PlannedTransitions, planned_transitions
+from npend_gym.rl.controllers.transitions import PlannedTransitions, pair_of, planned_transitions
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import keywords_of, setting_of
 from npend_gym.rl.policies.observations import observation_of
@@ -36,6 +36,7 @@ from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.policies.shipped import find_policy
 from npend_gym.rl.training.chain_plans import ChainPlans, Changes, wrong_chains
 from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL
+from npend_gym.rl.training.plan_tracker import PlanTracker
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
 _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64)  # standard deviation of actions, in each lane
@@ -60,15 +61,21 @@ class Expert(Protocol):
         ...
 
 
-class GoalPlans(PlannedTransitions):
-    """The expert of a mode with goals: a plan for each pair of equilibria, along the clock."""
+class GoalPlans(PlanTracker):
+    """The expert of a mode with goals: a plan for each pair of equilibria."""
 
     chains: Sequence[Changes] = ()
 
-    def begin(self, which: NDArray[np.int64], round_: int) -> None:
-        """Begin episodes in all lanes."""
-        del round_
-        self.reset(which.size)
+    def __init__(self, config: EnvConfig, plans: PlannedTransitions) -> None:
+        self._numbers = {pair: number for number, pair in enumerate(plans.plans)}
+        super().__init__(config, list(plans.plans.values()))
+
+    def tracking(self, info: Mapping[str, Any]) -> Tracking:
+        """Return what the plans from the first equilibrium to the goal say of all lanes."""
+        for lane in np.flatnonzero(info["time"] == 0.0):
+            begun, goal = info["theta"][lane], info["goal"][lane]
+            self._which[lane] = self._numbers[pair_of(np.cos(begun) < 0.0, np.cos(goal) < 0.0)]
+        return super().tracking(info)
 
 
 class Rescuer(Protocol):
@@ -169,7 +176,7 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         return None  # it would be the same expert
     if config.mode.has_goals:
         options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
-        return GoalPlans(planned_transitions(config, settings.seconds, **options).plans)
+        return GoalPlans(config, planned_transitions(config, settings.seconds, **options))
     wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
     chains = wrong_chains(config.chain, settings.seed) if wrong else []
     if not swings_up:

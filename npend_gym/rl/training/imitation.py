@@ -256,6 +256,8 @@ def train(
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
     _checks.count("rounds", settings.rounds, low=2)
+    for name in ("student_fraction", "kept"):
+        _checks.positive_number(name, getattr(settings, name))
     if settings.rescuer and not isinstance(config.mode, SwingUp):
         raise ValueError(
             f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '

@@ -69,6 +69,7 @@ class Settings(TrainingSettings):
     episode: int = 64  # steps in training
     speed: float = 2.5  # deviation of angular velocities of starts anywhere [rad/s]
     knocked: float = 0.0  # share of the episodes that start after a knock-down
+    uptime: float = 0.0  # share of the reward that is for a tip where `recovery` counts it as up
     margin: float = 0.0  # by which ranges of `randomize` are wider, see `with_wider_ranges`
 
 
@@ -215,10 +216,15 @@ def train(
                 f"shac does not use randomize[{name!r}], only parameters of the chain and "
                 "max_torque: leave it out, or train by imitation"
             )
-    _checks.count("total_timesteps", settings.total_timesteps)
+    for name in ("total_timesteps", "num_envs", "horizon", "updates", "batch_size"):
+        _checks.count(name, getattr(settings, name))
+    _checks.count("memory", settings.memory, low=settings.num_envs * settings.horizon)
+    for name in ("gamma", "uptime"):
+        if not 0.0 <= getattr(settings, name) < 1.0:
+            raise ValueError(f"{name} must lie from 0 to below 1, got {getattr(settings, name)}")
     torch.manual_seed(settings.seed)
     config = with_wider_ranges(config, settings.margin)  # so that their ends are common
-    task = Task(config, settings.gamma, settings.obs_scale)
+    task = Task(config, settings.gamma, settings.obs_scale, settings.uptime)
     collector = Collector(config, task, settings)
     learner = Learner(task, config.joints.size, settings)
     collector.lanes.step_jacobian(0.0, config.dt)  # compiles, where not done yet
@@ -262,6 +268,10 @@ _ROBOT: dict[str, Any] = {
     "speed": 7.0,
     "knocked": 0.7,
 }
+_RECOVERY = _ROBOT | {
+    "total_timesteps": 480_000, "hidden": 192, "muon_learning_rate": 0.01, "knocked": 0.85,
+    "uptime": 0.7,
+}  # fmt: skip
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 144_000},
@@ -280,6 +290,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "calm-5": {"total_timesteps": 60_000},
     "calm-10": {"total_timesteps": 144_000},
     "swingup-2-pendubot": _ROBOT,
+    "swingup-2-pendubot-recovery": _RECOVERY,
     "swingup-2-acrobot": _ROBOT,
 }
 

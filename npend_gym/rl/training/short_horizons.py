@@ -30,6 +30,7 @@ from npend_gym.rl.controllers.step_model import (
     states_of,
 )
 from npend_gym.rl.evaluation.disturbances import holding_torques
+from npend_gym.rl.evaluation.performance import UP
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.training.tasks import observation_scale
 from npend_gym.torch.judging import Lanes, State, judge, observe
@@ -38,6 +39,7 @@ from npend_gym.torch.judging import Lanes, State, judge, observe
 _OF_LANES = (
     "lift", "height_per_lift", "tip_weights", "lifting_energy", "mass", "goals", "context",
 )  # fmt: skip
+_UP_WIDTH = 0.04  # of the length, within which `uptime` begins to pay
 _MIDDLE = 0.5  # of half the rail, where carts start
 _STIFFNESS, _DAMPING = 10.0 / 6.0, 1.0 / 6.0  # N m/rad and N m s/rad over the torque limit
 
@@ -51,10 +53,15 @@ class Task:
     """
 
     def __init__(
-        self, config: EnvConfig, gamma: float, obs_scale: tuple[float, float, float]
+        self,
+        config: EnvConfig,
+        gamma: float,
+        obs_scale: tuple[float, float, float],
+        uptime: float = 0.0,
     ) -> None:
         self.config: EnvConfig = config
         self.gamma: float = gamma
+        self.uptime: float = uptime
         self.varied: bool = bool(config.randomization.names) or config.mode.has_goals
         self.obs_scale: torch.Tensor = observation_scale(config, obs_scale)
         # of the states: near pi a sine is its angle; on a cart a metre is as far as a length
@@ -120,8 +127,16 @@ class Task:
     def reward(
         self, states: torch.Tensor, actions: torch.Tensor, context: torch.Tensor
     ) -> torch.Tensor:
-        """Return the rewards (...) of steps to `states`, times 1 - gamma: values are below 1."""
-        return (1.0 - self.gamma) * self._judge(states, actions, context)[0]
+        """Return the rewards (...) of steps to `states`, times 1 - gamma: values are below 1.
+
+        A share `uptime` of them is for a tip above the line of `recovery`.
+        """
+        reward = self._judge(states, actions, context)[0]
+        if self.uptime > 0.0:
+            cosines, weights = states[..., : self.config.n].cos(), self._lanes(context).tip_weights
+            above = (weights * cosines).sum(-1) - UP
+            reward = (1.0 - self.uptime) * reward + self.uptime * (above / _UP_WIDTH).sigmoid()
+        return (1.0 - self.gamma) * reward
 
     def _judge(
         self, states: torch.Tensor, actions: torch.Tensor, context: torch.Tensor

@@ -49,7 +49,7 @@ ROBUST: dict[str, Any] = {
 _SPREADS = {"balance-4-cart": 0.002, "balance-5-cart": 0.0005}
 
 
-_WORDS = {"robust", "pendubot", "acrobot", "cart"}  # at the end of a task's name
+_WORDS = {"robust", "recovery", "pendubot", "acrobot", "cart"}  # at the end of a task's name
 
 
 def _variant(word: str, n: int) -> dict[str, Any]:
@@ -57,6 +57,8 @@ def _variant(word: str, n: int) -> dict[str, Any]:
     match word:
         case "robust":
             return {"randomize": ROBUST}
+        case "recovery":  # of the same environment; settings and reward of the training differ
+            return {}
         case "pendubot" | "acrobot":  # of RealAIGym's leaderboards: a motor at pivot or elbow
             robot = Chain.realaigym("C.1", motors=False).as_dict()
             elbow = {"actuated": (1,)} if word == "acrobot" else {}
