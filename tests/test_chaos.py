@@ -1,12 +1,16 @@
 """Chaos: exponents, MEGNO, sections and periodic orbits, each against an independent truth."""
 
+import json
+
 import numpy as np
 import oracle
 import pytest
 from interrupt import Interrupt
 from scipy.integrate import simpson
 
-from npend_gym import Chain, Event, chaos, pseudo_periods, simulate
+from npend_gym import Chain, Event, Signal, chaos, pseudo_periods, simulate
+from npend_gym.chaos.variations import record
+from npend_gym.experiments import FlipMap
 from npend_gym.physics import linearise
 
 
@@ -45,6 +49,52 @@ def test_exponents_upright_and_hanging_are_the_growth_rates_of_the_linear_equati
     slow, fast = np.sort(np.roots([1.0, 10.0, 9.81]))[::-1]
     hanging = chaos.lyapunov_spectrum(damped, 0.0, 0.0, duration=200.0).exponents
     np.testing.assert_allclose(hanging, [slow, fast], atol=0.01)
+
+
+def test_instants_of_a_history_increase_however_many_are_wanted():
+    chain = Chain.uniform(2)
+    few, many = (
+        chaos.lyapunov_spectrum(chain, 2.0, duration=5.0, samples=n, count=2) for n in (3, 900)
+    )
+    assert few.times.size == 3
+    assert np.all(np.diff(many.times) > 0.0)
+    assert many.times[-1] == 5.0
+    np.testing.assert_array_equal(many.exponents, few.exponents)
+    np.testing.assert_array_equal(many.history[np.isin(many.times, few.times)], few.history)
+
+
+def test_a_signal_of_the_duration_is_long_enough_and_stands_in_the_record():
+    chain, times = Chain.uniform(2), np.linspace(0.0, 40.0, 401)
+    swayed = np.column_stack([np.sin(3.0 * times), 0.0 * times])
+    short = Signal(times, swayed, "linear")
+    longer = Signal(np.append(times, 41.0), np.vstack([swayed, swayed[-1:]]), "linear")
+    found, other = (
+        chaos.megno(chain, 0.5, duration=40.0, pivot_acceleration=each) for each in (short, longer)
+    )
+    assert found.times[-1] == 40.0
+    assert found.value == other.value
+    assert found.provenance["arguments"]["pivot_acceleration"] == "401 samples, linear"
+    for measure in (chaos.megno, chaos.lyapunov_spectrum, chaos.poincare_section):
+        made = measure(chain, 0.5, duration=20.0, pivot_acceleration=np.array([1, 0])).provenance
+        assert json.loads(json.dumps(made))["arguments"]["pivot_acceleration"] == [1.0, 0.0]
+    by_function = record(chain, np.zeros(4), pivot_acceleration=np.sin)["arguments"]
+    assert by_function["pivot_acceleration"] == "function sin"
+    assert "pivot_acceleration" not in record(chain, np.zeros(4))["arguments"]
+
+
+def test_numpy_scalars_are_arguments_and_ready_for_json():
+    chain, rtol = Chain.uniform(2), np.float32(1e-9)
+    whole = {"count": np.int64(2), "samples": np.int64(5)}
+    made = [
+        chaos.lyapunov_spectrum(chain, 0.5, duration=np.int64(2), **whole, rtol=rtol),
+        chaos.megno(chain, 0.5, duration=np.int64(20), rtol=rtol),
+        chaos.poincare_section(chain, 0.5, duration=np.int64(9), direction=np.int64(1), rtol=rtol),
+    ]
+    written = [json.loads(json.dumps(each.provenance))["arguments"] for each in made]
+    assert (written[0]["count"], written[0]["samples"], written[2]["direction"]) == (2, 5, 1)
+    plain = {"width": 1.0, "duration": 2.0, "gravity": 9.0, "rtol": 2.0**-30}
+    plan = FlipMap(size=np.int64(6), **{k: np.float32(v) for k, v in plain.items()})
+    assert json.loads(json.dumps(plan.as_dict())).items() >= (plain | {"size": 6}).items()
 
 
 def test_some_of_the_exponents_are_the_first_of_all():
@@ -130,6 +180,8 @@ def test_progress_sees_every_part_of_the_motion_and_may_stop_it():
          "duration must be at most"),
         (lambda c: chaos.megno(c, [1.0, np.nan], duration=1.0), ValueError, "theta must be finite"),
         (lambda c: chaos.megno(c, [1.0] * 3, duration=1.0), ValueError, "theta must be one number"),
+        (lambda c: chaos.tangent_growth(c, 2.0, duration=0.001), ValueError,
+         "duration must be at least 0.03"),
         (lambda _: chaos.megno(2, 1.0, duration=1.0), TypeError, "chain"),
     ],
 )  # fmt: skip

@@ -69,6 +69,7 @@ def test_a_nonlinear_normal_mode_is_one_point_of_a_section():
         ({"duration": 0.0}, "duration must be greater than zero"),
         ({"duration": 1e20}, "duration must be at most"),
         ({"direction": 0}, "direction must be 1 or -1, got 0"),
+        ({"rtol": 1e-17}, "rtol must be at least"),
         ({"rod": 2}, "rod must be between -2 and 1, got 2"),
         ({"angle": np.nan}, "angle must be finite"),
         ({"theta": [1.0, 2.0, 3.0]}, "theta must be one number"),

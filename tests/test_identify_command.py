@@ -7,10 +7,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from npend_gym import Chain, simulate
+from npend_gym import Chain, simulate, theory
 from npend_gym.cli import main
 from npend_gym.identification import read_motion
-from npend_gym.identification.fit import Problem
+from npend_gym.identification.fit import Problem, _hold_out
 from npend_gym.identification.motion import check_motion
 from npend_gym.identification.parameters import new_model, values_of
 from npend_gym.identification.uncertainty import undetermined
@@ -122,6 +122,8 @@ def test_the_pieces_of_several_files_are_numbered_on(motion_file):
         ("time,theta0\n0,1.2 rad\n", "line 2: theta0 must be a number, got '1.2 rad'"),
         ("time,theta0\n0,1,2\n", "line 2: 2 cells are needed, got 3"),
         ("time,theta0,piece\n" + GOOD.replace("\n", ",0.5\n"), "piece must be 60 integers"),
+        ("time;theta0\n0,02;0,69\n", "must have commas between its columns, and points in its num"),
+        ("time,theta0\n0,1_0.0\n", "line 2: theta0 must be a number, got '1_0.0'"),
         ("time,theta0\n" + GOOD.replace(",", ";"), "line 2: 2 cells are needed, got 1"),
     ],
 )
@@ -144,6 +146,10 @@ def test_a_bad_file_is_refused_in_one_line_and_nothing_is_written(
         ("--lengths 0", "lengths must be greater than zero"),
         ("--lengths 1 --fit mass", "fit must be one of inertia, lift"),
         ("--lengths 1 --segment -1", "segment must be greater than zero"),
+        (
+            "--lengths 1 --segment 0.1",
+            "segment must be at least 0.4 s, the time of 20 rows, got 0.1",
+        ),
         ("--lengths 1 --held-out 2", "held_out must be a share between 0 and 0.5"),
         ("--chain nosuch", "must be one of"),
     ],
@@ -168,6 +174,49 @@ def test_degrees_in_place_of_radians_bring_one_line_of_warning(motion_file, caps
         main(["identify", path, "--lengths", "0"])
     first = capsys.readouterr().err.splitlines()[0]
     assert first.startswith("npend identify: theta reaches 40 rad, 6.4 turns: are these degrees?")
+
+
+@pytest.mark.parametrize(
+    ("rate", "duration", "amplitude", "damping", "noise", "counts"),
+    [
+        (100.0, 20.0, 0.7, 0.05, 1e-3, None),
+        (1000.0, 20.0, 0.3, 0.05, 0.0, 4096),  # more than half of the rows are equal to the last
+        (1000.0, 20.0, 0.7, 0.05, 0.0, 1000),
+        (1000.0, 10.0, 0.1, 0.05, 2e-3, None),  # noise is 40 times the step between two rows
+        (100.0, 300.0, 0.7, 0.8, 1e-3, None),  # it moves for a thirtieth of the time
+        (1000.0, 30.0, 0.7, 0.8, 1e-3, None),
+    ],
+)
+def test_the_period_of_a_swing_does_not_depend_on_resolution_noise_or_its_end(
+    rate, duration, amplitude, damping, noise, counts
+):
+    times = np.arange(0.0, duration, 1.0 / rate)
+    theta = simulate(Chain([1.0], [0.8], damping=damping), amplitude, 0.0, times).theta
+    theta += noise * np.random.default_rng(0).normal(size=theta.shape)
+    unit = 2.0 * np.pi / counts if counts else 1e-12
+    found = check_motion(times, np.round(theta / unit) * unit).period()
+    within = 0.12 if damping < 0.1 else 0.25  # few swings are moving
+    assert found == pytest.approx(theory.pendulum_period(amplitude, 0.8), rel=within)
+
+
+def test_a_slow_recording_beside_a_fast_one_is_used_and_a_short_one_is_reported():
+    fast, slow = np.arange(0.0, 2.0, 0.002), np.arange(0.0, 9.0, 0.05)
+    times, piece = np.r_[fast, slow], np.repeat([0, 3], [fast.size, slow.size])
+    motion = check_motion(times, np.sin(3.0 * times), piece=piece)
+    assert motion.stretches() == [slice(0, 1000), slice(1000, 1180)]
+    assert sum(rows.stop - rows.start for rows in motion.cut(motion.stretches(), 0.3)) == 1180
+    with pytest.warns(UserWarning, match="piece 3 is left out: it must have 20 rows without a gap"):
+        short = check_motion(times[:1010], np.sin(3.0 * times[:1010]), piece=piece[:1010])
+    assert short.stretches() == [slice(0, 1000)]
+
+
+def test_held_out_segments_are_evenly_spaced_and_their_share_is_that_wanted():
+    assert _hold_out(10, 0.4) == [1, 3, 6, 8]
+    assert _hold_out(10, 0.25) == [1, 5, 9]
+    assert _hold_out(12, 1.0 / 6.0) == [2, 8]
+    assert _hold_out(2, 0.1) == [1]
+    assert _hold_out(1, 0.25) == _hold_out(9, 0.0) == []
+    assert all(len(_hold_out(200, share)) == 2 * round(100 * share) for share in (0.1, 0.3, 0.45))
 
 
 def test_the_licences_of_the_measured_data_stand_beside_them():

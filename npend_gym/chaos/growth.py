@@ -27,7 +27,7 @@ class Growth:
     Attributes
     ----------
     times : ndarray, shape (T,)
-        Instants [s], the first being a step after the start.
+        Instants [s], the first being a step after the start; the last is the duration.
     logarithm : ndarray, shape (T,)
         Logarithm of the length of the tangent vector, by that at the start.
     """
@@ -95,7 +95,7 @@ def tangent_growth(
     theta, omega : array_like, shape (n,)
         The start [rad, rad/s]; one number stands for all rods.
     duration : float
-        How long the motion is followed [s].
+        How long the motion is followed [s]: two steps of `STEP` at least.
 
     Raises
     ------
@@ -118,16 +118,21 @@ def log_growth(
     duration: float,
     rate: float | None = 1.0,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    least: int = 2,
 ) -> tuple[FloatArray, FloatArray]:
     """Return instants [s], and the logarithm of a tangent vector's length there, (T,) each.
 
     Its length is that of (theta, omega / rate), 1 at the start, lengths counted in mean rods;
     without a `rate` it is that of the fastest mode. The vector leaves a pivot that is moved where
     it is. `progress` wraps the iteration over hundredths of the duration, for which the `motion` of
-    the chain is followed.
+    the chain is followed. A duration of fewer than `least` steps raises a ValueError.
     """
     felt = in_frame_of_pivot(chain, motion.mechanism.pivot_acceleration)
     count, step = count_parts(felt, duration, STEP), STEP / fastest_rate(felt)
+    if count < least:
+        raise ValueError(
+            f"duration must be at least {least * step:g} s for this chain, got {duration:g}"
+        )
     rate = fastest_rate(felt) if rate is None else rate
     m = motion.mechanism.size
     # lengths by that of a rod, so that they compare with angles
@@ -139,6 +144,7 @@ def log_growth(
     vectors /= np.linalg.norm(vectors)
     vectors /= scale
     times, logarithm, total = step * np.arange(count + 1.0), np.zeros(count + 1), 0.0
+    times[-1] = duration
     carried, done = carry(motion, times, vectors), 0
     for mark in progress([count * k // 100 for k in range(1, 101)]):
         while done < mark:

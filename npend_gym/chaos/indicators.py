@@ -141,7 +141,7 @@ def largest_lyapunov(
     True
     """
     motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
-    times, logarithm, made_by = _grow(chain, motion, duration, progress)
+    times, logarithm, made_by = _grow(chain, motion, duration, progress, pivot_acceleration)
     first = times.size // _SETTLING
     rates = (logarithm[first + 1 :] - logarithm[first]) / (times[first + 1 :] - times[first])
     statistical = max(_block_error(logarithm[first:], times[first:], b) for b in _BLOCKS)
@@ -196,7 +196,7 @@ def megno(
     True
     """
     motion = motion_of(chain, theta, omega, rtol, pivot_acceleration)
-    times, logarithm, made_by = _grow(chain, motion, duration, progress)
+    times, logarithm, made_by = _grow(chain, motion, duration, progress, pivot_acceleration)
     integral = cumulative_trapezoid(np.append(0.0, logarithm), np.append(0.0, times))
     y = 2.0 * (logarithm - integral / times)
     mean = cumulative_trapezoid(np.append(0.0, y), np.append(0.0, times)) / times
@@ -209,14 +209,17 @@ def _grow(
     motion: Motion,
     duration: float,
     progress: Callable[[Iterable[int]], Iterable[int]],
+    pivot_acceleration: Any,
 ) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
     """Return instants, the logarithm of a tangent vector there, and the record of the arguments."""
-    times, logarithm = log_growth(chain, motion, duration, None, progress)
-    if times.size < _SETTLING * max(_BLOCKS):
-        least = _SETTLING * max(_BLOCKS) * times[0]
-        raise ValueError(f"duration must be at least {least:g} s for this chain, got {duration:g}")
-    given = {"duration": float(duration), "rtol": motion.settings["rtol"]}
-    return times, logarithm, record(chain, motion.state, **given)
+    least = _SETTLING * max(_BLOCKS)
+    times, logarithm = log_growth(chain, motion, duration, None, progress, least)
+    given = {"duration": float(duration), "rtol": float(motion.settings["rtol"])}
+    return (
+        times,
+        logarithm,
+        record(chain, motion.state, **given, pivot_acceleration=pivot_acceleration),
+    )
 
 
 def _block_error(logarithm: FloatArray, times: FloatArray, blocks: int) -> float:

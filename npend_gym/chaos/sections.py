@@ -14,6 +14,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, check_chain
 from npend_gym.chaos.variations import count_parts, record
 from npend_gym.physics import simulate
+from npend_gym.physics.arguments import check_rtol
 from npend_gym.physics.mechanism import AXIAL, PIVOT
 
 _PART = 10.0  # rad of the fastest mode, at least, in one simulation
@@ -107,11 +108,13 @@ def poincare_section(
     angle = _checks.number("angle", angle)
     if direction not in (1, -1):
         raise ValueError(f"direction must be 1 or -1, got {_checks.show(direction)}")
+    direction = int(direction)
     parts = min(100, count_parts(chain, duration, _PART))
     state = _checks.vector("theta", theta, n), _checks.vector("omega", omega, n)
+    start = np.concatenate(state)
     more: dict[str, Any] = {"pivot_acceleration": pivot_acceleration}
     given = {"duration": float(duration), "rod": rod, "angle": angle, "direction": direction}
-    made_by = record(chain, np.concatenate(state), **given, rtol=rtol)
+    given["rtol"] = check_rtol(rtol)
     event, times = _Passage(rod, angle, direction), np.linspace(0.0, duration, parts + 1)
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for part in progress(range(parts)):
@@ -129,6 +132,7 @@ def poincare_section(
             f"direction {direction}: choose another angle, or follow the motion for longer"
         )
     wrapped = (thetas[near] + np.pi) % (2.0 * np.pi) - np.pi
+    made_by = record(chain, start, **given, pivot_acceleration=pivot_acceleration)
     return Section(instants[near], wrapped, omegas[near], made_by)
 
 

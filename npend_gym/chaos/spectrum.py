@@ -72,7 +72,7 @@ def lyapunov_spectrum(
         How many exponents, the largest first; by default all, two for each coordinate: rods,
         a cart, stretches of springs, and two of a pivot that is moved. The time grows with it.
     samples : int
-        How many instants the history has.
+        How many instants the history has, at most: one for each orthogonalisation.
     rtol : float
         Relative tolerance of the motion's steps, in which the absolute one is a hundredth of it.
     progress : callable
@@ -117,7 +117,8 @@ def lyapunov_spectrum(
     start, m = motion.state, motion.mechanism.size
     count = 2 * m if count is None else _checks.count("count", count, high=2 * m)
     duration = _checks.positive_number("duration", duration)
-    instants = np.linspace(0.0, duration, _checks.count("samples", samples) + 1)[1:].tolist()
+    samples = _checks.count("samples", samples)
+    instants = np.linspace(0.0, duration, samples + 1)[1:].tolist()
     inertia = float(np.mean(np.diagonal(mass_matrix(chain, start[:n]))[:n]))
     felt = in_frame_of_pivot(chain, motion.mechanism.pivot_acceleration)
     unit = inertia * fastest_rate(felt)
@@ -137,9 +138,12 @@ def lyapunov_spectrum(
             sums += np.log(np.abs(np.diag(triangle)))
             vectors[:] = solve(metric, orthogonal).T
         times[k], history[k] = time, sums / time
-    made_by = record(chain, start, duration=duration, count=count, samples=samples, rtol=rtol)
-    exponents = np.sort(history[-1])[::-1]
-    return LyapunovSpectrum(exponents, times, history, made_by)
+    made_by = record(
+        chain, start, duration=duration, count=count, samples=samples,
+        rtol=float(motion.settings["rtol"]), pivot_acceleration=pivot_acceleration,
+    )  # fmt: skip
+    exponents, new = np.sort(history[-1])[::-1], np.diff(times, prepend=0.0) > 0.0
+    return LyapunovSpectrum(exponents, times[new], history[new], made_by)
 
 
 def _metric(chain: Chain, state: FloatArray, unit: float) -> FloatArray:

@@ -17,7 +17,9 @@ from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.integration import check_times
 from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
 from npend_gym.physics.motion import Motion
+from npend_gym.physics.recipe import Function
 from npend_gym.physics.sensitivities import carry
+from npend_gym.physics.signals import Signal
 from npend_gym.physics.start import Start
 from npend_gym.theory.modes import decay_rate
 
@@ -164,11 +166,20 @@ def count_parts(chain: Chain, duration: float, step: float) -> int:
             f"duration must be at most {_MOST * step / rate:g} s for this chain, got {duration:g}: "
             f"its fastest mode swings {rate / (2.0 * np.pi):.3g} times a second"
         )
-    return int(np.ceil(duration / (step / rate)))
+    return max(1, int(np.ceil(duration / (step / rate) - 1e-9)))
 
 
-def record(chain: Chain, state: FloatArray, **arguments: Any) -> dict[str, Any]:
+def record(
+    chain: Chain, state: FloatArray, *, pivot_acceleration: Any = None, **arguments: Any
+) -> dict[str, Any]:
     """Return the record of what made a result: a chain, its state at the start, and arguments."""
     halves = zip(("theta", "omega"), np.split(state, 2), strict=True)
     start = {name: half[: chain.n].tolist() for name, half in halves}
+    if isinstance(pivot_acceleration, Signal):
+        samples = len(np.asarray(pivot_acceleration.values))
+        arguments["pivot_acceleration"] = f"{samples} samples, {pivot_acceleration.kind}"
+    elif callable(pivot_acceleration):
+        arguments["pivot_acceleration"] = f"function {Function(pivot_acceleration).name}"
+    elif pivot_acceleration is not None:
+        arguments["pivot_acceleration"] = np.asarray(pivot_acceleration, float).tolist()
     return provenance({"chain": chain.as_dict(), **start, **arguments})

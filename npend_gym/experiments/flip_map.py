@@ -73,7 +73,7 @@ class FlipMap:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        _checks.count("size", self.size, high=_MAX_SIZE)
+        size = _checks.count("size", self.size, high=_MAX_SIZE)
         centre = _checks.vector("centre", self.centre, 2)
         width = _checks.positive_number("width", self.width)
         if np.any(np.abs(centre) + 0.5 * width > math.tau):
@@ -81,8 +81,11 @@ class FlipMap:
                 "centre and width must keep the angles within two half turns of hanging, "
                 f"got {_checks.show(centre.tolist())} and {width:g}"
             )
-        _checks.positive_number("duration", self.duration)
-        object.__setattr__(self, "centre", tuple(centre.tolist()))
+        numbers = {name: _checks.number(name, getattr(self, name)) for name in ("gravity", "rtol")}
+        duration = _checks.positive_number("duration", self.duration)
+        plain = {"size": size, "centre": tuple(centre.tolist()), "width": width}
+        for name, value in (plain | {"duration": duration} | numbers).items():
+            object.__setattr__(self, name, value)
         for name in ("masses", "lengths"):
             given = _checks.vector(name, getattr(self, name), 2)
             plain = tuple(given.tolist()) if np.ndim(getattr(self, name)) else float(given[0])

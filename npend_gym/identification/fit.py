@@ -14,7 +14,7 @@ from npend_gym import _checks
 from npend_gym._checks import BoolArray
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain, as_chain, check_hung
-from npend_gym.identification.motion import Motion, check_motion
+from npend_gym.identification.motion import MIN_ROWS, Motion, check_motion
 from npend_gym.identification.parameters import OFFSET, new_model
 from npend_gym.identification.plausibility import check_units, warn_of_other_angles, warn_of_values
 from npend_gym.identification.result import Identification
@@ -48,10 +48,13 @@ def identify(
     theta : array_like, shape (T, n), or (T,) for one link
         Absolute angles from hanging [rad], counter-clockwise positive; whole turns do not matter.
     torque : array_like, shape (T, n), or (T,) for joint 0, optional
-        Torques at the joints [N m]. Without them the motion is taken as free.
+        Torques at the joints [N m], measured at `times` and linear between them. For commands that
+        are held until the next row, give the mean of each and the one before. Without torques the
+        motion is taken as free.
     chain : Chain, dict or str
         What is known: lengths, gravity, masses, friction speed, gears; and the values of what is
-        not fitted. It is the scale of free swings, whose data has none.
+        not fitted. It is the scale of free swings, whose data has none: lift0 is kept, or inertia0
+        where gravity or lift0 is zero.
     piece : array_like of int, shape (T,), optional
         Which recording each row is from; all from one by default.
     fit : sequence of str, optional
@@ -60,10 +63,12 @@ def identify(
         angle less the true one). By default the first four and "quadratic_drag"; with torques
         "armature" too.
     segment : float, optional
-        Longest time [s] that is simulated from one first state, which is fitted. By default four
-        typical periods of the motion. Less is taken where the motion is too sensitive.
+        Longest time [s] that is simulated from one first state, which is fitted; that of 20 rows
+        at least. By default four typical periods of the motion. Less is taken where the motion is
+        too sensitive.
     held_out : float
-        Share of the segments, 0 to 0.5, that are not fitted, and judge the fit.
+        Share of the segments, 0 to 0.5, that are not fitted, and judge the fit; they are evenly
+        spaced. A single segment is fitted.
 
     Returns
     -------
@@ -80,7 +85,8 @@ def identify(
     Warns
     -----
     UserWarning
-        If the angles are likely to be degrees or angles of joints, or lengths millimetres. If the
+        If the angles are likely to be degrees or angles of joints, or lengths millimetres. If a
+        piece has no 20 rows without a gap, or there is no segment to hold out. If the
         fitted chain moves otherwise than the data, or few segments with lasting errors determine
         many values. If a fitted value is impossible for a pendulum in air.
 
@@ -95,7 +101,7 @@ def identify(
     --------
     >>> import numpy as np
     >>> from npend_gym import Chain, identify, simulate
-    >>> times = np.linspace(0.0, 5.0, 501)
+    >>> times = np.linspace(0.0, 10.0, 501)
     >>> motion = simulate(Chain([1.0], [0.8], damping=0.05), 0.7, 0.0, times)
     >>> found = identify(times, motion.theta, chain=Chain([1.0], [0.8]), fit=["damping"])
     >>> round(float(found.chain.damping[0]), 3)
@@ -176,12 +182,17 @@ class Problem:
         self.held_out: float = _checks.nonnegative_number("held_out", held_out)
         if self.held_out > 0.5:
             raise ValueError(f"held_out must be a share between 0 and 0.5, got {held_out}")
-        self.driven: bool = motion.torque is not None and bool(np.any(motion.torque))
-        check_units(known, motion, driven=self.driven)
-        self.stages: Stages = Stages(motion, new_model(known, fit, driven=self.driven))
-        self.longest = self.stages.period * _PERIODS
+        check_units(known, motion, driven=motion.driven)
+        self.stages: Stages = Stages(motion, new_model(known, fit, driven=motion.driven))
+        self.longest: float = self.stages.period * _PERIODS
         if segment is not None:
-            self.longest: float = _checks.positive_number("segment", segment)
+            segment = self.longest = _checks.positive_number("segment", segment)
+            slowest = max(float(np.median(np.diff(motion.times[k]))) for k in motion.stretches())
+            if segment < (least := MIN_ROWS * slowest) * (1.0 - 1e-9):
+                raise ValueError(
+                    f"segment must be at least {least:g} s, the time of {MIN_ROWS} rows, got "
+                    f"{segment:g}"
+                )
         self.provenance: dict[str, Any] = provenance(
             {
                 "chain": known.as_dict(),
@@ -202,6 +213,12 @@ class Problem:
         stages, motion, model = self.stages, self.stages.motion, self.stages.model
         blocks = self.blocks()
         held = _hold_out(len(blocks), self.held_out)
+        if len(blocks) == 1 and self.held_out > 0.0:
+            warnings.warn(
+                "held_out leaves out nothing: there is one segment; record more, give a shorter "
+                "segment, or held_out=0",
+                stacklevel=3,
+            )
         training = [rows for k, rows in enumerate(blocks) if k not in held]
         fitted, duration = self._fit(training)
         self._warn(fitted, duration, training)
@@ -230,13 +247,13 @@ class Problem:
             correlation=errors.correlation,
             chain_errors=model.chain_errors(chain, errors.covariance),
             offsets=values[OFFSET],
-            given_rmse=np.nan if given is None else given.rmse,
+            given_rmse=given.rmse if given else math.inf if judged else math.nan,
             segments=tuple(segments),
             outliers=np.abs(residuals) > _OUTLIER * scatter,
             residuals=residuals,
             held_out=held_out,
             undetermined=tuple(
-                undetermined(model, chain, found, errors.errors, driven=self.driven)
+                undetermined(model, chain, found, errors.errors, driven=motion.driven)
             ),
             provenance=self.provenance,
         )
@@ -273,11 +290,11 @@ class Problem:
 
 
 def _hold_out(count: int, share: float) -> list[int]:
-    """Return which of `count` blocks are held out: every k-th, at least one of two."""
+    """Return which of `count` blocks are held out: evenly spaced, at least one of two."""
     if share == 0.0 or count < 2:
         return []
-    every = round(1.0 / share)
-    return list(range((every - 1) // 2, count, every)) or [count - 1]
+    middles = (np.arange(math.floor(share * count + 0.5 + 1e-9)) + 0.5) / share
+    return (np.ceil(middles - 1e-9).astype(int) - 1).tolist() or [count - 1]
 
 
 def _describe(
@@ -285,7 +302,8 @@ def _describe(
 ) -> list[dict[str, Any]]:
     """Return what `Identification.segments` says of the segments of a fit."""
     errors = fit.errors.tolist()
-    others = [math.nan] * len(errors) if given is None else given.errors.tolist()
+    none = [math.inf if held_out[rows.start] else math.nan for rows in fit.rows]
+    others = none if given is None else given.errors.tolist()
     return [
         {
             "piece": int(motion.piece[rows.start]),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,8 @@ from npend_gym.physics.arguments import ask_about_degrees
 MIN_ROWS = 20  # in a stretch that is used: fewer rows say nothing beside their own first state
 MAX_ROWS = 2_000_000
 _GAP = 10.0  # times the median interval: the rows after a longer one begin a new stretch
+_AT_REST = 0.25  # times the mean deviation in the other half of the rows: less is no motion
+_STEADY = 0.25  # of the speed: a larger change of it is noise, or the rows are too far apart
 _LIKELY = 8.0 * math.pi  # rad; larger angles are likely to be degrees
 
 
@@ -46,24 +49,40 @@ class Motion:
         """Number of links."""
         return self.theta.shape[1]
 
+    @property
+    def driven(self) -> bool:
+        """Whether torques act."""
+        return self.torque is not None and bool(np.any(self.torque))
+
     def stretches(self) -> list[slice]:
         """Return the rows of each stretch: a piece, or a part of it between two gaps.
 
-        A gap is an interval more than ten times as long as the median one; stretches of fewer than
-        20 rows are left out.
+        A gap is an interval more than ten times as long as the median one of its piece; stretches
+        of fewer than 20 rows are left out.
         """
-        intervals = np.diff(self.times)
-        same = np.diff(self.piece) == 0
-        typical = float(np.median(intervals[same])) if same.any() else 0.0
-        breaks = np.flatnonzero(~same | (intervals > _GAP * typical)) + 1
-        return _between([0, *breaks.tolist(), self.times.size])
+        out: list[slice] = []
+        for rows in self.pieces():
+            intervals = np.diff(self.times[rows])
+            typical = float(np.median(intervals)) if intervals.size else 0.0
+            gaps = rows.start + 1 + np.flatnonzero(intervals > _GAP * typical)
+            out += _between([rows.start, *gaps.tolist(), rows.stop])
+        return out
+
+    def pieces(self) -> list[slice]:
+        """Return the rows of each piece."""
+        edges = np.flatnonzero(np.diff(self.piece)) + 1
+        return [slice(a, b) for a, b in pairwise([0, *edges.tolist(), self.times.size])]
 
     def cut(self, stretches: Sequence[slice], duration: float) -> list[slice]:
-        """Return the rows of stretches, each cut into equal parts of at most `duration` [s]."""
+        """Return the rows of stretches, each cut into equal parts of at most `duration` [s].
+
+        Parts are longer where so short ones would have fewer than 20 rows.
+        """
         out: list[slice] = []
         for rows in stretches:
             times = self.times[rows] - self.times[rows.start]
-            parts = max(1, math.ceil(times[-1] / duration - 0.05))  # rather one that is 5 % longer
+            parts = math.ceil(times[-1] / duration - 0.05)  # rather one that is 5 % longer
+            parts = max(1, min(parts, times.size // MIN_ROWS))
             shares = [float(times[-1]) * k / parts for k in range(1, parts)]
             inner = [rows.start + int(row) for row in np.searchsorted(times, shares)]
             out += _between([rows.start, *inner, rows.stop])
@@ -72,19 +91,53 @@ class Motion:
     def period(self, most: float = math.inf) -> float:
         """Return 2 pi times the median deviation of the angles over the median speed [s].
 
-        It is the period of a swing that is a sine. Deviations above `most` [rad] count as that.
+        It is the period of a swing that is a sine, in the part of each stretch in which the angle
+        moves. Deviations above `most` [rad] count as that.
         """
         periods: list[float] = []
-        for rows in self.stretches():
-            theta = self.theta[rows]
-            rates = np.diff(theta, axis=0) / np.diff(self.times[rows])[:, None]
-            speed = np.median(np.abs(rates), axis=0)
-            away = np.median(np.abs(theta - np.median(theta, axis=0)), axis=0)
-            moving = (speed > 0.0) & (away > 0.0)
-            periods += (2.0 * np.pi * np.minimum(away, most)[moving] / speed[moving]).tolist()
+        for rows, link in product(self.stretches(), range(self.links)):
+            times, theta = _moving(self.times[rows], self.theta[rows, link])
+            speed, away = _speed(times, theta), float(np.median(_deviations(theta)))
+            if speed > 0.0 and away > 0.0:
+                periods.append(2.0 * np.pi * min(away, most) / speed)
         if not periods:
             raise ValueError("theta must move, but each measured angle is at rest most of the time")
         return float(np.median(periods))
+
+
+def _deviations(theta: FloatArray) -> FloatArray:
+    return np.abs(theta - np.median(theta))
+
+
+def _moving(times: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the part in which an angle moves: a half that is nearly at rest is left out."""
+    while theta.size >= 2 * MIN_ROWS:
+        halves = np.array_split(np.arange(theta.size), 2)
+        means = [float(_deviations(theta[half]).mean()) for half in halves]
+        if min(means) >= _AT_REST * max(means):
+            break
+        times, theta = (each[halves[int(np.argmax(means))]] for each in (times, theta))
+    return times, theta
+
+
+def _speed(times: FloatArray, theta: FloatArray) -> float:
+    """Return the median speed [rad/s] between rows so far apart that it hardly changes.
+
+    Between neighbours noise, and the resolution of an encoder, may be more than the motion.
+    """
+    least, found, nearest = math.inf, 0.0, 0.0
+    for lag in 2 ** np.arange(max(1, int(np.log2(theta.size / 4)))):
+        rates = (theta[lag:] - theta[:-lag]) / (times[lag:] - times[:-lag])
+        speed = float(np.median(np.abs(rates)))
+        nearest = speed if lag == 1 else nearest
+        if speed == 0.0 or speed * lag < nearest:  # rows that are whole periods apart
+            continue
+        change = float(np.abs(rates[lag:] - rates[:-lag]).mean()) / speed
+        if change < least:
+            least, found = change, speed
+        if change <= _STEADY:
+            break
+    return found
 
 
 def _between(edges: Sequence[int]) -> list[slice]:
@@ -119,7 +172,8 @@ def check_motion(
     Warns
     -----
     UserWarning
-        If the angles are so large that they are likely to be degrees.
+        If the angles are so large that they are likely to be degrees, or a piece is left out: it
+        has no 20 rows without a gap.
     """
     instants = _finite("times", times)
     if instants.ndim != 1 or not MIN_ROWS <= instants.size <= MAX_ROWS:
@@ -139,10 +193,18 @@ def check_motion(
         torques = np.hstack([torques, np.zeros((rows, n - 1))])
     motion = Motion(instants, angles, torques, _check_pieces(piece, rows))
     _check_order(motion)
-    if not motion.stretches():
+    used = {rows.start for rows in motion.stretches()}
+    if not used:
         raise ValueError(
             f"times must have {MIN_ROWS} rows without a gap at least once; the median interval is "
             f"{np.median(np.diff(instants)):g} s"
+        )
+    unused = [rows for rows in motion.pieces() if used.isdisjoint(range(rows.start, rows.stop))]
+    if unused:
+        left_out = ", ".join(str(motion.piece[rows.start]) for rows in unused)
+        warnings.warn(
+            f"piece {left_out} is left out: it must have {MIN_ROWS} rows without a gap",
+            stacklevel=3,
         )
     return _unwrapped(motion)
 
@@ -172,9 +234,9 @@ def _check_pieces(piece: ArrayLike | None, rows: int) -> NDArray[np.int64]:
     if piece is None:
         return np.zeros(rows, np.int64)
     labels = _finite("piece", piece)
-    if labels.shape != (rows,) or np.any(labels != np.round(labels)):
+    if labels.shape != (rows,) or np.any((labels != np.round(labels)) | (abs(labels) >= 2**53)):
         raise ValueError(
-            f"piece must be {rows} integers, one for each row, got {_checks.show(piece)}"
+            f"piece must be {rows} integers below 2^53, one for each row, got {_checks.show(piece)}"
         )
     starts = np.flatnonzero(np.diff(labels, prepend=np.nan) != 0.0)
     if np.unique(labels[starts]).size < starts.size:

@@ -213,13 +213,23 @@ def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
     return masses(low)
 
 
+def weighs(chain: Chain) -> bool:
+    """Return whether the lift of link 0 sets the scale of free swings: it is not zero, nor gravity.
+
+    That of a balanced rod, or a flywheel, is zero but for rounding.
+    """
+    levers = np.abs(chain.centres).sum() + chain.lengths.sum()
+    heavy = abs(chain.lift[0]) > _LEAST * levers * chain.masses.sum()
+    return bool(chain.gravity > 0.0 and heavy)
+
+
 def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model:
     """Return the model that fits the quantities `fit` of all links, as far as data can tell them.
 
     Without torques one value sets the scale and is kept: the lift of link 0, or its inertia
-    where there is no gravity. The armature of joint 0 adds to the inertia of link 0 alone, and the
-    length of the last link changes nothing but drag. Without gravity no angle tells an offset, and
-    no torque a length.
+    where there is no gravity, or this lift is zero. The armature of joint 0 adds to the inertia of
+    link 0 alone, and the length of the last link changes nothing but drag. Without gravity no angle
+    tells an offset, and no torque a length.
     """
     names = list(DEFAULT_FIT + ("armature",) * driven if fit is None else fit)
     free = np.zeros((len(QUANTITIES), chain.n), np.bool_)
@@ -228,7 +238,8 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model
     free[ARMATURE, 0] &= not free[INERTIA, 0]
     if chain.gravity == 0.0:
         free[OFFSET] = free[LENGTH] = free[LIFT, 0] = False
-        free[INERTIA, 0] &= driven
+    if not weighs(chain):
+        free[[INERTIA, ARMATURE], 0] &= driven
     free[LIFT, 0] &= driven
     free[LENGTH, -1] = False
     if not free.any():

@@ -115,11 +115,6 @@ def _is_read(name: str) -> bool:
 def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
     table = _read_table(path, columns)
     for name in ("time", "theta0"):
-        if name not in table and len(table) == 1 and re.search(r"[;\t]", next(iter(table))):
-            raise ValueError(
-                f"{path} must have commas between its columns, and points in its numbers, got the "
-                f"line {_checks.show(next(iter(table)))}"
-            )
         if name not in table:
             raise ValueError(
                 f"{path} must have the column {name}, got {_checks.show(', '.join(table))}: the "
@@ -158,7 +153,13 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
     with path.open(encoding="utf-8-sig", newline="") as file:
         lines = csv.reader(file)
         try:
-            names = _names([name.strip() for name in next(lines, list[str]())], columns, path)
+            header = [name.strip() for name in next(lines, list[str]())]
+            if len(header) == 1 and re.search(r"[;\t]", header[0]):
+                raise ValueError(
+                    f"{path} must have commas between its columns, and points in its numbers, got "
+                    f"the line {_checks.show(header[0])}"
+                )
+            names = _names(header, columns, path)
             cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
             for line in filter(any, lines):
                 where = f"{path}, line {lines.line_num}"
@@ -188,7 +189,7 @@ def _names(given: list[str], columns: dict[str, str], path: Path) -> list[str]:
 
 def _number(cell: str, name: str, where: str) -> float:
     try:
-        value = float(cell)
+        value = math.nan if "_" in cell else float(cell)  # Python reads 1_0 as 10
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -33,7 +33,8 @@ class Identification:
         Measured less true angles [rad]; zero where they were not fitted.
     given_rmse : float
         Root mean square error of all angles [rad] of the given chain over the segments that were
-        held out, each segment's first state being fitted. NaN where there are none.
+        held out, each segment's first state being fitted. NaN where there are none, infinite if
+        the chain does not move like the data at all; so are the errors of the fitted chain below.
     segments : tuple of dict
         For each segment: "piece", "start" and "end" [s], "held_out", "rmse" and "given_rmse".
     outliers : ndarray, bool, shape (T, n)
@@ -122,8 +123,10 @@ class Identification:
 
 
 def _rms(errors: FloatArray) -> float:
-    errors = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(errors**2))) if errors.size else math.nan
+    finite = errors[np.isfinite(errors)]
+    if errors.size and not finite.size:  # nothing of it could be simulated
+        return math.inf
+    return float(np.sqrt(np.mean(finite**2))) if errors.size else math.nan
 
 
 def _plain(value: Any) -> Any:

@@ -19,6 +19,7 @@ from npend_gym.identification.parameters import (
     LIFT,
     OFFSET,
     Model,
+    weighs,
 )
 
 _FEW, _ENOUGH = 6, 2  # clusters: at least, and for each fitted value where errors are short enough
@@ -164,7 +165,7 @@ def undetermined(
 
 def _scale(chain: Chain) -> str:
     """Return what sets the scale of free swings."""
-    kept = f"lift0 = {chain.lift[0]:.6g} kg m" if chain.gravity else "inertia0"
+    kept = f"lift0 = {chain.lift[0]:.6g} kg m" if weighs(chain) else "inertia0"
     text = (
         "the scale: free swings do not change when all masses, inertias, damping, friction and "
         f"drag are multiplied by one factor; {kept} of the given chain was kept"
