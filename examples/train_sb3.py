@@ -12,10 +12,12 @@ Checkpoints hold weights only: loading runs no code.
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib
 import json
 import shutil
 import time
+from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,6 +38,8 @@ from npend_gym.rl.training.tasks import evaluation_env
 
 SCRIPT = "examples/train_sb3.py"  # named in the record of a policy
 CONFIGS = Path(__file__).parent / "configs"
+SCHEDULES = "learning_rate", "clip_range", "clip_range_vf"
+LITERALS = "normalize", "policy_kwargs"
 
 
 def algorithm(name: str) -> type[BaseAlgorithm]:
@@ -52,15 +56,49 @@ def section(config: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     return next((name, dict(value)) for name, value in config.items() if isinstance(value, dict))
 
 
+def schedule(value: Any) -> Any:
+    """Return a setting that may fall linearly to zero, as RL Zoo's "lin_1e-3" does."""
+    if not isinstance(value, str):
+        return value
+    if not value.startswith("lin_"):
+        return float(value)  # YAML takes 1e-3 for a text
+    initial = float(value.removeprefix("lin_"))
+    return lambda left: initial * left
+
+
+class DictCalls(ast.NodeTransformer):
+    """Writes ``dict(a=1)`` as ``{"a": 1}``."""
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        """Change one call; others are refused later."""
+        self.generic_visit(node)
+        names = [each.arg for each in node.keywords]
+        if ast.unparse(node.func) != "dict" or node.args or None in names:
+            return node
+        return ast.Dict([*map(ast.Constant, names)], [each.value for each in node.keywords])
+
+
+def literal(name: str, value: Any) -> Any:
+    """Return a setting that may be a text, as RL Zoo has it, without running this text."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return ast.literal_eval(DictCalls().visit(ast.parse(value, mode="eval")))
+    except (SyntaxError, ValueError) as error:
+        raise ValueError(
+            f"{name} must have numbers, texts, lists and dicts alone, because its text is not run; "
+            f"got {value!r}: write it so, or as YAML"
+        ) from error
+
+
 def make_model(config: dict[str, Any], seed: int, log: str | None = None) -> BaseAlgorithm:
     """Return an untrained model on the environments that `config` describes."""
     env_id, settings = section(config)
     settings.pop("n_timesteps")
-    num_envs, rate = settings.pop("n_envs", 1), settings["learning_rate"]
-    if isinstance(rate, str):  # RL Zoo's "lin_1e-3": falls linearly to zero
-        initial = float(rate.removeprefix("lin_"))
-        settings["learning_rate"] = lambda progress_remaining: initial * progress_remaining
-    keywords, normalize = settings.pop("env_kwargs", {}), settings.pop("normalize", None)
+    num_envs, keywords = settings.pop("n_envs", 1), settings.pop("env_kwargs", {})
+    settings |= {name: schedule(settings[name]) for name in SCHEDULES if name in settings}
+    settings |= {name: literal(name, settings[name]) for name in LITERALS if name in settings}
+    normalize = settings.pop("normalize", None)
     envs = gym.make_vec(env_id, num_envs=num_envs, autoreset_mode="SAME_STEP", **keywords)
     venv = SB3VecEnv(envs)
     if normalize:  # as in RL Zoo, by the running mean and deviation
@@ -71,24 +109,33 @@ def make_model(config: dict[str, Any], seed: int, log: str | None = None) -> Bas
     return model_class(env=venv, seed=first, tensorboard_log=log, device="cpu", **settings)
 
 
-def state_of(model: BaseAlgorithm) -> dict[str, Any]:
-    """Return weights, steps and the statistics of observations: what a checkpoint holds."""
+def statistics_of(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
+    """Return the running statistics of observations and returns, where there are any."""
     venv = model.get_vec_normalize_env()
-    statistics = vars(venv.obs_rms) if venv else {}
-    return {
-        "parameters": model.get_parameters(),
-        "steps": model.num_timesteps,
-        "observations": {name: torch.as_tensor(value) for name, value in statistics.items()},
-    }
+    if venv is None:
+        return {}
+    seen = getattr(venv, "obs_rms", {})  # with goals, of each part of an observation
+    found: dict[str, Any] = seen if isinstance(seen, dict) else {"observations": seen}
+    found = found | {"returns": venv.ret_rms}
+    return {name: vars(each) for name, each in found.items()}
 
 
-def restore(model: BaseAlgorithm, path: Path) -> None:
-    """Give a model the state of a checkpoint."""
+def state_of(model: BaseAlgorithm) -> dict[str, Any]:
+    """Return weights, steps and statistics: what a checkpoint holds of a model."""
+    state: dict[str, Any] = {"parameters": model.get_parameters(), "steps": model.num_timesteps}
+    for name, statistics in statistics_of(model).items():
+        state[name] = {key: torch.as_tensor(value) for key, value in statistics.items()}
+    return state
+
+
+def restore(model: BaseAlgorithm, path: Path) -> dict[str, Any]:
+    """Give a model the state of a checkpoint; return all that this holds."""
     state = torch.load(path, weights_only=True)
     model.set_parameters(state["parameters"])
     model.num_timesteps = state["steps"]
-    for name, value in state["observations"].items():
-        vars(model.get_vec_normalize_env().obs_rms)[name] = value.numpy()
+    for name, statistics in statistics_of(model).items():
+        statistics |= {key: value.numpy() for key, value in state.get(name, {}).items()}
+    return state
 
 
 def load_run(folder: Path, *, trust: bool = False) -> tuple[BaseAlgorithm, dict[str, Any]]:
@@ -132,9 +179,10 @@ class Checkpoints(BaseCallback):
         score = score_of(self.model, self.config, episodes=50, seed=VALIDATION)
         for name in ("success", "return", "motor_work"):
             self.logger.record(f"evaluation/{name}", score[name])
-        torch.save(state_of(self.model), self.folder / "last.pth")
-        if (score["success"], score["return"]) > self.best:
-            self.best = score["success"], score["return"]
+        reached = float(score["success"]), float(score["return"])
+        is_best, self.best = reached > self.best, max(reached, self.best)
+        torch.save(state_of(self.model) | {"best": self.best}, self.folder / "last.pth")
+        if is_best:
             shutil.copyfile(self.folder / "last.pth", self.folder / "best.pth")
 
 
@@ -185,14 +233,16 @@ def main() -> None:
         parser.error(f"task must be a file or one of {names}; got {arguments.task}")
     folder = arguments.out or Path("runs") / path.stem
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(path, folder / "config.yml")
+    with suppress(shutil.SameFileError):
+        shutil.copyfile(path, folder / "config.yml")
     config = yaml.safe_load(path.read_text(encoding="utf-8"))
     total = arguments.steps or int(section(config)[1]["n_timesteps"])
     torch.set_num_threads(1)  # two are slower for networks this small
     model = make_model(config, arguments.seed, str(folder / "tensorboard"))
-    if arguments.resume:
-        restore(model, folder / "last.pth")  # a replay buffer starts empty again
     checkpoints = Checkpoints(config, folder, total, arguments.every)
+    if arguments.resume:  # a replay buffer starts empty again
+        checkpoints.best = restore(model, folder / "last.pth").get("best", checkpoints.best)
+        checkpoints.next_save = model.num_timesteps + arguments.every
     start_time = time.process_time()
     try:
         remaining = max(0, total - model.num_timesteps)

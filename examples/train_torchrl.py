@@ -33,11 +33,13 @@ from tqdm import tqdm
 
 from npend_gym.report import write_csv
 from npend_gym.rl import Policy, episode_seeds
+from npend_gym.rl.evaluation.settings import setting_of
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
     env_of_task,
     network,
+    observation_scale,
     policy_of,
 )
 
@@ -86,7 +88,7 @@ def make_env(settings: Settings) -> TransformedEnv:
 
 def obs_scale(settings: Settings) -> torch.Tensor:
     """Return the numbers that the observation is divided by."""
-    return torch.tensor(settings.obs_scale).repeat_interleave(settings.env["n"])
+    return observation_scale(setting_of(settings.env).config, settings.obs_scale)
 
 
 def train(settings: Settings, progress: str | None = None) -> tuple[Policy, Curve]:

@@ -246,14 +246,12 @@ def record_episode(
     _check_size(seconds / config.dt, config.n)
     observation, info = env.reset(seed=seed)
     infos, done = [info], False
-    actions: list[float] = []
     while not done:
         batch = {key: np.asarray(value)[None] for key, value in info.items()}
         action = np.asarray(policy(observation[None], batch))[0].astype(env.action_space.dtype)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds - 0.5 * config.dt
         infos.append(info)
-        actions.append(float(np.clip(np.ravel(action)[0], -1.0, 1.0)))
     chain = env.unwrapped.chain  # `randomize` may have drawn it
     env.close()
     times, theta, omega = (np.array([i[key] for i in infos]) for key in ("time", "theta", "omega"))
@@ -261,10 +259,14 @@ def record_episode(
     if config.has_cart:
         cart = {name: np.array([i[f"cart_{name}"] for i in infos]) for name in PIVOT}
     periods = np.where(info["pseudo_periods"] > 0.0, info["pseudo_periods"], np.nan)
+    name_of_limit = "max_force" if config.has_cart else "max_torque"
+    drawn = dict(zip(config.context_names, info.get("context", ()), strict=True))
+    limit = drawn.get(name_of_limit, getattr(config, name_of_limit)) or 1.0
+    acted = [np.ravel(i.get("torque", 0.0))[0] / limit for i in infos[1:]]
     return Recording(
         Trajectory(chain, times, theta, omega, **cart),
         periods,
-        np.array([*actions, actions[-1]]),
+        np.array([*acted, acted[-1]]),
         "bob",
         f"{config.mode.name} by {name}, n = {config.chain.n}",
         provenance({"policy": name, "seconds": seconds, "env": plain_keywords(keywords)}, seed),

@@ -72,6 +72,15 @@ def test_other_autoreset_modes_are_refused():
         SB3VecEnv(gym.make_vec("CartPole-v1", 2, vectorization_mode="sync"))
 
 
+def test_infos_that_a_wrapper_makes_lists_are_refused_by_its_name():
+    from gymnasium.wrappers.vector import DictInfoToList
+
+    from npend_gym.rl.gymnasium_vec_env import SB3VecEnv
+
+    with pytest.raises(TypeError, match="leave out the wrapper DictInfoToList"):
+        SB3VecEnv(DictInfoToList(adapted().venv)).reset()
+
+
 ALONE = """
 import importlib.abc, importlib.util, sys
 

@@ -81,6 +81,21 @@ def test_an_episode_is_recorded_step_by_step():
     assert recording.caption == "swingup by sine, n = 2"
 
 
+@pytest.mark.parametrize(
+    ("keywords", "action", "expected"),
+    [
+        ({"torque_levels": 3}, 0, [-1.0, -1.0, -1.0, -1.0]),
+        ({"action_delay": 2}, [2.0], [0.0, 0.0, 1.0, 1.0]),
+        ({"action_delay": 1, "base": "cart"}, [0.5], [0.0, 0.5, 0.5, 0.5]),
+        ({"randomize": {"max_torque": (0.5, 0.6)}}, [0.5], [0.5, 0.5, 0.5, 0.5]),
+    ],
+)
+def test_the_torque_that_the_motor_exerts_is_recorded(keywords, action, expected):
+    keywords = {"n": 1, "mode": "swingup"} | keywords
+    recording = record_episode(lambda *_: np.array([action]), keywords, seconds=0.15)
+    np.testing.assert_allclose(recording.torque, expected, atol=1e-12)
+
+
 def test_an_episode_that_fails_ends_the_recording():
     def idle(_observation, _info):
         return np.zeros((1, 1))

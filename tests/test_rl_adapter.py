@@ -495,6 +495,16 @@ def test_options_of_all_lanes_may_be_one_number():
     venv.reset()
 
 
+@pytest.mark.parametrize("n", [2, COUNT])
+def test_one_number_of_a_lane_stands_for_all_its_rods(n):
+    venv = rl.SB3VecEnv(native(n=n, mode="swingup"))
+    angles = [0.1, np.full(n, 0.2), 0.3]
+    venv.set_options([{"theta": x, "omega": k, "gravity": 9 + k} for k, x in enumerate(angles)])
+    venv.reset()
+    expected = [[0.1 * (k + 1)] * n + [k] * n for k in range(COUNT)]
+    np.testing.assert_allclose(venv.venv.unwrapped.state, expected)
+
+
 def test_discrete_actions_are_refused_for_a_policy_by_their_keyword():
     policy = rl.Policy.pretrained("swingup-1")
     with pytest.raises(ValueError, match="torque_levels must be left out for a policy"):

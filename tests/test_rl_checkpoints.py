@@ -1,5 +1,9 @@
 """Training that is interrupted and resumed ends with the same policy, to the last bit."""
 
+import random
+from collections import deque
+from typing import Any, NamedTuple
+
 import numpy as np
 import pytest
 
@@ -102,6 +106,99 @@ def test_a_checkpoint_runs_no_code(tmp_path):
     with pytest.raises(ValueError, match="is no checkpoint"):
         Checkpoint(RUNS["shac"][1], path, resume=True)
     assert not tmp_path.joinpath("was_run").exists()
+
+
+class Pair(NamedTuple):
+    a: Any
+    b: Any
+
+
+def restored(path, run, fresh):
+    """Return what a run starts with, after it was resumed from a checkpoint of another."""
+    settings = imitation.Settings()
+    for _ in Checkpoint(settings, path, seconds=0.0).rounds(run, 1, None, "round"):
+        pass
+    assert not [*Checkpoint(settings, path, resume=True).rounds(fresh, 1, None, "round")]
+    return fresh
+
+
+def test_generators_of_every_kind_go_on(tmp_path):
+    def generators(seed):
+        kinds = np.random.PCG64, np.random.MT19937, np.random.Philox, np.random.SFC64
+        made = [np.random.Generator(kind(seed)) for kind in kinds]
+        return {"numpy": [*made, np.random.RandomState(seed)], "python": random.Random(seed)}
+
+    def numbers(run):
+        return [each.random(3).tolist() for each in run["numpy"]], run["python"].random()
+
+    run = generators(0)
+    numbers(run)
+    fresh = restored(tmp_path / "run", run, generators(1))
+    assert numbers(fresh) == numbers(run)
+
+
+def test_values_come_back_with_their_types(tmp_path):
+    run = {
+        "elites": [np.zeros(2), np.ones(2, np.complex64)], "pairs": [(1, 2.5), (np.zeros(1), "a")],
+        "best": np.array(["text"]), "pair": Pair(1, np.zeros(2)), "tensor": torch.ones(2),
+        "number": np.float32(0.1), "table": {0: 1.0, (1, 2): np.zeros(1)}, "none": None,
+        "empty": (), "returns": deque([2.0, 3.0]),
+    }  # fmt: skip
+    fresh = {
+        "best": None, "elites": [None], "pair": Pair(0, None), "returns": deque([1.0], maxlen=2),
+        "table": {5: 0.0}, "none": torch.nn.Linear(1, 1),
+    }  # fmt: skip
+    table, returns = fresh["table"], fresh["returns"]
+    again = restored(tmp_path / "run", run, fresh)
+    assert repr(again) == repr(run).replace("deque([2.0, 3.0])", "deque([2.0, 3.0], maxlen=2)")
+    assert again["table"] is table
+    assert again["returns"] is returns
+
+
+def test_networks_in_lists_and_schedulers_go_on(tmp_path):
+    def made():
+        torch.manual_seed(0)
+        networks = [torch.nn.Linear(1, 2), torch.nn.BatchNorm1d(2)]
+        gain = torch.nn.Parameter(torch.ones(2))
+        learned = [gain, *(each for network in networks for each in network.parameters())]
+        optimizer = torch.optim.Adam(learned, np.float64(0.1))
+        scheduler = torch.optim.lr_scheduler.MultiStepLR(optimizer, [2, 3])
+        run = {"networks": networks, "gain": gain, "optimizer": optimizer}
+        return run | {"schedulers": [scheduler]}
+
+    def update(run):
+        first, second = run["networks"]
+        (run["gain"] * second(first(torch.arange(3.0)[:, None]))).square().sum().backward()
+        run["optimizer"].step()
+        run["optimizer"].zero_grad()
+        run["schedulers"][0].step()
+        parts = [*run["networks"], run["optimizer"], run["schedulers"][0]]
+        return repr([run["gain"], *(part.state_dict() for part in parts)])
+
+    run = made()
+    update(run)
+    again = restored(tmp_path / "run", run, made())
+    for _ in range(3):
+        assert update(again) == update(run)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ([{1}], r"parts\['x'\]\[0\] must be something that a checkpoint can store.*the set \{1\}"),
+        (np.array([None]), "the ndarray array"),
+        ({np.int64(1): 0}, r"keys of parts\['x'\] must be numbers or texts, got np.int64"),
+    ],
+)
+def test_what_a_checkpoint_cannot_store_is_named_when_it_is_written(value, message, tmp_path):
+    with pytest.raises(TypeError, match=message):
+        restored(tmp_path / "run", {"x": value}, {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_network_that_a_resumed_run_has_not_made_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"parts\['x'\] must be a Linear before `rounds`.*None"):
+        restored(tmp_path / "run", {"x": torch.nn.Linear(1, 1)}, {"x": None})
 
 
 def test_the_command_goes_on_after_ctrl_c(tmp_path, monkeypatch, capsys):

@@ -78,6 +78,96 @@ def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_observations(tmp_path
     np.testing.assert_allclose(actions, bare, atol=1e-5)
 
 
+TINY = {
+    "env_kwargs": {"n": 1, "max_episode_steps": 20}, "n_envs": 2, "n_timesteps": 96,
+    "policy": "MlpPolicy", "n_steps": 16, "batch_size": 32, "n_epochs": 1,
+}  # fmt: skip
+
+
+def test_a_resumed_run_of_train_sb3_keeps_the_best_weights(tmp_path, monkeypatch):
+    """The settings of the resumed run are those in its own folder."""
+    pytest.importorskip("stable_baselines3")
+    yaml = pytest.importorskip("yaml")
+    import torch
+    import train_sb3
+
+    scores = iter([0.2, 0.9, 0.5, 0.4, *[0.3] * 9])
+
+    def scored(*_arguments, **_options):
+        return {"success": next(scores), "return": 0.0, "motor_work": 0.0}
+
+    def train(path, *arguments):
+        given = ["train_sb3.py", path, "--out", tmp_path / "a", "--every", 32, *arguments]
+        monkeypatch.setattr("sys.argv", [*map(str, given)])
+        train_sb3.main()
+        return [
+            torch.load(tmp_path / "a" / f"{name}.pth", weights_only=True)["steps"]
+            for name in ("best", "last")
+        ]
+
+    monkeypatch.setattr(train_sb3, "score_of", scored)
+    (tmp_path / "tiny.yml").write_text(yaml.safe_dump({"algo": "ppo", "npend/Balance-v1": TINY}))
+    assert train(tmp_path / "tiny.yml") == [32, 96]
+    assert len([*scores]) == 8
+    scores = iter([0.3] * 4)
+    assert train(tmp_path / "a" / "config.yml", "--steps", 160, "--resume") == [32, 160]
+    assert len([*scores]) == 1  # it evaluates after 128 and 160 steps, and the best weights
+
+
+@pytest.mark.parametrize(
+    ("env_id", "normalize"),
+    [("Balance", True), ("Balance", "dict(norm_obs=False)"), ("Transition", True)],
+)
+def test_a_checkpoint_of_train_sb3_keeps_the_statistics_of_returns(env_id, normalize, tmp_path):
+    pytest.importorskip("stable_baselines3")
+    import torch
+    from train_sb3 import make_model, restore, state_of
+
+    own = {"goal_env": True, "reward_type": "sparse"} if env_id == "Transition" else {}
+    settings = TINY | {"normalize": normalize, "env_kwargs": TINY["env_kwargs"] | own}
+    settings["policy"] = "MultiInputPolicy" if own else "MlpPolicy"
+    config = {"algo": "ppo", f"npend/{env_id}-v1": settings}
+    models = [make_model(config, seed) for seed in (0, 1)]
+    models[0].learn(32)
+    torch.save(state_of(models[0]), tmp_path / "last.pth")
+    restore(models[1], tmp_path / "last.pth")
+    states = [state_of(model) for model in models]
+    assert repr(states[1]) == repr(states[0])
+    assert states[0]["returns"]["count"] > 32
+
+
+def test_train_sb3_reads_settings_as_rl_zoo_writes_them():
+    pytest.importorskip("stable_baselines3")
+    from train_sb3 import make_model
+
+    settings = TINY | {
+        "normalize": "{'norm_obs': True, 'norm_reward': False}", "clip_range": "lin_0.2",
+        "policy_kwargs": "dict(ortho_init=False, net_arch=dict(pi=[8], vf=[16]))",
+    }  # fmt: skip
+    model = make_model({"algo": "ppo", "npend/Balance-v1": settings}, seed=0)
+    venv = model.get_vec_normalize_env()
+    assert (venv.norm_obs, venv.norm_reward) == (True, False)
+    assert model.policy_kwargs == {"ortho_init": False, "net_arch": {"pi": [8], "vf": [16]}}
+    assert [model.clip_range(left) for left in (1.0, 0.5)] == [0.2, 0.1]
+    assert model.learning_rate == 3e-4  # the default
+    settings["policy_kwargs"] = "dict(activation_fn=nn.ReLU)"
+    with pytest.raises(ValueError, match=r"policy_kwargs must have numbers.*nn\.ReLU"):
+        make_model({"algo": "ppo", "npend/Balance-v1": settings}, seed=0)
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore")  # those of torchrl itself
+@pytest.mark.parametrize("task", ["transition-1", "balance-1-cart"])
+def test_train_torchrl_takes_tasks_with_goals_and_with_a_cart(task):
+    pytest.importorskip("torchrl")
+    from train_torchrl import make_env, obs_scale, settings_of
+
+    settings = settings_of(task, num_envs=2)
+    observation = make_env(settings).reset()["observation"]
+    assert obs_scale(settings).shape == observation.shape[1:]
+    assert obs_scale(settings)[:3].tolist() == [1.0, 1.0, 5.0]
+
+
 CONFIGS = sorted(path.stem for path in (EXAMPLES / "configs").glob("*.yml"))
 
 

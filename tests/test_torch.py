@@ -260,6 +260,7 @@ BAD_STEPS = [
     ((TWO,), {"parameters": {"mass": TWO}}, ValueError, "parameter must be one of masses"),
     ((TWO,), {"parameters": {"inertias": TWO + 1.0}}, ValueError, "begin with a chain that"),
     ((TWO,), {"joints": (2,)}, ValueError, "joint must be between 0 and 1"),
+    ((TWO,), {"joints": (1, 1)}, ValueError, r"joints must name each joint once, got \[1, 1\]"),
     ((TWO,), {"dt": 0.0}, ValueError, "dt must be greater than zero"),
 ]
 
@@ -268,6 +269,34 @@ BAD_STEPS = [
 def test_bad_tensors_are_refused_by_name(given, keywords, error, text):
     with pytest.raises(error, match=text):
         step(Chain.uniform(2), *given, **({"dt": 0.05} | keywords))
+
+
+def test_an_ensemble_refuses_a_joint_that_is_named_twice():
+    with pytest.raises(ValueError, match=r"joints must name each joint once, got \[1, 1\]"):
+        Ensemble(Chain.uniform(2), 3, joints=(1, 1))
+
+
+def test_single_states_take_steps_with_another_gravity_and_without_motors():
+    chain, theta = Chain.uniform(2), inputs(2, 3)[0]
+    gravity = torch.tensor(9.0, dtype=torch.float64, requires_grad=True)
+
+    def angles(theta, joints):
+        return step(chain, theta, parameters={"gravity": gravity}, dt=0.05, joints=joints)[0]
+
+    batch = angles(theta, (0,))
+    for joints in ((0,), ()):
+        torch.testing.assert_close(angles(theta, joints), batch, rtol=0.0, atol=0.0)
+        torch.testing.assert_close(angles(theta[1], joints), batch[1], rtol=0.0, atol=0.0)
+    pair = batch[1], angles(theta[1], ())
+    expected, found = (torch.autograd.grad(x.sum(), gravity, retain_graph=True) for x in pair)
+    torch.testing.assert_close(found, expected)
+
+    def total(theta):
+        return step(chain, theta, dt=0.05, joints=())[0].sum()
+
+    (expected,) = torch.autograd.grad(total(theta), theta)
+    found = torch.func.vmap(torch.func.grad(total))(theta.detach())
+    torch.testing.assert_close(found, expected, rtol=0.0, atol=0.0)
 
 
 def test_parameters_that_an_optimiser_drives_out_of_bounds_are_named_with_their_lane():
@@ -336,6 +365,19 @@ def test_what_tensors_cannot_be_is_refused_by_the_environment():
 
     with pytest.raises(ValueError, match="goal_env must be False for TorchRLEnv"):
         TorchRLEnv(2, **UNIDEAL["goals"])
+
+
+def test_what_is_done_to_the_info_does_not_change_the_environment():
+    env = DifferentiableVectorEnv(2, n=2, base="cart")
+    _, info = env.reset(seed=0)
+    action = torch.zeros(2, env.action_size, dtype=torch.float64, requires_grad=True)
+    for _ in range(2):
+        before = torch.cat(env.state).clone()
+        for name in ("theta", "omega", "cart_position", "cart_velocity"):
+            info[name].detach().add_(1.0)
+        torch.testing.assert_close(torch.cat(env.state), before, rtol=0.0, atol=0.0)
+        info = env.step(action)[-1]
+    assert torch.autograd.grad(info["theta"].sum(), action)[0].abs().min() > 0.0
 
 
 def test_bad_actions_change_nothing():

@@ -20,6 +20,14 @@ from npend_gym.physics.memory import Memory, Plan
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS
 
 
+def checked_joints(joints: Sequence[int], n: int) -> list[int]:
+    """Return joints of a chain of n rods, refused where one is named twice."""
+    listed = [_checks.count("joint", j, low=0, high=n - 1) for j in joints]
+    if len(set(listed)) != len(listed):
+        raise ValueError(f"joints must name each joint once, got {_checks.show(listed)}")
+    return listed
+
+
 class Ensemble(Members):
     """B chains of n rods each, advanced side by side.
 
@@ -94,9 +102,7 @@ class Ensemble(Members):
                 "the vibrations of springs: leave out stiffness, or use simulate"
             )
         self.n: int = mechanism.n
-        self.joints: NDArray[Any] = np.array(
-            [_checks.count("joint", j, low=0, high=self.n - 1) for j in joints]
-        )
+        self.joints: NDArray[Any] = np.array(checked_joints(joints, self.n), np.int64)
         super().__init__(
             Memory(
                 mechanism.parameters, self.size, threads, base=mechanism.base,

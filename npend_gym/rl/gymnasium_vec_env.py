@@ -19,6 +19,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 Array = NDArray[Any]
+# options of N-pendulums that are one number of a lane; others have one for each rod
+_OF_LANES = "amplitude", "gravity", "cart_position", "cart_velocity", "persist"
 
 
 class SB3VecEnv(VecEnv):
@@ -72,7 +74,12 @@ class SB3VecEnv(VecEnv):
         """Start all episodes, with the seeds and options set by `seed` and `set_options`."""
         options = self._merged_options()
         seed: Any = None if all(s is None for s in self._seeds) else list(self._seeds)
-        observation, info = self.venv.reset(seed=seed, options=options or None)
+        given: tuple[Any, Any] = self.venv.reset(seed=seed, options=options or None)
+        observation, info = given
+        if isinstance(info, list):
+            raise TypeError(
+                "the info of venv must be a dict, got a list: leave out the wrapper DictInfoToList"
+            )
         self.reset_infos: list[dict[str, Any]] = [_lane_info(info, k) for k in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -119,7 +126,11 @@ class SB3VecEnv(VecEnv):
         for key in keys:
             if not all(key in options for options in self._options):
                 raise ValueError(f"options[{key!r}] must be given for every environment or none")
-        return {key: _joined([options[key] for options in self._options]) for key in sorted(keys)}
+        rods = getattr(getattr(self.venv.unwrapped, "config", None), "n", None)
+        return {
+            key: _joined([each[key] for each in self._options], None if key in _OF_LANES else rods)
+            for key in sorted(keys)
+        }
 
     def close(self) -> None:
         """Close the vector environment."""
@@ -184,11 +195,16 @@ class SB3VecEnv(VecEnv):
             raise ValueError(f"indices must be all environments or None: they share the {what}")
 
 
-def _joined(values: Sequence[Any]) -> Any:
-    """Return the values of all lanes as an array, or the one number that all of them are."""
+def _joined(values: Sequence[Any], rods: int | None) -> Any:
+    """Return the values of all lanes as an array, or the one number that all of them are.
+
+    One number of a lane stands for all its `rods`.
+    """
     first = values[0]
     if np.ndim(first) == 0 and all(np.ndim(value) == 0 and value == first for value in values):
         return first
+    if rods is not None:
+        values = [np.full(rods, each) if np.ndim(each) == 0 else each for each in values]
     return np.stack(values)
 
 

@@ -169,10 +169,10 @@ def _folded(size: int, dims: Sequence[int | None], inputs: Sequence[Tensor]) -> 
         x.expand(size, *x.shape) if dim is None else x.movedim(dim, 0)
         for dim, x in zip(dims, inputs, strict=True)
     )
-    return [x.reshape(-1, *x.shape[2:]) for x in moved]
+    return [x.flatten(0, 1) for x in moved]
 
 
 def _unfolded(size: int, outputs: Sequence[Tensor]) -> tuple[Any, Any]:
     """Return what `_folded` calls gave, with the batch in front."""
-    apart = tuple(x.reshape(size, -1, *x.shape[1:]) for x in outputs)
+    apart = tuple(x.reshape(size, len(x) // size, *x.shape[1:]) for x in outputs)
     return apart, (0,) * len(apart)

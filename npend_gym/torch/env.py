@@ -294,14 +294,15 @@ class DifferentiableVectorEnv(ManyLanes):
 
     def _info(self, state: State) -> dict[str, Tensor]:
         info = {
-            "theta": state.theta,
-            "omega": state.omega,
+            "theta": state.theta.clone(),  # copies: what is done to them does not change the state
+            "omega": state.omega.clone(),
             "energy": state.energy,
             "time": self._age.to(torch.float64) * self.config.dt,
             "success": self._held > self.config.hold_steps,
         }
         if self.config.has_cart:
-            info |= {"cart_position": state.place[:, 0], "cart_velocity": state.velocity[:, 0]}
+            place, velocity = state.place[:, 0].clone(), state.velocity[:, 0].clone()
+            info |= {"cart_position": place, "cart_velocity": velocity}
         if self.config.mode.has_goals:
             info["goal"] = torch.where(self._lanes.goals < 0.0, np.pi, 0.0)
         return info

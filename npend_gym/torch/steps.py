@@ -11,6 +11,7 @@ from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
+from npend_gym.physics.ensemble import checked_joints
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.checks import as_tensors
 from npend_gym.torch.compiled_steps import CompiledSteps
@@ -91,8 +92,9 @@ def step(
     tensors = as_tensors({"theta": theta, "omega": omega, "torque": torque} | given)
     dtype, wide = tensors[0].dtype, [x.to(torch.float64) for x in tensors]
     m = chain.coordinates
-    sizes = {"theta": m, "omega": m, "torque": len(steps.joints) + (chain.base is not None)}
-    sizes |= {name: 0 if name == "gravity" else chain.n for name in given}
+    inputs = len(steps.joints) + (chain.base is not None)
+    sizes: dict[str, int | None] = {"theta": m, "omega": m, "torque": inputs}
+    sizes |= {name: None if name == "gravity" else chain.n for name in given}
     leading, flat = _broadcast(sizes, wide)
     call = Call(steps, dt, substeps, tuple(given))
     after = applied(Step, call, *flat)
@@ -102,24 +104,24 @@ def step(
 
 @functools.lru_cache(maxsize=64)
 def _kept_steps(chain: Chain, joints: tuple[int, ...]) -> CompiledSteps:
-    return CompiledSteps(
-        chain, [_checks.count("joint", j, low=0, high=chain.n - 1) for j in joints]
-    )
+    return CompiledSteps(chain, checked_joints(joints, chain.n))
 
 
 def _broadcast(
-    sizes: Mapping[str, int], tensors: Sequence[Tensor]
+    sizes: Mapping[str, int | None], tensors: Sequence[Tensor]
 ) -> tuple[torch.Size, list[Tensor]]:
-    """Return the common leading axes, and the tensors as (B, size); (B,) for a size of 0."""
+    """Return the common leading axes, and the tensors as (B, size); (B,) for a size of None."""
     leads: list[torch.Size] = []
     shaped: list[Tensor] = []
-    for (name, size), x in zip(sizes.items(), tensors, strict=True):
+    axes: list[tuple[int, ...]] = [() if size is None else (size,) for size in sizes.values()]
+    for name, own, x in zip(sizes, axes, tensors, strict=True):
         if name not in ("theta", "omega", "torque"):
             _checks.choice("parameter", name, ChainParameters._fields)
-        rods = x.expand(size) if size > 0 and x.ndim == 0 else x
-        if size > 0 and rods.shape[-1] != size:
-            raise ValueError(f"{name} must have the shape (..., {size}), got {tuple(x.shape)}")
-        leads.append(rods.shape[:-1] if size > 0 else rods.shape)
+        rods = x.expand(torch.Size(own)) if x.ndim == 0 else x
+        before = rods.ndim - len(own)
+        if rods.shape[before:] != own:
+            raise ValueError(f"{name} must have the shape (..., {own[0]}), got {tuple(x.shape)}")
+        leads.append(rods.shape[:before])
         shaped.append(rods)
     try:
         leading = torch.Size(np.broadcast_shapes(*leads))
@@ -128,8 +130,7 @@ def _broadcast(
             f"{name} {tuple(x.shape)}" for name, x in zip(sizes, shaped, strict=True)
         )
         raise ValueError(f"leading axes must fit each other, got {shapes}") from error
-    axes: list[tuple[int, ...]] = [() if size == 0 else (size,) for size in sizes.values()]
     return leading, [
-        x.expand(*leading, *own).reshape(-1, *own).contiguous()
+        x.expand(torch.Size([*leading, *own])).reshape(leading.numel(), *own).contiguous()
         for x, own in zip(shaped, axes, strict=True)
     ]

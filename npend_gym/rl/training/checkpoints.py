@@ -10,20 +10,28 @@ environments of `ErrorLanes`, an object renews in its method `restored`.
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 from __future__ import annotations
 
+import copy
+import io
 import time
-from collections.abc import Iterator
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from npend_gym import __version__
+from npend_gym import __version__, _checks
 from npend_gym._files import replacing
 from npend_gym._progress import bar
 
 _SECONDS = 20.0  # between two checkpoints
 _SHARE = 0.05  # of the time, at most, for writing them
+_PLAIN = bool, int, float, str, type(None)  # in a file as they are
+_CONTAINERS = dict, OrderedDict, Counter, list  # the same, where what is in them is
+_METHODS = (  # by which objects give their state and take it
+    ("state_dict", "load_state_dict"), ("get_state", "set_state"), ("getstate", "setstate"),
+)  # fmt: skip
 
 
 class Checkpoint:
@@ -141,55 +149,117 @@ class Stopwatch:
         self._began = time.process_time() - seconds
 
 
-def state_of(part: Any) -> Any:
-    """Return what changes in a part of a run, as tensors, numbers, texts, lists and dicts."""
+def state_of(part: Any, name: str = "parts") -> Any:
+    """Return what changes in a part of a run, as tensors, numbers, texts, lists and dicts.
+
+    A tuple stands for another type: its name, and what is kept of it.
+    """
     import torch
 
-    if isinstance(part, torch.nn.Module | torch.optim.Optimizer):
-        return part.state_dict()
-    if isinstance(part, torch.Generator):
-        return part.get_state()
-    if isinstance(part, np.random.Generator):
-        return dict(part.bit_generator.state)
-    if isinstance(part, np.ndarray):
-        return torch.from_numpy(part.copy())
-    if hasattr(part, "get_state"):  # environments
-        records = part.get_state()
-        return torch.from_numpy(records.view(np.uint8).copy())
-    if hasattr(part, "changes"):
-        return {name: state_of(getattr(part, name)) for name in part.changes}
+    kind = type(part)
+    if kind in _PLAIN:
+        return part
+    if (kind is np.ndarray or issubclass(kind, np.generic)) and not part.dtype.hasobject:
+        np.save(file := io.BytesIO(), part, allow_pickle=False)
+        written = torch.frombuffer(file.getbuffer(), dtype=torch.uint8)
+        return "array" if kind is np.ndarray else "number", written
+    if isinstance(part, torch.Tensor):
+        return ("tensor", part) if kind is torch.Tensor else (kind.__name__, part.detach())
     if isinstance(part, dict):
-        return {name: state_of(each) for name, each in part.items()}
-    if isinstance(part, list | tuple):
-        return [state_of(each) for each in part]
-    return part.item() if isinstance(part, np.generic) else part
+        # a copy has the versions that torch adds to the state of a network
+        inside: Any = copy.copy(part) if kind in _CONTAINERS else {**part}
+        for key, each in part.items():
+            if any(type(k) not in _PLAIN for k in (key if type(key) is tuple else [key])):
+                raise TypeError(f"keys of {name} must be numbers or texts, got {key!r}")
+            inside[key] = state_of(each, f"{name}[{key!r}]")
+    elif isinstance(part, list | tuple | deque):
+        inside = [state_of(each, f"{name}[{k}]") for k, each in enumerate(part)]
+        if isinstance(part, tuple):
+            return "named tuple" if hasattr(part, "_make") else "tuple", inside
+    elif isinstance(part, np.random.Generator):
+        inside = state_of(part.bit_generator.state, name)
+    elif methods := _methods(part):
+        inside = state_of(methods[0](), name)
+    elif hasattr(part, "changes"):
+        inside = {each: state_of(getattr(part, each), f"{name}.{each}") for each in part.changes}
+    else:
+        raise TypeError(
+            f"{name} must be something that a checkpoint can store, or list what to store in "
+            f"`changes`, got the {kind.__name__} {_checks.show(part)}"
+        )
+    return inside if kind in _CONTAINERS else (kind.__name__, inside)
 
 
-def restore(part: Any, saved: Any) -> Any:
-    """Bring a part of a run into a state; return it, or what is to take its place."""
+def _methods(part: Any) -> tuple[Callable[[], Any], Callable[[Any], Any]] | None:
+    """Return what gives the state of an object, and what takes it; None where nothing does."""
+    for names in _METHODS:
+        if all(hasattr(part, name) for name in names):
+            return getattr(part, names[0]), getattr(part, names[1])
+    return None
+
+
+def _unmarked(saved: Any) -> tuple[str | None, Any]:
+    """Return the name of a type that `state_of` has given, or None, and what it kept."""
+    return saved if type(saved) is tuple and type(saved[0]) is str else (None, saved)
+
+
+def restore(part: Any, saved: Any, name: str = "parts") -> Any:
+    """Bring a part of a run into a state; return it, or what is to take its place.
+
+    Items of lists, tuples and dicts that `part` has not are made again, where they are no objects.
+    A NamedTuple is then a tuple.
+    """
     import torch
 
-    if isinstance(part, torch.nn.Module | torch.optim.Optimizer):
-        part.load_state_dict(saved)
-    elif isinstance(part, torch.Generator):
-        part.set_state(saved)
-    elif isinstance(part, np.random.Generator):
-        part.bit_generator.state = saved
-    elif isinstance(part, np.ndarray):
-        return saved.numpy()
-    elif hasattr(part, "get_state"):
-        part.set_state(saved.numpy().view(part.get_state().dtype))
-    elif hasattr(part, "changes"):
-        for name, value in saved.items():
-            setattr(part, name, restore(getattr(part, name), value))
+    kind, inside = _unmarked(saved)
+    if kind in ("array", "number"):
+        array = np.load(io.BytesIO(inside.numpy().tobytes()), allow_pickle=False)
+        return array if kind == "array" else array[()]
+    if kind not in (None, "tensor", "tuple", "named tuple", own := type(part).__name__):
+        raise ValueError(
+            f"{name} must be a {kind} before `rounds`, as it is in the checkpoint, got "
+            f"{_checks.show(part)}"
+        )
+    fits = kind == own or (kind is None and type(inside) not in (*_PLAIN, list))
+    if fits and isinstance(part, np.random.Generator):
+        part.bit_generator.state = restore(None, inside)
+    elif fits and (methods := _methods(part)):
+        methods[1](restore(None, inside))
+    elif fits and hasattr(part, "changes"):
+        for each, value in inside.items():
+            setattr(part, each, restore(getattr(part, each, None), value, f"{name}.{each}"))
         if hasattr(part, "restored"):
             part.restored()
-    elif isinstance(part, dict):
-        part.update({name: restore(part[name], value) for name, value in saved.items()})
-    elif isinstance(part, list):
-        part[:] = saved
-    elif isinstance(part, tuple):
-        return type(part)(*saved)  # a NamedTuple
+    elif isinstance(inside, dict):
+        into = part if isinstance(part, dict) else {}
+        made = copy.copy(inside)
+        for key, each in inside.items():
+            made[key] = restore(into.get(key), each, f"{name}[{key!r}]")
+        if into is not part:
+            return made
+        part.clear()
+        part.update(made)
+    elif isinstance(inside, list):
+        found = [*part] if isinstance(part, list | tuple | deque) else []
+        found += [None] * (len(inside) - len(found))
+        made = [restore(*pair, name) for pair in zip(found, inside, strict=False)]
+        if kind != "tuple" and (make := getattr(part, "_make", None)):
+            return make(made)
+        if kind in ("tuple", "named tuple"):
+            return tuple(made)
+        if not isinstance(part, list | deque):
+            return made
+        part.clear()
+        part.extend(made)
+    elif isinstance(part, np.ndarray) and kind is None and isinstance(inside, torch.Tensor):
+        return inside.numpy()
+    elif (
+        isinstance(part, torch.Tensor)
+        and isinstance(inside, torch.Tensor)
+        and (part.requires_grad or isinstance(part, torch.nn.Parameter))
+    ):
+        with torch.no_grad():  # an optimizer has this very tensor
+            part.copy_(inside)
     else:
-        return saved
+        return inside
     return part
