@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import csv
 import re
+from functools import partial
 from itertools import product
 from pathlib import Path
 from runpy import run_path
@@ -33,6 +34,7 @@ from npend_gym.rl import (
     evaluate,
     interquartile_mean,
     pretrained_names,
+    recovery,
     robustness,
 )
 from npend_gym.rl.controllers.references import PLANS, reference_controller
@@ -280,16 +282,20 @@ def publish(rows: list[dict[str, Any]], curves: list[dict[str, Any]], out: Path)
         ]
         shipped = Policy.pretrained(task) if task in pretrained_names() else None
         candidates = [shipped, *policies] if shipped else policies
-        best = max(candidates, key=score, default=None)
+        best = max(candidates, key=partial(score, task), default=None)
         if best and best is not shipped and best.provenance["evaluation"]["success"] > 0.9:
             best.save(PRETRAINED / f"{task}.safetensors")
 
 
-def score(policy: Policy) -> tuple[float, float, int]:
-    """Return success, robustness and rounded return of a policy in validation episodes."""
+def score(task: str, policy: Policy) -> tuple[float, float, int]:
+    """Return success, robustness and rounded return of a policy in validation episodes.
+
+    Where the task is to recover, `recovery` takes the place of robustness.
+    """
     evaluation = evaluate(policy, policy.env, episodes=400, seed=VALIDATION)
     nominal = {name: value for name, value in policy.env.items() if name != "randomize"}
-    survived = robustness(policy, nominal, seed=VALIDATION).score
+    judge = recovery if "recovery" in task else robustness
+    survived = judge(policy, nominal, seed=VALIDATION).score
     return evaluation.success_rate, survived, round(float(evaluation.returns.mean()))
 
 

@@ -36,7 +36,10 @@ from npend_gym.rl.controllers.references import reference_controller
 SECONDS, STEP, LIMIT = 60.0, 0.002, 6.0  # s, s, N m
 KNOCK_DOWNS, KNOCK_DOWN_SECONDS = 15, 0.2
 ROBOT = Policy.pretrained("swingup-2-pendubot").env  # of controllers that are no policies
-CONTROLLERS = ("swingup-2-pendubot", "MPC", "plan", "energy", "swingup-2-acrobot")
+CONTROLLERS = (
+    "swingup-2-pendubot-recovery", "swingup-2-pendubot", "MPC", "plan", "energy",
+    "swingup-2-acrobot",
+)  # fmt: skip
 
 
 class Ours(AbstractController):

@@ -36,7 +36,7 @@ def play_with_shac(seed):
 class Idle:
     """An expert that never acts."""
 
-    chains = ()
+    chains = pairs = ()
 
     def begin(self, which, round_):
         pass
@@ -118,6 +118,7 @@ def test_words_at_the_end_of_a_task_combine():
     robust = env_of_task("swingup-2-robust")["randomize"]
     for robot in ("swingup-2-acrobot", "balance-3-cart"):
         assert env_of_task(f"{robot}-robust") == env_of_task(robot) | {"randomize": robust}
+    assert env_of_task("swingup-2-pendubot-recovery") == env_of_task("swingup-2-pendubot")
 
 
 @pytest.mark.parametrize(

@@ -136,6 +136,25 @@ def test_the_expert_of_goals_goes_by_the_state_and_not_by_the_clock(both):
         assert said.relative_cost.max() < 1e-9
 
 
+def test_pairs_of_which_a_student_failed_are_played_more_often(both):
+    imitation = pytest.importorskip("npend_gym.rl.training.imitation")
+    from npend_gym.rl.training.experts import GoalPlans
+
+    small = {"seconds": 3.0, "num_envs": 400, "hidden": 8}
+    settings = imitation.settings_of("transition-1", **small)
+    dagger = imitation.DAgger(settings, GoalPlans(config_of(**ONE_ROD), both))
+    up = list(both.plans).index(((False,), (True,)))
+    everyone = np.zeros(40, np.int64)
+    dagger.count(everyone + up, everyone > 0)  # all failed
+    dagger.count(everyone + 1 - up, everyone == 0)  # all were good
+    drawn, starts = dagger.starts(np.random.default_rng(0))
+    assert 0.8 < np.mean(drawn == up) < 0.9  # 0.3 of the lanes are drawn alike
+    info = dagger.lanes.reset(0, [], np.random.default_rng(0), starts)[1]
+    np.testing.assert_array_equal(info["goal"][:, 0] > 1.0, drawn == up)
+    np.testing.assert_allclose(np.cos(info["theta"]), -np.cos(info["goal"]), atol=0.02)
+    dagger.lanes.close()
+
+
 def test_rods_may_have_turned_before_an_episode_begins(both):
     theta, omega = np.array([[0.01], [np.pi + 0.01]]), np.zeros((2, 1))
     info = {"theta": theta, "omega": omega, "time": np.zeros(2), "goal": np.array([[np.pi], [0.0]])}

@@ -101,21 +101,26 @@ class ErrorLanes:
         return pulses
 
     def reset(
-        self, seed: int, chains: Sequence[Changes], rng: np.random.Generator
+        self,
+        seed: int,
+        chains: Sequence[Changes],
+        rng: np.random.Generator,
+        starts: Mapping[str, FloatArray] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode in every lane, where lane k has the seed ``seed + k``.
 
         Some groups are given other chains, drawn from `chains`; the first of these changes nothing.
+        `starts` has options of all lanes.
         """
         self.which[:], given = 0, list[dict[str, Any]]()
         for k, (part, name) in enumerate(zip(self._parts, self.names, strict=True)):
-            options: dict[str, Any] = {}
+            options: dict[str, Any] = {key: value[part] for key, value in (starts or {}).items()}
             if name == PUSHES:
                 self.lanes.envs[k].disturbance = self._pulses(k, seed + int(part[0]))
             if name in (CHAIN, SEVERAL) and len(chains) > 1:
                 wrong = rng.random(part.size) < (1.0 if name == CHAIN else _HALF)
                 self.which[part] = np.where(wrong, rng.integers(len(chains), size=part.size), 0)
-                options = {"persist": True}
+                options["persist"] = True
                 for parameter in chains[0]:
                     values = np.array([each[parameter] for each in chains])
                     options[parameter] = values[self.which[part]]

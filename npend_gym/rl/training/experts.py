@@ -28,7 +28,12 @@ from npend_gym.rl.controllers.planning import (
 )
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of, wrapped
 from npend_gym.rl.controllers.transcription import NominalTrajectory
-from npend_gym.rl.controllers.transitions import PlannedTransitions, pair_of, planned_transitions
+from npend_gym.rl.controllers.transitions import (
+    Pair,
+    PlannedTransitions,
+    pair_of,
+    planned_transitions,
+)
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import keywords_of, setting_of
 from npend_gym.rl.policies.observations import observation_of
@@ -52,6 +57,7 @@ class Expert(Protocol):
     """What is asked of an expert."""
 
     chains: Sequence[Changes]  # which it knows; the first is the nominal one
+    pairs: Sequence[Pair]  # of equilibria, between which it leads; none where the task has no goals
 
     def begin(self, which: NDArray[np.int64], round_: int) -> None:
         """Begin the episodes of a round, in lanes with the chains of these numbers, (B,)."""
@@ -68,6 +74,7 @@ class GoalPlans(PlanTracker):
 
     def __init__(self, config: EnvConfig, plans: PlannedTransitions) -> None:
         self._numbers = {pair: number for number, pair in enumerate(plans.plans)}
+        self.pairs: Sequence[Pair] = list(plans.plans)
         super().__init__(config, list(plans.plans.values()))
 
     def tracking(self, info: Mapping[str, Any]) -> Tracking:
@@ -101,6 +108,7 @@ class Rescued:
     def __init__(self, expert: Expert, rescuer: Rescuer, lost: float) -> None:
         self._expert, self._rescuer, self._lost = expert, rescuer, lost
         self.chains: Sequence[Changes] = expert.chains
+        self.pairs: Sequence[Pair] = expert.pairs
 
     def begin(self, which: NDArray[np.int64], round_: int) -> None:
         """Begin episodes in lanes with the chains of these numbers, (B,)."""

@@ -27,9 +27,11 @@ from typing import Any, cast
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from npend_gym import _checks
+from npend_gym._checks import BoolArray, FloatArray
 from npend_gym._threads import one_torch_thread
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.modes import Balance, Calm, SwingUp, Transition
@@ -53,6 +55,8 @@ from npend_gym.rl.training.tasks import (
 )
 
 _AVERAGED = 20  # updates, after which the student follows the learner
+_EVEN = 0.3  # of the episodes with goals are between all pairs alike
+_REMEMBERED, _SELDOM = 0.88, 0.01  # of a pair's failures after an episode; the least share of them
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,8 @@ class DAgger:
     """An expert, and a student with the dataset that it learns from."""
 
     changes: tuple[str, ...] = (
-        "student", "learner", "dataset", "optimizer", "shuffler", "updates", "distance", "lanes"
+        "student", "learner", "dataset", "optimizer", "shuffler", "updates", "distance", "lanes",
+        "failed",
     )  # fmt: skip
 
     def __init__(self, settings: Settings, expert: Expert) -> None:
@@ -124,6 +129,7 @@ class DAgger:
             self.learner, settings.learning_rate, settings.muon_learning_rate
         )
         self.shuffler: torch.Generator = torch.Generator().manual_seed(settings.seed)
+        self.failed: FloatArray = np.ones(len(expert.pairs))  # share of the episodes, lately
         self.updates: int = 0  # so far
         self.distance = math.inf  # of the learner's actions from the expert's, in `learn`
 
@@ -142,12 +148,14 @@ class DAgger:
     def play(self, round_: int) -> dict[str, float]:
         """Play an episode in every environment; the expert alone acts in the first round.
 
-        "return" and "success" are of the environments in which the student alone acted.
+        "return" and "success" are of the environments in which the student alone acted; with goals
+        most of these are the harder ones.
         "taken_over" is the fraction of the steps of the others in which the expert acted.
         """
         settings, rng = self.settings, np.random.default_rng([self.settings.seed, round_])
         size, lanes, expert = settings.num_envs, self.lanes, self.expert
-        observation, info = lanes.reset(self.seeds[size * round_], expert.chains, rng)
+        drawn, starts = self.starts(rng)
+        observation, info = lanes.reset(self.seeds[size * round_], expert.chains, rng, starts)
         expert.begin(lanes.which, round_)
         self.history.reset(size)
         returns = np.zeros(size)
@@ -171,10 +179,34 @@ class DAgger:
         if round_ == 0:
             return {}
         lanes.judge(np.flatnonzero(by_student), info["success"][by_student])
+        if drawn.size > 0:
+            self.count(drawn[by_student], info["success"][by_student])
         steps = self.episode_steps * max(1, np.sum(~by_student & ~by_expert))
         score = {"return": returns, "success": info["success"]}
         means = {name: round(float(value[by_student].mean()), 4) for name, value in score.items()}
         return means | {"taken_over": round(float(steps_taken / steps), 4)}
+
+    def starts(self, rng: np.random.Generator) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
+        """Return the pair of equilibria of each lane, with the options of `reset` that say so.
+
+        Pairs of which the student failed more often are drawn more often. Without goals there are
+        none.
+        """
+        pairs = self.expert.pairs
+        if len(pairs) == 0:
+            return np.zeros(0, np.int64), {}
+        share = _EVEN / len(pairs) + (1.0 - _EVEN) * self.failed / self.failed.sum()
+        drawn = rng.choice(len(pairs), self.settings.num_envs, p=share)
+        begin, end = np.moveaxis(np.pi * np.array(pairs)[drawn], 1, 0)
+        return drawn, {"start": begin, "goal": end}
+
+    def count(self, drawn: NDArray[np.int64], good: BoolArray) -> None:
+        """Count episodes of the student between pairs of equilibria, and those that were good."""
+        size = len(self.failed)
+        played, bad = (np.bincount(each, minlength=size) for each in (drawn, drawn[~good]))
+        latest = bad / np.maximum(played, 1)
+        self.failed += (1.0 - _REMEMBERED**played) * (latest - self.failed)
+        self.failed = np.maximum(self.failed, _SELDOM)
 
     def learn(self, updates: int) -> None:
         """Fit the learner to the dataset; every few updates the student follows it.
@@ -334,7 +366,25 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
     "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
     "swingup-4-cart": _FOUR_POLES,
-    "transition-2": {"seconds": 4.0, "rounds": 45, "first_updates": 1500},
+    "transition-2": {
+        "seconds": 4.0,
+        "rounds": 45,
+        "first_updates": 1500,
+        "muon_learning_rate": 0.01,
+        "averaging": 0.998,
+    },
+    "transition-3": {
+        "seconds": 5.0,
+        "guesses": 8,
+        "rounds": 150,
+        "num_envs": 1024,
+        "first_updates": 1500,
+        "kept": 0.15,
+        "max_states": 2_000_000,
+        "muon_learning_rate": 0.015,
+        "averaging": 0.998,
+        "hidden": 320,
+    },
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
 }

@@ -12,6 +12,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.rl.controllers.planning import PlannedTransition, Tracking
 from npend_gym.rl.controllers.step_model import state_of, wrapped
+from npend_gym.rl.controllers.transitions import Pair
 
 _BACK, _AHEAD = 2, 4  # steps within which the nearest state of a plan is sought
 _START = 0.05  # rad and rad/s, as far as episodes start from the beginning of a plan
@@ -26,6 +27,8 @@ class PlanTracker:
     `start_cost` is the mean cost at the start of episodes, over that of starts near the beginning
     of a plan.
     """
+
+    pairs: Sequence[Pair] = ()
 
     def __init__(
         self, config: EnvConfig, plans: Sequence[PlannedTransition], start_cost: float = 1.0
