@@ -303,11 +303,15 @@ def figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def publish(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Put rows, table and figure into the documentation."""
+    """Put rows, table and figure into the documentation, where every cell has its row."""
+    missing = [cell for cell in cells() if cell not in by_cell(rows)]
+    if missing:
+        raise SystemExit(f"{len(missing)} cells must be measured first, such as {missing[0]}")
+    shown, drawn = table(rows) + "\n", figure(rows)
     write_csv(DOCS / "results" / "hardness.csv", rows)
-    write_figure(DOCS / "images" / "hardness.png", figure(rows))
+    write_figure(DOCS / "images" / "hardness.png", drawn)
     page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(TABLE.sub(lambda _: table(rows) + "\n", page, count=1), encoding="utf-8")
+    PAGE.write_text(TABLE.sub(lambda _: shown, page, count=1), encoding="utf-8")
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,7 +27,7 @@ _INCOMPLETE_SECONDS = 10.0  # the paper's window, for releases that complete not
 _AFTERWARDS = 1.05  # a release is recorded a little longer than its last pseudo-period
 _MOST_ANGLES = 20_000_000  # in a recording: 160 MB
 _PAGE_INTERVAL = 0.04  # s: instants so close that straight lines join them well
-_PAGE_INSTANTS = 600  # at most, of a recording for a page
+_LEAST_INSTANTS, _PAGE_INSTANTS = 100, 600  # at least and at most, of a recording for a page
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +85,13 @@ class Recording:
 def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> Recording:
     """Record one measured run of `experiment` every `interval` [s].
 
-    It lasts for `experiment.duration`, by default until the last bob has completed.
+    It lasts for `experiment.duration`, by default until the last bob has completed; the last
+    instant is the first at or after that.
     """
     interval = _checks.positive_number("interval", interval)
-    chain, seconds = experiment.chain_of(run.n), experiment.duration
-    if seconds is None:
-        last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
-        seconds = max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
+    chain, seconds = experiment.chain_of(run.n), _seconds(experiment, run)
     _check_size(seconds / interval, run.n)
-    times = interval * np.arange(int(seconds / interval) + 1)
+    times = interval * np.arange(math.ceil(seconds / interval - 1e-9) + 1)
     motion = simulate(chain, run.start, 0.0, times)
     periods = np.where(run.periods <= times[-1], run.periods, np.nan)
     caption = f"release from {np.degrees(run.start):.3g} degrees, n = {run.n}"
@@ -101,6 +100,14 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
         motion, periods, np.zeros(times.size), experiment.reading, caption,
         provenance(arguments, experiment.seed),
     )  # fmt: skip
+
+
+def _seconds(experiment: ReleaseExperiment, run: Run) -> float:
+    """Return for how long a run is recorded [s]."""
+    if experiment.duration is not None:
+        return experiment.duration
+    last = _AFTERWARDS * float(np.nanmax([*run.periods, 0.0]))
+    return max(last, _INCOMPLETE_SECONDS) if np.isnan(run.periods).any() else last
 
 
 def record_simulation(
@@ -205,8 +212,8 @@ def record_first_trials(
     firsts = {run.n: run for run in reversed(runs)}
     recordings: list[Recording] = []
     for run in progress([firsts[n] for n in sorted(firsts)]):
-        longest = float(np.nanmax([experiment.duration or 0.0, _INCOMPLETE_SECONDS, *run.periods]))
-        interval = max(_PAGE_INTERVAL, longest / _PAGE_INSTANTS)
+        seconds = _seconds(experiment, run)
+        interval = max(min(_PAGE_INTERVAL, seconds / _LEAST_INSTANTS), seconds / _PAGE_INSTANTS)
         recordings.append(record_release(experiment, run, interval))
     return recordings
 

@@ -36,7 +36,7 @@ PROGRAM = "python -m paper"
 LAW = "com-law"  # the key of the law of the centre of mass
 ABOUT = """\
 Every equation, number and claim of the source paper, computed again and judged. All of it takes
-some four minutes, most single findings take seconds: `python -m paper --list` shows their keys.
+about four minutes, most single findings take seconds: `python -m paper --list` shows their keys.
 
 The key com-law compares the law T(N, a) = 0.8223 2 pi sqrt((N + 1/2) l/g) (2/pi) K(sin(a/2)) of
 the centre of mass of N equal rods, released straight from the angle a, with simulation: its error
@@ -101,6 +101,9 @@ def run(options: dict[str, Any]) -> int:
         return OK
     wanted: list[str] | None = options.get("only")
     only = wanted and [key for key in wanted if key != LAW]
+    of_law = [name for name in ("full", "n", "amplitudes", "threads") if name in options]
+    if of_law and wanted is not None and LAW not in wanted:
+        raise ValueError(f"--{of_law[0]} is an option of {LAW}, which --only leaves out")
     grid = LawGrid.full() if options.get("full") else LawGrid()
     grid = LawGrid(
         options.get("n", grid.n_values), np.ravel(options.get("amplitudes", grid.amplitudes))

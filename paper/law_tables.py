@@ -55,9 +55,11 @@ def _limits(rows: Sequence[Mapping[str, Any]]) -> str:
 def _summary(cells: Sequence[LawCell]) -> list[str]:
     """Return what the law's largest error is up to 1 rad, of short chains and of others."""
     lines: list[str] = []
-    for text, low, high in (("N = 2, 3", 2, 3), ("N = 5 and more", 5, math.inf)):
+    for low, high in ((2, 3), (5, math.inf)):
         chosen = [c for c in cells if low <= c.n <= high and c.amplitude <= _HOLDS_UP_TO]
         if chosen:
+            few = ", ".join(map(str, sorted({c.n for c in chosen})))
+            text = f"N = {few}" if low < 5 else "N = 5 and more"
             worst = max(chosen, key=lambda cell: abs(cell.law_error))
             lines.append(
                 f"largest error up to 1 rad, {text}: {abs(worst.law_error):.3%} "

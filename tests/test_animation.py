@@ -19,7 +19,7 @@ from npend_gym.recording import (
     record_release,
     record_simulation,
 )
-from npend_gym.report.animation import Film, write
+from npend_gym.report.animation import Film, _draw, write
 
 TIP = (0xD5, 0x5E, 0x00)
 
@@ -117,6 +117,30 @@ def test_a_file_has_every_picture_and_is_the_same_bytes_when_written_again(suffi
     assert read.shape[:3] == (26, 240, 480)
     for k in (0, 13, 25):  # colours are fewer in the file
         assert np.abs(read[k, ..., :3].astype(int) - shown.picture(k)).mean() < 2.0
+
+
+@pytest.mark.parametrize("fps", [7.0, 25.0, 30.0, 40.0])
+def test_a_gif_plays_at_its_speed(fps, tmp_path):
+    shown = film(1, duration=0.7, size=120, fps=fps, diagrams=False)
+    with Image.open(write(shown, tmp_path / "a.gif")) as image:
+        delays = [_delay(image, k) for k in range(image.n_frames)]
+    assert len(delays) == len(shown)
+    ends = np.cumsum(delays) - 1000.0 / fps * np.arange(1, len(shown) + 1)
+    assert np.abs(ends).max() <= 5.0  # ms
+    with pytest.raises(ValueError, match=r"fps must be at most 50 in a GIF.*got 60: write"):
+        write(film(1, duration=0.7, size=120, fps=60.0), tmp_path / "b.gif")
+
+
+def _delay(image, k):
+    image.seek(k)
+    return image.info["duration"]
+
+
+def test_the_energy_of_a_counterweight_is_within_the_diagram():
+    chain = Chain([5.0, 0.1], [1.0, 0.5], centres=[-0.3, 0.25], inertias=[0.1, 0.1])
+    motion = simulate(chain, 0.4, 0.0, np.linspace(0.0, 1.0, 21))
+    lowest = (motion.energy() - motion.kinetic_energy()).min()
+    assert _draw(record_motion(motion)).axes[1].get_ylim()[0] <= lowest < 0.0
 
 
 @pytest.mark.long

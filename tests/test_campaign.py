@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import deadly
 import numpy as np
@@ -22,6 +23,7 @@ from npend_gym.experiments import BusyError, Campaign, CampaignPlan
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.estimate import duration, estimate
 from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES
+from npend_gym.experiments.campaign.plan import digest_of
 from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.experiments.campaign.task import measure_task
 from npend_gym.experiments.parts import part_digest
@@ -136,6 +138,8 @@ def test_a_plan_can_be_a_file(name, text, tmp_path):
         ("plan.yaml", "- 1", "must hold names and values"),
         ("plan.yaml", "!!python/object/apply:os.getcwd []", "cannot be read"),
         ("plan.json", "[" * 100_000, "cannot be read"),
+        ("plan.json", '{"n": 2, "n": 3}', "it names 'n' twice"),
+        ("plan.yaml", "n: 2\nn: 3", "it names 'n' twice"),
         ("gone.toml", None, "No such file"),
     ],
 )
@@ -164,6 +168,23 @@ def test_an_estimate_is_what_a_campaign_takes_within_a_factor(tmp_path):
 )
 def test_times_have_a_unit_that_people_count_in(seconds, text):
     assert duration(seconds) == text
+
+
+def test_an_estimate_is_of_cells_of_every_kind_and_of_springs_themselves(monkeypatch):
+    now, timed = [0.0], []
+
+    def costly(chain, theta, reading, **_options):
+        timed.append(chain.n)
+        now[0] += len(theta) * {"bob": 1.0, "height": 9.0}[reading]
+
+    module = "npend_gym.experiments.campaign.estimate"
+    monkeypatch.setattr(f"{module}.time", SimpleNamespace(process_time=lambda: now[0]))
+    monkeypatch.setattr(f"{module}.pseudo_periods", costly)
+    plan = CampaignPlan(n=5, reading=["bob", "height"], trials=10)
+    assert estimate(plan).seconds == pytest.approx(10 * (1.0 + 9.0))
+    for stiffness, rods in ((None, 20), (1e4, 30)):
+        estimate(CampaignPlan(chain=Chain.uniform(30, stiffness=stiffness), trials=10))
+        assert timed[-1] == rods
 
 
 def test_a_dry_run_tells_what_it_would_take_and_writes_nothing(tmp_path, capsys):
@@ -268,6 +289,8 @@ def test_a_campaign_continues_where_it_stopped(undisturbed, tmp_path):
         assert sorted(campaign.status.done) == sorted(before)
         assert campaign.status.text() == ""
         after = [task.id for task, _ in campaign.run(count=1)]
+    parts = {task.id: part_of(tmp_path, RELEASES, task) for task in SMALL.tasks()}
+    assert campaign.status.done == parts
     assert sorted(before + after) == sorted(task.id for task in SMALL.tasks())
     assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
 
@@ -331,6 +354,21 @@ def test_another_plan_or_version_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("npend_gym.experiments.campaign.campaign.__version__", "9.0")
     with pytest.raises(ValueError, match="another folder"):
         Campaign(None, tmp_path)
+
+
+def test_equal_plans_have_one_digest_and_continue_in_one_folder(tmp_path):
+    plan = CampaignPlan(n=2, trials=5, duration=10.0, damping=0.0)
+    assert CampaignPlan(n=2, trials=5, duration=10, damping=-0.0).digest == plan.digest
+    older = CampaignPlan(n=2, trials=5, duration=10.0)  # of a version that kept 10 as it was
+    vars(older)["digest"] = digest_of(plan.as_dict() | {"duration": 10})
+    completed(older, tmp_path)
+    path = tmp_path / "plan.json"
+    path.write_text(path.read_text().replace('"duration": 10.0', '"duration": 10'))
+    before = contents(tmp_path)
+    for given in (plan, None):
+        with Campaign(given, tmp_path) as campaign:
+            assert len(campaign.status.done) == 1
+    assert contents(tmp_path) == before
 
 
 def test_a_failing_task_is_recorded_and_the_others_continue(undisturbed, tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scripts import run_script
 
+from npend_gym import theory
 from npend_gym.cli import main
 from npend_gym.experiments import Campaign, CampaignPlan, analyse
 from npend_gym.report import campaign_report as report
@@ -93,6 +94,32 @@ def test_statistics_are_those_of_the_whole_table(tmp_path):
         fit = np.polynomial.Polynomial.fit(starts, medians, 2)
         scatter = np.sqrt(np.sum((medians - fit(starts)) ** 2) / 57)
         assert stats.scatter[cell] == pytest.approx(scatter, rel=1e-3)
+
+
+def test_a_cell_starts_where_its_releases_that_completed_do(tmp_path):
+    plan = CampaignPlan(n=1, amplitude=0.7, spread=0.3, trials=60, duration=2.09)
+    with Campaign(plan, tmp_path) as campaign:
+        list(campaign.run(count=1))
+    stats = analyse(tmp_path).statistics
+    assert 10 < stats.completed[0] < 50
+    expected = float(theory.pendulum_period(stats.start[0]))
+    assert stats.median[0] == pytest.approx(expected, rel=1e-4)
+
+
+def test_what_an_earlier_analysis_left_is_removed_and_the_campaign_is_kept(tmp_path, monkeypatch):
+    result = completed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+    with pytest.raises(ValueError, match="out must be another folder than the campaign's"):
+        report.write_analysis(result, tmp_path / "analysis" / "..", figures=False)
+    assert not (tmp_path / "manifest.json").exists()
+    out = tmp_path / "analysis"
+    out.mkdir()
+    for name in ("fits", "residuals", "outliers", "failures", "mine"):
+        (out / f"{name}.csv").touch()
+    for name in ("law_against_n_3", "law_against_amplitude_0", "residuals"):
+        (out / f"{name}.png").touch()
+    report.write_analysis(result, out, figures=False)
+    names = {path.name for path in out.iterdir()}
+    assert names == {"cells.csv", "mine.csv", "report.html", "manifest.json"}
 
 
 def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch):

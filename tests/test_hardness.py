@@ -12,7 +12,7 @@ from scipy.special import roots_laguerre
 
 from npend_gym import Cart, Chain, theory
 from npend_gym.physics import linearise
-from npend_gym.theory.unstable_modes import with_lag
+from npend_gym.theory.unstable_modes import _count_unstable, with_lag
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "docs" / "results" / "hardness.csv"
@@ -64,6 +64,26 @@ def test_the_poles_of_ten_equal_rods_are_the_roots_of_laguerres_polynomial():
     poles = theory.hardness(*upright(Chain.uniform(10)), limit=100.0).poles
     np.testing.assert_allclose(poles, exact, rtol=1e-11)
     np.testing.assert_allclose(poles, theory.normal_modes(Chain.uniform(10))[0], rtol=1e-11)
+
+
+def test_no_slow_pole_is_lost_to_damping_or_to_the_lag_of_a_fast_motor():
+    a, b = upright(Chain.uniform(3, damping=100.0))
+    poles = theory.hardness(a, b, limit=30.0, dt=0.5, seconds=2000.0).poles
+    np.testing.assert_allclose(poles, np.sort(np.linalg.eigvals(a).real)[-3:], rtol=1e-9)
+    a, b = upright(Chain.uniform(2))
+    expected = theory.least_action(a, b, limit=14.715).noise
+    for lag in (1e-3, 3e-5, 1e-6, 1e-12):
+        found = theory.least_action(a, b, limit=14.715, lag=lag).noise
+        assert found == pytest.approx(expected, rel=10.0 * lag + 1e-9)
+
+
+def test_zeros_of_a_cart_are_no_poles_in_any_coordinates():
+    rng = np.random.default_rng(0)
+    for theta, count in ((np.pi, 4), (0.0, 0)):
+        a, _ = linearise(Chain.uniform(4, base=Cart(1.0)), theta)
+        for _ in range(10):
+            turned = rng.normal(size=a.shape)
+            assert _count_unstable(np.linalg.solve(turned, a @ turned)) == count
 
 
 @pytest.mark.parametrize(
@@ -234,6 +254,13 @@ def test_the_page_shows_what_was_measured(study):
         if int(row["rods"]) == 4 and row["motor"] == "task":
             expected = getattr(study.theory_of(row["base"], 4), row["quantity"])
             assert float(row["theory"]) == pytest.approx(expected, rel=1e-3)
+
+
+def test_nothing_is_published_where_rows_are_missing(study, tmp_path, monkeypatch):
+    monkeypatch.setattr(study, "DOCS", tmp_path)
+    with pytest.raises(SystemExit, match="1 cells must be measured first, such as"):
+        study.publish(study.read(RESULTS)[:-1])
+    assert not list(tmp_path.iterdir())
 
 
 def test_theory_and_measurement_agree_with_a_weak_motor(study):

@@ -97,6 +97,19 @@ def test_bobs_that_do_not_complete_have_no_number(plan, tmp_path):
         assert shown["models"] == {}
 
 
+@pytest.mark.parametrize("change", [{"duration": 0.03}, {"lengths": 1e-4}, {"lengths": 0.01}])
+def test_a_short_motion_has_a_hundred_intervals_and_ends_after_its_last_bob(change, tmp_path):
+    plan = ReleaseExperiment(n_values=[2], trials=1, **change)
+    runs = run_release(plan)
+    (shown,) = data_of(written(plan, runs, tmp_path))["releases"]
+    assert len(base64.b64decode(shown["places"])) == 101 * 2 * 2 * 4
+    if "duration" in change:
+        assert 100 * shown["interval"] == pytest.approx(0.03)
+    else:
+        assert shown["periods"] == runs[0].periods.tolist()
+        assert 1.0 < 100 * shown["interval"] / max(shown["periods"]) < 1.1
+
+
 def test_the_command_in_the_page_makes_the_same_release(path, capsys):
     text = path.read_text("utf-8")
     command = re.search(r"<code>npend (.*)</code>", text)[1]

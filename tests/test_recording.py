@@ -21,6 +21,13 @@ def test_a_release_is_recorded_until_its_last_bob_has_completed():
     assert expected.max() < recording.motion.times[-1] < 1.1 * expected.max()
 
 
+@pytest.mark.parametrize(("interval", "last"), [(0.5, 1.5), (0.4, 1.2), (7.0, 7.0)])
+def test_a_recording_ends_at_its_end_or_at_the_next_instant(interval, last):
+    times = recorded(interval=interval, duration=1.2).motion.times
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(last, abs=1e-12)
+
+
 def test_the_recorded_motion_is_the_simulated_one():
     motion = recorded(duration=3.0).motion
     again = simulate(Chain.uniform(3), motion.theta[0], 0.0, [0.0, 1.0, 3.0])

@@ -1,13 +1,23 @@
 import csv
 import hashlib
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from npend_gym import Chain, __version__, pseudo_periods, theory
-from npend_gym.experiments import ReleaseExperiment, bob_rows, release, run_release, summary_rows
+from npend_gym.experiments import (
+    ReleaseExperiment,
+    bob_rows,
+    power_law,
+    release,
+    run_release,
+    starts,
+    summary_rows,
+)
 from npend_gym.report import release_tables as report
+from npend_gym.report.outputs import prepare_folder
 
 SMALL = ReleaseExperiment(n_values=(2, 5), trials=2, seed=7)
 
@@ -148,6 +158,7 @@ def test_a_failed_write_leaves_the_previous_files_untouched(runs, tmp_path, monk
     ("change", "message"),
     [
         ({"n_values": ()}, "n_values must name"),
+        ({"n_values": (2, 3, 2)}, "n_values must name each number once"),
         ({"amplitude": 0.0}, "amplitude must not be 0"),
         ({"amplitude": 3.14}, "must stay within pi"),
         ({"seed": -1}, "seed must be between"),
@@ -160,6 +171,40 @@ def test_bad_arguments_are_refused_with_their_rule(change, message):
         ReleaseExperiment(**change)
 
 
+@pytest.mark.parametrize("n_values", [5, {2}, None])
+def test_numbers_of_pendulums_are_a_list(n_values):
+    with pytest.raises(TypeError, match="n_values must be a list of integers"):
+        ReleaseExperiment(n_values=n_values)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: starts(-1, 0, 3, 0.7, 0.1), r"seed must be at least 0, got -1$"),
+        (lambda: power_law([1.0, 2.0], [-1.0, 2.0]), "y must be greater than zero"),
+        (lambda: power_law([1.0, 2.0, 3.0], [1.0, np.nan, 3.0]), "y must be finite"),
+        (lambda: power_law([1.0], [1.0]), "x and y must be at least two each"),
+        (lambda: power_law([1.0, 2.0], [1.0, 2.0, 3.0]), "x and y must be at least two each"),
+    ],
+)
+def test_draws_and_fits_refuse_arguments_by_name(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_models_are_of_the_releases_that_completed():
+    plan = ReleaseExperiment(n_values=[1], amplitude=0.7, spread=0.3, trials=20, duration=2.09)
+    (row,) = summary_rows(plan, run_release(plan))
+    assert 3 < row["completed"] < 17
+    assert row["corrected_error"] < 1e-4
+
+
+def test_commands_that_write_into_one_folder_at_once_do_not_fail(tmp_path):
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(prepare_folder, [tmp_path] * 400))
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_experiment_with_many_numbers_of_rods_is_described_at_once(monkeypatch):
     made = []
     build = release.released_chain
@@ -169,11 +214,11 @@ def test_an_experiment_with_many_numbers_of_rods_is_described_at_once(monkeypatc
         return build(n, *rest)
 
     monkeypatch.setattr(release, "released_chain", counted)
-    assert len(ReleaseExperiment(n_values=[1_000_000, 2] * 50_000).n_values) == 100_000
+    assert len(ReleaseExperiment(n_values=range(100_000, 0, -1)).n_values) == 100_000
     assert len(made) == 1
-    ReleaseExperiment(n_values=[2] * 1000, masses=[1.0, 2.0])
+    ReleaseExperiment(n_values=[2], masses=[1.0, 2.0])
     assert len(made) == 3
     with pytest.raises(ValueError, match="n must be between 1 and 1000000, got 0"):
-        ReleaseExperiment(n_values=[2] * 1000 + [0])
+        ReleaseExperiment(n_values=range(1000, -1, -1))
     with pytest.raises(ValueError, match="masses must be one number or 3 of them for n = 3"):
         ReleaseExperiment(n_values=[2, 3], masses=[1.0, 2.0])

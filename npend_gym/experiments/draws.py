@@ -11,6 +11,7 @@ of trials share trials.
 
 from __future__ import annotations
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._streams import Purpose
 from npend_gym.compiled.philox import first_units, keys_of
@@ -38,5 +39,5 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
     >>> experiments.starts(0, 0, 3, 0.785, 0.017).round(3).tolist()
     [0.785, 0.79, 0.793]
     """
-    keys = keys_of(seed + first, count)
+    keys = keys_of(_checks.count("seed", seed, low=0) + first, count)
     return amplitude + spread * first_units(keys, step=0, purpose=Purpose.START, episode=0)

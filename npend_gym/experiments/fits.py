@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 
 LAW_FROM, LAW_UP_TO = 10, 1.2  # bobs, rad: where the law of the amplitude is fitted and holds
@@ -36,6 +37,11 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
     Estimate
         Its error is NaN where there are only two points.
 
+    Raises
+    ------
+    ValueError
+        If a number is not positive, or there are not as many x as y, or fewer than two.
+
     Examples
     --------
     >>> from npend_gym import experiments
@@ -44,8 +50,11 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
     """
     from scipy.stats import linregress  # a third of a second, which no run should wait for first
 
-    fit = linregress(np.log(x), np.log(y))
-    return Estimate(float(fit.slope), float(_student(np.size(y) - 2) * fit.stderr))
+    xs, ys = (_checks.positive(k, _checks.array(k, v)) for k, v in (("x", x), ("y", y)))
+    if xs.shape != ys.shape or xs.ndim != 1 or xs.size < 2:
+        raise ValueError(f"x and y must be at least two each, got shapes {xs.shape}, {ys.shape}")
+    fit = linregress(np.log(xs), np.log(ys))
+    return Estimate(float(fit.slope), float(_student(ys.size - 2) * fit.stderr))
 
 
 def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:

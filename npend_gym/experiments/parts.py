@@ -19,12 +19,13 @@ def part_digest(owner: str, data: bytes) -> str:
     return hashlib.sha256(owner.encode() + data).hexdigest()[:16]
 
 
-def write_part(owner: str, place: Path, data: bytes, suffix: str) -> None:
-    """Write a part whole or not at all; its path is `place`, the digest and the suffix."""
+def write_part(owner: str, place: Path, data: bytes, suffix: str) -> Path:
+    """Write a part whole or not at all; return its path: `place`, the digest and the suffix."""
     _files.make_folder(place.parent)
     path = place.with_name(f"{place.name}-{part_digest(owner, data)}{suffix}")
     with _files.replacing(path, binary=True) as file:
         file.write(data)
+    return path
 
 
 def read_part(owner: str, path: Path, most: float = math.inf) -> bytes | None:

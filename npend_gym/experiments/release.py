@@ -117,13 +117,20 @@ class ReleaseExperiment:
             )
         if self.duration is not None:
             _checks.positive_number("duration", self.duration)
+        n_values: Any = self.n_values
+        if not isinstance(n_values, (Sequence, np.ndarray)):
+            raise TypeError(f"n_values must be a list of integers, got {_checks.show(n_values)}")
         if len(self.n_values) == 0:
             raise ValueError("n_values must name at least one number of pendulums, got none")
         for n in self.n_values:
             _checks.count("n", n, high=MAX_RODS)
+        if len(set(self.n_values)) < len(self.n_values):
+            raise ValueError(
+                f"n_values must name each number once, got {_checks.show(self.n_values)}"
+            )
         check_time_scale(self.chain_of(self.n_values[0]))
         if not self.has_any_n:  # else rods are alike, and no other n has another time scale
-            for n in set(self.n_values):
+            for n in self.n_values:
                 check_time_scale(self.chain_of(n))
 
     def chain_of(self, n: int) -> Chain:
@@ -266,7 +273,11 @@ def _summary(experiment: ReleaseExperiment, n: int, runs: Sequence[Run]) -> dict
     done = np.isfinite(periods)
     means = np.array([run.mean for run in runs])
     measured = float(np.nanmean(means)) if done.any() else math.nan
-    models = theory.models(chain, [run.start for run in runs])
+    starts = np.array([run.start for run in runs])
+    timed = np.isfinite(means) | (not done.any())
+    models = theory.models(chain, starts[timed])
+    if not timed.all():  # `com` is of all runs, or not a number
+        models = models._replace(law=theory.models(chain, starts).law)
     com = float(np.mean([run.com for run in runs]))
     return {
         "n": n,

@@ -28,7 +28,7 @@ from npend_gym.report.style import legend_below, styled
 SUFFIXES = (".gif", ".mp4")
 _INCHES = 4.8  # height of the diagrams: sets the size of their text
 _TRACE_SECONDS = 3.0
-_COLORS = 128  # of a GIF
+_COLORS, _GIF_FPS = 128, 50  # of a GIF, at most: browsers slow down shorter delays
 _SIGNS = LinearSegmentedColormap.from_list("signs", [BLUE, "#F7F7F7", ORANGE])
 _TITLES = {
     "bob": "bobs going left (blue), right (orange); dot: turned twice",
@@ -163,12 +163,13 @@ def _draw(recording: Recording) -> Figure:
     axes[0].set_title(_TITLES[recording.reading], fontsize=9)
     axes[0].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     kinetic = motion.kinetic_energy()
+    lowest = min(0.0, float((motion.energy() - kinetic).min()))  # negative with a counterweight
     for values, color, label in (
         (motion.energy(), BLACK, "energy"), (kinetic, ORANGE, "kinetic"),
         (motion.energy() - kinetic, GREEN, "potential"),
     ):  # fmt: skip
         axes[1].plot(times, values, color=color, label=label)
-    axes[1].set(xlim=(0.0, times[-1]), ylim=(0.0, None), xlabel="time [s]", ylabel="energy [J]")
+    axes[1].set(xlim=(0.0, times[-1]), ylim=(lowest, None), xlabel="time [s]", ylabel="energy [J]")
     legend_below(figure, axes[1], 3)
     return figure
 
@@ -212,6 +213,12 @@ def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
 def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
     from PIL import Image
 
+    if film.fps > _GIF_FPS:
+        raise ValueError(
+            f"fps must be at most {_GIF_FPS} in a GIF, which shows each picture for whole "
+            f"hundredths of a second, got {film.fps:g}: write an .mp4, or lower fps"
+        )
+    ends = np.round(100.0 * np.arange(len(film) + 1) / film.fps).astype(int)
     # one palette for all pictures, so that what stands still costs nothing
     some = [film.picture(k) for k in np.linspace(0, len(film) - 1, 4).astype(int).tolist()]
     palette = Image.fromarray(np.vstack(some)).quantize(
@@ -224,7 +231,7 @@ def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
     first, *rest = map(reduced, progress(film))
     first.save(
         file, "GIF", save_all=True, append_images=rest, loop=0, optimize=True,
-        duration=1000.0 / film.fps, comment=comment.encode(),
+        duration=(10 * np.diff(ends)).tolist(), comment=comment.encode(),
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from npend_gym import _files
 from npend_gym.experiments import AmplitudeLaw, Analysis, Campaign, CellGroup, PowerFit
 from npend_gym.experiments.campaign.campaign import CELLS, PLAN
 from npend_gym.experiments.campaign.parts import finite_or_none
@@ -141,13 +142,26 @@ def tables(analysis: Analysis) -> dict[str, list[dict[str, Any]]]:
 
 
 def write_analysis(analysis: Analysis, out: Path, *, figures: bool) -> list[Path]:
-    """Write tables, figures, the page and a manifest into `out`; return what was written."""
+    """Write tables, figures, the page and a manifest into `out`; return what was written.
+
+    Those of an earlier analysis are replaced or removed.
+
+    Raises
+    ------
+    ValueError
+        If `out` cannot be written to, or is the campaign's folder, which has its own manifest.
+    """
+    if out.resolve() == analysis.out:
+        raise ValueError(f"out must be another folder than the campaign's, got {out}")
     prepare_folder(out)
     contents = tables(analysis)
     written = [write_csv(out / f"{name}.csv", rows) for name, rows in contents.items() if rows]
     pictures = _figures(analysis, out) if figures else []
     player.write(out / "report.html", page(analysis, contents, pictures))
     written += [*pictures, out / "report.html"]
+    made = [*(out / f"{name}.csv" for name in contents), out / "residuals.png"]
+    for path in {*made, *out.glob("law_against_*_*.png")}.difference(written):
+        _files.remove(path)
     complete = len(analysis.status.done) == analysis.plan.task_count
     arguments = analysis.plan.as_dict()
     return [*written, write_manifest(out, "analyse", arguments, written, complete=complete)]

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import platform
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,9 +30,8 @@ def prepare_folder(out: Path) -> None:
     """Make the folder `out` if need be, and see that it can be written to."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with _files.replacing(out / ".writable"):
+        with tempfile.TemporaryFile(dir=out):
             pass
-        (out / ".writable").unlink()
     except OSError as error:
         reason = error.strerror or str(error)
         raise ValueError(

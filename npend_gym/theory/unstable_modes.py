@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eig, solve_discrete_lyapunov, solve_triangular
+from scipy.linalg import eig, matrix_balance, solve_discrete_lyapunov, solve_triangular
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 
-_UNSTABLE = 1e-4  # of the fastest pole: slower ones are the rounded zeros of a cart
+_ROUNDED = 1e-13  # of the balanced matrix: zeros, such as those of a cart, become that large
 _LEVELS = 33  # commands that are tried together
 _LOST = 10.0  # limits, from which on a command does not come back
 
@@ -30,6 +30,19 @@ def with_lag(a: FloatArray, b: FloatArray, lag: float) -> tuple[FloatArray, Floa
     driven = np.append(np.hstack([a, b]), np.zeros((1, len(a) + 1)), axis=0)
     driven[-1, -1] = -1.0 / lag
     return driven, np.append(np.zeros_like(b), [[1.0 / lag]], axis=0)
+
+
+def _count_unstable(a: FloatArray) -> int:
+    """Return how many eigenvalues have a real part greater than zero beyond rounding.
+
+    Rounding moves an eigenvalue by the rounded norm over the cosine between its eigenvectors.
+    """
+    balance: Any = matrix_balance
+    balanced: FloatArray = balance(a)[0]
+    found: Any = eig(balanced, left=True)
+    values, left, right = found
+    cosines = np.abs(np.sum(left.conj() * right, axis=0))
+    return int(np.sum(values.real * cosines > _ROUNDED * np.linalg.norm(balanced)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +75,11 @@ class UnstableModes:
         dt, lag : float
             Length of a step, and time constant of the motor [s].
         """
-        measured = len(a) // 2
+        measured, count, largest = len(a) // 2, _count_unstable(a), np.abs(b).max()
         a, b = with_lag(a, b, lag)
         found: Any = eig(a, left=True)
         values, left, right = found
-        kept = np.flatnonzero(values.real > _UNSTABLE * np.abs(values).max())
-        kept = kept[np.argsort(values.real[kept])]
+        kept = np.argsort(values.real)[len(values) - count :]  # that of a lag is stable
         poles = values.real[kept]
         if kept.size == 0 or np.any(values.imag[kept]) or np.any(np.diff(poles) < 1e-9 * poles[-1]):
             raise ValueError(
@@ -77,7 +89,7 @@ class UnstableModes:
         left, right = left.real[:, kept].T, right.real[:, kept]
         left = left / np.einsum("ki,ik->k", left, right)[:, None]
         drive = (left @ b)[:, 0] * np.expm1(poles * dt) / poles
-        if np.any(np.abs(drive) <= 1e-12 * np.abs(left).max(axis=1) * np.abs(b).max() * dt):
+        if np.any(np.abs(drive) <= 1e-12 * np.abs(left).max(axis=1) * largest * dt):
             raise ValueError("b must drive every unstable mode of a: this motor does not")
         from_modes = right * drive
         growth, to_modes = np.exp(poles * dt), left / drive[:, None]

@@ -151,6 +151,8 @@ def test_the_command_lists_its_keys(capsys):
         ("--kane-n six", "--kane-n"),
         ("--only eom --out /dev/null/x", "out must be a folder"),
         ("--onli eom", "did you mean --only?"),
+        ("--only eom --full", "--full is an option of com-law, which --only leaves out"),
+        ("--only eom --threads 3", "--threads is an option of com-law"),
     ],
 )
 def test_bad_arguments_exit_with_2_and_one_line(arguments, message, capsys):

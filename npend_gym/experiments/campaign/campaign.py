@@ -21,7 +21,7 @@ from npend_gym._provenance import provenance
 from npend_gym._version import __version__
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.parts import RELEASES, TABLES, write_cells
-from npend_gym.experiments.campaign.plan import CampaignPlan, Task
+from npend_gym.experiments.campaign.plan import CampaignPlan, Task, digest_of
 from npend_gym.experiments.campaign.task import Record, run_task
 from npend_gym.experiments.parts import read_part
 
@@ -56,7 +56,7 @@ class FolderStatus:
     failed : dict
         Task id -> error of the tasks that failed.
     damaged, incomplete : int
-        Parts whose bytes are others, and tasks of which only one of the two parts is there.
+        Parts whose bytes are others or whose plan is, and tasks with one of the two parts.
     leftovers : int
         Files that were being written when a driver ended, and parts of other plans.
     """
@@ -100,18 +100,19 @@ def read_plan(out: Path) -> CampaignPlan | None:
         state = _files.parse_json(text)
         version, digest, values = state["version"], state["digest"], state["plan"]
         plan = CampaignPlan.from_dict(values) if version == __version__ else None
-        if plan is not None and plan.digest != digest:
+        if plan is not None and digest_of(values) != digest:
             raise ValueError("its digest does not match")
     except (ValueError, TypeError, KeyError) as error:
         raise ValueError(
             f"{path} is damaged ({error}): remove it and give the plan again; results of the same "
-            f"plan are kept"
+            f"plan are kept, those of another are removed"
         ) from error
     if plan is None:
         raise ValueError(
             f"{path} was made by npend_gym {version}, this is {__version__}, whose results may "
             f"differ in their last bits: use that version, or choose another folder"
         )
+    vars(plan)["digest"] = digest  # another where a value was written as 10 and is 10.0 now
     return plan
 
 
@@ -207,7 +208,7 @@ class Campaign:
             raise ValueError(f"there is no campaign in {self.out}: give a plan, or another folder")
         if plan is not None and present is not None and plan != present:
             raise ValueError(f"{self.out} holds another plan, with {_difference(plan, present)}")
-        self.plan: CampaignPlan = plan or present or CampaignPlan()
+        self.plan: CampaignPlan = present or plan or CampaignPlan()
         self.status: FolderStatus
         self._new = present is None
         self._lock = filelock.FileLock(self.out / _LOCK, blocking=False)
@@ -271,8 +272,8 @@ class Campaign:
                     record = Record(task.id, result.reason) if lost else result
                     if record.disk_error:
                         raise DiskError(record.disk_error)
-                    if record.done:
-                        status.done[task.id] = self.out / RELEASES
+                    if record.part is not None:
+                        status.done[task.id] = record.part
                     else:
                         self._tell(record)
                     yield task, record

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,8 @@ from npend_gym.period import pseudo_periods
 # Time of a release over that of one of five rods, side by side, measured; in between it grows as a
 # power of n, and beyond as the last two entries do
 _RODS, _TIMES = (1, 2, 5, 10, 20, 50, 100), (0.22, 0.37, 1.0, 2.7, 9.2, 59.0, 252.0)
-_SAMPLE, _LONGEST_CHAIN = 16, 20  # releases that are timed; rods of their chain, at most
+# Cells that are timed, releases of each, and rods of their chain, at most
+_CELLS, _SAMPLE, _LONGEST_CHAIN = 16, 16, 20
 # Bytes of a release, of a bob, and of the two parts of a task, measured
 _OF_RELEASE, _OF_BOB, _OF_TASK = 32.0, 8.5, 5000.0
 
@@ -56,11 +59,17 @@ def relative_time(n: NDArray[np.int64]) -> FloatArray:
 
 
 def _time_of_five_rods(plan: CampaignPlan) -> float:
-    """Return the time of a release of five rods [s], from one of the plan's cells."""
-    cell = plan.cell(0)
+    """Return the time of a release of five rods [s], as a mean over cells drawn from the plan."""
+    drawn = np.random.default_rng(0).permutation(plan.cells)[:_CELLS]
+    return float(np.mean([_time_in_cell(plan, plan.cell(int(index))) for index in drawn]))
+
+
+def _time_in_cell(plan: CampaignPlan, cell: Mapping[str, Any]) -> float:
+    """Return the time of a release [s] in a cell, over the relative time of its rods."""
     chain = plan.chain_of(cell)
-    if chain.n > _LONGEST_CHAIN:
-        chain = type(chain).uniform(_LONGEST_CHAIN)
+    if chain.n > _LONGEST_CHAIN and chain.stiffness is None:
+        length, damping = float(chain.lengths.mean()), float(chain.damping.mean())
+        chain = type(chain).uniform(_LONGEST_CHAIN, 1.0, length, chain.gravity, damping)
     theta = np.full((_SAMPLE, chain.n), cell["amplitude"])
     taken = 0.0
     for _ in range(2):  # the first may compile

@@ -37,14 +37,17 @@ _THRIFT = {"thrift_string_size_limit": 1_000_000, "thrift_container_size_limit":
 
 def write_parts(
     plan: CampaignPlan, out: Path, task: Task, starts: FloatArray, periods: FloatArray
-) -> None:
-    """Write the parts of a task below `out`, each whole or not at all."""
+) -> Path:
+    """Write the parts of a task below `out`, whole or not at all; return that of RELEASES."""
     about = provenance({"plan": plan.digest, "task": task.id}, plan.seed)
-    for name, table in (
-        (BOBS, _bobs(plan, task, periods)),
-        (RELEASES, _releases(plan, task, starts, periods)),
-    ):
+    _, releases = (
         write_part(plan.digest, out / name / task.place, _parquet(table, about), ".parquet")
+        for name, table in (
+            (BOBS, _bobs(plan, task, periods)),
+            (RELEASES, _releases(plan, task, starts, periods)),
+        )
+    )
+    return releases
 
 
 def _releases(plan: CampaignPlan, task: Task, starts: FloatArray, periods: FloatArray) -> Any:

@@ -121,6 +121,8 @@ class CampaignPlan:
         chains = math.prod(len(self._sweep(name)) for name in OF_CHAIN)
         _checks.count("the number of chains, the product of their lists,", chains, high=MAX_CHAINS)
         self._check_cells()
+        if self.duration is not None:
+            object.__setattr__(self, "duration", float(self.duration))
         if self.task_count > MAX_TASKS:
             raise ValueError(
                 f"trials must be so few, or batch so large, that there are at most {MAX_TASKS} "
@@ -206,8 +208,7 @@ class CampaignPlan:
     @cached_property
     def digest(self) -> str:
         """Digest of all that the results depend on: the plan and the package's version."""
-        text = json.dumps([__version__, self.as_dict()], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return digest_of(self.as_dict())
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> CampaignPlan:
@@ -225,6 +226,12 @@ class CampaignPlan:
                     f"a plan has the names {', '.join(known)}; got {_checks.show(name)}"
                 )
         return cls(**values)
+
+
+def digest_of(values: Mapping[str, Any]) -> str:
+    """Return the digest of a plan with these values, of `CampaignPlan.as_dict`."""
+    text = json.dumps([__version__, values], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)

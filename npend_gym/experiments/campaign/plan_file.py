@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Iterable
 from importlib import import_module
@@ -23,6 +24,9 @@ def _yaml(text: str) -> Any:
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the other needs 0.1 s for some lines
     try:
         _check_tokens(yaml.scan(text, loader))
+        node = yaml.compose(text, loader)
+        if isinstance(node, yaml.MappingNode):
+            _once([(key.value, value) for key, value in node.value])
         return yaml.load(text, loader)
     except RecursionError:
         raise
@@ -42,11 +46,25 @@ def _check_tokens(tokens: Iterable[Any]) -> None:
             raise ValueError(f"its lists and mappings are nested deeper than {_files.MAX_DEPTH}")
 
 
+def _json(text: str) -> Any:
+    return json.loads(text, object_pairs_hook=_once)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return names and values as a dict; refuse a name that is there twice."""
+    values: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in values:
+            raise ValueError(f"it names {_checks.show(name)} twice")
+        values[name] = value
+    return values
+
+
 _READERS: dict[str, Callable[[str], Any]] = {
     ".toml": _toml,
     ".yaml": _yaml,
     ".yml": _yaml,
-    ".json": _files.parse_json,
+    ".json": _json,
 }
 
 

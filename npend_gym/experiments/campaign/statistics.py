@@ -48,7 +48,7 @@ class Statistics:
     completed : ndarray of int, shape (C,)
         Bobs that completed in them.
     start : ndarray, shape (C,)
-        Mean over the releases of the starting angle [rad]; NaN where there are none.
+        Mean starting angle [rad] of the releases that have a median; NaN where there are none.
     mean, median, tip : ndarray, shape (C,)
         Means over the releases of the mean and median over the bobs and of the last bob [s].
     parabola : ndarray, shape (C, 3)
@@ -120,7 +120,7 @@ def statistics(plan: CampaignPlan, parts: dict[str, Path]) -> Statistics:
         releases[k] += len(rows.trial)
         completed[k] += int(rows.completed.sum())
         for j, values in enumerate(rows.columns.values()):
-            some = np.isfinite(values)
+            some = np.isfinite(values) & np.isfinite(rows.columns["median_s"])
             sums[k, j] += values[some].sum()
             counts[k, j] += some.sum()
         powers, median = rows.median()

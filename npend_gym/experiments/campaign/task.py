@@ -32,12 +32,15 @@ class Record:
         CPU time that it took [s].
     disk_error : str
         Why the results could not be written, which is no fault of the task.
+    part : Path, optional
+        The task's part of RELEASES, where it is written.
     """
 
     task: str
     error: str = ""
     cpu_s: float = 0.0
     disk_error: str = ""
+    part: Path | None = None
 
     @property
     def done(self) -> bool:
@@ -56,11 +59,11 @@ def run_task(plan: CampaignPlan, out: Path, task: Task) -> Record:
     except Exception as error:  # noqa: BLE001 - whatever it is, it is told
         return Record(task.id, f"{type(error).__name__}: {error}")
     try:
-        write_parts(plan, out, task, starts, periods)
+        part = write_parts(plan, out, task, starts, periods)
     except OSError as error:
         reason = f"{error.strerror or error}: {error.filename or out}"
         return Record(task.id, disk_error=reason)
-    return Record(task.id, cpu_s=round(time.process_time() - started, 6))
+    return Record(task.id, cpu_s=round(time.process_time() - started, 6), part=part)
 
 
 def measure_task(plan: CampaignPlan, task: Task) -> tuple[FloatArray, FloatArray]:
