@@ -98,6 +98,7 @@ def plain_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
             return plain_keywords(cast("Mapping[str, Any]", value))
         if isinstance(value, (tuple, list)):
             return [plain(one) for one in cast("list[Any]", value)]
-        return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+        numbers: Any = value
+        return numbers.tolist() if isinstance(value, (np.ndarray, np.generic)) else numbers
 
     return {name: plain(value, name) for name, value in keywords.items()}

@@ -87,7 +87,7 @@ def in_mujoco(env: EnvLike, num_envs: int = 1) -> NPendulumVectorEnv:
             MUJOCO_ID, vector_entry_point=_ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS
         )
     spec = gym.spec(setting.env_id)
-    length = {"max_episode_steps": spec.max_episode_steps}
+    length: dict[str, Any] = {"max_episode_steps": spec.max_episode_steps}
     keywords = length | spec.kwargs | setting.keywords
     made: Any = gym.make_vec(MUJOCO_ID, num_envs=num_envs, **keywords)
     return made
