@@ -228,7 +228,9 @@ def resting_plans(path: Path) -> EnvConfig:
     states = np.zeros((2, 4, 2))
     states[1, :, 0] = np.pi
     pairs = np.array([[[False], [False]], [[True], [True]]])
-    np.savez(path, pairs=pairs, states=states, actions=np.zeros((2, 3, 1)), settle=np.zeros(2))
+    motions = {"pairs": pairs, "states": states, "actions": np.zeros((2, 3, 1))}
+    about = np.array(json.dumps({"arguments": {"seconds": 3.0}}))
+    np.savez(path, **motions, settle=np.zeros(2), about=about)
     return EnvConfig(n=1, mode="transition")
 
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +138,10 @@ class PlannedTransitions:
         try:
             arrays = read_arrays(Path(path), MAX_BYTES)
             pairs, states, actions, settle = _check_arrays(arrays, config)
-            arguments = parse_json(str(arrays["about"]))["arguments"]
+            about = parse_json(str(arrays["about"])) if "about" in arrays else {}
+            arguments: Any = about.get("arguments", {})
+            if not isinstance(arguments, dict):
+                raise ValueError("its arguments must be names and values")
         except (KeyError, ValueError) as error:
             raise ValueError(f"{path} holds no plans: {error}") from error
         plans: dict[Pair, PlannedTransition] = {}
@@ -146,7 +149,7 @@ class PlannedTransitions:
             nominal, pair = NominalTrajectory(states[k], actions[k]), pair_of(*pairs[k])
             _check_motion(path, nominal, pair, config)
             plans[pair] = track(config, nominal, float(settle[k]))
-        return cls(plans, arguments)
+        return cls(plans, cast("dict[str, Any]", arguments))
 
 
 def planned_transitions(
