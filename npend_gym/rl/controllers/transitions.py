@@ -100,7 +100,7 @@ class PlannedTransitions:
             half_turns = np.rint(states[lane, :n] / np.pi)
             self._origin[lane, :n] = 2.0 * np.pi * np.floor(0.5 * half_turns)
             start = np.remainder(half_turns, 2.0) == 1.0
-            pair = pair_of(start, np.cos(goal[lane]) < 0.0)
+            pair = _pair(start, np.cos(goal[lane]) < 0.0)
             if pair not in self._numbers:
                 raise ValueError(f"there is no plan from {pair[0]} to {pair[1]} (True: stands)")
             self._number[lane] = self._numbers[pair]
@@ -146,7 +146,7 @@ class PlannedTransitions:
             raise ValueError(f"{path} holds no plans: {error}") from error
         plans: dict[Pair, PlannedTransition] = {}
         for k in range(len(pairs)):
-            nominal, pair = NominalTrajectory(states[k], actions[k]), pair_of(*pairs[k])
+            nominal, pair = NominalTrajectory(states[k], actions[k]), _pair(*pairs[k])
             _check_motion(path, nominal, pair, config)
             plans[pair] = track(config, nominal, float(settle[k]))
         return cls(plans, cast("dict[str, Any]", arguments))
@@ -202,8 +202,7 @@ def planned_transitions(
     return PlannedTransitions(plans, arguments | {"seconds": seconds} | settings)
 
 
-def pair_of(start: Iterable[Any], goal: Iterable[Any]) -> Pair:
-    """Return a key of `PlannedTransitions.plans`: which rods stand at the start and the goal."""
+def _pair(start: Iterable[Any], goal: Iterable[Any]) -> Pair:
     return tuple(bool(stands) for stands in start), tuple(bool(stands) for stands in goal)
 
 
@@ -229,7 +228,7 @@ def _check_motion(path: object, nominal: NominalTrajectory, pair: Pair, config: 
     """Raise a ValueError where steps of the environment do not lead along the trajectory."""
     states, actions = nominal
     half_turns = np.rint(states[[0, -1], : config.n] / np.pi)
-    if pair_of(*(np.remainder(half_turns, 2.0) == 1.0)) != pair:
+    if _pair(*(np.remainder(half_turns, 2.0) == 1.0)) != pair:
         raise ValueError(f"{path} holds plans that do not lead where they say")
     missed = np.abs(StepModel(config)(states[:-1], actions) - states[1:]).max()
     if not missed < _DEFECT:

@@ -7,7 +7,7 @@ chains with noisy actions come less far away.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,12 +28,7 @@ from npend_gym.rl.controllers.planning import (
 )
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of, wrapped
 from npend_gym.rl.controllers.transcription import NominalTrajectory
-from npend_gym.rl.controllers.transitions import (
-    Pair,
-    PlannedTransitions,
-    pair_of,
-    planned_transitions,
-)
+from npend_gym.rl.controllers.transitions import Pair, PlannedTransitions, planned_transitions
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import keywords_of, setting_of
 from npend_gym.rl.policies.observations import observation_of
@@ -60,7 +55,7 @@ class Expert(Protocol):
     pairs: Sequence[Pair]  # of equilibria, between which it leads; none where the task has no goals
 
     def begin(self, which: NDArray[np.int64], round_: int) -> None:
-        """Begin the episodes of a round, in lanes with the chains of these numbers, (B,)."""
+        """Begin a round, in lanes with the chains, or pairs, of these numbers, (B,)."""
 
     def tracking(self, info: dict[str, Any]) -> Tracking:
         """Return the actions, and how far the states are from where they should be."""
@@ -73,16 +68,8 @@ class GoalPlans(PlanTracker):
     chains: Sequence[Changes] = ()
 
     def __init__(self, config: EnvConfig, plans: PlannedTransitions) -> None:
-        self._numbers = {pair: number for number, pair in enumerate(plans.plans)}
         self.pairs: Sequence[Pair] = list(plans.plans)
         super().__init__(config, list(plans.plans.values()))
-
-    def tracking(self, info: Mapping[str, Any]) -> Tracking:
-        """Return what the plans from the first equilibrium to the goal say of all lanes."""
-        for lane in np.flatnonzero(info["time"] == 0.0):
-            begun, goal = info["theta"][lane], info["goal"][lane]
-            self._which[lane] = self._numbers[pair_of(np.cos(begun) < 0.0, np.cos(goal) < 0.0)]
-        return super().tracking(info)
 
 
 class Rescuer(Protocol):

@@ -156,7 +156,7 @@ class DAgger:
         size, lanes, expert = settings.num_envs, self.lanes, self.expert
         drawn, starts = self.starts(rng)
         observation, info = lanes.reset(self.seeds[size * round_], expert.chains, rng, starts)
-        expert.begin(lanes.which, round_)
+        expert.begin(drawn if drawn.size > 0 else lanes.which, round_)
         self.history.reset(size)
         returns = np.zeros(size)
         by_student = (lanes.rank < settings.student_fraction) & (round_ > 0)
@@ -189,7 +189,7 @@ class DAgger:
     def starts(self, rng: np.random.Generator) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
         """Return the pair of equilibria of each lane, with the options of `reset` that say so.
 
-        Pairs of which the student failed more often are drawn more often. Without goals there are
+        Pairs are drawn more often where the student failed more often. Without goals there are
         none.
         """
         pairs = self.expert.pairs

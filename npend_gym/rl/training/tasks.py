@@ -76,7 +76,8 @@ def env_of_task(task: str) -> dict[str, Any]:
 
     Of a "robust" task every episode has another chain; "swingup-2-pendubot" and
     "swingup-2-acrobot" are for RealAIGym's, with a motor at the pivot or at the elbow. Names may
-    end in several of these words, as "swingup-2-acrobot-robust" does.
+    end in several of these words, as "swingup-2-acrobot-robust" does. The word "recovery" changes
+    the training alone.
     "swingup-1-cart" is "npend/CartPole-v1" with mode="swingup" and observation="sincos". Two and
     three rods are on the cart of "npend/CartDoublePole-v1" and "npend/CartTriplePole-v1", and more
     rods on the latter's, as poles like its own. There "balance-4-cart" has spread=0.002 and
