@@ -44,12 +44,12 @@ def envs(request):
 
 
 @pytest.fixture(autouse=True)
-def no_callbacks_of_the_collector():
-    """Hypothesis has one, in which an interrupt would be lost and reported as an error."""
-    kept = gc.callbacks[:]
-    gc.callbacks.clear()
+def no_garbage_collector():
+    """An interrupt in its callbacks or in finalizers of other tests is lost and reported."""
+    gc.collect()
+    gc.disable()
     yield
-    gc.callbacks[:] = kept
+    gc.enable()
 
 
 @pytest.fixture
