@@ -166,6 +166,42 @@ def test_an_interrupted_film_leaves_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_film_that_the_disk_cannot_take_leaves_the_old_file(tmp_path):
+    resource = pytest.importorskip("resource", reason="POSIX")
+    path, limits = tmp_path / "12:30.mp4", resource.getrlimit(resource.RLIMIT_FSIZE)
+    shown = film(1, duration=2.0)
+    write(film(1, duration=0.2), path)
+    old = path.read_bytes()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(old), limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"\[Errno 5\] .*12:30"):
+            write(shown, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == old
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_torques_that_noise_takes_beyond_their_limit_are_drawn_at_it():
+    recording = record_episode(
+        lambda _observation, _info: np.ones((1, 1)),
+        {"mode": "swingup", "n": 2, "action_delay": 0.3, "torque_noise": 0.5},
+        seconds=0.5,
+    )
+    assert recording.torque.max() > 1.0
+    most = int(recording.torque.argmax())
+    assert Film(recording, fps=20.0, size=120)._scene(most).torque == 1.0
+
+
+@pytest.mark.parametrize("options", ["--fps 60", "--size 121"])
+def test_options_that_no_film_can_have_are_refused_before_the_simulation(options, tmp_path, capsys):
+    arguments = ["simulate", "-n", "1", *options.split(), "--film", str(tmp_path / "a.gif")]
+    with pytest.raises(SystemExit):
+        main(arguments)
+    assert capsys.readouterr().out == ""
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("arguments", "shape", "made_by"),
     [

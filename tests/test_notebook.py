@@ -117,6 +117,16 @@ def test_a_motion_is_plotted_as_it_was_computed(motion):
     plt.close(axes[0].figure)
 
 
+def test_a_plot_shows_the_energy_of_a_counterweight():
+    import matplotlib.pyplot as plt
+
+    chain = Chain([1.0], [1.0], centres=[-0.2], inertias=[0.1])
+    shown = simulate(chain, 1.0, 0.0, np.linspace(0.0, 1.0, 21))
+    axes = shown.plot()[2]
+    assert axes.get_ylim()[0] <= shown.energy().min() < 0.0
+    plt.close(axes.figure)
+
+
 def test_a_motion_is_filmed(motion, tmp_path):
     film = motion.animate(tmp_path / "chain.gif", fps=10.0, size=120)
     assert len(film) == 31

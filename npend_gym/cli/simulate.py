@@ -114,9 +114,11 @@ def run(
     if plot is not None:
         prepare_file(plot, [*FIGURES], "plot")
     if film is not None:
-        from npend_gym.report.animation import SUFFIXES
+        from npend_gym.report import animation
 
-        prepare_file(film, SUFFIXES, "film")
+        animation.check_size(size)
+        prepare_file(film, animation.SUFFIXES, "film")
+        animation.check_suffix(film, fps or _FPS)
     intervals = [every] if film is None else [every, speed / (fps or _FPS)]
     recordings = record(*intervals)
     motion = recordings[0].motion

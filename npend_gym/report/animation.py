@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import base64
+import errno
 import html
 import io
 import json
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from subprocess import PIPE, Popen
+from typing import IO, Any, TypeVar, cast
 
 import numpy as np
 
@@ -69,8 +72,7 @@ class Film:
         self.recording = recording
         self.fps: float = _checks.positive_number("fps", fps)
         self.speed: float = _checks.positive_number("speed", speed)
-        if _checks.picture_size("size", size, low=120) % 2:
-            raise ValueError(f"size must be even, because videos have even sizes, got {size}")
+        check_size(size)
         self._painter = Painter(size)
         motion = recording.motion
         interval = self.speed / self.fps
@@ -110,7 +112,7 @@ class Film:
         motion, time = recording.motion, recording.motion.times[now]
         done = recording.periods <= time
         first = max(0, k - round(_TRACE_SECONDS * self.fps / self.speed))
-        on_cart, acts = recording.joint == motion.chain.n, float(recording.torque[now])
+        on_cart, acts = recording.joint == motion.chain.n, float(np.clip(recording.torque[now], -1.0, 1.0))
         return Scene(
             positions=self._places[now],
             reach=max(self._rail, motion.chain.total_length),
@@ -197,13 +199,29 @@ def _diagrams(recording: Recording, size: int) -> tuple[Frame, Frame, tuple[int,
     return picture(), after, (left, top, round(upper.x1), round(size - lower.y0))
 
 
+def check_size(size: int) -> None:
+    """Refuse the height of a film that is too small, too large or odd."""
+    if _checks.picture_size("size", size, low=120) % 2:
+        raise ValueError(f"size must be even, because videos have even sizes, got {size}")
+
+
+def check_suffix(path: Path, fps: float) -> str:
+    """Return the suffix of a film, if such a file can show `fps` pictures a second."""
+    suffix = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
+    if suffix == ".gif" and fps > _GIF_FPS:
+        raise ValueError(
+            f"fps must be at most {_GIF_FPS} in a GIF, which shows each picture for whole "
+            f"hundredths of a second, got {fps:g}: write an .mp4, or lower fps"
+        )
+    return suffix
+
+
 def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
     """Write `film` to `path`, .gif or .mp4, whole or not at all; provenance is in its comment.
 
     `progress` may wrap the iteration over the pictures, for a progress bar.
     """
-    suffix = _checks.choice("the suffix of the film", path.suffix, SUFFIXES)
-    write_as = _write_gif if suffix == ".gif" else _write_mp4
+    write_as = _write_gif if check_suffix(path, film.fps) == ".gif" else _write_mp4
     about = film.recording.provenance | {"fps": film.fps, "speed": film.speed}
     with _files.replacing(path, binary=True) as file:
         write_as(film, file, json.dumps(about), progress)
@@ -213,11 +231,6 @@ def write(film: Film, path: Path, progress: Progress[Frame] = iter) -> Path:
 def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
     from PIL import Image
 
-    if film.fps > _GIF_FPS:
-        raise ValueError(
-            f"fps must be at most {_GIF_FPS} in a GIF, which shows each picture for whole "
-            f"hundredths of a second, got {film.fps:g}: write an .mp4, or lower fps"
-        )
     ends = np.round(100.0 * np.arange(len(film) + 1) / film.fps).astype(int)
     # one palette for all pictures, so that what stands still costs nothing
     some = [film.picture(k) for k in np.linspace(0, len(film) - 1, 4).astype(int).tolist()]
@@ -238,16 +251,15 @@ def _write_gif(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
 def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -> None:
     import imageio_ffmpeg
 
-    ffmpeg: Any = imageio_ffmpeg
     height, width, _ = film.picture(0).shape
-    options = ["-f", "mp4", "-crf", "20", "-threads", "1", "-fflags", "+bitexact"]
-    writer = ffmpeg.write_frames(
-        file.name, (width, height), fps=film.fps, macro_block_size=2, quality=None,
-        output_params=[*options, "-metadata", f"comment={comment}"],
-    )  # fmt: skip
-    writer.send(None)
-    try:
-        for frame in progress(film):
-            writer.send(np.ascontiguousarray(frame))
-    finally:
-        writer.close()
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(film.fps)]
+    options = ["-f", "mp4", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-threads", "1"]
+    about = ["-fflags", "+bitexact", "-metadata", f"comment={comment}"]
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *raw, "-i", "-", *options]
+    with Popen([*command, *about, f"file:{file.name}"], stdin=PIPE, stderr=PIPE) as ffmpeg:
+        with suppress(BrokenPipeError):  # it has ended, and tells why
+            for frame in progress(film):
+                cast("IO[bytes]", ffmpeg.stdin).write(frame.tobytes())
+        told = ffmpeg.communicate()[1].decode(errors="replace").splitlines()
+    if ffmpeg.returncode != 0:
+        raise OSError(errno.EIO, " ".join(told[:2]) or "ffmpeg failed")

@@ -119,7 +119,8 @@ def plot(motion: Any) -> Any:
         labels = ("angle [rad]", "angular velocity [rad/s]", "energy [J]")
         for ax, label in zip(axes, labels, strict=True):
             ax.set_ylabel(label)
-        axes[2].set(xlabel="time [s]", ylim=(0.0, None))
+        lowest = min(0.0, float(motion.energy().min()))  # negative with a counterweight
+        axes[2].set(xlabel="time [s]", ylim=(lowest, None))
         axes[2].legend(loc="lower right", ncols=2)
         if n <= _MOST_LABELS:
             handles, names = axes[0].get_legend_handles_labels()
