@@ -36,7 +36,13 @@ const drawn = ["phase", "energies", "apart"].map((id) => [$(id)["aria-label"], c
 $("n").value = 3;
 $("n").oninput();
 const after = [$("angles").value, [...npend.chain.theta]];
-console.log(JSON.stringify({ files, during, drawn, after, n: npend.chain.n }));
+const n = npend.chain.n;
+$("angles").value = "1e300";
+$("twin").value = "1e308";
+$("angles").onchange();
+pass(3);
+const far = [...npend.chain.theta, npend.chain.output("TIME")];
+console.log(JSON.stringify({ files, during, drawn, after, n, far }));
 """
 
 
@@ -88,3 +94,9 @@ def test_the_sliders_take_the_place_of_the_angles_that_were_written(found):
     text, theta = found["after"]
     assert text == ""
     np.testing.assert_allclose(theta, [np.pi / 4] * 3)
+
+
+def test_angles_beyond_all_bounds_are_cut_to_what_the_page_can_show(found):
+    *theta, time = found["far"]
+    assert np.abs(theta).max() < 1e4
+    assert time > 0.0

@@ -17,7 +17,7 @@ function written() {
 function numbers(text) {
   const plain = text.replace(/[\u2212\u2013]/g, "-").replaceAll("\u00b0", " ");
   const parts = plain.includes(";") ? plain.replaceAll(",", ".").split(/[;\s]+/) : plain.split(/[,\s]+/);
-  return parts.filter(Boolean).map(Number).filter(Number.isFinite);
+  return parts.filter(Boolean).map(Number).filter(Number.isFinite).map(bounded);
 }
 
 function record() {

@@ -40,7 +40,8 @@ let upright = false; // whether the network has met its goal for as long as succ
 let trace = []; // of the tip
 const marks = new Map(); // where bobs have completed
 
-const value = (id) => Number($(id).value);
+const bounded = (x) => Math.min(Math.max(x, -1e4), 1e4); // beyond, turns are lost in the rounding
+const value = (id) => bounded(Number($(id).value));
 const parameters = () => given ?? byHand();
 const byHand = () => {
   const n = value("n"), along = (k) => (n > 1 ? k / (n - 1) - 0.5 : 0);
