@@ -121,6 +121,36 @@ def test_a_task_without_failure_or_reward_of_its_own_may_return_plain_values():
     assert info["success"].tolist() == [True] * 3
 
 
+@pytest.mark.parametrize("name", ["start", "reward", "failed", "achieved"])
+def test_a_method_on_an_instance_of_a_built_in_mode_is_refused(name):
+    mode = SwingUp()
+    setattr(mode, name, lambda *_: 7.0)
+    with pytest.raises(ValueError, match=f"got {name} on an instance of SwingUp.*derive a class"):
+        EnvConfig(mode=mode)
+
+
+def test_a_start_on_an_instance_of_a_mode_of_ones_own_is_used():
+    mode = Patient()
+    mode.start = lambda _, n, *__: (np.ones(n), np.zeros(n))
+    env = gym.make("NPendulum-v0", mode=mode, n=2)
+    assert env.reset(seed=0)[1]["theta"].tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("theta", "message"),
+    [
+        ([np.nan, 0.0], "the angles of mode.start must be finite"),
+        (np.zeros(3), r"the angles of mode.start must be .*shape \(2,\), got shape \(3,\)"),
+    ],
+)
+def test_a_start_of_a_mode_that_is_no_state_is_refused_by_its_name(theta, message):
+    mode = Patient()
+    mode.start = lambda *_: (theta, np.zeros(2))
+    env = gym.make("NPendulum-v0", mode=mode, n=2)
+    with pytest.raises(ValueError, match=message):
+        env.reset(seed=0)
+
+
 def test_a_mode_says_how_wide_its_starts_are_unless_the_keyword_does():
     class Wide(SwingUp):
         spread = 0.4

@@ -211,6 +211,24 @@ def test_a_delay_in_fractions_of_a_step_shows_the_motion_between_two_steps():
     assert np.all(error[1] < error[0] / 8.0)
 
 
+@pytest.mark.parametrize("count", [1, 5])
+def test_after_a_state_is_set_a_late_sensor_shows_it_until_it_is_old_enough(count):
+    late, fresh = (
+        NPendulumVectorEnv(count, n=1, mode="swingup", observation_delay=2.5) for _ in range(2)
+    )
+    late.reset(seed=0)
+    fresh.reset(seed=0, options={"theta": 3.0, "omega": 4.0})
+    idle = np.zeros((count, 1))
+    for _ in range(9):
+        late.step(idle)
+    late.state = [[3.0, 4.0]] * count
+    kept = late.get_state()
+    expected = [fresh.step(idle)[0] for _ in range(6)]
+    np.testing.assert_array_equal([late.step(idle)[0] for _ in range(6)], expected)
+    late.set_state(kept)
+    np.testing.assert_array_equal([late.step(idle)[0] for _ in range(6)], expected)
+
+
 def test_noise_is_that_of_the_stream():
     env = NPendulumVectorEnv(64, n=3, angle_noise=0.02, velocity_noise=0.5)
     env.reset(seed=10)

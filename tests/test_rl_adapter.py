@@ -1,6 +1,6 @@
 """SB3VecEnv against Stable-Baselines3's own vector environments."""
 
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 
 import gymnasium as gym
@@ -398,6 +398,83 @@ def test_an_environment_with_a_wrapper_that_is_not_known_is_refused_by_its_name(
     name = "TimeAwareObservation" if inside else "Doubled"
     with pytest.raises(ValueError, match=f"wrapper {name} changes observations or actions"):
         rl.evaluate(lambda shown, _: np.zeros((len(shown), 1)), env, episodes=2)
+
+
+class Logged(gym.Wrapper):
+    """A wrapper of a user that changes no step."""
+
+    def render(self):
+        return "a log"
+
+
+WRAPPERS = {
+    "RescaleAction": partial(
+        gym.wrappers.RescaleAction, min_action=np.float32(-2.0), max_action=np.float32(2.0)
+    ),
+    "MaxAndSkipObservation": gym.wrappers.MaxAndSkipObservation,
+    "FrameStackObservation": partial(gym.wrappers.FrameStackObservation, stack_size=2),
+}
+
+
+@pytest.mark.parametrize(
+    "made", ["single", "sync", "async", pytest.param("sb3", marks=pytest.mark.long)]
+)
+@pytest.mark.parametrize("name", WRAPPERS)
+def test_a_wrapper_of_single_environments_is_refused_however_they_are_made(name, made):
+    wrap = WRAPPERS[name]
+    if made == "single":
+        env = wrap(gym.make("NPendulum-v0", **SWING))
+    elif made == "sb3":
+        from stable_baselines3.common.env_util import make_vec_env
+        from stable_baselines3.common.vec_env import SubprocVecEnv
+
+        made_by = {"wrapper_class": wrap, "vec_env_cls": SubprocVecEnv}
+        env = make_vec_env("npend_gym:NPendulum-v0", 1, env_kwargs=SWING, **made_by)
+    else:
+        env = gym.make_vec("NPendulum-v0", 2, vectorization_mode=made, wrappers=[wrap], **SWING)
+    with pytest.raises(ValueError, match=f"wrapper {name} changes observations or actions"):
+        rl.evaluate(lambda shown, _: np.zeros((len(shown), 1)), env, episodes=2)
+    env.close()
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_wrappers_that_change_no_step_are_ignored_by_evaluate(mode, tmp_path):
+    from stable_baselines3.common.monitor import Monitor
+
+    wrappers = [
+        gym.wrappers.RecordEpisodeStatistics,
+        partial(gym.wrappers.ClipReward, min_reward=0.0, max_reward=0.5),
+        partial(Monitor, filename=str(tmp_path / "monitor")),
+        *([Logged] if mode == "sync" else []),
+    ]
+    env = gym.make_vec("NPendulum-v0", 2, vectorization_mode=mode, wrappers=wrappers, **SWING)
+    found, expected = (
+        rl.evaluate(lambda shown, _: np.ones((len(shown), 1)), each, episodes=2).returns
+        for each in (env, SWING)
+    )
+    np.testing.assert_array_equal(found, expected)
+    env.close()
+
+
+def test_frames_of_observations_with_a_goal_are_stacked_as_stable_baselines3_stacks_them():
+    from stable_baselines3.common.vec_env import VecFrameStack
+
+    keywords = {"id": "npend/Transition-v1", "n": 1, "goal_env": True, "reward_type": "sparse"}
+    venv = gym.make_vec(num_envs=2, autoreset_mode="SAME_STEP", max_episode_steps=5, **keywords)
+    env, seen = VecFrameStack(rl.SB3VecEnv(venv), 3), []
+
+    def act(shown, _):
+        seen.append({key: value.copy() for key, value in shown.items()})
+        return np.ones((2, 1), np.float32)
+
+    rl.evaluate(act, env, episodes=2, seed=3)
+    env.seed(3)
+    shown = env.reset()
+    for each in seen[:5]:
+        for key, value in shown.items():
+            np.testing.assert_array_equal(each[key], value)
+        shown = env.step(np.ones((2, 1), np.float32))[0]
+    assert seen[0]["achieved_goal"].shape == (2, 6)
 
 
 def random_observations(model, count=200):

@@ -249,6 +249,32 @@ def test_wrong_keywords_are_refused(keywords, error, message):
     assert not hasattr(NPendulumEnv(mode="transition"), "compute_reward")
 
 
+class Near(Transition):
+    """A task whose goal needs what no goal has."""
+
+    def achieved(self, quantities):
+        return quantities.closeness > 0.9
+
+
+class Coarse(Transition):
+    """A task that reaches its goal sooner."""
+
+    def achieved(self, quantities):
+        return (quantities.goal_distance < 0.5) & (quantities.kinetic_energy < 1.0)
+
+
+def test_a_task_whose_goal_is_more_than_a_goal_has_is_refused_with_goal_env():
+    with pytest.raises(ValueError, match=r"achieved of mode 'transition' must use .*got closeness"):
+        NPendulumEnv(mode=Near(), **GOAL_ENV)
+    env = NPendulumEnv(n=2, mode=Coarse(), **GOAL_ENV)
+    env.reset(seed=0, options={"start": [0.0, 0.0], "goal": [0.0, np.pi]})
+    for theta in (2.2, 1.8):
+        env.state = [0.0, theta, 0.0, 0.0]
+        observation, reward, *_, info = env.step(np.zeros(1))
+        achieved, desired = observation["achieved_goal"], observation["desired_goal"]
+        assert reward == env.compute_reward(achieved, desired, info) == float(theta == 2.2)
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # Stable-Baselines3 warns of CUDA
 def test_stable_baselines3_learns_from_hindsight():

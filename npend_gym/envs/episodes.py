@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym._streams import Purpose
 from npend_gym.chain import Chain, ChainParameters
@@ -205,7 +206,9 @@ class Episodes:
         for row, k in enumerate(chosen):
             episode, amplitude = members[[Episode.EPISODE, Episode.AMPLITUDE], k].tolist()
             rng = generator(self.seeds.values[int(k)], 0, Purpose.START, int(episode))
-            theta[row], omega[row] = config.mode.start(rng, config.n, amplitude, config.spread)
+            angles, speeds = config.mode.start(rng, config.n, amplitude, config.spread)
+            theta[row] = _checks.vector("the angles of mode.start", angles, config.n)
+            omega[row] = _checks.vector("the velocities of mode.start", speeds, config.n)
         return theta, omega
 
     def set_states(self, lanes: Lanes, states: States) -> None:
@@ -233,6 +236,8 @@ class Episodes:
         for field, column in zip(STATE, values.T[2 * n :], strict=False):
             memory.of_base(field)[memory.place(lanes)] = column
         memory.write_state(lanes, values[:, :n], values[:, n : 2 * n])
+        for past in self.sensors.kept.values() if self.sensors is not None else ():
+            past[:] = np.nan  # nothing was before this state
         self.observe()  # to know the energy, which counts from here
         energy_now = self.outputs.rows[Output.ENERGY, : self.count]
         memory.members[Episode.START_ENERGY] = energy_now

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.envs.modes import Mode, Quantities
+from npend_gym.envs.modes import Mode
 
 MAX_KINETIC_ENERGY = 4.0  # in a goal, in units of `Chain.lifting_energy`; more is clipped
 _NEARNESS = 1e-6  # rad, of an angle to 0 or pi
@@ -47,7 +48,8 @@ class GoalReward:
     """The reward of an environment with goals: 1 where the goal is met, else 0.
 
     A goal is the cosine of each angle and the kinetic energy in units of `Chain.lifting_energy`,
-    shape (n + 1,); any state that has been reached can be one.
+    shape (n + 1,); any state that has been reached can be one. It has no cart: where a cart
+    is beyond its rail, `step` returns 0, and the reward of the goal may be 1.
     """
 
     def __init__(self, mode: Mode) -> None:
@@ -68,10 +70,10 @@ class GoalReward:
         """
         del info
         away = np.abs(np.subtract(achieved_goal, desired_goal, dtype=np.float64))
-        unknown = np.full(away.shape[:-1], np.nan)
-        fields = dict.fromkeys(Quantities._fields, unknown)
-        fields |= {"goal_distance": away[..., :-1].max(axis=-1), "kinetic_energy": away[..., -1]}
-        reward = np.asarray(self._mode.achieved(Quantities(**fields)), np.float64)
+        known: Any = SimpleNamespace(
+            goal_distance=away[..., :-1].max(axis=-1), kinetic_energy=away[..., -1]
+        )
+        reward = np.asarray(self._mode.achieved(known), np.float64)
         return reward if reward.ndim else float(reward)
 
 
@@ -110,3 +112,12 @@ def check_goal_env(mode: Mode, reward_type: str, *, goal_env: bool) -> None:
             'reward_type must be "sparse" with goal_env=True, because the dense reward needs the '
             f"actions, which compute_reward does not receive; got {reward_type!r}"
         )
+    if goal_env:
+        try:
+            GoalReward(mode)(np.zeros(2), np.zeros(2), {})
+        except AttributeError as error:
+            raise ValueError(
+                f"achieved of mode {mode.name!r} must use goal_distance and kinetic_energy alone "
+                "with goal_env=True, because a goal has no other quantity; got "
+                f"{error.name}: leave goal_env out to use it"
+            ) from error

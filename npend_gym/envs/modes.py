@@ -271,6 +271,7 @@ class Transition(NearPose):
 
 
 _BUILT_IN = (Passive, SwingUp, Balance, Calm, Transition)
+_METHODS = {"start", "reward", "failed", "achieved"}
 MODES: dict[str, type[Mode]] = {mode.name: mode for mode in _BUILT_IN}
 
 
@@ -288,6 +289,12 @@ def described_modes() -> Iterator[str]:
 def find_mode(mode: object) -> Mode:
     """Return the mode itself, the built-in one of that name, or that of "package.module:Class"."""
     if isinstance(mode, Mode):
+        if type(mode) in _BUILT_IN and (own := _METHODS & vars(mode).keys()):
+            raise ValueError(
+                "the methods of mode must be those of its class, because built-in modes are "
+                f"compiled; got {min(own)} on an instance of {type(mode).__name__}: derive a class "
+                "and override the method there"
+            )
         return mode
     if isinstance(mode, str) and mode in MODES:
         return MODES[mode]()

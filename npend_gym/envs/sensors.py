@@ -8,6 +8,7 @@ multiples of their resolution. The true state, the info and the reward know noth
 # ruff: noqa: ARG001  all kernels have the parameters that `Memory.run` hands them
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from npend_gym._checks import FloatArray
@@ -57,7 +58,8 @@ def _look_back(
 ) -> None:  # fmt: skip
     """Write the states that the sensors of group `g` show, and keep the present ones for later.
 
-    Before the start of an episode the state was that of the start.
+    Before the start of an episode the state was that of the start; before a state that was set,
+    where the history is NaN, it was that state.
     """
     size, mask = history.shape[3], history.shape[1] - 1
     theta, omega = scratch[_THETA], scratch[_OMEGA]
@@ -67,6 +69,8 @@ def _look_back(
             past[step & mask, Rod.THETA, i] = rows[Rod.THETA, i * width + k]
             past[step & mask, Rod.OMEGA, i] = rows[Rod.OMEGA, i * width + k]
         delay = min(members[Setting.observation_delay, g * width + k], step)
+        while delay > 0.0 and math.isnan(past[(step - math.ceil(delay)) & mask, Rod.THETA, 0]):
+            delay = math.ceil(delay) - 1.0
         whole = int(delay)
         newer, older = past[(step - whole) & mask], past[(step - whole - 1) & mask]
         for i in range(size):

@@ -285,12 +285,13 @@ def begin_one(members: FloatArray, rods: FloatArray, model: Model, chain: FloatA
 def start_plan(mode: Mode, spread: float) -> FloatArray:
     """Return `start` of a mode; of one of the user's own, Python calls its `start`.
 
-    A class derived from a built-in mode may have any `start` of its own.
+    A class derived from a built-in mode, or an instance of one, may have any `start` of its own.
     """
     plan = np.zeros(len(Start))
     plan[Start.SPREAD], plan[Start.GOALS] = spread, mode.has_goals
-    if isinstance(mode, Release) and type(mode).start is Release.start:
+    start = getattr(mode.start, "__func__", None)
+    if start is Release.start:
         plan[Start.KIND] = RELEASE
-    elif isinstance(mode, NearPose) and type(mode).start is NearPose.start:
+    elif isinstance(mode, NearPose) and start is NearPose.start:
         plan[[Start.KIND, Start.POSE]] = NEAR_POSE, mode.pose
     return plan

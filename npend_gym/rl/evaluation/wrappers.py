@@ -8,6 +8,7 @@ the environment of a user is therefore applied here, in front of the model: `Vec
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -18,10 +19,16 @@ from gymnasium.vector.utils import create_empty_array
 from numpy.typing import NDArray
 
 from npend_gym._checks import BoolArray
+from npend_gym.envs.goals import of_lane
 from npend_gym.rl.evaluation.rollouts import Controller, forget
 
 WAY_OUT = "or give a function: model(observation, info) returns the actions"
-_OF_ONE_ENV: Any = gym.ObservationWrapper, gym.ActionWrapper
+# Wrappers of single environments whose `step` changes neither observations nor actions
+_HARMLESS = {
+    "Autoreset", "ClipReward", "HumanRendering", "Monitor", "NormalizeReward", "OrderEnforcing",
+    "PassiveEnvChecker", "RecordEpisodeStatistics", "RecordVideo", "RenderCollection",
+    "RewardWrapper", "TimeLimit", "TransformReward", "Wrapper",
+}  # fmt: skip
 _WRAPPERS: Any = gym.Wrapper, VectorWrapper
 _OF_MANY: Any = VectorObservationWrapper, VectorActionWrapper
 _Change = Callable[[Any, BoolArray], Any]
@@ -40,15 +47,28 @@ def layers_of(env: Any) -> Iterator[Any]:
 def changing_wrappers(env: Any) -> tuple[Any, ...]:
     """Return the wrappers that change observations or actions, the innermost first."""
     found: list[Any] = []
+    layer: Any = None
     for layer in layers_of(env):
         if is_normalizing(layer) or _is_stacking(layer) or isinstance(layer, _OF_MANY):
             found.insert(0, layer)
-        elif isinstance(layer, _OF_ONE_ENV) or _has_other_spaces(layer):
+        elif _has_other_spaces(layer) or _changes_step(layer):
             raise _unknown(type(layer).__name__)
-    for kind in _OF_ONE_ENV if hasattr(env, "env_is_wrapped") else ():
-        if any(env.env_is_wrapped(kind)):  # of environments in other processes
-            raise _unknown(kind.__name__)
+    for name in _in_other_processes(layer):
+        if name not in _HARMLESS:
+            raise _unknown(name)
     return tuple(found)
+
+
+def _changes_step(layer: Any) -> bool:
+    """Return whether a wrapper of a single environment has a `step` that is not known."""
+    owners = (kind.__name__ for kind in type(layer).__mro__ if "step" in vars(kind))
+    return isinstance(layer, gym.Wrapper) and next(owners) not in _HARMLESS
+
+
+def _in_other_processes(base: Any) -> list[str]:
+    """Return the names of the wrappers of an environment in another process, as it prints them."""
+    call = getattr(base, "call", None) or getattr(base, "env_method", None)
+    return re.findall(r"<(\w+)(?=<\w+[< ])", call("__str__")[0]) if call is not None else []
 
 
 def is_normalizing(layer: Any) -> bool:
@@ -58,7 +78,7 @@ def is_normalizing(layer: Any) -> bool:
 
 def _is_stacking(layer: Any) -> bool:
     """Return whether a wrapper is a VecFrameStack of Stable-Baselines3."""
-    return "stacked_obs" in vars(layer)
+    return "stacked_obs" in vars(layer) and not isinstance(layer, gym.Wrapper)
 
 
 def _has_other_spaces(layer: Any) -> bool:
@@ -115,14 +135,13 @@ def _observing(wrapper: Any, lanes: int) -> _Change:
     if is_normalizing(wrapper):
         return lambda shown, _: wrapper.normalize_obs(shown)
     if _is_stacking(wrapper):
-        stack = copy.copy(wrapper.stacked_obs)
-        kept = stack.stacked_obs
-        stack.stacked_obs = np.zeros((lanes, *kept.shape[1:]), kept.dtype)
+        stack = _stack_for(wrapper.stacked_obs, lanes)
 
-        def stacked(shown: NDArray[Any], begins: BoolArray) -> Any:
+        def stacked(shown: Any, begins: BoolArray) -> Any:
             if begins.all():
                 return stack.reset(shown)
-            return stack.update(shown, begins, [{"terminal_observation": o} for o in shown])[0]
+            last = [{"terminal_observation": of_lane(shown, k)} for k in range(lanes)]
+            return stack.update(shown, begins, last)[0]
 
         return stacked
     if isinstance(wrapper, VectorObservationWrapper):
@@ -130,6 +149,17 @@ def _observing(wrapper: Any, lanes: int) -> _Change:
         own.update_running_mean = False  # of NormalizeObservation
         return lambda shown, _: own.observations(shown)
     return lambda shown, _: shown
+
+
+def _stack_for(kept: Any, lanes: int) -> Any:
+    """Return a copy of the frames of a VecFrameStack, for another number of lanes."""
+    own = copy.copy(kept)
+    if hasattr(kept, "stacked_obs"):
+        own.stacked_obs = np.zeros((lanes, *kept.stacked_shape), kept.stacked_obs.dtype)
+    else:  # of a Dict
+        parts = kept.sub_stacked_observations.items()
+        own.sub_stacked_observations = {key: _stack_for(part, lanes) for key, part in parts}
+    return own
 
 
 def _acting(wrapper: Any, lanes: int) -> Callable[[Any], Any]:
