@@ -52,7 +52,8 @@ def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, N
     """
     if path.exists() and not path.is_file():
         raise FileExistsError(errno.EEXIST, "exists and is not a regular file", str(path))
-    temporary = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+    # names of files have at most 255 bytes, four for each character of the worst
+    temporary = path.parent / f".{path.name[:40]}.{secrets.token_hex(4)}.part"
     try:
         raw = io.BufferedWriter(disk.open(temporary, "x"))
         with raw if binary else io.TextIOWrapper(raw, encoding="utf-8", newline="") as file:
@@ -61,8 +62,10 @@ def replacing(path: Path, *, binary: bool = False) -> Generator[IO[Any], None, N
             disk.sync(file.fileno())
         disk.replace(temporary, path)
     except BaseException as error:
-        if isinstance(error, OSError) and error.filename is None:  # the disk is full, say
+        # a full disk names no file, and others a file that the user never chose
+        if isinstance(error, OSError) and error.filename in (None, temporary):
             error.filename = str(path)
+            del error.filename2
         with suppress(OSError):  # it may never have been made; the first error is the one to tell
             disk.unlink(temporary)
         raise

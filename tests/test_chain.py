@@ -1,3 +1,4 @@
+import copy
 import inspect
 import json
 import pickle
@@ -37,6 +38,32 @@ def test_a_chain_cannot_be_changed():
         chain.masses[0] = 2.0
     with pytest.raises(FrozenInstanceError):
         chain.gravity = 1.0
+
+
+def copies(chain):
+    chain.lift, chain.carried_masses  # noqa: B018 - kept from now on
+    return chain, pickle.loads(pickle.dumps(chain)), copy.deepcopy(chain), copy.copy(chain)
+
+
+@pytest.mark.parametrize("name", ["masses", "gear", "stiffness", "lift", "carried_masses"])
+def test_no_array_of_a_chain_or_of_a_copy_can_be_changed(name):
+    for chain in copies(Chain([1.0, 2.0], 1.0, stiffness=9.0)):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(chain, name)[0] = 7.0
+
+
+def test_what_a_chain_keeps_is_not_pickled():
+    chain, again, *_ = copies(Chain.uniform(3))
+    assert pickle.dumps(chain) == pickle.dumps(Chain.uniform(3))
+    assert (again, hash(again)) == (chain, hash(chain))
+
+
+def test_the_sign_of_a_zero_makes_no_other_chain():
+    given = np.array([-0.0])
+    chain = Chain(1, 1, -0.0, given, centres=given, inertias=1.0)
+    assert np.signbit(given[0])
+    assert chain == Chain(1, 1, 0.0, centres=0.0, inertias=1.0)
+    assert json.dumps(chain.as_dict()).count("-") == 0
 
 
 def test_repr_is_short_for_long_chains():

@@ -103,6 +103,16 @@ def test_machine_code_that_cannot_be_kept_is_said_in_one_line(tmp_path):
 
 
 @pytest.mark.long
+def test_where_no_folder_can_be_written_to_kernels_run_and_one_line_says_so(tmp_path):
+    (tmp_path / "file").touch()
+    loaded, said = hits(start(tmp_path / "file" / "folder"))
+    assert loaded == 0
+    assert said.startswith(f"npend_gym: machine code cannot be kept in {tmp_path / 'file'}")
+    assert said.endswith("unless NUMBA_CACHE_DIR names a folder that can be written to\n")
+    assert said.count("\n") == 1
+
+
+@pytest.mark.long
 def test_eight_processes_that_compile_at_once_leave_whole_files(tmp_path):
     together = [start(tmp_path, stride) for stride in (1, 2) * 4]
     for process in together:

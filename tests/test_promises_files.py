@@ -1,5 +1,6 @@
 """Files: what is damaged is refused, what cannot be written leaves what was there."""
 
+import errno
 import io
 import json
 import os
@@ -12,8 +13,8 @@ import numpy as np
 import pytest
 from damage import flipped
 
-from npend_gym import Chain, Trajectory, simulate
-from npend_gym._files import replacing
+from npend_gym import Chain, Event, Trajectory, simulate
+from npend_gym._files import disk, replacing
 from npend_gym.cli import main
 
 posix = pytest.mark.skipif(os.name != "posix", reason="FIFOs, devices and mounts")
@@ -132,7 +133,15 @@ def test_an_archive_that_tells_how_it_was_made_is_read(file):
         {"theta": np.array([[None] * 2] * 30)},  # pickled
         {"position": np.zeros(30), "velocity": np.zeros(30)},  # of a pivot: two numbers
         {"counts": np.zeros(2, int)},
+        {"times": np.linspace(2.0, 0.0, 30)},
         {"status": np.zeros(30, int)},
+        {"status": np.array(7)},
+        {"counts": np.full(3, -1)},
+        {
+            "t_events_0": np.ones(2),
+            "theta_events_0": np.ones((1, 2)),
+            "omega_events_0": np.ones((2, 2)),
+        },
         {"about": np.array("{}")},
         {"about": np.array("[" * 100_000)},
         about({"masses": [1, -1], "lengths": 1}),
@@ -143,6 +152,8 @@ def test_an_archive_that_tells_how_it_was_made_is_read(file):
         about(method="euler"),
         about(settings={"rtol": 0.0}),
         about(torque=[0.0, 0.0, 0.0]),
+        about(torque=[[0.0, 0.0]]),
+        about(force=[0.0]),
         about(torque={"signal": {"times": [1.0, 0.0], "values": [0.0, 1.0]}}),
         about(torque={"lambda": "os.mkdir"}),
         about(force="strong"),
@@ -151,6 +162,36 @@ def test_an_archive_that_tells_how_it_was_made_is_read(file):
 )
 def test_a_whole_archive_of_something_else_is_refused(file, change):
     rewritten(file, **change)
+    with pytest.raises(ValueError, match="path must name a trajectory"):
+        Trajectory.load(file)
+
+
+OTHER_ROD = TWO_RODS | {"lengths": 2}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"t_events_0_sizes": np.array([3, -1])},
+        {"t_events_0_sizes": np.array([1.0, 1.0])},
+        {"t_events_0_sizes": np.array([2])},
+        {"chains": [TWO_RODS]},
+        {"chains": [OTHER_ROD, TWO_RODS]},
+        {"chains": [TWO_RODS, {"masses": [1, 1, 1], "lengths": 1}]},
+        {"recipe": RECIPE | {"torque": [[0.0, 0.0]] * 5}},
+        {"recipe": RECIPE | {"force": [0.0] * 5}},
+    ],
+)
+def test_an_archive_whose_parts_are_of_other_motions_is_refused(change, tmp_path):
+    chains, file = [Chain(**TWO_RODS), Chain(**OTHER_ROD)], tmp_path / "many.npz"
+    motions = simulate(chains, [1.0, 0.5], 0.0, [0.0, 1.0], events=Event("angle"))
+    motions.save(file)
+    assert len(Trajectory.load(file).t_events[0]) == 2
+    with np.load(file) as data:
+        told = json.loads(str(data["about"]))
+    arrays = {name: each for name, each in change.items() if isinstance(each, np.ndarray)}
+    about = {name: each for name, each in change.items() if name not in arrays}
+    rewritten(file, about=np.array(json.dumps(told | about)), **arrays)
     with pytest.raises(ValueError, match="path must name a trajectory"):
         Trajectory.load(file)
 
@@ -232,6 +273,35 @@ def test_a_failed_write_names_the_path_and_keeps_what_was_there(tmp_path):
         fill()
     assert target.read_text() == "good"
     assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("place", ["missing/a.npz", "a.npz"])
+def test_a_file_that_cannot_be_opened_or_replaced_is_named_as_the_user_named_it(
+    path, place, tmp_path, monkeypatch
+):
+    def fail(source, target):
+        raise OSError(errno.EACCES, "Permission denied", source, None, target)
+
+    monkeypatch.setattr(disk, "replace", fail)
+    with pytest.raises(OSError, match=rf"'{tmp_path / place}'$"):
+        path.save(tmp_path / place)
+
+
+def test_a_failure_to_read_another_file_while_writing_names_that_file(tmp_path):
+    def copy():
+        with replacing(tmp_path / "copy") as file:
+            file.write((tmp_path / "missing").read_text())
+
+    with pytest.raises(FileNotFoundError, match=f"'{tmp_path / 'missing'}'$"):
+        copy()
+
+
+@posix
+@pytest.mark.parametrize("letter", ["x", "é", "𝜃"])  # of one byte, two and four
+def test_a_file_may_have_any_name_that_the_system_allows(path, letter, tmp_path):
+    name = letter * (251 // len(letter.encode())) + ".npz"
+    path.save(tmp_path / name)
+    assert same(Trajectory.load(tmp_path / name), path)
 
 
 @posix

@@ -87,8 +87,11 @@ exec "$3" -c "$4"
 
 
 @pytest.mark.long
-def test_a_read_only_installation_works_without_a_home(tmp_path, mounting):
-    site, cache = tmp_path / "site", tmp_path / "cache"
+@pytest.mark.parametrize("cached", ["cache", "site/cache"])
+def test_a_read_only_installation_works_without_a_home_or_a_place_for_machine_code(
+    cached, tmp_path, mounting
+):
+    site, cache = tmp_path / "site", tmp_path / cached
     site.mkdir()
     code = (
         "import os, npend_gym\n"
@@ -108,4 +111,5 @@ def test_a_read_only_installation_works_without_a_home(tmp_path, mounting):
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "(0.0, 1.0)"
-    assert list(cache.rglob("*.code"))
+    assert bool(list(cache.rglob("*.code"))) == (cached == "cache")
+    assert done.stderr.count("\n") == (cached != "cache")  # that nothing is kept

@@ -9,6 +9,7 @@ import pytest
 from interrupt import Interrupt
 from lanes import assert_same
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import npend_gym
 from npend_gym import Cart, Chain, Event, Signal, simulate
@@ -202,6 +203,74 @@ def test_a_torque_function_gives_what_scipy_gives_compiled_or_not():
     np.testing.assert_allclose(slow.theta, motion.theta, atol=1e-9)
 
 
+CALLS = 0
+
+
+def counts(t, theta, omega):
+    global CALLS  # noqa: PLW0603
+    CALLS += 1
+    return 0.1
+
+
+def imports(t, theta, omega):
+    from math import exp
+
+    return 0.1 * exp(0.0 * t)
+
+
+def names_errors(t, theta, omega):
+    try:
+        return 0.1 if t else 1 / 0
+    except ZeroDivisionError as error:
+        return 0.1 * len(error.args)
+
+
+def unpacks(t, theta, omega):
+    _, *rest = (0.0, 0.1)
+    del rest[1:]
+    return rest[0]
+
+
+@pytest.mark.parametrize("torque", [counts, imports, names_errors, unpacks])
+def test_functions_of_any_python_drive_where_numba_cannot_compile_them(torque):
+    motion = simulate(DOUBLE, 1.0, 0.0, TIMES[:6], torque=torque)
+    assert motion.provenance["arguments"]["torque"] == f"function {torque.__name__}, in Python"
+    np.testing.assert_array_equal(motion.theta, simulate(DOUBLE, 1, 0, TIMES[:6], torque=0.1).theta)
+
+
+@pytest.mark.parametrize("within", [False, True])
+def test_functions_that_remember_are_called_in_python(within):
+    calls = 0
+
+    def remembers(t, theta, omega):
+        nonlocal calls
+        calls += 1
+        return 0.0
+
+    def remembers_within(t, theta, omega):
+        def count():
+            nonlocal calls
+            calls += 1
+
+        count()
+        return 0.0
+
+    torque = remembers_within if within else remembers
+    simulate(DOUBLE, 1.0, 0.0, [0.0, 0.1], torque=torque, method="rk4", dt=0.01)
+    assert calls == 41  # one to check, four in each of ten steps
+
+
+def test_functions_that_change_their_arguments_move_no_chain():
+    def careless(t, theta, omega):
+        theta[0] += 1.0
+        omega *= 2.0
+        return 0.0
+
+    careful = simulate(DOUBLE, 1.0, 0.0, TIMES, torque=lambda t, theta, omega: 0.0)
+    motion = simulate(DOUBLE, 1.0, 0.0, TIMES, torque=careless)
+    np.testing.assert_array_equal(motion.theta, careful.theta)
+
+
 def test_a_torque_function_may_drive_all_joints_and_many_motions(starts):
     many = simulate(DOUBLE, starts[0][:3], 0.0, TIMES, torque=lambda t, theta, omega: -0.5 * omega)
     damped = simulate(DOUBLE, starts[0][1], 0.0, TIMES, torque=lambda t, theta, omega: [
@@ -247,6 +316,25 @@ def test_a_moving_pivot_as_a_function_is_the_frame_that_moves():
         )
 
 
+def in_time(t, size=0.5, rate=3.0):
+    return size * np.sin(rate * t)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        in_time,
+        CubicSpline(TIMES, in_time(TIMES)),
+        lambda t, *state: in_time(t),
+    ],
+)
+@pytest.mark.parametrize(("chain", "name"), [(DOUBLE, "torque"), (ON_CART, "force")])
+def test_functions_of_time_are_called_with_the_time_alone(chain, name, function):
+    motion = simulate(chain, 0.3, 0.0, TIMES, **{name: function})
+    exact = simulate(chain, 0.3, 0.0, TIMES, **{name: lambda t, q, u: 0.5 * np.sin(3.0 * t)})
+    np.testing.assert_allclose(motion.theta, exact.theta, atol=1e-4)
+
+
 def test_a_force_that_feeds_the_cart_back_sees_all_coordinates():
     """A cart held by a spring of its own: F = -k x - d v, by which it swings."""
     heavy = Chain([1e-6], [1.0], base=Cart(2.0))
@@ -285,6 +373,14 @@ def fails_late(t, theta, omega):
     return 1.0 / (t < 1.0)
 
 
+def reads_beyond(t, theta, omega):
+    return 0.01 * theta[int(10.0 * t)]
+
+
+def returns_fewer(t, theta, omega):
+    return theta[: 2 - int(t)]
+
+
 def nan_late(t, theta, omega):
     return np.nan if t > 1.0 else 0.0
 
@@ -300,6 +396,9 @@ def fails_in_python(t, theta, omega):
     [
         ({"torque": lambda t, theta, omega: 1 / 0}, "torque raised ZeroDivisionError at t = 0 s"),
         ({"torque": fails_late}, "torque raised ZeroDivisionError at t = 1 s"),
+        ({"torque": reads_beyond}, "torque raised IndexError at t = 0.2 s: index 2 is out of"),
+        ({"torque": reads_beyond, "method": "rk4", "dt": 0.1}, "torque raised IndexError"),
+        ({"torque": returns_fewer}, "torque must return finite numbers, got .* an exception soon"),
         ({"torque": nan_late}, "torque must return finite numbers, got NaN"),
         ({"torque": fails_in_python}, "torque raised RuntimeError soon after t = .*no more"),
         ({"torque": lambda t, theta, omega: [1, 2, 3]}, r"shape \(\) or \(2,\), got"),

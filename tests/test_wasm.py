@@ -32,6 +32,18 @@ def test_where_no_file_can_be_written_modules_are_compiled_again(monkeypatch, tm
     assert wasm.wasm_module({sincos_all: VECTORS}) == b"compiled"
 
 
+def test_a_damaged_module_is_compiled_again(monkeypatch, tmp_path):
+    monkeypatch.setattr(wasm, "cache_folder", lambda *_: tmp_path)
+    monkeypatch.setattr(wasm, "_compiled", lambda _: b"compiled")
+    for damaged in (b"", b"compiled", b"\0" * 40):
+        assert wasm.wasm_module({sincos_all: VECTORS}) == b"compiled"
+        (file,) = tmp_path.iterdir()
+        whole = file.read_bytes()
+        file.write_bytes(damaged)
+    assert wasm.wasm_module({sincos_all: VECTORS}) == b"compiled"
+    assert file.read_bytes() == whole
+
+
 @inner_kernel
 def grow(x):
     for i in range(x.size):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, ClassVar  # noqa: F401  in comments, which dataclasses do not read
+from typing import Any, ClassVar, cast  # noqa: F401  in comments, which dataclasses do not read
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -132,7 +132,7 @@ class Chain(NamedChains):
         base: Cart | None = None,
     ) -> None:
         n = parameters.rod_count(masses, lengths)
-        object.__setattr__(self, "gravity", _checks.nonnegative_number("gravity", gravity))
+        object.__setattr__(self, "gravity", _checks.nonnegative_number("gravity", gravity) + 0.0)
         given = {
             "masses": masses,
             "lengths": lengths,
@@ -151,8 +151,8 @@ class Chain(NamedChains):
         vectors = {name: _checks.vector(name, value, n) for name, value in given.items()}
         for name, value in (vectors | {"gear": parameters.gear_ratios("gear", gear, (n,))}).items():
             checked = parameters.check_parameter(name, value)
-            checked.flags.writeable = False
-            object.__setattr__(self, name, checked)
+            checked += 0.0  # -0.0 becomes 0.0: equal chains have the same bytes
+            object.__setattr__(self, name, _frozen(checked))
         object.__setattr__(self, "base", as_base(base))
         self.repeated(1).check()
         if stiffness is None:
@@ -206,12 +206,12 @@ class Chain(NamedChains):
     @cached_property
     def carried_masses(self) -> FloatArray:
         """Mass hanging on each rod, sum_{k>=i} m_k [kg], shape (n,)."""
-        return np.cumsum(self.masses[::-1])[::-1]
+        return _frozen(np.cumsum(self.masses[::-1])[::-1].copy())
 
     @cached_property
     def lift(self) -> FloatArray:
         """What gravity turns, h_i = m_i c_i + l_i sum_{k>i} m_k [kg m]: torque -g h sin theta."""
-        return self.repeated(1).lift[0]
+        return _frozen(self.repeated(1).lift[0].copy())
 
     @property
     def is_uniform(self) -> bool:
@@ -298,6 +298,15 @@ class Chain(NamedChains):
     def __hash__(self) -> int:
         return hash(self._key())
 
+    def __getstate__(self) -> dict[str, Any]:  # without what is cached
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:  # copies of arrays can be written to
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                _frozen(cast("FloatArray", value))
+            object.__setattr__(self, name, value)
+
     def _key(self) -> tuple[object, ...]:
         springs = self.stiffness is not None and self.stiffness.tobytes()
         rods = (values.tobytes() for values in self.repeated(1))
@@ -317,6 +326,11 @@ class Chain(NamedChains):
         texts = [f"{name}={brief(value)}" for name, value in shown.items()]
         texts += [] if self.base is None else [f"base={self.base}"]
         return f"Chain(n={self.n}, {', '.join(texts)})"
+
+
+def _frozen(values: FloatArray) -> FloatArray:
+    values.flags.writeable = False
+    return values
 
 
 def check_chain(value: Any) -> Chain:

@@ -11,7 +11,9 @@ one signature in C, so that the kernels that call it are compiled once for all f
 from __future__ import annotations
 
 import ctypes
+import dis
 from collections.abc import Callable, Mapping
+from types import CodeType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,17 +86,19 @@ def compiled_if_possible(
 
     `build` is given the compiled functions, and what compiles those that it makes of them. All are
     parts of the one function that C calls, which alone becomes machine code (`Callback`).
+    Functions that assign to variables of the function around them are left to Python: machine code
+    would take such variables for constants.
     """
     from numba import config, njit, types
-    from numba.core.errors import NumbaError
 
     from npend_gym.compiled.inner import InnerCompiler
 
     def part(function: Any) -> Any:
         options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        return njit(**options, pipeline_class=InnerCompiler)(function)
+        return njit(**options, boundscheck=True, pipeline_class=InnerCompiler)(function)
 
-    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    codes = (getattr(each, "__code__", None) for each in functions.values())
+    if config.DISABLE_JIT or any(map(_assigns_outside, codes)):  # type: ignore[attr-defined]
         return None
     array = types.Array(types.float64, 1, "C")
     try:
@@ -104,9 +108,20 @@ def compiled_if_possible(
         }
         writer = build(compiled, part)
         writer.compile((types.float64, array, array, array))  # type: ignore[attr-defined]
-    except (NumbaError, TypeError, ValueError, NotImplementedError):
+    except Exception:  # noqa: BLE001 - Numba raises anything, even bare AssertionErrors
         return None
     return writer
+
+
+def _assigns_outside(code: Any) -> bool:
+    """Return whether a function, or one within it, assigns to variables of one around it."""
+    return isinstance(code, CodeType) and (
+        any(
+            each.opname == "STORE_DEREF" and each.argval in code.co_freevars
+            for each in dis.get_instructions(code)
+        )
+        or any(map(_assigns_outside, code.co_consts))
+    )
 
 
 if TYPE_CHECKING:
@@ -138,7 +153,7 @@ else:
         def in_c(t, q, u, out, m, n):
             values = carray(out, (n + entries,))
             try:
-                writer(t, carray(q, (m,)), carray(u, (m,)), values)
+                writer(t, carray(q, (m,)).copy(), carray(u, (m,)).copy(), values)
             except Exception:  # noqa: BLE001 - told from NaN where the kernel returns
                 values[:] = np.nan
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -30,9 +29,10 @@ def cache_folder(package: Path, chosen: str) -> Path:
     elif os.access(package, os.W_OK):
         base = package / "__pycache__"
     else:
-        base = Path(tempfile.gettempdir())
-        with suppress(RuntimeError):  # there is no home
+        try:
             base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        except RuntimeError:  # there is no home
+            base = Path(tempfile.gettempdir())
     return base / f"npend_gym-{sources_digest(package)}"
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.serialize import dumps
 
 from npend_gym import _files
@@ -28,8 +28,26 @@ from npend_gym.compiled.notice import say
 _DIGEST = hashlib.sha256().digest_size
 
 
+_NumbasFolder: Any = CompileResultCacheImpl._locator_classes[0]  # noqa: SLF001 - of NUMBA_CACHE_DIR
+
+
+class _Folder(_NumbasFolder):
+    """The folder of the machine code, which may be read-only: Numba would take another, or none."""
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Folder:
+        """Return the folder of a function."""
+        return cls(py_func, py_file)
+
+
+class _Files(CompileResultCacheImpl):
+    _locator_classes = [_Folder]  # noqa: RUF012 - as Numba has it
+
+
 class CheckedCache(FunctionCache):
     """Numba's cache of one function, with files that are checked when they are read."""
+
+    _impl_class = _Files
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -42,17 +60,44 @@ class CheckedCache(FunctionCache):
             super().save_overload(sig, data)
         except OSError as error:
             say(
-                f"machine code cannot be kept in {self._cache_path} ({error.strerror or error}): "
-                "the next process compiles it again"
+                f"machine code cannot be kept in {Path(self._cache_path).parent} "
+                f"({error.strerror or error}): the next process compiles it again, unless "
+                "NUMBA_CACHE_DIR names a folder that can be written to"
             )
+
+
+def write_checked(path: Path, content: bytes) -> None:
+    """Write a file: the SHA-256 of the content, and the content."""
+    with _files.replacing(path, binary=True) as file:
+        file.write(hashlib.sha256(content).digest() + content)
+
+
+def read_checked(path: Path, unpack: Callable[[bytes], Any] = bytes) -> Any:
+    """Return the unpacked content of a file of `write_checked`.
+
+    None where there is none, or it is damaged: it is removed then.
+    """
+    try:
+        file = path.read_bytes()
+    except OSError:
+        return None
+    try:
+        if hashlib.sha256(file[_DIGEST:]).digest() != file[:_DIGEST]:
+            raise ValueError("checksum")
+        return unpack(file[_DIGEST:])
+    except Exception:  # noqa: BLE001 - unpickling raises anything
+        say(f"machine code in {path.parent} is damaged: compiling it again")
+        with suppress(OSError):
+            path.unlink()
+        return None
 
 
 class CodeFiles:
     """The files of one function, in place of Numba's ``IndexDataCacheFile``.
 
-    A file is the SHA-256 of what follows, and a pickle of two: what the machine code belongs to
-    (the source's time stamp and the key) and the machine code. Like Numba's, the files are as
-    trustworthy as the folder that they lie in.
+    A file holds a pickle of two: what the machine code belongs to (the source's time stamp and the
+    key) and the machine code. Like Numba's, the files are as trustworthy as the folder that they
+    lie in.
 
     Parameters
     ----------
@@ -72,26 +117,11 @@ class CodeFiles:
 
     def save(self, key: Any, data: Any) -> None:
         """Write the machine code of `key`, a signature with the processor it is for."""
-        content = dumps(((self._stamp, key), data))
-        with _files.replacing(self._path(key), binary=True) as file:
-            file.write(hashlib.sha256(content).digest() + content)
+        write_checked(self._path(key), dumps(((self._stamp, key), data)))
 
     def load(self, key: Any) -> Any:
         """Return the machine code of `key`; None where there is none, or it is damaged."""
-        path = self._path(key)
-        try:
-            file = path.read_bytes()
-        except OSError:
-            return None
-        try:
-            if hashlib.sha256(file[_DIGEST:]).digest() != file[:_DIGEST]:
-                raise ValueError("checksum")
-            belongs_to, data = pickle.loads(file[_DIGEST:])  # noqa: S301 - as Numba does
-        except Exception:  # noqa: BLE001 - unpickling raises anything
-            say(f"machine code in {self._folder} is damaged: compiling it again")
-            with suppress(OSError):
-                path.unlink()
-            return None
+        belongs_to, data = read_checked(self._path(key), pickle.loads) or (None, None)
         return data if belongs_to == (self._stamp, key) else None
 
     def flush(self) -> None:
