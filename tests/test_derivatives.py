@@ -1,5 +1,7 @@
 """Derivatives of accelerations, steps and motions against complex steps of the dense systems."""
 
+import threading
+
 import numpy as np
 import oracle
 import pytest
@@ -247,6 +249,26 @@ def test_no_call_leaves_traces_in_the_next():
     for substeps in (7, 1, 2, 7):
         for first, again in zip(once[substeps], results(substeps), strict=True):
             np.testing.assert_array_equal(first, again)
+
+
+def test_threads_that_an_interrupt_leaves_at_work_spoil_no_later_derivative(monkeypatch):
+    ensemble = DifferentiableEnsemble(Chain.uniform(2), 64, threads=3)
+    expected, begun, theirs = ensemble.step_jacobian(0.3, 0.02, 20).A, threading.Event(), []
+
+    def interrupted(*arguments):
+        if threading.current_thread() is threading.main_thread():
+            assert begun.wait(60.0)
+            raise KeyboardInterrupt
+        theirs.extend(arguments[-2:])  # timing and work space
+        begun.set()
+
+    with monkeypatch.context() as patch:
+        patch.setattr("npend_gym.physics.derivatives.tangents_many", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            ensemble.step_jacobian(2.5, 0.02, 20)
+    np.testing.assert_array_equal(ensemble.step_jacobian(0.3, 0.02, 20).A, expected)
+    ours = [*ensemble._work, *ensemble._check_step(0.02, 20).timing]
+    assert not any(np.shares_memory(a, b) for a in theirs for b in ours)
 
 
 def test_what_has_no_derivative_is_refused_by_name():

@@ -156,6 +156,10 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
             use()
 
 
+def with_parameters(**parameters):
+    ensemble().set_chain(0, CHAINS[0].repeated(1)._replace(**parameters))
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -164,6 +168,11 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
         (lambda: Ensemble(CHAINS[0], 2, joints=(3,)), "joint must be between 0 and 2"),
         (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "the same number of rods, got 3 and 2"),
         (lambda: ensemble().set_state([7], 0.1), "members must be indices below 5"),
+        (lambda: ensemble().set_state(None, 0.1), "members must be .* in one list, .* got None"),
+        (lambda: ensemble().set_state(True, 0.1), "members must be indices"),
+        (lambda: ensemble().set_state([[0, 1]], 0.1), "members must be indices"),
+        (lambda: ensemble().set_chain([[0, 1]], CHAINS[0]), "members must be indices"),
+        (lambda: ensemble().chain(5), "member must be between -5 and 4, got 5"),
         (lambda: ensemble().set_state([0], np.ones((2, 3))), "theta and omega must have the shape"),
         (lambda: ensemble().set_state([0], 2e5), "theta must lie within"),
         (lambda: ensemble().set_state([0], np.nan), "theta must be finite"),
@@ -171,8 +180,19 @@ def test_an_interrupted_ensemble_refuses_further_use(monkeypatch):
         (lambda: ensemble().advance(0.0, -0.05), "dt must be greater than zero"),
         (lambda: ensemble().advance(0.0, 0.05, 0), "substeps must be between 1"),
         (lambda: ensemble().advance(0.0, 0.05, active=[True]), "active must have the shape"),
+        (lambda: ensemble().advance(0.0, 0.05, active=[0, 1, 2]), "active must hold True or False"),
+        (lambda: ensemble().advance(0.0, 0.05, active=["no"] * 5), "active must hold True or"),
         (lambda: Chain.uniform(2).repeated(1, masses=-np.ones((1, 2))), "masses must be greater"),
         (lambda: ensemble().set_chain(0, Chain.rods([1.0] * 3, [1.0] * 3)), "begin with a chain"),
+        (lambda: ensemble().set_chain(0, Chain.uniform(2)), "chain must have 3 rigid rods"),
+        (lambda: ensemble().set_chain(0, "acrobot"), "chain must be an npend_gym.Chain or"),
+        (lambda: with_parameters(masses=np.array([[1.0, np.nan, 1.0]])), "masses must be finite"),
+        (lambda: with_parameters(damping=np.array([[0.0, -1.0, 0.0]])), "damping must be zero or"),
+        (lambda: with_parameters(gear=np.full((1, 3), np.nan)), "gear must be finite"),
+        (
+            lambda: with_parameters(lengths=np.ones((2, 3))),
+            r"lengths of shape \(1, 3\), .* \(2, 3\)",
+        ),
         (lambda: ensemble().advance(0.0, 0.1, force=1.0), r"force must be 0 .* base=Cart\(mass\)"),
         (lambda: ensemble().set_state(0, 0.1, cart=(0, 1)), r"cart must be 0 .* base=Cart\(mass\)"),
         (lambda: Ensemble([CHAINS[0], Chain.uniform(3, base=Cart(1.0))]), "have a cart or none"),

@@ -379,6 +379,10 @@ for arguments in (
     except (TypeError, ValueError) as error:
         messages.append(str(error))
 try:
+    chains.advance(*state, flags, 0.1, parameters=[1])
+except TypeError as error:
+    messages.append(str(error))
+try:
     DeviceChains(Chain.uniform(2), 3, dtype="float16")
 except ValueError as error:
     messages.append(str(error))
@@ -388,11 +392,12 @@ print(json.dumps(messages))
 
 @pytest.mark.long
 def test_arrays_that_do_not_fit_are_refused_by_name(found):
-    torque, diverged, dt, substeps, dtype = found["errors"]
+    torque, diverged, dt, substeps, parameters, dtype = found["errors"]
     assert torque == "torque must have the shape (3, 2), got (3, 1)"
     assert diverged == "diverged must be of dtype float64, got int64"
     assert dt.startswith("dt must be")
     assert substeps.startswith("substeps must be")
+    assert parameters.startswith("parameters must be an array on the GPU")
     assert dtype.startswith("dtype must be")
 
 

@@ -5,7 +5,7 @@ from conftest import chains_in_motion
 from hypothesis import given
 
 from npend_gym import Chain, simulate, theory
-from npend_gym.physics import linearise
+from npend_gym.physics import linearise, step_jacobian
 
 
 def slopes(f, x, step=1e-5):
@@ -54,6 +54,11 @@ def test_states_of_a_trajectory_are_linearised_all_at_once(uneven):
         alone = linearise(uneven, path.theta[k], path.omega[k], joints=(0, 2))
         np.testing.assert_allclose(a[k], alone.A, atol=1e-12)
         np.testing.assert_allclose(b[k], alone.B, atol=1e-12)
+
+
+def test_steps_of_an_accelerated_pivot_are_linearised_elsewhere():
+    with pytest.raises(ValueError, match=r"pivot_acceleration must be None, .*sensitivities\(\)"):
+        step_jacobian(Chain.uniform(2), 0.1, dt=0.02, pivot_acceleration=(1.0, 0.0))
 
 
 def test_a_joint_that_is_none_is_refused_by_name():

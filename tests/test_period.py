@@ -181,6 +181,14 @@ def test_a_rod_that_first_drifts_the_other_way_is_not_credited_with_it():
     np.testing.assert_allclose(measured, period + 0.1, atol=1e-8)
 
 
+@pytest.mark.parametrize("reading", ["bob", "link", "com"])
+def test_a_pivot_that_accelerates_upwards_is_gravity(reading):
+    weightless = Chain.uniform(4, gravity=0.0)
+    raised = pseudo_periods(weightless, 0.7, reading=reading, pivot_acceleration=(0.0, 9.81))
+    at_rest = pseudo_periods(Chain.uniform(4, gravity=9.81), 0.7, reading=reading)
+    np.testing.assert_allclose(raised, at_rest, rtol=1e-9)
+
+
 def test_lengths_and_gravity_scale_time():
     base = pseudo_periods(Chain.uniform(4), 0.6)
     scaled = pseudo_periods(Chain.uniform(4, mass=7.0, length=4.0), 0.6)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from scipy.interpolate import CubicSpline
 
 import npend_gym
-from npend_gym import Chain, Event, IntegrationError, Trajectory, simulate, theory
+from npend_gym import Chain, Event, IntegrationError, Signal, Trajectory, simulate, theory
 from npend_gym.identification import read_motion
 
 
@@ -124,6 +124,43 @@ def test_a_single_time_returns_the_start(uneven):
     np.testing.assert_array_equal(path.theta, np.full((1, 4), 0.3))
 
 
+@pytest.mark.parametrize("torque", [lambda t, q, u: t + q[0] - u[0], Signal([0.0, 9.0], [0.1])])
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 0.1}])
+def test_a_single_time_returns_the_start_whatever_drives_the_motion(uneven, torque, options):
+    path = simulate(uneven, 0.3, 0.2, [5.0], torque=torque, **options)
+    np.testing.assert_array_equal(path.at(5.0), [path.theta[0], path.omega[0]])
+
+
+def test_a_motion_keeps_its_drives_whatever_becomes_of_the_arrays_it_was_given(uneven):
+    lifted, samples = np.array([0.0, 1.0]), np.ones((2, 4))
+    path = simulate(uneven, 0.3, 0.0, [0.0, 0.5], pivot_acceleration=lifted)
+    lifted[:] = 50.0
+    np.testing.assert_allclose(path.at(0.5)[0], path.theta[-1], rtol=1e-12)
+    signal = Signal([0.0, 1.0], samples)
+    samples[:] = signal(0.0)[:] = 50.0
+    np.testing.assert_array_equal(signal(0.0), np.ones(4))
+    with pytest.raises(ValueError, match="read-only"):
+        signal.values[:] = 50.0
+
+
+@pytest.mark.parametrize(("quantity", "rod"), [("angle", 0), ("angular_velocity", 1)])
+@pytest.mark.parametrize(("method", "at_once"), [("rk4", 10_000), ("rk4", 2), ("dop853", 2)])
+def test_an_event_where_two_steps_meet_is_found_once(quantity, rod, method, at_once, monkeypatch):
+    def follow(**more):
+        return simulate(Chain.uniform(2), [1.0, 0.7], 0.0, times, method=method, dt=0.05, **more)
+
+    monkeypatch.setattr("npend_gym.physics.events._RODS_AT_ONCE", at_once)  # 2: each step alone
+    times, half = np.linspace(0.0, 3.0, 61), int(quantity != "angle")
+    path = follow()
+    path.at(0.0)
+    instants, values = path._steps.begin[1:], path._steps.states[1:, 2 * half + rod]
+    found = follow(events=[Event(quantity, rod, value) for value in values]).t_events
+    for instant, near in zip(instants, found, strict=True):
+        before, there, after = path.at(instant + np.array([-1e-4, 0.0, 1e-4]))[half][:, rod]
+        if (before - there) * (after - there) < 0.0:  # no turning point
+            assert np.sum(np.abs(near - instant) < 1e-9) == 1
+
+
 def test_rk4_with_too_long_a_step_says_so_instead_of_returning_nonsense():
     chain = Chain.uniform(100, length=0.01)
     with pytest.raises(IntegrationError, match="is too long for this chain"):
@@ -188,6 +225,7 @@ def test_names_of_files_that_promise_another_form_are_refused(uneven, tmp_path):
         ({"times": [0.0, 0.0]}, "times must be a list of increasing"),
         ({"theta": [1.0, 2.0]}, r"theta must be one number or .* \(4,\)"),
         ({"rtol": 1e-15}, "rtol must be at least 1e-14"),
+        ({"method": "rk4", "dt": 0.01, "times": [1e15, 1e15 + 1.0]}, "dt must be at least 0.125 s"),
     ],
 )
 def test_bad_arguments_are_refused_with_their_rule(uneven, change, message):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, ChainParameters, check_parameter
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.mechanism import Mechanism, mechanism_of
@@ -68,11 +68,32 @@ def check_states(n: int, **values: ArrayLike) -> tuple[FloatArray, ...]:
 def check_members(members: Any, size: int) -> NDArray[np.int64]:
     """Return the numbers of the members meant by indices, a mask or a slice, of `size` in all."""
     try:
-        return np.atleast_1d(np.arange(size)[members])
-    except (IndexError, TypeError) as error:
+        chosen = np.atleast_1d(np.arange(size)[members])
+        (_,) = chosen.shape  # None, True and lists of lists add axes
+    except (IndexError, TypeError, ValueError) as error:
         raise ValueError(
-            f"members must be indices below {size}, a mask or a slice, got {_checks.show(members)}"
+            f"members must be indices below {size} in one list, a mask or a slice, got "
+            f"{_checks.show(members)}"
         ) from error
+    return chosen
+
+
+def check_parameters(chains: Any, members: int, n: int) -> ChainParameters:
+    """Return the parameters of some members, refused where one breaks its rule or has no row."""
+    if not isinstance(chains, ChainParameters):
+        raise TypeError(
+            f"chain must be an npend_gym.Chain or ChainParameters, got {_checks.show(chains)}"
+        )
+    for name, rows in chains._asdict().items():
+        shape = (members,) if name == "gravity" else (members, n)
+        if np.shape(rows) != shape:
+            raise ValueError(
+                f"chain must have {name} of shape {shape}, a row for each member, got "
+                f"{np.shape(rows)}"
+            )
+        finite = np.where(np.isinf(rows), 1.0, rows) if name == "gear" else rows
+        check_parameter(name, _checks.array(name, finite))
+    return ChainParameters(*map(np.asarray, chains)).check()
 
 
 def check_torque(torque: ArrayLike | None, n: int) -> FloatArray:

@@ -231,18 +231,21 @@ class DifferentiableEnsemble(Ensemble):
         self, kernel: Any, arrays: tuple[Any, ...], plan: Plan, rows: int, names: Collection[str]
     ) -> None:
         """Call a kernel that takes all substeps at once, with work space of `rows` rows."""
-        memory = self._intact
-        if not self._work or len(self._work[0]) != rows:  # zeros at the ends of rows must stay
+        memory, work = self._intact, self._work
+        if not work or len(work[0]) != rows:  # zeros at the ends of rows must stay
             size = (self.n + 2) * memory.width
-            self._work = [aligned_zeros(rows, size) for _ in range(memory.threads)]
+            work = [aligned_zeros(rows, size) for _ in range(memory.threads)]
+        self._work = ()  # after an interrupt threads may still write to it, and read the timing
+        timing = [each.copy() for each in plan.timing]
         drag = memory.per_rod(Rod.DRAG)
         none = (drag == 0.0) & bool({"drag", "quadratic_drag"}.intersection(names))
-        drag[none] = _checks.SMALLEST  # kernels leave out drag where there is none
         try:
-            whole = plan._replace(piece=max(1, plan.substeps))
-            memory.run(kernel, arrays, whole, self._work)
+            drag[none] = _checks.SMALLEST  # kernels leave out drag where there is none
+            whole = plan._replace(piece=max(1, plan.substeps), timing=timing)
+            memory.run(kernel, arrays, whole, work)
         finally:
             drag[none] = 0.0
+        self._work = work
 
     def _states(self, reached: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return theta and omega, (B, c) each, from the rows that a kernel has left."""

@@ -116,9 +116,10 @@ class Drives:
     def pieces(self, begin: float, end: float) -> Iterator[tuple[FloatArray, Torque]]:
         """Yield intervals within which nothing jumps, and what acts there, from begin to end."""
         whole, loads = np.array([begin, end]), self.fixed[: self._loads].copy()
+        if end <= begin:
+            return
         if not self.varying:
-            if end > begin:
-                yield whole, loads
+            yield whole, loads
             return
         if self._callback is not None:
             yield whole, Driven(self._callback.address, self.fixed.copy(), loads, self._broken)
@@ -209,8 +210,7 @@ def _check_width(name: str, given: Signal, shapes: tuple[tuple[int, ...], ...]) 
 def _called(
     name: str, function: Callable[..., Any], t: float, q: FloatArray, u: FloatArray
 ) -> FloatArray:
-    late = name != "torque" and takes_time_alone(function)
-    return called(name, function, t, *(() if late else (q, u)))
+    return called(name, function, t, *(() if takes_time_alone(function) else (q, u)))
 
 
 def slots(n: int) -> dict[str, slice]:

@@ -12,7 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain, ChainParameters
-from npend_gym.physics.arguments import check_chains, check_limits, check_members, check_states
+from npend_gym.physics.arguments import (
+    check_chains,
+    check_limits,
+    check_members,
+    check_parameters,
+    check_states,
+)
 from npend_gym.physics.kernels.advance import advance_many, advance_one
 from npend_gym.physics.kernels.layout import Member, Rod
 from npend_gym.physics.members import Members
@@ -125,20 +131,16 @@ class Ensemble(Members):
         chosen = check_members(members, self.size)
         base = None
         if not isinstance(chain, Chain):
-            rows = chain
+            rows = check_parameters(chain, chosen.size, self.n)
         else:
             given, _ = check_chains(chain, None)
-            if given.springs is not None or (given.base is not None) != self._has_cart:
+            kind = given.n, given.base is not None
+            if given.springs is not None or kind != (self.n, self._has_cart):
                 raise ValueError(
-                    "chain must have rigid rods, and a cart where the other members have one, got "
-                    f"{chain!r}"
+                    f"chain must have {self.n} rigid rods, and a cart where the other members have "
+                    f"one, got {chain!r}"
                 )
             rows, base = chain.repeated(chosen.size), given.base
-        if rows.masses.shape != (chosen.size, self.n):
-            raise ValueError(
-                f"chain must have {self.n} rods, for each of the {chosen.size} members, "
-                f"got masses of shape {rows.masses.shape}"
-            )
         memory = self._intact
         memory.check_kind(rows)  # refused before anything changes
         self._ready = False
@@ -229,7 +231,11 @@ class Ensemble(Members):
         """
         loads = self._check_loads(torque, force)
         plan = self._check_step(dt, substeps)
-        mask = np.ones(self.size) if active is None else np.asarray(active, np.bool_)
+        mask = np.ones(self.size, np.bool_) if active is None else np.asarray(active)
+        if mask.dtype != np.bool_:
+            raise TypeError(
+                f"active must hold True or False for each member, got {_checks.show(active)}"
+            )
         if mask.shape != (self.size,):
             raise ValueError(f"active must have the shape ({self.size},), got {mask.shape}")
         memory, self._ready = self._intact, False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
@@ -128,12 +129,15 @@ class Watch:
     def __init__(self, events: Any, chain: Chain) -> None:
         self._events, self._n = watched(events, chain), chain.n
         self._found: list[list[Occurrence]] = [[] for _ in self._events]
+        self._last = [math.nan for _ in self._events]  # values at the end of the last step
         self.end: Occurrence | None = None
 
     def look(self, steps: TakenSteps) -> bool:
         """Keep the events in some steps; return whether a terminal one is among them."""
         for part in steps.parts(max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])):
-            new = [_occurrences(event, part) for event in self._events]
+            each_event = zip(self._events, self._last, strict=True)
+            looked = [_occurrences(event, last, part) for event, last in each_event]
+            new, self._last = [found for found, _ in looked], [last for _, last in looked]
             last = [found[0] for event, found in zip(self._events, new, strict=True)
                     if event.terminal and found]  # fmt: skip
             self.end = end = min(last, key=lambda each: each.time, default=None)
@@ -219,11 +223,13 @@ def _of_function(event: Callable[..., Any]) -> Callable[..., FloatArray]:
     return values
 
 
-def _occurrences(event: Watched, steps: TakenSteps) -> list[Occurrence]:
-    """Return the zeros within steps that are looked at together.
+def _occurrences(event: Watched, last: float, steps: TakenSteps) -> tuple[list[Occurrence], float]:
+    """Return the zeros within steps that are looked at together, and the value at their end.
 
-    The sign is looked at in a few places of each step. A value of zero has no sign: a motion that
-    begins there is no event, and one that comes there is.
+    The sign is looked at in a few places of each step. Where two steps meet, their values differ by
+    rounding, perhaps in sign: that of the earlier step counts. It is `last` for the first of these
+    steps, or NaN if the motion begins there. A value of zero has no sign: a motion that begins
+    there is no event, and one that comes there is.
     """
     count, half = len(steps.begin), steps.states.shape[1] // 2
     x = np.linspace(0.0, 1.0, _PARTS + 1)
@@ -232,6 +238,8 @@ def _occurrences(event: Watched, steps: TakenSteps) -> list[Occurrence]:
     length = steps.end - steps.begin
     times = steps.begin[:, None] + length[:, None] * x
     values = event.function(times, states[..., :half], states[..., half:])
+    values[1:, 0] = values[:-1, -1]
+    values[0, 0] = values[0, 0] if math.isnan(last) else last
     before, after = values[:, :-1], values[:, 1:]
     rising, falling = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
     wanted = {1: rising, -1: falling, 0: rising | falling}[event.direction]
@@ -253,4 +261,4 @@ def _occurrences(event: Watched, steps: TakenSteps) -> list[Occurrence]:
             root = float(brentq(value, low, high, xtol=tolerance))
         instant = float(steps.begin[k] + root * length[k])
         found.append(Occurrence(instant, steps.states_at(step, np.array(root))))
-    return found
+    return found, float(values[-1, -1])

@@ -21,14 +21,18 @@ NAMES = ("torque", "force", "pivot_acceleration")  # in the order of what kernel
 
 
 def takes_time_alone(function: Any) -> bool:
-    """Return whether a function of the user's takes t, and not (t, theta, omega)."""
+    """Return whether a function of the user's takes t, and not (t, theta, omega).
+
+    It does where t alone must be given: ``f(t, size=2.0, rate=3.0)`` is a function of time.
+    """
     try:
-        inspect.signature(getattr(function, "py_func", function)).bind(0.0, 0.0, 0.0)
-    except TypeError:
-        return True
+        given = inspect.signature(getattr(function, "py_func", function)).parameters.values()
     except ValueError:  # a function in C without a signature
         return False
-    return False
+    if any(each.kind is each.VAR_POSITIONAL for each in given):
+        return False
+    positional = [each for each in given if each.kind <= each.POSITIONAL_OR_KEYWORD]
+    return len(positional) < 3 or sum(each.default is each.empty for each in positional) == 1
 
 
 def called(name: str, function: Any, t: float, *state: FloatArray) -> FloatArray:
@@ -51,7 +55,7 @@ def callback_of(functions: Mapping[str, Any], fixed: FloatArray, *, scalar: bool
     Parameters
     ----------
     functions : mapping of str to function
-        By NAMES: of (t, theta, omega), the last two also of t alone.
+        By NAMES: of (t, theta, omega), or of t alone.
     fixed : ndarray, shape (n + AFTER_TORQUES,)
         What stands where there is no function.
     scalar : bool
@@ -84,8 +88,7 @@ def _writer_of(
 
         return make(in_time)
 
-    torque, *others = cast("Any", [functions.get(name) for name in NAMES])
-    force, pivot = map(of_state, others)
+    torque, force, pivot = cast("Any", [of_state(functions.get(name)) for name in NAMES])
 
     def nothing(t, q, u, out):
         pass

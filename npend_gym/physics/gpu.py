@@ -160,7 +160,7 @@ class DeviceChains:
         """Return parameters of the caller's, or those of the chains, for the kernel."""
         if given is None:
             return self._rows
-        size = 1 if given.shape[:1] == (1,) else self.size
+        size = 1 if np.shape(given)[:1] == (1,) else self.size
         return self._array("parameters", given, (size, *self._rows.shape[1:]))
 
     def _states(self, **arrays: Any) -> list[Any]:
@@ -199,12 +199,12 @@ class DeviceChains:
 
     def _array(self, name: str, array: Any, shape: tuple[int, ...]) -> Any:
         """Return an array of the caller's as Numba takes it, refused where it does not fit."""
+        if not hasattr(array, "dtype" if simulated() else "__cuda_array_interface__"):
+            raise TypeError(
+                f"{name} must be an array on the GPU, which has __cuda_array_interface__, such as "
+                f'torch.as_tensor(values, device="cuda"), got {_checks.show(array)}'
+            )
         if not simulated():
-            if not hasattr(array, "__cuda_array_interface__"):
-                raise TypeError(
-                    f"{name} must be an array on the GPU, which has __cuda_array_interface__, such "
-                    f'as torch.as_tensor(values, device="cuda"), got {_checks.show(array)}'
-                )
             array = self.cuda.as_cuda_array(array)
         if array.dtype != self.dtype:
             raise TypeError(f"{name} must be of dtype {self.dtype}, got {array.dtype}")

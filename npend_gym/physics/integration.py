@@ -43,7 +43,14 @@ def count_steps(times: FloatArray, dt: float) -> NDArray[np.int64]:
     intervals = np.diff(times, prepend=times[0])
     if float(intervals.max()) / dt > _MAX_STEPS:
         raise ValueError(f"dt must make at most {_MAX_STEPS:g} steps between two times, got {dt:g}")
-    return np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
+    steps = np.maximum(1, np.ceil(intervals / dt - 1e-9)).astype(np.int64)
+    resolved = np.spacing(np.maximum(np.abs(times), np.abs(times - intervals)))
+    if np.any((steps > 1) & (intervals < steps * resolved)):
+        raise ValueError(
+            f"dt must be at least {resolved.max():g} s, the resolution of numbers as large as "
+            f"these times, got {dt:g}: count the time from the start of the motion"
+        )
+    return steps
 
 
 def diverged(interval: FloatArray, dt: float, *, springs: bool = False) -> IntegrationError:

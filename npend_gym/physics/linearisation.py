@@ -157,7 +157,7 @@ def step_jacobian(
     Parameters
     ----------
     chain, theta, omega, torque, **more
-        As for `jacobian`; of rigid rods.
+        As for `jacobian`; of rigid rods, on a cart or a pivot at rest.
     dt, substeps
         The step, as `Ensemble.advance` takes it: a Runge-Kutta step for each substep, by default as
         many as resolve the motion.
@@ -196,6 +196,12 @@ def step_jacobian(
         raise ValueError(
             "chain must have rigid rods, because the steps of an ensemble do not resolve the "
             'vibrations of springs: take simulate(..., method="rk4").sensitivities()'
+        )
+    if states.mechanism.places == 2:
+        raise ValueError(
+            "pivot_acceleration must be None, because an ensemble has pivots at rest, got "
+            f"{_checks.show(more.get('pivot_acceleration'))}: take "
+            'simulate(..., method="rk4").sensitivities()'
         )
     size = max(1, min(len(q), _ENTRIES // (2 * m * (2 * m + len(at)))))
     whole = np.empty((len(q), 2 * m, 2 * m + len(inputs)))

@@ -22,6 +22,7 @@ from npend_gym.physics.kernels.turning_points import (
     new_record,
     speed_threshold,
 )
+from npend_gym.physics.mechanism import in_frame_of_pivot
 from npend_gym.physics.motion import Motion, pack_of, packs_of
 
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
@@ -91,7 +92,7 @@ def _release(
     settings = {"rtol": rtol, "atol": 1e-2 * rtol}
     motion = pack_of(states, slice(0, lanes), settings, lanes)
     record = new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading)))
-    threshold = _threshold(chain, omega, reading, rtol)
+    threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, reading, rtol)
     scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
     return motion, Release(reading, threshold, record, scratch)
 

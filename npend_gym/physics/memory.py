@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._threads import Call, Helpers, check_threads, each_once
 from npend_gym.chain import SIMPLE_FIELDS, Cart, Chain, ChainParameters
@@ -209,6 +210,7 @@ class Memory:
 
     def chain(self, member: int) -> Chain:
         """Return the chain of a member, with its cart."""
+        member = _checks.count("member", member, low=-self.size, high=self.size - 1)
         chain, bases = chain_of(self.parameters, member), self.bases
         if bases is None:
             return chain
@@ -286,9 +288,10 @@ class Memory:
         if self.threads == 1 or self.groups == 1:
             share(0, None)
             return
-        if self._helpers is None:
-            self._helpers = Helpers(min(self.threads, self.groups) - 1)
-        self._helpers.run(share)
+        helpers = self._helpers or Helpers(min(self.threads, self.groups) - 1)
+        self._helpers = None  # after an interrupt they may still be busy
+        helpers.run(share)
+        self._helpers = helpers
 
     def _spans(self, chunks: deque[int], plan: Plan) -> Iterator[tuple[int, int, int, int]]:
         """Yield the first and last group and substep of each call; threads share the chunks."""

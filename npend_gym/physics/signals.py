@@ -66,8 +66,9 @@ class Signal:
                 + (", or for each interval between them" if kind == "previous" else "")
                 + f", got shape {values.shape}"
             )
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "values", values)
+        for name, samples in (("times", times), ("values", values)):
+            samples.setflags(write=False)
+            object.__setattr__(self, name, samples)
 
     def __call__(self, t: float) -> FloatArray:
         """Return the quantity at the instant `t` [s], shape () or (m,).
@@ -84,7 +85,7 @@ class Signal:
             )
         k = min(int(np.searchsorted(times, t, side="right")), len(values)) - 1
         if self.kind == "previous" or t == times[k]:
-            return values[k]
+            return values[k].copy()
         x = (t - times[k]) / (times[k + 1] - times[k])
         return values[k] + x * (values[k + 1] - values[k])
 

@@ -74,7 +74,7 @@ class Start:
         states = assembled(first, theta, omega, torque, **constant, **state)
         accelerated, mechanism = constant["pivot_acceleration"], states.mechanism
         if accelerated is not None:
-            accelerated = np.asarray(accelerated, float)
+            accelerated = np.array(accelerated, float)
         if len(chains) > 1:
             mechanism = mechanism_of(chains, accelerated)
         self.states: States = States(mechanism, *states.rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any, cast
@@ -13,10 +14,10 @@ from numpy.typing import NDArray
 from npend_gym import _checks, _files
 from npend_gym._checks import FloatArray
 from npend_gym.chain import Chain
-from npend_gym.physics.arguments import check_settings, check_states
+from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.functions import NAMES
-from npend_gym.physics.integration import MAX_BYTES
-from npend_gym.physics.mechanism import AXIAL, PIVOT
+from npend_gym.physics.integration import MAX_BYTES, check_times
+from npend_gym.physics.mechanism import AXIAL, PIVOT, mechanism_of
 from npend_gym.physics.recipe import Function, Recipe
 from npend_gym.physics.signals import Signal
 from npend_gym.physics.trajectory import EVENTS, Trajectory
@@ -131,7 +132,7 @@ def _read(path: Path) -> Trajectory:
     """Return the trajectory in an npz archive, every part of it checked."""
     data = _files.read_arrays(path, 2 * MAX_BYTES)
     about = _files.parse_json(str(data["about"]))
-    times, chain = _checks.array("times", data["times"]), Chain.from_dict(about["chain"])
+    times, chain = check_times(data["times"], 1), Chain.from_dict(about["chain"])
     widths = {"theta": (chain.n,), "omega": (chain.n,)}
     if chain.base is not None or "position" in data:
         widths |= dict.fromkeys(PIVOT, (2,) if chain.base is None else ())
@@ -140,7 +141,8 @@ def _read(path: Path) -> Trajectory:
     status = data.get("status", np.array(0))
     beyond: dict[str, Any] = {name: _numbers(data, name, status) for name in widths}
     leading = beyond["theta"].shape[:-1]
-    if times.ndim != 1 or leading[-1:] != times.shape:
+    many = leading[:-1]
+    if leading[-1:] != times.shape:
         raise ValueError(f"theta must have the shape {(times.size, chain.n)}, or (B, ...)")
     for name, width in widths.items():
         if beyond[name].shape != (*leading, *width):
@@ -148,19 +150,24 @@ def _read(path: Path) -> Trajectory:
     if not isinstance(about["provenance"], dict):
         raise TypeError("its provenance must be a dict")
     made_by = cast("dict[str, Any]", about["provenance"])
-    made = _read_recipe(about["recipe"], chain)
+    made = _read_recipe(about["recipe"], chain, many)
     if "counts" in data:
         counts = data["counts"]
-        if counts.dtype.kind != "i" or counts.shape != (3, *leading[:-1]):
-            raise ValueError(f"counts must hold three integers for each motion, got {counts.shape}")
+        if counts.dtype.kind != "i" or counts.shape != (3, *many) or np.any(counts < 0):
+            raise ValueError(
+                f"counts must be 3 integers for each motion, got {_checks.show(counts)}"
+            )
         beyond["counts"] = counts
-    events: dict[str, Any] = {name: _read_events(data, name) for name in EVENTS}
-    if status.dtype.kind != "i" or status.shape not in ((), leading[:-1]):
-        raise ValueError(f"status must hold an integer for each motion, got shape {status.shape}")
+    if status.dtype.kind != "i" or status.shape not in ((), many) or np.any((status | 1) != 1):
+        raise ValueError(f"status must hold 0 or 1 for each motion, got {_checks.show(status)}")
+    chains = tuple(Chain.from_dict(each) for each in about.get("chains", []))
+    if chains and ((len(chains),) != many or chains[0] != chain):
+        raise ValueError(f"chains must be one for each motion, chain the first, got {len(chains)}")
+    mechanism_of([chain, *chains])  # of one kind
     return Trajectory(
         chain, times, provenance=made_by, recipe=made,
-        status=status if status.ndim else int(status), **beyond, **events,
-        chains=tuple(Chain.from_dict(each) for each in about.get("chains", [])),
+        status=status if status.ndim else int(status), chains=chains,
+        **beyond, **_read_events(data, chain.n, many),
     )  # fmt: skip
 
 
@@ -175,37 +182,38 @@ def _numbers(data: dict[str, Any], name: str, status: NDArray[Any]) -> FloatArra
     return numbers
 
 
-def _read_events(data: dict[str, Any], name: str) -> list[Any]:
-    """Return the instants of each event, or the states there."""
-    found: list[Any] = []
-    while f"{name}_{len(found)}" in data:
-        key = f"{name}_{len(found)}"
-        values, sizes = _checks.array(key, data[key]), data.get(f"{key}_sizes")
-        if sizes is None:
-            found.append(values)
-        elif int(np.sum(sizes)) == len(values):
-            found.append(np.split(values, np.cumsum(sizes)[:-1]))
-        else:
-            raise ValueError(f"{key} must have as many rows as {key}_sizes says")
+def _read_events(data: dict[str, Any], n: int, many: tuple[int, ...]) -> dict[str, Any]:
+    """Return the instants of each event and the states there, by the names of `Trajectory`."""
+    found: dict[str, list[Any]] = {name: [] for name in EVENTS}
+    for k, name in product(range(sum(f"t_events_{k}" in data for k in range(len(data)))), EVENTS):
+        values = _checks.array(f"{name}_{k}", data[f"{name}_{k}"])
+        sizes = data.get(f"t_events_{k}_sizes", np.array(len(data[f"t_events_{k}"])))
+        width = () if name == "t_events" else (n,)
+        whole = sizes.dtype.kind == "i" and sizes.shape == many and np.all(sizes >= 0)
+        if not whole or values.shape != (sizes.sum(), *width):
+            raise ValueError(f"{name}_{k} must have as many rows as t_events_{k}_sizes says")
+        found[name].append(np.split(values, np.cumsum(sizes)[:-1]) if many else values)
     return found
 
 
-def _read_recipe(given: Any, chain: Chain) -> Recipe | None:
+def _read_recipe(given: Any, chain: Chain, many: tuple[int, ...]) -> Recipe | None:
     """Return how the steps of a saved trajectory were taken, if that is known."""
     if given is None:
         return None
     method, settings = given["method"], {"rtol": 1.0, "atol": 1.0, "dt": None} | given["settings"]
-    torque, force, pivot = (_read_drive(given[name]) for name in NAMES)
-    if not isinstance(torque, (Signal, Function)):
-        torque = check_states(chain.n, torque=torque)[0]
-    if not isinstance(force, (Signal, Function)):
-        force = _checks.array("force", force)
-        force = force if force.ndim else float(force)
-    if pivot is not None and not isinstance(pivot, (Signal, Function)):
-        pivot = _checks.array("pivot_acceleration", pivot)
-        if pivot.shape[-1:] != (2,) or pivot.ndim > 2 or chain.base is not None:
-            raise ValueError(f"pivot_acceleration must be two numbers, got shape {pivot.shape}")
-    return Recipe(method, check_settings(method, **settings), torque, force, pivot)
+    drives = {name: _read_drive(given[name]) for name in NAMES}
+    if drives["pivot_acceleration"] is not None and chain.base is not None:
+        raise ValueError("pivot_acceleration must be None for a chain on a cart")
+    for (name, drive), width in zip(drives.items(), ((chain.n,), (), (2,)), strict=True):
+        if isinstance(drive, (Signal, Function)) or (drive is None and width == (2,)):
+            continue
+        values = _checks.array(name, drive)
+        if values.shape not in (width, (*many, *width)):
+            raise ValueError(
+                f"{name} must have the shape {width}, or a row for each motion, got {values.shape}"
+            )
+        drives[name] = values if values.ndim else float(values)
+    return Recipe(method, check_settings(method, **settings), **drives)
 
 
 def _read_drive(given: Any) -> Any:
