@@ -74,8 +74,8 @@ def simulate(
     torque : float, array_like of shape (n,) or (B, n), Signal or callable, optional
         Torque [N m]: a number acts on joint 0, an array on every joint. A `Signal` was sampled in
         time; a function ``torque(t, theta, omega)`` or ``torque(t)`` returns a number or an array
-        (n,), and must not write into its arguments, in which the other coordinates follow the
-        angles. Parameters with a default may follow t.
+        (n,). The other coordinates follow the angles in its arguments, which are copies.
+        Parameters with a default may follow t.
     force : float, array_like of shape (B,), Signal or callable
         Horizontal force [N] on the cart; of a function of t, or of (t, theta, omega), a number.
     pivot_acceleration : array_like of shape (2,), Signal or callable, optional

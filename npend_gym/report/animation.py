@@ -112,7 +112,8 @@ class Film:
         motion, time = recording.motion, recording.motion.times[now]
         done = recording.periods <= time
         first = max(0, k - round(_TRACE_SECONDS * self.fps / self.speed))
-        on_cart, acts = recording.joint == motion.chain.n, float(np.clip(recording.torque[now], -1.0, 1.0))
+        on_cart = recording.joint == motion.chain.n
+        acts = float(np.clip(recording.torque[now], -1.0, 1.0))  # noise may take it beyond
         return Scene(
             positions=self._places[now],
             reach=max(self._rail, motion.chain.total_length),
@@ -256,7 +257,9 @@ def _write_mp4(film: Film, file: Any, comment: str, progress: Progress[Frame]) -
     options = ["-f", "mp4", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-threads", "1"]
     about = ["-fflags", "+bitexact", "-metadata", f"comment={comment}"]
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", *raw, "-i", "-", *options]
-    with Popen([*command, *about, f"file:{file.name}"], stdin=PIPE, stderr=PIPE) as ffmpeg:
+    with Popen(  # noqa: S603 - imageio's ffmpeg
+        [*command, *about, f"file:{file.name}"], stdin=PIPE, stderr=PIPE
+    ) as ffmpeg:
         with suppress(BrokenPipeError):  # it has ended, and tells why
             for frame in progress(film):
                 cast("IO[bytes]", ffmpeg.stdin).write(frame.tobytes())
