@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from npend_gym.chain import Chain
 
 FILLS: dict[str, tuple[str, ...]] = {
-    "npend_gym.cli.evaluate:run": ("trust", "controller", "task", "env"),
+    "npend_gym.cli.evaluate:run": ("trust", "task", "env"),
     "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
 }
 _SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf"}
@@ -63,6 +63,8 @@ def run(
         Prefix of the names in the header (default npend).
     relative : bool
         Sensors show the angle of each rod relative to the rod above it.
+    controller : name, optional
+        A controller in place of a policy, for c: LQR, damping or plan.
     """
     prepare_file(out, (_SUFFIXES[to],))
     of_c = {"prefix": prefix, "relative": relative, "controller": controller}

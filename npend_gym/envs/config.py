@@ -30,9 +30,9 @@ from npend_gym.envs.keywords import (
     with_config_keywords,
 )
 from npend_gym.envs.modes import Mode, find_mode
-from npend_gym.envs.randomization import Randomization, check_randomize
+from npend_gym.envs.randomization import SETTINGS, Randomization, check_randomize
 from npend_gym.envs.rows import ANGLES, MAX_CART_ENTRY, SINCOS, Task
-from npend_gym.envs.settings import FIELDS, HARDWARE, OF_CART, OF_LANES, RULES, Limit, Settings
+from npend_gym.envs.settings import FIELDS, HARDWARE, OF_CART, RULES, Limit, Settings
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import (
     MAX_ROTATION,
@@ -115,7 +115,7 @@ class EnvConfig(Settings):
         given["dt"] = mode.dt if given["dt"] is None else _checks.positive_number("dt", given["dt"])
         given["spread"] = width_of_starts(given["spread"], mode)
         given["max_torque"] = motor_limit(given, "max_torque", mode, 0.5 * chain.lifting_energy)
-        settings = {name: given[name] for name in OF_LANES if on_cart or name not in OF_CART}
+        settings = {name: given[name] for name in SETTINGS if on_cart or name not in OF_CART}
         random = check_randomize(given["randomize"], chain, settings)
         largest = {name: random.ends(name, given[name])[1] for name in HARDWARE}
         _check_limits(largest, mode, given["dt"], sum(joint < chain.n for joint in joints))

@@ -251,9 +251,10 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
     )
     randomize: Mapping[str, Any] | None = keyword(
         None,
-        "What is drawn at every start of an episode, by the name of a parameter of the chain or "
-        '"max_torque": a pair (low, high) of factors, or {"low": ..., "high": ...} of values. Each '
-        'end is a number or has an entry for each rod. ``info["context"]`` has what was drawn.',
+        "What is drawn at every start of an episode, by the name of a parameter of the chain, or "
+        'of a setting of motors, sensors or cart such as "max_torque": a pair (low, high) of '
+        'factors, or {"low": ..., "high": ...} of values. Each end is a number or has an entry for '
+        'each rod. ``info["context"]`` has what was drawn.',
     )
 
 

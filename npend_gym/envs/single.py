@@ -39,7 +39,7 @@ class NPendulumEnv(Session, gym.Env[ObsArray, Any]):
     A planar chain moves under gravity, damping and friction in its joints,
     and drag of the air. Torques act at the actuated joints, by default at the pivot. The equations
     of motion are exact: `npend_gym.physics.accelerations` solves them in O(n). Each step takes
-    several Runge-Kutta steps of order 4. Every machine computes the same bits.
+    several Runge-Kutta steps of order 4. Every x86-64 or ARM CPU computes the same bits.
 
     Action
     ------

@@ -39,8 +39,7 @@ def read_motion(
     *paths : path-like
         One or several files of the same chain; their pieces are numbered on.
     columns : mapping of str to str, optional
-        Names of columns in the files, where they differ from these: ``{"time": "t [s]",
-        "theta0": "q1"}``.
+        Names of columns in the files, where they differ from these, such as "q1" for "theta0".
     degrees : bool
         The angles are in degrees.
     relative : bool

@@ -48,7 +48,7 @@ class Ensemble(Members):
         One chain for all members, or one for each; all with the same number of rods, and all with a
         cart or none. Energies and positions are relative to the pivot.
     size : int, optional
-        Number of members B; needed where one chain is given for all.
+        Number of members B; by default that of the chains that are given.
     joints : sequence of int
         Joints that `advance` puts torques on; joint 0 is the pivot.
     threads : int

@@ -32,7 +32,7 @@ class DeviceChains:
     chains : Chain or sequence of Chain
         One chain for all lanes, or one for each; all with the same number of rods.
     size : int, optional
-        Number of lanes B; needed where one chain is given for all.
+        Number of lanes B; by default that of the chains that are given.
     dtype : {float64, float32}
         Of all arrays. In float64 results are the bits of `Ensemble`; float32 is for speed.
     drag : bool

@@ -195,7 +195,8 @@ def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition
     if settings.demonstrator:
         plan = plan_of(find_policy(settings.demonstrator), config, settings.seconds)
     else:
-        plan = planned_swing_up(config, settings.seconds, tries=1, guess="mpc", seed=seed)
+        options: dict[str, Any] = {"tries": settings.tries, "guess": "mpc", "seed": seed}
+        plan = planned_swing_up(config, settings.seconds, **options)
     return steadied(config, plan, settings.variants, seed)
 
 

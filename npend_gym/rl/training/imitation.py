@@ -66,6 +66,7 @@ class Settings(TrainingSettings):
     seconds: float = 4.5  # of a planned trajectory
     guesses: int = 4  # that may lead to trajectories, each an expert
     plan_seed: int | None = None  # of the first guess; by default another for each `seed`
+    tries: int = 1  # for each of them; the least sensitive trajectory counts
     variants: int = 0  # of a plan that are tried, to keep what noise leads less astray from
     demonstrator: str = ""  # a policy, of the package or a file, whose way is the plan
     rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
@@ -91,6 +92,7 @@ class Settings(TrainingSettings):
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
     hidden: int = 192
+    resolution: float = 1.0  # units of the first layer see states up to so many times larger
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
 
@@ -208,6 +210,22 @@ class DAgger:
         self.failed += (1.0 - _REMEMBERED**played) * (latest - self.failed)
         self.failed = np.maximum(self.failed, _SELDOM)
 
+    @torch.no_grad()
+    def focus(self) -> None:
+        """Centre each unit of the first layer on a state of the dataset, many of them sharply.
+
+        A chain that falls quickly is lost by deviations from a plan that are tiny beside the plan
+        itself. To tell them apart takes units that are steep there, and training alone makes few.
+        States as centres are from E. L. Bolager and others, "Sampling weights of deep neural
+        networks" (arXiv:2306.16830).
+        """
+        first = cast("nn.Linear", self.learner[0])
+        rows = torch.randint(self.dataset.size, (len(first.weight),), generator=self.shuffler)
+        factors = torch.rand(len(rows), generator=self.shuffler)
+        first.weight *= self.settings.resolution ** factors[:, None]
+        first.bias.copy_(-(first.weight * self.dataset.inputs[rows]).sum(dim=1))
+        self.student.load_state_dict(self.learner.state_dict())
+
     def learn(self, updates: int) -> None:
         """Fit the learner to the dataset; every few updates the student follows it.
 
@@ -265,6 +283,8 @@ def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:
             continue
         dagger = DAgger(settings, expert)
         dagger.play(0)
+        if settings.resolution > 1.0:
+            dagger.focus()
         dagger.learn(settings.first_updates)
         dagger.play(1)
         dagger.learn(settings.updates)
@@ -288,6 +308,8 @@ def train(
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
     _checks.count("rounds", settings.rounds, low=2)
+    if not _checks.number("resolution", settings.resolution) >= 1.0:
+        raise ValueError(f"resolution must be 1 or more, got {settings.resolution:g}")
     for name in ("student_fraction", "kept"):
         _checks.positive_number(name, getattr(settings, name))
     if settings.rescuer and not isinstance(config.mode, SwingUp):
@@ -350,6 +372,9 @@ _FOUR_POLES: dict[str, Any] = _QUICK | {
     "seconds": 10.0, "plan_seed": 4, "variants": 100, "rounds": 80, "hidden": 256,
     "muon_learning_rate": 0.015,
 }  # fmt: skip
+_FIVE_POLES: dict[str, Any] = _FOUR_POLES | {
+    "seconds": 14.0, "plan_seed": 0, "tries": 4, "variants": 60, "rounds": 180, "resolution": 100.0,
+}  # fmt: skip
 _POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
 TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": _QUICK | {"seconds": 3.0, "plan_seed": 0, "rounds": 4, "hidden": 32},
@@ -366,6 +391,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
     "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
     "swingup-4-cart": _FOUR_POLES,
+    "swingup-5-cart": _FIVE_POLES,
     "transition-2": {
         "seconds": 4.0,
         "rounds": 45,
