@@ -357,7 +357,11 @@ def test_the_energy_of_the_fastest_chains_is_kept():
         ({"friction_speed": (0.0, 1.0)}, ValueError, r"\['friction_speed'\] must be greater than"),
         ({"centres": {"low": -0.1, "high": 0.9}}, ValueError, r"\['centres'\] must keep the cen"),
         ({"centres": {"low": -2.0, "high": -0.1}}, ValueError, "centres must put the chain's cent"),
-        ({"ripple_cycles": {"low": 1, "high": 9}}, ValueError, "keys among .*; got 'ripple_cycles'"),
+        (
+            {"ripple_cycles": {"low": 1, "high": 9}},
+            ValueError,
+            "keys among .*; got 'ripple_cycles'",
+        ),
         ([("masses", (0.9, 1.1))], TypeError, r"randomize must be a dict such as {\"masses\": "),
     ],
 )

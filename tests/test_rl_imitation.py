@@ -20,6 +20,7 @@ from npend_gym.rl.training.error_lanes import ErrorLanes  # noqa: E402
 from npend_gym.rl.training.experts import (  # noqa: E402
     Replanning,
     Rescued,
+    _swing_up,
     astray,
     plan_of,
     steadied,
@@ -299,6 +300,14 @@ def test_the_way_of_a_policy_is_a_plan():
     env.close()
     with pytest.raises(ValueError, match="must stand after 2 s"):
         plan_of(policy, config, 2.0)
+
+
+def test_of_several_tries_the_least_sensitive_trajectory_is_the_plan():
+    found = []
+    for tries in (1, 3):
+        settings = imitation.settings_of("swingup-2", tries=tries)
+        found.append(_swing_up(settings, EnvConfig(**settings.env), 0).sensitivity)
+    assert found[1] < 0.9 * found[0]
 
 
 def test_of_the_variants_of_a_plan_one_is_kept_from_which_noise_leads_less_astray():
