@@ -31,7 +31,7 @@ TASKS = (
     ("`npend/Calm-v1`, `n=20`", "bring a released chain to rest", "calm-20"),
     ("`npend/CartTriplePole-v1`", "keep three poles upright on a cart", "balance-3-cart"),
     ('`npend/CartDoublePole-v1`, `mode="swingup"`', "swing up two poles", "swingup-2-cart"),
-    ("`npend/SwingUp-v1`, `**policy.env`", "`swingup-4-cart`: four such poles", "swingup-4-cart"),
+    ("`npend/SwingUp-v1`, `**policy.env`", "`swingup-5-cart`: five such poles", "swingup-5-cart"),
     ("`npend/Release-v1`", "none: the free release is measured", ""),
 )
 CONTROLLERS = ("modal damping", "LQR", "energy, then LQR", "plan, then LQR", "MPC")

@@ -91,17 +91,6 @@ def test_the_student_is_the_mean_of_what_the_learner_was_lately():
     assert all(map(torch.equal, latest.student.parameters(), latest.learner.parameters()))
 
 
-def test_units_in_focus_are_steep_at_states_that_the_expert_has_led_to():
-    dagger = dagger_of(resolution=50.0)
-    dagger.play(0)
-    plain = dagger.learner[0].weight.detach().norm(dim=1)
-    dagger.focus()
-    first, states = dagger.student[0], dagger.dataset.inputs[: dagger.dataset.size]
-    assert dagger.learner[0](states).abs().min(dim=0).values.max() < 1e-4
-    factors = first.weight.norm(dim=1) / plain
-    assert 1.0 <= factors.min() < 5.0 < factors.max() <= 50.0
-
-
 def test_muon_changes_most_directions_of_a_matrix_alike_and_adam_the_rest():
     dagger = dagger_of(muon_learning_rate=0.01, learning_rate=0.0)
     before = [each.detach().clone() for each in dagger.learner.parameters()]

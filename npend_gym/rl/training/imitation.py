@@ -92,7 +92,6 @@ class Settings(TrainingSettings):
     averaging: float = 0.0  # of the student's parameters: what is left of them after an update
     length: int = 1  # observations that the student is given
     hidden: int = 192
-    resolution: float = 1.0  # units of the first layer see states up to so many times larger
     obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
     change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
 
@@ -210,22 +209,6 @@ class DAgger:
         self.failed += (1.0 - _REMEMBERED**played) * (latest - self.failed)
         self.failed = np.maximum(self.failed, _SELDOM)
 
-    @torch.no_grad()
-    def focus(self) -> None:
-        """Centre each unit of the first layer on a state of the dataset, many of them sharply.
-
-        A chain that falls quickly is lost by deviations from a plan that are tiny beside the plan
-        itself. To tell them apart takes units that are steep there, and training alone makes few.
-        States as centres are from E. L. Bolager and others, "Sampling weights of deep neural
-        networks" (arXiv:2306.16830).
-        """
-        first = cast("nn.Linear", self.learner[0])
-        rows = torch.randint(self.dataset.size, (len(first.weight),), generator=self.shuffler)
-        factors = torch.rand(len(rows), generator=self.shuffler)
-        first.weight *= self.settings.resolution ** factors[:, None]
-        first.bias.copy_(-(first.weight * self.dataset.inputs[rows]).sum(dim=1))
-        self.student.load_state_dict(self.learner.state_dict())
-
     def learn(self, updates: int) -> None:
         """Fit the learner to the dataset; every few updates the student follows it.
 
@@ -283,8 +266,6 @@ def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:
             continue
         dagger = DAgger(settings, expert)
         dagger.play(0)
-        if settings.resolution > 1.0:
-            dagger.focus()
         dagger.learn(settings.first_updates)
         dagger.play(1)
         dagger.learn(settings.updates)
@@ -308,8 +289,6 @@ def train(
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
     _checks.count("rounds", settings.rounds, low=2)
-    if not _checks.number("resolution", settings.resolution) >= 1.0:
-        raise ValueError(f"resolution must be 1 or more, got {settings.resolution:g}")
     for name in ("student_fraction", "kept"):
         _checks.positive_number(name, getattr(settings, name))
     if settings.rescuer and not isinstance(config.mode, SwingUp):
@@ -373,7 +352,7 @@ _FOUR_POLES: dict[str, Any] = _QUICK | {
     "muon_learning_rate": 0.015,
 }  # fmt: skip
 _FIVE_POLES: dict[str, Any] = _FOUR_POLES | {
-    "seconds": 14.0, "plan_seed": 0, "tries": 4, "variants": 60, "rounds": 180, "resolution": 100.0,
+    "seconds": 14.0, "plan_seed": 0, "tries": 4, "variants": 60, "rounds": 180,
 }  # fmt: skip
 _POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
 TASKS: dict[str, dict[str, Any]] = {
