@@ -13,10 +13,23 @@ DOCS = Path(__file__).parent.parent / "docs"
 
 def printed(notebook):
     return [
-        "".join(out.text for out in cell.outputs if out.output_type == "stream")
+        "".join(out.text for out in cell.outputs if out.get("name") == "stdout")  # no notices
         for cell in notebook.cells
         if cell.cell_type == "code"
     ]
+
+
+def same_text(one, other):
+    """Return whether texts agree, numbers to 1e-5: networks differ between processors."""
+    words, others = one.split(), other.split()
+    return len(words) == len(others) and all(map(same_word, words, others))
+
+
+def same_word(one, other):
+    try:
+        return float(one) == pytest.approx(float(other), abs=1e-5)
+    except ValueError:
+        return one == other
 
 
 def pictures(notebook):
@@ -63,7 +76,7 @@ def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
         again, timeout=180, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     )
     client.execute()
-    assert printed(again) == printed(shown)
+    assert all(map(same_text, printed(again), printed(shown))), printed(again)
     assert pictures(again) == pictures(shown) == count
     players = [html_of(one).count("<iframe") for one in (again, shown)]
     assert players[0] == players[1] == (name == "try_it.ipynb")
