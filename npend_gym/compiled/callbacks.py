@@ -87,7 +87,8 @@ def compiled_if_possible(
     `build` is given the compiled functions, and what compiles those that it makes of them. All are
     parts of the one function that C calls, which alone becomes machine code (`Callback`).
     Functions that assign to variables of the function around them are left to Python: machine code
-    would take such variables for constants.
+    would take such variables for constants. So are those that write into the state, of which Python
+    is given copies.
     """
     from numba import config, njit, types
 
@@ -101,13 +102,15 @@ def compiled_if_possible(
     if config.DISABLE_JIT or any(map(_assigns_outside, codes)):  # type: ignore[attr-defined]
         return None
     array = types.Array(types.float64, 1, "C")
+    state = types.Array(types.float64, 1, "C", readonly=True)
     try:
         compiled = {
             name: each if hasattr(each, "py_func") else part(each)
             for name, each in functions.items()
         }
         writer = build(compiled, part)
-        writer.compile((types.float64, array, array, array))  # type: ignore[attr-defined]
+        writer.compile((types.float64, state, state, array))  # type: ignore[attr-defined]
+        writer.disable_compile()  # type: ignore[attr-defined]
     except Exception:  # noqa: BLE001 - Numba raises anything, even bare AssertionErrors
         return None
     return writer
@@ -153,7 +156,7 @@ else:
         def in_c(t, q, u, out, m, n):
             values = carray(out, (n + entries,))
             try:
-                writer(t, carray(q, (m,)).copy(), carray(u, (m,)).copy(), values)
+                writer(t, carray(q, (m,)), carray(u, (m,)), values)
             except Exception:  # noqa: BLE001 - told from NaN where the kernel returns
                 values[:] = np.nan
 
