@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from itertools import product
+from itertools import count, takewhile
 from os import PathLike
 from pathlib import Path
 from typing import Any, cast
@@ -185,14 +185,15 @@ def _numbers(data: dict[str, Any], name: str, status: NDArray[Any]) -> FloatArra
 def _read_events(data: dict[str, Any], n: int, many: tuple[int, ...]) -> dict[str, Any]:
     """Return the instants of each event and the states there, by the names of `Trajectory`."""
     found: dict[str, list[Any]] = {name: [] for name in EVENTS}
-    for k, name in product(range(sum(f"t_events_{k}" in data for k in range(len(data)))), EVENTS):
-        values = _checks.array(f"{name}_{k}", data[f"{name}_{k}"])
+    for k in takewhile(lambda k: f"t_events_{k}" in data, count()):
         sizes = data.get(f"t_events_{k}_sizes", np.array(len(data[f"t_events_{k}"])))
-        width = () if name == "t_events" else (n,)
         whole = sizes.dtype.kind == "i" and sizes.shape == many and np.all(sizes >= 0)
-        if not whole or values.shape != (sizes.sum(), *width):
-            raise ValueError(f"{name}_{k} must have as many rows as t_events_{k}_sizes says")
-        found[name].append(np.split(values, np.cumsum(sizes)[:-1]) if many else values)
+        for name in EVENTS:
+            values = _checks.array(f"{name}_{k}", data[f"{name}_{k}"])
+            width = () if name == "t_events" else (n,)
+            if not whole or values.shape != (sizes.sum(), *width):
+                raise ValueError(f"{name}_{k} must have as many rows as t_events_{k}_sizes says")
+            found[name].append(np.split(values, np.cumsum(sizes)[:-1]) if many else values)
     return found
 
 
