@@ -1,6 +1,7 @@
 """The notebooks run, and print what they show."""
 
 from copy import deepcopy
+from operator import eq
 from pathlib import Path
 
 import pytest
@@ -76,7 +77,8 @@ def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
         again, timeout=180, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     )
     client.execute()
-    assert all(map(same_text, printed(again), printed(shown))), printed(again)
+    same = same_text if name == "try_it.ipynb" else eq  # which shows what networks do
+    assert all(map(same, printed(again), printed(shown))), printed(again)
     assert pictures(again) == pictures(shown) == count
     players = [html_of(one).count("<iframe") for one in (again, shown)]
     assert players[0] == players[1] == (name == "try_it.ipynb")
