@@ -1,6 +1,10 @@
 """Files that appear whole or not at all, and files from sources not trusted.
 
 All that a campaign writes goes through `disk`, in whose place tests put one that fails.
+
+A long run writes *parts*. The name of a part ends in a digest of its owner, such as a campaign's
+plan, and of the part's bytes. So a part that exists and has the right name is done; nothing else
+needs to be recorded, and it does not matter who wrote it.
 """
 
 from __future__ import annotations
@@ -9,6 +13,7 @@ import errno
 import hashlib
 import io
 import json
+import math
 import os
 import secrets
 import zipfile
@@ -92,6 +97,31 @@ def remove(path: Path) -> None:
     """Remove the file at `path`, if there is one."""
     with suppress(FileNotFoundError):
         disk.unlink(path)
+
+
+def part_digest(owner: str, data: bytes) -> str:
+    """Return what the name of a part with these bytes ends in."""
+    return hashlib.sha256(owner.encode() + data).hexdigest()[:16]
+
+
+def write_part(owner: str, place: Path, data: bytes, suffix: str) -> Path:
+    """Write a part whole or not at all; return its path: `place`, the digest and the suffix."""
+    make_folder(place.parent)
+    path = place.with_name(f"{place.name}-{part_digest(owner, data)}{suffix}")
+    with replacing(path, binary=True) as file:
+        file.write(data)
+    return path
+
+
+def read_part(owner: str, path: Path, most: float = math.inf) -> bytes | None:
+    """Return the bytes of a part; None where its name says others, or they are more than `most`."""
+    try:
+        if not path.is_file() or path.stat().st_size > most:  # a FIFO would wait for ever
+            return None
+        data = path.read_bytes()
+    except OSError:
+        return None
+    return data if path.stem.endswith(part_digest(owner, data)) else None
 
 
 def sha256(path: Path) -> str | None:

@@ -8,18 +8,32 @@ from numpy.typing import ArrayLike
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
 from npend_gym._threads import Call, check_threads, share_out
-from npend_gym.chain import Chain, check_chain
+from npend_gym.chain import Chain, ChainParameters, check_chain
+from npend_gym.compiled.arrays import aligned_zeros, innermost
+from npend_gym.compiled.packs import WIDTH
 from npend_gym.compiled.sincos import MAX_ANGLE
 from npend_gym.physics.arguments import check_rtol, warn_of_degrees
+from npend_gym.physics.energy import centre_of_mass, positions, stretched
+from npend_gym.physics.equations import assembled
 from npend_gym.physics.kernels.layout import MAX_SPEED
-from npend_gym.physics.kernels.turning_points import BOB, COM, HEIGHT, LINK
-from npend_gym.physics.measurement import Measurement, measure, shares
+from npend_gym.physics.kernels.releases import RELEASE_ROWS, Release
+from npend_gym.physics.kernels.turning_points import (
+    BOB,
+    COM,
+    HEIGHT,
+    LINK,
+    new_record,
+    speed_threshold,
+)
 from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
+from npend_gym.physics.motion import Motion, pack_of, packs_of
 
 _CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
 READINGS = tuple(_CODES)
 
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
+_HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
+_WORTH_A_PACK = 8  # releases; fewer are followed faster one by one
 
 
 @_checks.keywords_moved(
@@ -119,14 +133,13 @@ def pseudo_periods(
         duration = _WINDOW * theory.fundamental_period(felt)
     mechanism_of([chain]).check_vibrations(duration)
 
-    measurement = Measurement(_CODES[reading], duration, rtol, pivot_acceleration)
+    given = _CODES[reading], duration, rtol, pivot_acceleration
     periods = np.empty_like(releases[0])
 
     def follow(share: slice, call: Call) -> None:
-        start = releases[0][share], releases[1][share]
-        periods[share] = measure(chain, *start, measurement, call)
+        periods[share] = _measure(chain, releases[0][share], releases[1][share], *given, call)
 
-    share_out(shares(len(periods)), threads, follow)
+    share_out(_shares(len(periods)), threads, follow)
     return periods.reshape(theta.shape)
 
 
@@ -162,3 +175,74 @@ def _starts(chain: Chain, theta: ArrayLike, omega: ArrayLike) -> tuple[FloatArra
             )
     first, second = (np.broadcast_to(array, shape).copy() for array in given.values())
     return first, second
+
+
+def _shares(count: int) -> list[slice]:
+    """Return how `count` releases are shared out: packs, and the last few one by one."""
+    last = count - count % WIDTH
+    if count - last >= _WORTH_A_PACK:
+        last = count
+    return packs_of(last) + [slice(k, k + 1) for k in range(last, count)]
+
+
+def _measure(
+    chain: Chain, theta: FloatArray, omega: FloatArray, reading: int, duration: float, rtol: float,
+    accelerated: ArrayLike | None, call: Call,
+) -> FloatArray:  # fmt: skip
+    """Return the pseudo-periods of one release, or of up to WIDTH side by side, (releases, n).
+
+    For COM every bob has that of the chain.
+    """
+    count, n = len(theta), chain.n
+    lanes = 1 if count == 1 else WIDTH
+    # lanes to spare repeat the last release
+    theta, omega = (np.pad(x, ((0, lanes - count), (0, 0)), mode="edge") for x in (theta, omega))
+    motion, release = _release(chain, theta, omega, reading, rtol, accelerated)
+    motion.follow(0.0, duration, release, call)
+    return np.broadcast_to(release.record.period.reshape(-1, lanes).T, (lanes, n))[:count]
+
+
+def _release(
+    chain: Chain, theta: FloatArray, omega: FloatArray, reading: int, rtol: float,
+    accelerated: ArrayLike | None,
+) -> tuple[Motion, Release]:  # fmt: skip
+    """Return the motion from these states (lanes, n), and what is to be measured of it."""
+    lanes, n = len(theta), chain.n
+    states = assembled(chain, theta, omega, np.zeros_like(theta), pivot_acceleration=accelerated)
+    per_rod = theta
+    rods: ChainParameters = chain.repeated(lanes)
+    if chain.stiffness is not None:
+        rods = stretched(chain, states.q[:, -n:])
+        per_rod = -np.diff(positions(rods, theta)[..., 1], axis=1, prepend=0.0)
+    if reading == COM:
+        whole = chain.lengths * float(chain.masses.sum())
+        per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
+    settings = {"rtol": rtol, "atol": 1e-2 * rtol}
+    motion = pack_of(states, slice(0, lanes), settings, lanes)
+    record = new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading)))
+    threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, reading, rtol)
+    scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
+    return motion, Release(reading, threshold, record, scratch)
+
+
+def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> FloatArray:
+    """Return +1 for rods released from positive angles (or from zero), -1 from negative ones.
+
+    For COM (lanes, 1): for the side on which the centre of mass is.
+    """
+    if reading == HEIGHT:
+        return np.ones_like(theta)
+    if reading == COM:
+        side = centre_of_mass(rods, theta)[..., :1]
+    else:
+        side = theta if reading == LINK else positions(rods, theta)[..., 0]
+    return np.where(side < 0.0, -1.0, 1.0)
+
+
+def _threshold(chain: Chain, omega: FloatArray, reading: int, rtol: float) -> FloatArray:
+    """Return the size [rad/s, m/s or m] above which the sign of a signal counts, (lanes,)."""
+    if reading == HEIGHT:
+        return np.full(len(omega), _HEIGHT_TOLERANCE * rtol * chain.total_length)
+    mean = float(chain.lengths.mean())
+    rate = speed_threshold(np.sqrt(chain.gravity / mean), np.max(np.abs(omega), axis=1))
+    return rate if reading == LINK else rate * mean

@@ -19,12 +19,12 @@ from npend_gym.cli.common import (
     Parser,
     can_draw,
     dispatch,
+    open_closed_streams,
     prepare_results,
     progress,
     show_written,
     warn,
 )
-from npend_gym.cli.streams import open_closed_streams
 from npend_gym.cli.values import angles, integers
 from npend_gym.report import outputs
 from paper import law_tables, report

@@ -41,7 +41,6 @@ _GUIDED = (  # modules whose lines guide; compiled kernels must not be instrumen
     "npend_gym.rl.policies.checks", "npend_gym.physics.trajectory_file",
     "npend_gym.experiments.campaign.parts", "npend_gym.experiments.campaign.campaign",
     "npend_gym.experiments.campaign.plan", "npend_gym.experiments.campaign.plan_file",
-    "npend_gym.experiments.parts",
     "npend_gym.experiments.release", "npend_gym.identification.recordings",
     "npend_gym.identification.motion", "npend_gym.report.release_tables", "npend_gym.envs.config",
     "npend_gym.envs.keywords", "zipfile", "numpy.lib.format", "tomllib._parser", "json.decoder",

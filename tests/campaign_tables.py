@@ -6,6 +6,21 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from npend_gym.experiments import Campaign
+from npend_gym.experiments.campaign.parts import TABLES
+
+
+def completed(plan, out, **workers):
+    """Run a campaign to its end, with one worker where no others are given."""
+    with Campaign(plan, out) as campaign:
+        records = [record for _, record in campaign.run(**({"count": 1} | workers))]
+    return campaign, records
+
+
+def digests(plan, out):
+    """Return the digests of the tables of a campaign."""
+    return [table_digest(out, name, plan.tasks()) for name in TABLES]
+
 
 def part_of(out, table, task):
     """Return the path of a task's part of a table."""

@@ -417,9 +417,15 @@ def _no_shaking(m: Mechanism, what: str) -> None:
 
 def _step_jacobian(m: Mechanism) -> None:
     _no_shaking(m, "step_jacobian")
-    found = physics.step_jacobian(m.chain, THETA, OMEGA, dt=0.01, substeps=5)
-    motion = simulate(m.chain, THETA, OMEGA, [0.0, 0.01], method="rk4", dt=0.002)
-    _near(found.A, motion.sensitivities().A[-1], 1e-12)
+    given = {"torque": [0.3, -0.2]} | m.drives
+    given |= {"velocity": 0.4} if m.chain.base is not None else {}
+    found = physics.step_jacobian(
+        m.chain, STARTS, OMEGA, dt=0.01, substeps=5, joints=(0, 1), **given
+    )
+    alone = simulate(m.chain, STARTS[1], OMEGA, [0.0, 0.01], method="rk4", dt=0.002, **given)
+    expected = alone.sensitivities(joints=(0, 1))
+    _near(found.A[1], expected.A[-1], 1e-12)
+    _near(found.B[1], expected.B[-1], 1e-12)
 
 
 def _ensemble(m: Mechanism) -> None:
@@ -433,12 +439,14 @@ def _ensemble(m: Mechanism) -> None:
 
 def _differentiable(m: Mechanism) -> None:
     _no_shaking(m, "DifferentiableEnsemble")
-    many = physics.DifferentiableEnsemble(m.chain, 3)
-    many.set_state(slice(None), STARTS)
-    jacobian = many.step_jacobian(0.0, 0.01, 5)
-    gradient = many.step_vjp(0.0, 0.01, 5, theta_bar=1.0, omega_bar=0.0)
-    _near(gradient.by_theta, jacobian.A[:, : m.chain.coordinates, : m.chain.coordinates].sum(1),
-          1e-10)  # fmt: skip
+    many = physics.DifferentiableEnsemble(m.chain, 3, joints=(0, 1))
+    many.set_state(slice(None), STARTS, OMEGA)
+    jacobian = many.step_jacobian(STARTS, 0.01, 5, **m.drives)
+    bars = np.random.default_rng(0).normal(size=(2, 3, m.chain.coordinates))
+    gradient = many.step_vjp(STARTS, 0.01, 5, theta_bar=bars[0], omega_bar=bars[1], **m.drives)
+    found = np.hstack([gradient.by_theta, gradient.by_omega, gradient.by_torque])
+    whole = np.concatenate([jacobian.A, jacobian.B], axis=-1)
+    _near(found, np.einsum("bi,bij->bj", np.hstack([*bars]), whole), 1e-10)
 
 
 def _torch_step(m: Mechanism) -> None:

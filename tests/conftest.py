@@ -66,11 +66,13 @@ def uneven():
 def refusal(capsys):
     """A function that runs a command with bad arguments, and returns its one line of error."""
 
-    def run(*arguments):
+    def run(*arguments, main=main):
+        capsys.readouterr()
         with pytest.raises(SystemExit) as caught:
             main(arguments)
         assert caught.value.code == 2
-        error = capsys.readouterr().err
+        out, error = capsys.readouterr()
+        assert out == ""
         assert len(error.strip().splitlines()) == 1
         return error
 
@@ -125,3 +127,12 @@ def open_page(browser):
     for context in contexts:
         context.close()
     assert wrong == []
+
+
+def wait_for(page, true, seconds=30):
+    """Wait until it is true; the pages let no text be run as a program."""
+    for _ in range(20 * seconds):
+        if true():
+            return
+        page.wait_for_timeout(50)
+    raise TimeoutError

@@ -8,11 +8,12 @@ import sys
 
 import numpy as np
 import pytest
+from policy_files import random_policy
 
 from npend_gym.envs import EnvConfig
 from npend_gym.export import to_c
 from npend_gym.physics import Ensemble
-from npend_gym.rl import Policy, observation_of
+from npend_gym.rl import observation_of
 
 # pip install ziglang: clang, where there is none
 COMPILERS = {name: [name] for name in ("gcc", "clang", "tcc") if shutil.which(name)}
@@ -71,25 +72,32 @@ LOOP = """
 #include "policy.h"
 void control(int begins, int acts, const double *shown, double dt, double *torque)
 {
-    static p_policy policy;
+    static p_%s it;
     static p_estimator encoders[P_RODS];
     double omega[P_RODS];
-    float observation[P_OBSERVED], action[P_JOINTS];
     int i;
     if (begins)
-        p_policy_reset(&policy);
+        p_%s_reset(&it);
     for (i = 0; i < P_RODS; i++) {
         if (begins)
             p_estimate_reset(&encoders[i]);
-        omega[i] = p_estimate(&encoders[i], shown[i], dt, 0.005, 6.28318530717958623);
+        omega[i] = p_estimate(&encoders[i], shown[i], dt, %s, 6.28318530717958623);
     }
     if (acts) {
-        p_policy_observe(shown, omega, 0, 0, observation);
-        p_policy_act(&policy, observation, action);
-        p_policy_torque(action, torque);
+        %s
     }
 }
 """
+ACTS = """
+        float observation[P_OBSERVED], action[P_JOINTS];
+        p_policy_observe(shown, omega, 0, 0, observation);
+        p_policy_act(&it, observation, action);
+        p_policy_torque(action, torque);
+"""
+LOOP_OF_POLICY = LOOP % ("policy", "policy", 0.005, ACTS)
+LOOP_OF_CONTROLLER = LOOP % (
+    "controller", "controller", 0.002, "p_controller_act(&it, shown, omega, 0, torque);"
+)  # fmt: skip
 
 
 def compiled(policy, folder, compiler="gcc", driver=DRIVER, **options):
@@ -101,6 +109,20 @@ def compiled(policy, folder, compiler="gcc", driver=DRIVER, **options):
     command = [*FLAGS, "-O2", "-shared", "-fPIC", "-o", "driver.so", "driver.c"]
     subprocess.run([*COMPILERS[compiler], *command], cwd=folder, check=True)
     return ctypes.CDLL(str(folder / "driver.so"))
+
+
+def bytes_of(folder, calls):
+    """Return the size of these calls of the header in a folder, which must need no library."""
+    tools = ("gcc", "size", "nm")
+    if not all(map(shutil.which, tools)):
+        pytest.skip(f"one of {', '.join(tools)} is not here")
+    (folder / "small.c").write_text(calls)
+    size = ["gcc", *FLAGS, "-Os", "-fno-asynchronous-unwind-tables", "-c", "small.c"]
+    subprocess.run(size, cwd=folder, check=True)
+    shown = subprocess.check_output(["size", "small.o"], cwd=folder, text=True)
+    needed = subprocess.check_output(["nm", "--undefined-only", "small.o"], cwd=folder, text=True)
+    assert needed == ""
+    return sum(map(int, shown.splitlines()[1].split()[:2]))  # text and data
 
 
 def encoders_shown(theta, relative):
@@ -202,14 +224,9 @@ def in_float64(policy, observations, actions):
 def network(env, seed=0, **functions):
     """Return a policy of random numbers for an environment."""
     rng, config = np.random.default_rng(seed), EnvConfig(**env)
-    sizes = config.observed, 8, 5, config.joints.size
-    scale, offset = rng.uniform(0.5, 2.0, sizes[0]), rng.normal(size=sizes[0])
-    shapes = list(zip(sizes[1:], sizes[:-1], strict=True))
-    return Policy(
-        np.float32(scale), [np.float32(rng.normal(size=shape) * 0.5) for shape in shapes],
-        [np.float32(rng.normal(size=size)) for size, _ in shapes], env,
-        offset=np.float32(offset), **functions,
-    )  # fmt: skip
+    k, sizes = config.observed, [(8, config.observed), (5, 8), (config.joints.size, 5)]
+    scale, offset = rng.uniform(0.5, 2.0, k), rng.normal(size=k)
+    return random_policy(sizes, env, rng, 0.5, scale=scale, offset=offset, **functions)
 
 
 CART = {"n": 2, "base": "cart", "mode": "balance"}

@@ -12,16 +12,18 @@ from npend_gym.rl.policies.files import read_policy
 OWN = object()  # the description that `Policy.save` writes
 
 
+def random_policy(sizes, env, seed=0, size=1.0, **more):
+    """A policy of random numbers: weights of these sizes, of about this size, and biases."""
+    rng = np.random.default_rng(seed)
+    weights = [size * rng.normal(size=shape) for shape in sizes]
+    biases = [size * rng.normal(size=shape[:1]) for shape in sizes]
+    given = {"scale": np.ones(sizes[0][1]), "provenance": {"trained_by": "a test"}}
+    return Policy(**given | {"weights": weights, "biases": biases, "env": env} | more)
+
+
 def small_policy(**changes):
-    rng = np.random.default_rng(0)
-    sizes = [(4, 6), (4, 4), (1, 4)]
-    policy = Policy(
-        scale=np.full(6, 2.0, np.float32),
-        weights=[rng.normal(size=size).astype(np.float32) for size in sizes],
-        biases=[rng.normal(size=size[:1]).astype(np.float32) for size in sizes],
-        env={"n": 2, "mode": "calm", "observation": "sincos"},
-        provenance={"trained_by": "a test"},
-    )
+    env = {"n": 2, "mode": "calm", "observation": "sincos"}
+    policy = random_policy([(4, 6), (4, 4), (1, 4)], env, scale=np.full(6, 2.0))
     return replace(policy, **changes)
 
 

@@ -15,14 +15,14 @@ from typing import Any
 
 import mutations
 import numpy as np
-from campaign_tables import part_of
-from policy_files import save_changed
+from campaign_tables import completed, part_of
+from policy_files import random_policy, save_changed
 
 from npend_gym import Chain, Trajectory, simulate
 from npend_gym.chain import as_chain
 from npend_gym.cli.values import chain_argument
 from npend_gym.envs import EnvConfig
-from npend_gym.experiments import Campaign, CampaignPlan, ReleaseExperiment, run_release
+from npend_gym.experiments import CampaignPlan, ReleaseExperiment, run_release
 from npend_gym.experiments.campaign.campaign import read_plan
 from npend_gym.experiments.campaign.parts import RELEASES, read_releases
 from npend_gym.experiments.campaign.plan_file import read_plan_file
@@ -82,13 +82,6 @@ def make_readers(folder: Path) -> dict[str, Reader]:
     return readers
 
 
-def _network(sizes: list[tuple[int, int]], scale: np.ndarray, env: dict[str, Any]) -> Policy:
-    rng = np.random.default_rng(0)
-    weights = [rng.normal(size=size).astype(np.float32) for size in sizes]
-    biases = [np.zeros(size[:1], np.float32) for size in sizes]
-    return Policy(scale.astype(np.float32), weights, biases, env, {"trained_by": "nobody"})
-
-
 def _act(policy: Policy) -> None:
     """Let a policy that was taken act; what it does must be within bounds."""
     if policy.has_memory:
@@ -104,9 +97,9 @@ def _policies(folder: Path) -> dict[str, Reader]:
     env = {"n": 2, "mode": "swingup", "observation": "sincos"}
     random_env = env | {"randomize": {"masses": [0.8, 1.2], "damping": {"low": 0.0, "high": 0.1}}}
     policies = [
-        _network([(3, 6), (1, 3)], np.ones(6), env),
-        _network([(2, 14), (1, 2)], np.ones((2, 7)), random_env),
-        _network([(1, 4)], np.ones(4), {"n": 2, "chain": "acrobot", "actuated": [1], "dt": 0.02}),
+        random_policy([(3, 6), (1, 3)], env),
+        random_policy([(2, 14), (1, 2)], random_env, scale=np.ones((2, 7))),
+        random_policy([(1, 4)], {"n": 2, "chain": "acrobot", "actuated": [1], "dt": 0.02}),
     ]
     path, seeds = folder / "a.safetensors", list[bytes]()
     policies[0].save(path)
@@ -137,9 +130,7 @@ def _trajectory(folder: Path) -> dict[str, Reader]:
 
 def _campaign(folder: Path) -> dict[str, Reader]:
     out = folder / "campaign"
-    with Campaign(PLAN, out) as running:
-        for _ in running.run("threading", 1):
-            pass
+    completed(PLAN, out)
     task = next(PLAN.tasks())
     part, plan = part_of(out, RELEASES, task), out / "plan.json"
     return {

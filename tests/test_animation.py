@@ -193,15 +193,6 @@ def test_torques_that_noise_takes_beyond_their_limit_are_drawn_at_it():
     assert Film(recording, fps=20.0, size=120)._scene(most).torque == 1.0
 
 
-@pytest.mark.parametrize("options", ["--fps 60", "--size 121"])
-def test_options_that_no_film_can_have_are_refused_before_the_simulation(options, tmp_path, capsys):
-    arguments = ["simulate", "-n", "1", *options.split(), "--film", str(tmp_path / "a.gif")]
-    with pytest.raises(SystemExit):
-        main(arguments)
-    assert capsys.readouterr().out == ""
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("arguments", "shape", "made_by"),
     [

@@ -7,38 +7,27 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import deadly
+import kill_campaign
 import numpy as np
 import psutil
 import pytest
-from campaign_tables import part_of, read_part, read_table, table_digest
-from scripts import run_python
+from campaign_tables import completed, digests, part_of, read_part, read_table
 
 from npend_gym import Chain, _progress, pseudo_periods
+from npend_gym._files import part_digest
 from npend_gym.cli import main
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan
 from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.estimate import duration, estimate
-from npend_gym.experiments.campaign.parts import BOBS, RELEASES, TABLES
+from npend_gym.experiments.campaign.parts import BOBS, RELEASES
 from npend_gym.experiments.campaign.plan import digest_of
 from npend_gym.experiments.campaign.plan_file import read_plan_file
 from npend_gym.experiments.campaign.task import measure_task
-from npend_gym.experiments.parts import part_digest
 
 SMALL = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=50, seed=4, batch=16)
-
-
-def completed(plan, out, **workers):
-    with Campaign(plan, out) as campaign:
-        records = [record for _, record in campaign.run(**({"count": 1} | workers))]
-    return campaign, records
-
-
-def digests(plan, out):
-    return [table_digest(out, name, plan.tasks()) for name in TABLES]
 
 
 def contents(out):
@@ -390,26 +379,6 @@ def test_a_failing_task_is_recorded_and_the_others_continue(undisturbed, tmp_pat
 
 
 @pytest.mark.long
-def test_a_full_disk_stops_the_campaign_and_loses_nothing(undisturbed, tmp_path):
-    code = f"""
-import resource, sys
-from npend_gym.experiments import Campaign, CampaignPlan, DiskError
-resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500))  # a file of this many bytes is too large
-try:
-    with Campaign(CampaignPlan(**{SMALL.as_dict()!r}), sys.argv[1]) as campaign:
-        list(campaign.run(count=1))
-except DiskError as error:
-    print("stopped:", error)
-"""
-    printed = run_python("-c", code, tmp_path)
-    assert "stopped: " in printed
-    assert "File too large" in printed
-    with Campaign(SMALL, tmp_path) as campaign:
-        list(campaign.run(count=1))
-    assert digests(SMALL, tmp_path) == digests(SMALL, undisturbed)
-
-
-@pytest.mark.long
 def test_a_task_that_kills_its_workers_is_given_up_and_the_others_are_done(monkeypatch):
     monkeypatch.setattr(engine, "_MAX_ATTEMPTS", 2)  # each costs new workers
     with engine.workers("loky", 2):
@@ -504,29 +473,11 @@ def test_ctrl_c_keeps_what_is_done_and_leaves_nothing_half_written(number, tmp_p
 
 
 @pytest.mark.long
-def test_a_campaign_whose_driver_and_workers_are_killed_ends_with_the_same_bytes(
-    undisturbed, tmp_path, capsys
+def test_a_campaign_whose_drivers_and_workers_are_killed_ends_with_the_same_bytes(
+    monkeypatch, capsys
 ):
-    plan = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "50", "--seed", "4", "--batch", "1"]
-    for count in (0, 40, 120):
-        process = subprocess.Popen(
-            command(tmp_path, *plan, "--workers", "2"), stdout=subprocess.DEVNULL
-        )
-        wait_for_parts(tmp_path, count, process)
-        if count == 40:  # a worker: the driver goes on by itself
-            tree = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-            children = tree.read_text().split() if tree.exists() else []
-            lines = {pid: Path(f"/proc/{pid}/cmdline").read_text() for pid in children}
-            for pid in [pid for pid, line in lines.items() if "LokyProcess" in line][:1]:
-                os.kill(int(pid), signal.SIGKILL)
-            wait_for_parts(tmp_path, 60, process)
-        process.kill()
-        process.wait()
-    capsys.readouterr()
-    assert main(["campaign", "--out", str(tmp_path), "--workers", "1"]) == 0
-    assert "200 of 200 releases done" in capsys.readouterr().out
-    plan = CampaignPlan(**(SMALL.as_dict() | {"batch": 1}))
-    assert digests(plan, tmp_path) == digests(SMALL, undisturbed)
+    monkeypatch.setattr(sys, "argv", ["kill_campaign.py", "--kills", "4", "--seed", "0"])
+    assert kill_campaign.main() == 0, capsys.readouterr().out
 
 
 # Workers that have lost their driver
@@ -553,7 +504,8 @@ def test_workers_whose_driver_was_killed_end_and_spoil_nothing(undisturbed, tmp_
         assert psutil.wait_procs(workers[1:], timeout=10.0)[1] == []
         (tmp_path / "plan.json").unlink()
         completed(SMALL, tmp_path)  # another plan in the same folder
-        workers[0].resume()
+        with contextlib.suppress(psutil.NoSuchProcess):  # seen twice on a busy machine
+            workers[0].resume()
         assert psutil.wait_procs(below, timeout=10.0)[1] == []  # helpers of the workers too
     finally:
         for each in below:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from campaign_tables import completed, read_table
 from scripts import run_script
 
 from npend_gym import theory
@@ -24,17 +25,16 @@ def planted(chain, theta, **_options):
     return np.repeat(periods, chain.n, axis=1)
 
 
-def completed(plan, out, monkeypatch, measure):
+def analysed(plan, out, monkeypatch, measure):
     monkeypatch.setattr("npend_gym.experiments.campaign.task.pseudo_periods", measure)
     monkeypatch.setattr("npend_gym.theory.fundamental_period", lambda chain: np.sqrt(chain.n + 0.5))
-    with Campaign(plan, out) as campaign:
-        list(campaign.run(count=1))
+    completed(plan, out)
     return analyse(out)
 
 
 def test_a_planted_law_is_found_with_all_its_numbers(tmp_path, monkeypatch):
     plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, spread=0.0, trials=1)
-    (group,) = completed(plan, tmp_path, monkeypatch, planted).groups
+    (group,) = analysed(plan, tmp_path, monkeypatch, planted).groups
     assert [law.n_values for law in group.laws] == [(10, 20, 40), (10,), (20,), (40,)]
     for law in group.laws:
         found = [law.c.value, law.b.value, law.d.value]
@@ -51,7 +51,7 @@ def test_intervals_hold_the_planted_numbers_of_scattered_data(tmp_path, monkeypa
         return planted(chain, theta, **options) * (1.0 + 1e-3 * rng.normal())
 
     plan = CampaignPlan(n=[10, 15, 20, 30, 40], amplitude=AMPLITUDES, spread=0.0, trials=1, batch=1)
-    (group,) = completed(plan, tmp_path, monkeypatch, noisy).groups
+    (group,) = analysed(plan, tmp_path, monkeypatch, noisy).groups
     law = group.laws[0]
     for estimate, truth in ((law.c, 0.95), (law.b, 0.2), (law.d, 1.0)):
         assert estimate.error > 0.0
@@ -67,7 +67,7 @@ def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
         return periods
 
     plan = CampaignPlan(n=3, amplitude=[0.1, 0.3], trials=1000, batch=1000)
-    stats = completed(plan, tmp_path, monkeypatch, jumping).statistics
+    stats = analysed(plan, tmp_path, monkeypatch, jumping).statistics
     assert stats.outlier_count == 1
     (outlier,) = stats.outliers
     assert (outlier.cell, outlier.trial) == (1, 124)
@@ -76,13 +76,10 @@ def test_planted_outliers_are_listed_and_nothing_else(tmp_path, monkeypatch):
 
 
 def test_statistics_are_those_of_the_whole_table(tmp_path):
-    from campaign_tables import read_table
-
     from npend_gym.experiments.campaign.parts import RELEASES
 
     plan = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=60, batch=13)
-    with Campaign(plan, tmp_path) as campaign:
-        list(campaign.run(count=1))
+    completed(plan, tmp_path)
     table = read_table(tmp_path, RELEASES, list(plan.tasks())).to_pydict()
     stats = analyse(tmp_path).statistics
     for cell in range(4):
@@ -98,8 +95,7 @@ def test_statistics_are_those_of_the_whole_table(tmp_path):
 
 def test_a_cell_starts_where_its_releases_that_completed_do(tmp_path):
     plan = CampaignPlan(n=1, amplitude=0.7, spread=0.3, trials=60, duration=2.09)
-    with Campaign(plan, tmp_path) as campaign:
-        list(campaign.run(count=1))
+    completed(plan, tmp_path)
     stats = analyse(tmp_path).statistics
     assert 10 < stats.completed[0] < 50
     expected = float(theory.pendulum_period(stats.start[0]))
@@ -107,7 +103,7 @@ def test_a_cell_starts_where_its_releases_that_completed_do(tmp_path):
 
 
 def test_what_an_earlier_analysis_left_is_removed_and_the_campaign_is_kept(tmp_path, monkeypatch):
-    result = completed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+    result = analysed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
     with pytest.raises(ValueError, match="out must be another folder than the campaign's"):
         report.write_analysis(result, tmp_path / "analysis" / "..", figures=False)
     assert not (tmp_path / "manifest.json").exists()
@@ -129,7 +125,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
         return planted(chain, theta, **options)
 
     out = tmp_path / "<b>&amp;'\"ä"
-    result = completed(CampaignPlan(n=[2, 3], trials=2), out, monkeypatch, failing)
+    result = analysed(CampaignPlan(n=[2, 3], trials=2), out, monkeypatch, failing)
     page = report.page(result, report.tables(result), [])
     assert "<script" not in page
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
@@ -140,7 +136,7 @@ def test_the_report_escapes_what_comes_from_files_and_user(tmp_path, monkeypatch
 @pytest.mark.long
 def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, capsys):
     plan = CampaignPlan(n=[10, 20, 40], amplitude=AMPLITUDES, trials=30)
-    completed(plan, tmp_path, monkeypatch, planted)
+    analysed(plan, tmp_path, monkeypatch, planted)
     assert main(["analyse", str(tmp_path)]) == 0
     assert "c = 0.9500" in capsys.readouterr().out
     names = {path.name for path in (tmp_path / "analysis").iterdir()}
@@ -157,7 +153,7 @@ def test_the_command_writes_tables_figures_and_a_page(tmp_path, monkeypatch, cap
 
 
 def test_for_a_single_cell_no_law_is_fitted_and_the_report_says_so(tmp_path, monkeypatch):
-    result = completed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
+    result = analysed(CampaignPlan(n=[5], trials=3), tmp_path, monkeypatch, planted)
     assert result.groups[0].laws == result.groups[0].powers == ()
     assert "No law is fitted" in report.page(result, report.tables(result), [])
 
@@ -183,8 +179,7 @@ def test_the_example_runs_and_analyses_a_campaign(tmp_path, monkeypatch):
 
 def test_the_fitted_limit_of_the_centre_of_mass_is_the_exact_one(tmp_path):
     plan = CampaignPlan(n=[2, 12, 24], amplitude=AMPLITUDES, spread=0.0, trials=1, reading="com")
-    with Campaign(plan, tmp_path) as campaign:
-        list(campaign.run(count=1))
+    completed(plan, tmp_path)
     (group,) = analyse(tmp_path).groups
     assert [law.n_values for law in group.laws] == [(12, 24), (2,), (12,), (24,)]
     for law in group.laws:  # the formula with b and d fits the angles to some 4e-4

@@ -6,11 +6,10 @@ Both stand in an environment of their own, with the versions that they pin; else
 import os
 
 import pytest
-from campaign_tables import table_digest
+from campaign_tables import completed, digests
 from scripts import run_python
 
 from npend_gym.experiments import Campaign, CampaignPlan
-from npend_gym.experiments.campaign.parts import TABLES
 
 PLAN = CampaignPlan(n=[2, 3], amplitude=[0.3, 0.7], trials=100, batch=16)
 MODULES = {"ray": "ray", "dask": "distributed"}
@@ -19,9 +18,8 @@ MODULES = {"ray": "ray", "dask": "distributed"}
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
     out = tmp_path_factory.mktemp("undisturbed")
-    with Campaign(PLAN, out) as campaign:
-        list(campaign.run(count=1))
-    return [table_digest(out, name, PLAN.tasks()) for name in TABLES]
+    completed(PLAN, out)
+    return digests(PLAN, out)
 
 
 @pytest.mark.parametrize("backend", MODULES)
@@ -30,7 +28,7 @@ def test_a_cluster_of_two_workers_writes_the_same_bytes(backend, expected, tmp_p
     arguments = ["--n", "2,3", "--amplitude", "0.3,0.7", "--trials", "100", "--batch", "16"]
     command = ["-m", "npend_gym", "campaign", "--out", tmp_path, "--backend", backend, *arguments]
     assert "400 of 400 releases done" in run_python("-W", "ignore", *command, "--workers", "2")
-    assert [table_digest(tmp_path, name, PLAN.tasks()) for name in TABLES] == expected
+    assert digests(PLAN, tmp_path) == expected
 
 
 _KILLER = """

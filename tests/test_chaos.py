@@ -5,10 +5,10 @@ import json
 import numpy as np
 import oracle
 import pytest
-from interrupt import Interrupt
-from scipy.integrate import simpson
+from scipy.integrate import simpson, solve_ivp
 
-from npend_gym import Chain, Event, Signal, chaos, pseudo_periods, simulate
+from npend_gym import Cart, Chain, Event, Signal, chaos, pseudo_periods, simulate, theory
+from npend_gym.chaos import ContinuationError, periodic_orbits
 from npend_gym.chaos.variations import record
 from npend_gym.experiments import FlipMap
 from npend_gym.physics import linearise
@@ -139,15 +139,6 @@ def test_the_error_of_the_largest_exponent_is_its_scatter():
     assert 0.4 * scatter < np.mean([run.error for run in runs]) < 3.0 * scatter
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("measure", [chaos.lyapunov_spectrum, chaos.megno, chaos.poincare_section])
-def test_ctrl_c_ends_a_long_run_at_once(measure):
-    chain = Chain.uniform(300)
-    measure(Chain.uniform(2), 1.0, duration=20.0)  # compiled
-    with pytest.raises(KeyboardInterrupt), Interrupt():
-        measure(chain, 1.0, duration=1e4)
-
-
 def test_progress_sees_every_part_of_the_motion_and_may_stop_it():
     seen = []
 
@@ -161,33 +152,6 @@ def test_progress_sees_every_part_of_the_motion_and_may_stop_it():
     seen.clear()
     chaos.lyapunov_spectrum(Chain.uniform(1), 1.0, duration=2.0, samples=7, progress=count)
     assert len(seen) == 7
-
-
-@pytest.mark.parametrize(
-    ("call", "error", "text"),
-    [
-        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=1.0, count=5), ValueError,
-         "count must be between 1 and 4, got 5"),
-        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=0.0), ValueError,
-         "duration must be greater than zero, got 0.0"),
-        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=1.0, samples=0), ValueError, "samples"),
-        (lambda _: chaos.lyapunov_spectrum(Chain.uniform(501), 1.0, duration=1.0), ValueError,
-         "n must be between 1 and 500"),
-        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=-1.0), ValueError, "duration"),
-        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=0.1), ValueError,
-         "duration must be at least"),
-        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=1e20), ValueError,
-         "duration must be at most"),
-        (lambda c: chaos.megno(c, [1.0, np.nan], duration=1.0), ValueError, "theta must be finite"),
-        (lambda c: chaos.megno(c, [1.0] * 3, duration=1.0), ValueError, "theta must be one number"),
-        (lambda c: chaos.tangent_growth(c, 2.0, duration=0.001), ValueError,
-         "duration must be at least 0.03"),
-        (lambda _: chaos.megno(2, 1.0, duration=1.0), TypeError, "chain"),
-    ],
-)  # fmt: skip
-def test_bad_input_is_refused_by_name(call, error, text):
-    with pytest.raises(error, match=text):
-        call(Chain.uniform(2))
 
 
 @pytest.mark.long
@@ -232,13 +196,6 @@ def test_a_pivot_that_is_accelerated_is_another_gravity():
     expected = chaos.lyapunov_spectrum(by_gravity, 0.0, duration=5.0).exponents
     found = chaos.lyapunov_spectrum(by_pivot, 0.0, duration=5.0, **moved).exponents
     np.testing.assert_allclose(found[[0, 1, -2, -1]], expected, atol=1e-4)
-    free = Chain.uniform(2, gravity=0.0)
-    times = pseudo_periods(free, 0.5, pivot_acceleration=[0.0, 9.81])
-    np.testing.assert_allclose(
-        times, pseudo_periods(Chain.uniform(2, gravity=9.81), 0.5), rtol=1e-9
-    )
-    slow = pseudo_periods(Chain.uniform(2), 0.5, pivot_acceleration=[0.0, -9.80])
-    assert np.isfinite(slow).all()
 
 
 def test_links_whose_weight_is_above_their_joint_flip_with_little_energy():
@@ -248,6 +205,202 @@ def test_links_whose_weight_is_above_their_joint_flip_with_little_energy():
     assert found == pytest.approx(
         simulate(chain, [0.0, 0.3], 0.0, [0.0, 10.0], events=events).times[-1]
     )
+
+
+# -- periodic orbits: they close, and grow out of the normal modes with the multipliers of these ---
+
+
+def test_orbits_of_a_pendulum_have_the_period_of_the_elliptic_integral():
+    amplitudes = [0.1, 1.0, 3.0]
+    for orbit, angle in zip(
+        periodic_orbits(Chain.uniform(1, length=0.7), 0, amplitudes=amplitudes),
+        amplitudes,
+        strict=True,
+    ):
+        exact = theory.pendulum_period(angle, 0.7)
+        assert orbit.period == pytest.approx(exact, rel=1e-11)
+        assert orbit.amplitude == pytest.approx(angle, rel=1e-12)
+        assert orbit.energy == pytest.approx(9.81 * 0.7 * (1.0 - np.cos(angle)), rel=1e-12)
+        assert orbit.multipliers.size == 0
+        assert orbit.stable
+
+
+@pytest.mark.parametrize("mode", [0, 1, 2])
+def test_small_orbits_are_the_normal_modes_and_have_their_multipliers(mode):
+    chain = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4])
+    frequencies, shapes = theory.normal_modes(chain)
+    (orbit,) = periodic_orbits(chain, mode, amplitudes=[1e-3])
+    period = 2.0 * np.pi / frequencies[mode]
+    assert orbit.period == pytest.approx(period, rel=1e-5)
+    np.testing.assert_allclose(orbit.theta, 1e-3 * shapes[:, mode], atol=1e-8)
+    others = np.delete(frequencies, mode)
+    turns = np.exp(1j * np.concatenate([others, -others]) * period)
+    for multiplier in orbit.multipliers:
+        assert np.abs(multiplier - turns).min() < 1e-4
+    assert orbit.stable
+
+
+def test_orbits_are_closed_also_by_scipy_on_the_dense_equations():
+    chain = Chain.uniform(2)
+    orbits = periodic_orbits(chain, 1, amplitudes=[np.pi / 4, 1.3])
+    for orbit in orbits:
+        assert orbit.closure < 1e-10
+        theta, omega = oracle.trajectory(chain, orbit.theta, 0.0, [0.0, orbit.period])
+        np.testing.assert_allclose(theta[-1], orbit.theta, atol=1e-8)
+        np.testing.assert_allclose(omega[-1], 0.0, atol=1e-8)
+        motion = orbit.motion(3)
+        assert np.abs(motion.omega[[0, 1, 2]]).max() < 1e-10
+        assert np.abs(motion.theta[1] - motion.theta[0]).max() > 0.5  # half the period is not all
+
+
+def test_neighbours_leave_an_unstable_orbit_by_its_largest_multiplier():
+    chain = Chain.uniform(2)
+    stable, unstable = periodic_orbits(chain, 1, energies=[5.0, 25.0])
+    assert stable.stable
+    assert not unstable.stable
+    assert [stable.energy, unstable.energy] == pytest.approx([5.0, 25.0], rel=1e-12)
+    growth, shrinking = unstable.multipliers.real
+    assert growth * shrinking == pytest.approx(1.0, rel=1e-6)
+    change = np.array([1e-9, 0.0])  # after some periods along the direction that grows
+    times = unstable.period * np.arange(6)
+    near = simulate(chain, unstable.theta + change, 0.0, times, rtol=1e-13, atol=1e-15)
+    distances = np.linalg.norm(near.theta - unstable.theta, axis=1)
+    assert distances[4] / distances[3] == pytest.approx(growth, rel=0.01)
+
+
+@pytest.mark.long
+def test_links_have_nonlinear_normal_modes():
+    arm = Chain(1.0, [1.0, 0.8], centres=[0.5, 0.4], inertias=0.1)
+    (orbit,) = periodic_orbits(arm, 0, amplitudes=[1.0])
+    assert orbit.closure < 1e-10
+    assert orbit.provenance["arguments"]["mode"] == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("n", [2, 3, 4, 5])
+def test_all_nonlinear_normal_modes_reach_two_radians_and_are_closed(n):
+    for mode in range(n):
+        for orbit in periodic_orbits(Chain.uniform(n), mode, amplitudes=[np.pi / 4, 2.0]):
+            assert orbit.closure < 1e-10
+
+
+@pytest.mark.long
+def test_an_amplitude_in_the_gap_of_a_resonance_is_refused():
+    with pytest.raises(ContinuationError, match=r"mode 0 has no orbit for 1.8 of amplitudes: it t"):
+        periodic_orbits(Chain.uniform(5), 0, amplitudes=[0.5, 1.8])
+
+
+# -- sections: where and when a rod passes an angle ------------------------------------------------
+
+
+@pytest.mark.parametrize(("direction", "first"), [(1, 0.75), (-1, 0.25)])
+def test_a_pendulum_passes_the_vertical_once_a_period(direction, first):
+    period = theory.pendulum_period(1.0)
+    found = chaos.poincare_section(
+        Chain.uniform(1), 1.0, duration=5.0 * period, direction=direction
+    )
+    np.testing.assert_allclose(found.times, period * (first + np.arange(5)), atol=1e-9)
+    np.testing.assert_allclose(found.theta, 0.0, atol=1e-12)
+    speed = np.sqrt(2.0 * 9.81 * (1.0 - np.cos(1.0)))
+    np.testing.assert_allclose(found.omega, direction * speed, atol=1e-8)
+
+
+def test_a_whirling_pendulum_passes_an_angle_once_a_turn_and_stays_within_one():
+    found = chaos.poincare_section(Chain.uniform(1), 0.0, 20.0, duration=3.0, angle=3.0)
+    assert 8 <= found.times.size <= 10
+    np.testing.assert_allclose(found.theta, 3.0, atol=1e-11)
+    assert np.ptp(np.diff(found.times)) < 1e-9
+
+
+@pytest.mark.long
+def test_points_of_a_double_pendulum_are_those_of_scipy_on_the_dense_equations():
+    chain, duration = Chain.uniform(2), 10.0
+
+    def rates(_t, y):
+        alpha = oracle.accelerations(
+            chain.masses, chain.lengths, 9.81, chain.damping, y[:2], y[2:], np.zeros(2)
+        )
+        return np.concatenate([y[2:], alpha])
+
+    def second_rod(_t, y):
+        return np.sin(y[1] - 0.2)
+
+    start = [1.2, 1.2, 0.0, 0.0]
+    exact = solve_ivp(
+        rates, (0.0, duration), start, "DOP853", events=second_rod, rtol=1e-12, atol=1e-12
+    )
+    (times,), (states,) = exact.t_events, exact.y_events
+    wanted = (states[:, 3] > 0.0) & (np.cos(states[:, 1] - 0.2) > 0.0)
+    found = chaos.poincare_section(chain, 1.2, duration=duration, rod=-1, angle=0.2)
+    assert wanted.sum() >= 3
+    np.testing.assert_allclose(found.times, times[wanted], atol=1e-8)
+    np.testing.assert_allclose(found.theta, states[wanted, :2], atol=1e-7)
+    np.testing.assert_allclose(found.omega, states[wanted, 2:], atol=1e-7)
+
+
+def test_a_nonlinear_normal_mode_is_one_point_of_a_section():
+    (orbit,) = chaos.periodic_orbits(Chain.uniform(2), 0, amplitudes=[1.2])
+    found = chaos.poincare_section(orbit.chain, orbit.theta, duration=4.5 * orbit.period)
+    assert found.times.size == 4
+    assert np.ptp(found.theta[:, 1]) < 1e-7
+    assert np.ptp(found.omega, axis=0).max() < 1e-7
+    np.testing.assert_allclose(np.diff(found.times), orbit.period, atol=1e-8)
+
+
+# -- what is refused -------------------------------------------------------------------------------
+
+
+def orbits(chain, **change):
+    return chaos.periodic_orbits(**{"chain": chain, "mode": 0, "amplitudes": [1.0]} | change)
+
+
+def section(chain, **change):
+    return chaos.poincare_section(chain, **{"theta": 0.5, "duration": 2.0} | change)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=1.0, count=5),
+         "count must be between 1 and 4, got 5"),
+        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=0.0),
+         "duration must be greater than zero, got 0.0"),
+        (lambda c: chaos.lyapunov_spectrum(c, 1.0, duration=1.0, samples=0), "samples must"),
+        (lambda _: chaos.lyapunov_spectrum(Chain.uniform(501), 1.0, duration=1.0),
+         "n must be between 1 and 500"),
+        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=-1.0), "duration must"),
+        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=0.1), "duration must be at least"),
+        (lambda c: chaos.largest_lyapunov(c, 1.0, duration=1e20), "duration must be at most"),
+        (lambda c: chaos.megno(c, [1.0, np.nan], duration=1.0), "theta must be finite"),
+        (lambda c: chaos.megno(c, [1.0] * 3, duration=1.0), "theta must be one number"),
+        (lambda c: chaos.tangent_growth(c, 2.0, duration=0.001), "duration must be at least 0.03"),
+        (lambda _: chaos.megno(2, 1.0, duration=1.0), "chain must be"),
+        (lambda c: orbits(c, amplitudes=None), "either amplitudes or energies, and not both"),
+        (lambda c: orbits(c, energies=[1.0]), "either amplitudes or energies, and not both"),
+        (lambda c: orbits(c, amplitudes=[1.0, 0.5]), "amplitudes must be a list of increasing"),
+        (lambda c: orbits(c, amplitudes=[0.0, 0.5]), "amplitudes must be a list of increasing"),
+        (lambda c: orbits(c, amplitudes=1.0), "amplitudes must be a list of increasing"),
+        (lambda c: orbits(c, amplitudes=[np.pi]), "amplitudes must be below pi"),
+        (lambda c: orbits(c, amplitudes=[np.nan]), "amplitudes must be finite"),
+        (lambda c: orbits(c, mode=2), "mode must be between 0 and 1, got 2"),
+        (lambda _: orbits(Chain.uniform(2, damping=0.1)), "no damping"),
+        (lambda _: orbits(Chain.uniform(2, gravity=0.0)), "chain must hang"),
+        (lambda _: orbits(2), "chain must be"),
+        (lambda _: orbits(Chain.uniform(2, base=Cart(1.0))), r"pivot at rest.*chain\.hung\(\)"),
+        (lambda _: orbits(Chain.uniform(2, stiffness=1e2)), r"pivot at rest.*chain\.hung\(\)"),
+        (lambda c: section(c, angle=3.0), "rod 0 does not pass the angle 3 rad within 2 s"),
+        (lambda c: section(c, duration=0.0), "duration must be greater than zero"),
+        (lambda c: section(c, duration=1e20), "duration must be at most"),
+        (lambda c: section(c, direction=0), "direction must be 1 or -1, got 0"),
+        (lambda c: section(c, rtol=1e-17), "rtol must be at least"),
+        (lambda c: section(c, rod=2), "rod must be between -2 and 1, got 2"),
+        (lambda c: section(c, angle=np.nan), "angle must be finite"),
+        (lambda c: section(c, theta=[1.0, 2.0, 3.0]), "theta must be one number"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_by_name(call, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        call(Chain.uniform(2))
 
 
 @pytest.mark.parametrize("bad", [[0.0, np.nan], ["a", "b"], [0.0, [1.0]], [1.0, 2.0, 3.0]])

@@ -5,9 +5,10 @@ import threading
 import numpy as np
 import oracle
 import pytest
+from oracle import complex_slopes, dense_step
 from test_links import BARE, cases
 
-from npend_gym import Cart, Chain
+from npend_gym import Chain
 from npend_gym.chain import ChainParameters
 from npend_gym.physics import (
     DifferentiableEnsemble,
@@ -18,8 +19,6 @@ from npend_gym.physics import (
 )
 
 pytestmark = pytest.mark.long  # kernels of their own take long to compile
-
-TINY = 1e-30  # of a complex step: its error is of the order of its square
 
 
 class Varied:
@@ -39,25 +38,6 @@ class Varied:
             ends = self.centres == self.lengths
             values["centres"] = np.where(ends, values["lengths"], values["centres"])
         return Varied(**values)
-
-
-def dense_step(chain, theta, omega, torque, dt, substeps):
-    """Return the state after Runge-Kutta steps of the dense system, of complex numbers too."""
-    y, n = np.concatenate([theta, omega]), chain.n
-
-    def rates(y):
-        alpha = oracle.link_accelerations(chain, y[:n], y[n:], torque)
-        return np.concatenate([y[n:], alpha])
-
-    h = dt / substeps
-    for _ in range(substeps):
-        y = oracle.rk4_step(rates, y, h)
-    return y
-
-
-def complex_slopes(f, size):
-    """Return df/dx at zero changes, a column for each of `size` entries, by complex steps."""
-    return np.column_stack([f(1j * TINY * e).imag / TINY for e in np.eye(size)])
 
 
 def bobs(n, rng, **changes):
@@ -175,34 +155,6 @@ def test_the_state_after_a_differentiated_step_has_the_bits_of_the_step():
     assert np.all(np.abs(got - expected) <= 1e-11 * largest)
     assert largest.max() > 10.0  # the lanes differ
     np.testing.assert_array_equal(with_derivatives.theta, theta)  # it stayed where it was
-
-
-def test_chains_on_carts_have_derivatives_by_cart_and_force():
-    rng, n, size = np.random.default_rng(1), 2, 3
-    theta, omega, torque = states(n, rng, size)
-    ensemble = DifferentiableEnsemble(bobs(n, rng, base=Cart(2.0, 0.3)), size, joints=range(n))
-    x, v, force = rng.normal(size=(3, size))
-
-    def after(change):
-        parts = np.split(change, [n, n + 1, 2 * n + 1, 2 * n + 2, 3 * n + 2])
-        ensemble.set_state(
-            slice(None), theta + parts[0], omega + parts[2], cart=(x + parts[1], v + parts[3])
-        )
-        ensemble.advance(torque + parts[4], 0.03, 2, force=force + parts[5])
-        cart = ensemble.cart
-        return np.hstack([ensemble.theta, cart[0][:, None], ensemble.omega, cart[1][:, None]])
-
-    steps = 1e-5 * np.eye(3 * n + 3)
-    expected = np.stack([(after(d) - after(-d)) / 2e-5 for d in steps], axis=-1)
-    ensemble.set_state(slice(None), theta, omega, cart=(x, v))
-    got = ensemble.step_jacobian(torque, 0.03, 2, force=force)
-    both = np.concatenate([got.A, got.B], axis=-1)
-    np.testing.assert_allclose(both, expected, rtol=1e-7, atol=1e-7)
-    bars = rng.normal(size=(2, size, n + 1))
-    back = ensemble.step_vjp(torque, 0.03, 2, theta_bar=bars[0], omega_bar=bars[1], force=force)
-    product = np.einsum("bi,bij->bj", np.concatenate([*bars], axis=1), both)
-    got = np.hstack([back.by_theta, back.by_omega, back.by_torque])
-    np.testing.assert_allclose(got, product, rtol=1e-11, atol=1e-11)
 
 
 def test_a_chain_of_a_thousand_rods_has_the_gradient_that_differences_see():

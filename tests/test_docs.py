@@ -104,25 +104,9 @@ def test_tables_of_the_policies_that_ship_are_what_docs_shipped_policies_writes(
     assert script.with_table(text, script.TABLES[page]()) == text
 
 
-def test_results_tell_of_each_policy_that_ships_what_its_record_says():
-    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    text = text.split("## The policies that ship")[1].split("## The files")[0]
-    rows = {}
-    for line in text.splitlines():
-        name, *cells = (cell.strip() for cell in line.strip("|").split("|"))
-        rows[name] = cells
-    for name in pretrained_names():
-        about = Policy.pretrained(name).provenance
-        seconds, by = about["training"]["seconds"], about["trained_by"]
-        assert about["clock"] == "processor time"
-        assert rows[name][3] == f"{seconds:.0f} s"
-        assert rows[name][4] == f"{100 * about['evaluation']['success']:.0f} %"
-        assert ("imitation" in rows[name][0]) == (by == "imitation")
-        assert ("mean of" in rows[name][0]) == ("members" in about)
-
-
 def test_a_record_names_a_trainer_or_a_script_that_exists():
     for name in pretrained_names():
         about = Policy.pretrained(name).provenance
         by = about["trained_by"]
+        assert about["clock"] == "processor time"
         assert by in trainer_names() or (ROOT / by).exists()

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
+from test_env_links import CHAIN
 
 import npend_gym
 from npend_gym import Chain, pseudo_periods, simulate
-from npend_gym.envs import Mode, NPendulumEnv
+from npend_gym.envs import Mode
 from npend_gym.envs.modes import MODES
 
 ALL_MODES = tuple(MODES)
@@ -148,21 +149,34 @@ def test_a_release_from_the_other_side_has_the_same_periods():
     assert infos[0]["pseudo_period_com"] == infos[1]["pseudo_period_com"] > 0.0
 
 
-def test_the_env_moves_as_simulate_does():
-    chain = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], damping=0.1)
-    env = bare(
-        n=3, masses=[1.0, 0.5, 2.0], lengths=[1.0, 0.7, 0.4], damping=0.1, dt=0.02,
-        substeps=20, actuated=(2, 0), max_torque=3.0,
-    )  # fmt: skip
-    env.reset(options={"theta": [0.3, -0.2, 0.5], "omega": 0.1})
-    info = [env.step(np.array([-0.5, 0.9]))[4] for _ in range(50)][-1]
-    torque = [2.7, 0.0, -1.5]
-    exact = simulate(chain, [0.3, -0.2, 0.5], 0.1, [0.0, 1.0], torque=torque)
-    np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(info["omega"], exact.omega[-1], rtol=0, atol=1e-5)
+BOBS = {
+    "masses": [1.0, 0.5, 2.0], "lengths": [1.0, 0.7, 0.4], "damping": 0.1,
+    "drag": [0.3, 0.1, 0.2], "quadratic_drag": [0.2, 0.5, 0.1],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("keywords", "chain", "substeps", "tolerance"),
+    [
+        (BOBS, Chain(**BOBS), 20, 1e-6),
+        # kernels of their own take long to compile
+        pytest.param({"chain": CHAIN}, CHAIN, 100, 1e-7, marks=pytest.mark.long),
+    ],
+    ids=["bobs", "links"],
+)
+def test_the_env_moves_as_simulate_does(keywords, chain, substeps, tolerance):
+    env = bare(**keywords, actuated=(2, 0), max_torque=1.5, dt=0.02, substeps=substeps)
+    start = {"theta": [0.4, -0.3, 1.1], "omega": [0.5, -1.0, 2.0]}
+    env.reset(options=start)
+    info = [env.step(np.array([-0.5, 0.9]))[4] for _ in range(25)][-1]
+    exact = simulate(chain, *start.values(), [0.0, 0.5], torque=[1.35, 0.0, -0.75])
+    np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=tolerance)
+    np.testing.assert_allclose(info["omega"], exact.omega[-1], rtol=0, atol=10.0 * tolerance)
     assert info["energy"] == pytest.approx(exact.energy()[-1], rel=1e-6)
     assert info["tip_height"] == pytest.approx(exact.positions()[-1, -1, 1], abs=1e-6)
-    assert abs(info["energy_error"]) < 1e-6  # work of torque and damping is accounted for
+    assert (info["ideal_period"] == 0.0) == (chain is CHAIN)  # the paper's T0 is not of links
+    # power of torque, damping, friction, drag and rotors
+    assert abs(info["energy_error"]) < 0.01 * tolerance
 
 
 def test_observations_are_wrapped_angles_or_sines_and_then_velocities():
@@ -184,28 +198,6 @@ def test_actions_beyond_the_box_are_clipped():
         env.reset(seed=0)
         results.append(env.step(np.array([action], np.float32)))
     assert digest(results[0]) == digest(results[1])
-
-
-@pytest.mark.parametrize(
-    ("call", "given", "error", "message"),
-    [
-        ("step", np.array([np.nan], np.float32), ValueError, "action must be finite"),
-        ("step", np.zeros(2), ValueError, r"action must have the shape \(1,\), got \(2,\)"),
-        ("step", np.array(["1"]), TypeError, "action must hold real numbers"),
-        ("reset", {"angle": 1.0}, ValueError, "options must be among theta, omega"),
-        ("reset", {"theta": [1.0] * 3}, ValueError, r"options\['theta'\] must be one number"),
-        ("reset", {"theta": "up"}, TypeError, r"options\['theta'\] must hold real"),
-        ("reset", {"omega": [np.nan, 0.0]}, ValueError, r"options\['omega'\] must be finite"),
-        ("reset", {"gravity": -1.0}, ValueError, "gravity'. must be zero or more"),
-        ("reset", {"amplitude": [1.0, 2.0]}, ValueError, r"\['amplitude'\] must be one number"),
-        ("reset", {"reset_mask": np.ones(1, bool)}, ValueError, "options must be among"),
-    ],
-)
-def test_bad_actions_and_options_are_refused_by_name(call, given, error, message):
-    env = bare(n=2)
-    env.reset(seed=3)
-    with pytest.raises(error, match=message):
-        env.step(given) if call == "step" else env.reset(options=given)
 
 
 def test_waiting_is_the_only_action_of_the_passive_mode():
@@ -231,24 +223,6 @@ def test_reset_options_last_for_one_episode():
     assert 0.2 <= info["theta"][0] < 0.217
     _, info = env.reset(seed=0)
     assert info["ideal_period"] == pytest.approx(npend_gym.theory.ideal_period(Chain.uniform(2)))
-
-
-@pytest.mark.parametrize(
-    ("keywords", "error", "message"),
-    [
-        ({"mode": "fly"}, ValueError, "mode must be one of passive, swingup, balance, calm"),
-        ({"actuated": (2,)}, ValueError, "actuated must be between 0 and 1"),
-        ({"actuated": ()}, ValueError, "actuated must name at least one joint"),
-        ({"actuated": (0, 0)}, ValueError, "actuated must name at least one joint, and each once"),
-        ({"actuated": 0}, TypeError, "actuated must be a list of joints"),
-        ({"observation": "pixels"}, ValueError, "must be one of angles, sincos, scaled; got"),
-        ({"render_mode": "ascii"}, ValueError, "render_mode must be one of human, rgb_array"),
-        ({"render_size": 8}, ValueError, "render_size must be"),
-    ],
-)
-def test_bad_keywords_are_refused_by_name(keywords, error, message):
-    with pytest.raises(error, match=message):
-        NPendulumEnv(**keywords)
 
 
 def test_balance_fails_when_the_tip_falls_below_half_its_height():
@@ -279,7 +253,11 @@ def test_a_diverged_chain_is_truncated_with_its_last_finite_state():
 
 
 def test_a_spec_survives_json_and_pickle():
-    env = make(n=3, mode="calm", max_torque=2.0, actuated=(0, 2))
+    drawn = {"lengths": (0.8, 1.2), "damping": {"low": np.zeros(3), "high": 0.1}}
+    env = make(
+        masses=np.array([1.0, 0.5, 2.0]), mode="calm", max_torque=2.0, actuated=(0, 2),
+        randomize=drawn,
+    )  # fmt: skip
     for spec in (EnvSpec.from_json(env.spec.to_json()), pickle.loads(pickle.dumps(env.spec))):
         assert digest(rollout(gym.make(spec), 20)) == digest(rollout(env, 20))
 
@@ -325,17 +303,30 @@ class Lazy(Still):
         return True
 
 
-@pytest.mark.parametrize("mode", [Still(), Lazy()], ids=["Still", "Lazy"])
+class Constant(Mode):
+    """A mode without failure that returns a plain number."""
+
+    def start(self, rng, n, amplitude, spread):  # noqa: ARG002
+        return np.zeros(n), np.zeros(n)
+
+    def reward(self, quantities):  # noqa: ARG002
+        return 1
+
+
+@pytest.mark.parametrize("mode", [Still(), Lazy(), Constant()], ids=["Still", "Lazy", "Constant"])
 def test_a_mode_of_ones_own_may_return_what_it_computes_one_number_or_a_quantity(mode):
     env = make(mode=mode, n=2)
     check_env(env.unwrapped, skip_render_check=True)
     vector = gym.make_vec("NPendulum-v0", num_envs=3, mode=mode, n=2)
     vector.reset(seed=0)
     env.reset(seed=0)
-    _, reward, terminated, _, _ = vector.step(np.full((3, 1), 0.5, np.float32))
+    _, reward, terminated, _, info = vector.step(np.full((3, 1), 0.5, np.float32))
     assert reward.shape == (3,)
+    assert (reward.dtype, terminated.dtype) == (np.float64, np.bool_)
     assert reward[0] == env.step(np.full(1, 0.5, np.float32))[1]
+    assert (reward[0] == 1.0) == isinstance(mode, Constant)
     assert terminated.tolist() == [isinstance(mode, Lazy)] * 3
+    assert info["success"].tolist() == [not isinstance(mode, Lazy)] * 3
 
 
 def test_two_threads_can_step_two_envs_at_once():
@@ -368,7 +359,7 @@ def test_a_hundred_thousand_steps_do_not_grow_the_memory():
     assert sizes[-1] - sizes[0] < 2_000  # kilobytes
 
 
-def test_pictures_have_the_size_that_is_asked_for_and_a_plain_one_hides_the_action():
+def test_pictures_have_the_size_asked_for_the_rate_of_steps_and_if_plain_hide_the_action():
     pytest.importorskip("pygame")
     frames = []
     for torque in (0.0, 1.0):
@@ -378,6 +369,9 @@ def test_pictures_have_the_size_that_is_asked_for_and_a_plain_one_hides_the_acti
         frames.append(env.render())
     assert frames[0].shape == (84, 84, 3)
     np.testing.assert_array_equal(*frames)
+    assert env.metadata["render_fps"] == 1e9
+    assert make(mode="passive", n=3).metadata["render_fps"] == 100
+    assert make(mode="swingup", n=2).metadata["render_fps"] == 20
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
@@ -398,18 +392,6 @@ def test_gymnasiums_wrapper_makes_pictures_the_observation_of_many_environments(
     native.step(actions)
     np.testing.assert_array_equal(pictures, np.stack(native.render()))
     envs.close()
-
-
-def test_pictures_follow_the_chain():
-    pytest.importorskip("pygame")
-    env = make(mode="passive", n=3, render_mode="rgb_array")
-    env.reset(seed=0)
-    first = env.render()
-    for _ in range(50):
-        env.step(0)
-    assert (first != env.render()).any()
-    assert env.metadata["render_fps"] == 100
-    assert make(mode="swingup", n=2).metadata["render_fps"] == 20
 
 
 @pytest.mark.parametrize(

@@ -76,29 +76,6 @@ def test_a_file_that_describes_no_chain_is_refused_by_its_path(tmp_path, monkeyp
         EnvConfig(chain=str(file))
 
 
-def test_lists_of_numbers_in_arrays_survive_the_spec_as_json_too():
-    env = gym.make("NPendulum-v0", n=2, masses=np.array([1.0, 2.0]))
-    assert gym.make(EnvSpec.from_json(env.spec.to_json())).unwrapped.config.chain == Chain(
-        [1.0, 2.0], 1.0
-    )
-
-
-@pytest.mark.parametrize(
-    ("given", "error", "message"),
-    [
-        ({"chain": CHAIN, "masses": 1.0}, ValueError, "masses cannot be given together with chain"),
-        ({"chain": CHAIN, "n": 2}, ValueError, "n must be left out .* its number of links, 3; got"),
-        ({"chain": "acrobat"}, ValueError, "or one of acrobot, .*; got 'acrobat'"),
-        ({"chain": 3}, TypeError, "chain must be an npend_gym.Chain, a dict .*; got 3"),
-        ({"chain": {"masses": [1.0]}}, ValueError, "the dict of a chain has no 'lengths'"),
-        ({"n": 1, "centres": 0.0, "inertias": 1.0}, ValueError, "centres must put the chain's"),
-    ],
-)
-def test_contradictions_and_bad_parameters_are_refused_by_name(given, error, message):
-    with pytest.raises(error, match=message):
-        EnvConfig(**given)
-
-
 @pytest.mark.parametrize(
     ("chain", "options", "message"),
     [
@@ -135,21 +112,6 @@ def test_options_do_not_give_a_chain_more_than_the_environment_was_made_with(
 START = {"theta": [0.4, -0.3, 1.1], "omega": [0.5, -1.0, 2.0]}
 
 
-def test_the_environment_moves_as_simulate_does():
-    env = gym.make(
-        "NPendulum-v0", chain=CHAIN, actuated=(2, 0), max_torque=1.5, dt=0.02, substeps=100
-    ).unwrapped
-    env.reset(options=START)
-    info = [env.step(np.array([-0.5, 0.9]))[4] for _ in range(25)][-1]
-    exact = simulate(CHAIN, *START.values(), [0.0, 0.5], torque=[1.35, 0.0, -0.75])
-    np.testing.assert_allclose(info["theta"], exact.theta[-1], rtol=0, atol=1e-7)
-    np.testing.assert_allclose(info["omega"], exact.omega[-1], rtol=0, atol=1e-6)
-    assert info["energy"] == pytest.approx(exact.energy()[-1], rel=1e-6)
-    assert info["tip_height"] == pytest.approx(exact.positions()[-1, -1, 1], abs=1e-6)
-    assert info["ideal_period"] == 0.0  # the paper's T0 does not apply to links
-    assert abs(info["energy_error"]) < 1e-9  # power of torque, damping, friction, drag and rotors
-
-
 def test_quantities_are_those_of_the_links():
     env = gym.make("NPendulum-v0", chain=CHAIN, mode=Own()).unwrapped
     env.reset(options=START)
@@ -163,33 +125,6 @@ def test_quantities_are_those_of_the_links():
     assert quantities.energy[0] == pytest.approx(energy(CHAIN, theta, omega) / unit, rel=1e-12)
     kinetic = kinetic_energy(CHAIN, theta, omega) / unit
     assert quantities.kinetic_energy[0] == pytest.approx(kinetic, rel=1e-12)
-
-
-@pytest.mark.parametrize("machine", [True, False])
-def test_lane_k_is_the_single_environment_with_seed_plus_k_bit_for_bit(machine):
-    chain = CHAIN if machine else Chain.multiarm(3)
-    keywords = {"chain": chain, "actuated": (0, 2), "dt": 0.02}
-    envs = gym.make_vec("NPendulum-v0", num_envs=19, threads=2, **keywords)
-    envs.reset(seed=3)
-    rng = np.random.default_rng(0)
-    spread = rng.uniform(0.7, 1.3, (19, 3))
-    options = {"inertias": 0.01 * spread, "masses": spread, "gravity": 9.0 + rng.random(19)}
-    if machine:
-        options |= {"friction": 0.05 * spread, "gear": 6.0 * spread, "armature": 1e-3 * spread}
-    shown = [envs.reset(seed=3, options=options)]
-    actions = rng.uniform(-1.2, 1.2, (30, 19, 2)).astype(np.float32)
-    shown += [envs.step(action) for action in actions]
-    for k in (0, 7, 18):
-        env = gym.make("NPendulum-v0", **keywords).unwrapped
-        own = {name: value[k] for name, value in options.items()}
-        alone = [env.reset(seed=3 + k, options=own)] + [env.step(a[k]) for a in actions]
-        for many, one in zip(shown, alone, strict=True):
-            assert many[0][k].tobytes() == one[0].tobytes()
-            assert many[-1]["theta"][k].tobytes() == one[-1]["theta"].tobytes()
-            for name in ("energy", "energy_error", "tip_height", "pseudo_period"):
-                assert many[-1][name][k] == one[-1][name]
-            if len(one) > 2:
-                assert many[1][k] == one[1]
 
 
 def test_options_change_the_chain_for_one_episode():

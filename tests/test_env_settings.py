@@ -15,11 +15,10 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from scripts import run_python
 
-from npend_gym import Chain
+from npend_gym import Cart, Chain
 from npend_gym.envs import (
     EnvConfig,
     EnvKeywords,
-    Mode,
     NPendulumEnv,
     NPendulumVectorEnv,
     ResetNeeded,
@@ -38,6 +37,8 @@ class Patient(SwingUp):
 
 
 NAMED = f"{__name__}:Patient"
+TRIPLE = Chain.uniform(3)
+OBSERVED = "observe_context must be True or False"
 
 
 @pytest.mark.parametrize("owner", [*ENVIRONMENTS, EnvConfig])
@@ -89,36 +90,97 @@ def test_a_task_of_ones_own_is_found_by_name_and_survives_json(make):
         assert each.unwrapped.config.hold_steps == 1200
 
 
-@pytest.mark.parametrize(
-    ("mode", "error", "message"),
-    [
-        ("nowhere:Patient", ValueError, "mode 'nowhere:Patient' cannot be imported"),
-        (f"{__name__}:Impatient", ValueError, "cannot be imported: .*Impatient"),
-        (f"{__name__}:NAMED", TypeError, "must name a class derived from npend_gym.envs.Mode"),
-        (":Patient", ValueError, 'the name of a class, "package.module:Class"'),
-        (Patient, ValueError, "passive, swingup, balance, calm, transition, an instance"),
-    ],
-)
-def test_a_task_that_cannot_be_found_is_refused_with_the_reason(mode, error, message):
-    with pytest.raises(error, match=message):
-        EnvConfig(mode=mode)
+# Keywords that are wrong, and what the error says of them
+REFUSED = [
+    # tasks
+    ({"mode": "nowhere:Patient"}, "mode 'nowhere:Patient' cannot be imported"),
+    ({"mode": f"{__name__}:Impatient"}, "cannot be imported: .*Impatient"),
+    ({"mode": f"{__name__}:NAMED"}, "must name a class derived from npend_gym.envs.Mode"),
+    ({"mode": ":Patient"}, 'the name of a class, "package.module:Class"'),
+    ({"mode": Patient}, "passive, swingup, balance, calm, transition, an instance"),
+    ({"goal_env": True}, "goal_env must be False in mode 'swingup'"),
+    (
+        {"goal_env": True, "mode": "transition"},
+        "type must be \"sparse\" with goal_env=True.*'dense'",
+    ),
+    ({"goal_env": 1, "mode": "transition"}, "goal_env must be"),
+    ({"reward_type": "rare"}, "reward_type must be one of dense, sparse; got"),
+    ({"observation": "pixels"}, "observation must be one of angles, sincos, scaled; got"),
+    ({"observe_context": 1}, OBSERVED),
+    ({"observe_context": "yes"}, OBSERVED),
+    ({"observe_context": None}, OBSERVED),
+    # chains
+    ({"chain": TRIPLE, "masses": 1.0}, "masses cannot be given together with chain"),
+    ({"chain": TRIPLE, "n": 2}, "n must be left out .* its number of links, 3; got"),
+    ({"chain": "acrobat"}, "or one of acrobot, .*; got 'acrobat'"),
+    ({"chain": 3}, "chain must be an npend_gym.Chain, a dict .*; got 3"),
+    ({"chain": {"masses": [1.0]}}, "the dict of a chain has no 'lengths'"),
+    ({"chain": Chain.uniform(2, stiffness=1e4)}, "chain must have rigid rods in an environment"),
+    ({"n": 1, "centres": 0.0, "inertias": 1.0}, "centres must put the chain's"),
+    # carts
+    (
+        {"chain": Chain.uniform(2, base=Cart(1.0)), "base": "pivot"},
+        'base must be "cart", or left out, for a chain that has a cart',
+    ),
+    ({"base": "rail"}, "base must be one of pivot, cart"),
+    ({"cart_mass": 1.0}, 'cart_mass belongs to a cart: give base="cart" with it'),
+    ({"rail": 2.0}, "rail belongs to a cart.*got 2.0"),
+    ({"base": "cart", "cart_mass": 0.0}, "cart_mass must be greater than zero"),
+    ({"base": "cart", "rail": -1.0}, "rail must be greater than zero"),
+    ({"base": "cart", "rail_damping": -1.0}, "rail_damping must be"),
+    ({"base": "cart", "max_force": np.nan}, "max_force must be finite"),
+    (
+        {"base": "cart", "max_force": 1.0, "difficulty": "easy"},
+        "difficulty cannot be given together with max_force",
+    ),
+    ({"base": "cart", "torque_noise": 0.1}, "torque_noise must be left out where"),
+    ({"base": "cart", "actuated": (2,)}, "actuated must be between 0 and 1"),
+    ({"randomize": {"cart_mass": (0.5, 2.0)}}, "randomize must have keys among"),
+    ({"base": "cart", "randomize": {"cart_mass": {"low": 0.0, "high": 1.0}}}, "cart_mass"),
+    # motors
+    ({"actuated": (0, 0)}, "actuated must name at least one joint, and each once"),
+    ({"difficulty": "harder"}, "difficulty must be one of easy, medium, hard, or"),
+    ({"difficulty": -0.2}, "difficulty must be greater than zero, got -0.2"),
+    ({"difficulty": np.nan}, "difficulty must be finite, got nan"),
+    ({"difficulty": ["easy"]}, r"difficulty must be a real number, got \['easy'\]"),
+    (
+        {"difficulty": "hard", "max_torque": 2.0},
+        "difficulty cannot be given together with max_torque.*difficulty='hard' and max",
+    ),
+    (
+        {"difficulty": "easy", "mode": "passive"},
+        "difficulty must be left out in mode 'passive', which has no motor; got 'easy'",
+    ),
+    ({"torque_levels": 1}, "torque_levels must be between 2 and 65536, got 1"),
+    ({"torque_levels": 2.0}, "torque_levels must be an integer, got 2.0"),
+    (
+        {"torque_levels": 300, "actuated": (0, 1)},
+        r"torque_levels to the power of the actuated joints.*at most 65536; got 300 \*\* 2",
+    ),
+    (
+        {"torque_levels": 3, "mode": "passive"},
+        "torque_levels must be left out in mode 'passive', which has no motor; got 3",
+    ),
+    # sensors and motors that are not ideal
+    ({"angle_noise": -0.1}, "angle_noise must be zero or more, got -0.1"),
+    ({"velocity_noise": np.nan}, "velocity_noise must be finite, got nan"),
+    ({"angle_noise": 7.0}, "angle_noise must be at most 6.28319 rad, beyond which .* got 7"),
+    ({"angle_resolution": 4.0}, "angle_resolution must be at most 3.14159 rad"),
+    ({"observation_delay": 100.5}, "observation_delay must be at most 100 steps; make dt lar"),
+    ({"action_delay": 101}, "action_delay must be at most 100 steps; make dt larger"),
+    ({"motor_lag": np.inf}, "motor_lag must be finite, got inf"),
+    ({"push_rate": 30.0, "push_force": 1.0}, "push_rate must be at most 20 1/s, one a step"),
+    ({"push_rate": 1.0}, "push_rate and push_force must be given together"),
+    ({"push_force": 1.0}, "push_rate and push_force must be given together"),
+    ({"ripple_cycles": 0}, "ripple_cycles must be between 1 and 1000, got 0"),
+    ({"mode": "passive", "motor_lag": 0.1}, "motor_lag must be left out in mode 'passive'"),
+]
 
 
-def test_a_task_without_failure_or_reward_of_its_own_may_return_plain_values():
-    class Constant(Mode):
-        def start(self, rng, n, amplitude, spread):  # noqa: ARG002
-            return np.zeros(n), np.zeros(n)
-
-        def reward(self, quantities):  # noqa: ARG002
-            return 1
-
-    env = gym.make_vec("NPendulum-v0", 3, mode=Constant())
-    env.reset(seed=0)
-    _, reward, terminated, _, info = env.step(np.zeros((3, 1)))
-    assert (reward.dtype, terminated.dtype) == (np.float64, np.bool_)
-    assert reward.tolist() == [1.0] * 3
-    assert terminated.tolist() == [False] * 3
-    assert info["success"].tolist() == [True] * 3
+@pytest.mark.parametrize(("keywords", "message"), REFUSED)
+def test_keywords_that_are_wrong_are_refused_by_name_with_the_reason(keywords, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        EnvConfig(**keywords)
 
 
 @pytest.mark.parametrize("name", ["start", "reward", "failed", "achieved"])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from headers import CART, FLAGS, compiled, ticks_standing
+from headers import CART, FLAGS, LOOP_OF_CONTROLLER, bytes_of, compiled, ticks_standing
 
 from npend_gym import Chain, __version__
 from npend_gym.cli import main
@@ -55,26 +55,6 @@ void begin(void) { p_controller_reset(&controller); }
 void act(const double *angle, const double *speed, double *torque)
 {
     p_controller_act(&controller, angle, speed, 0, torque);
-}
-"""
-# A control loop, called each time the encoders are read
-LOOP = """
-#include "policy.h"
-void control(int begins, int acts, const double *shown, double dt, double *torque)
-{
-    static p_controller controller;
-    static p_estimator encoders[P_RODS];
-    double omega[P_RODS];
-    int i;
-    if (begins)
-        p_controller_reset(&controller);
-    for (i = 0; i < P_RODS; i++) {
-        if (begins)
-            p_estimate_reset(&encoders[i]);
-        omega[i] = p_estimate(&encoders[i], shown[i], dt, 0.002, 6.28318530717958623);
-    }
-    if (acts)
-        p_controller_act(&controller, shown, omega, 0, torque);
 }
 """
 
@@ -198,7 +178,7 @@ def test_angles_without_whole_turns_have_numpys_bits(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("relative", [False, True])
 def test_a_plan_in_c_swings_up_what_encoders_of_4096_counts_show(plan, relative, tmp_path):
-    library = compiled(plan, tmp_path, driver=LOOP, relative=relative)
+    library = compiled(plan, tmp_path, driver=LOOP_OF_CONTROLLER, relative=relative)
     config, start = plan.hold_goal.config, [0.03, -0.02]
     assert ticks_standing(library, config, start, 8000, relative) > 3000
 
@@ -211,19 +191,11 @@ def test_what_is_no_number_stays_none(tmp_path):
 
 @pytest.mark.long
 def test_sizes_and_the_time_of_a_call_are_measured(plan, tmp_path):
-    if not all(map(shutil.which, ("size", "nm"))):
-        pytest.skip("size or nm is not here")
     for name, controller in {"lqr": lqr(plan.hold_goal.config), "plan": plan}.items():
         to_c(controller, tmp_path / "policy.h", prefix="p")
-        (tmp_path / "small.c").write_text(CALLS)
-        size = ["gcc", *FLAGS, "-Os", "-fno-asynchronous-unwind-tables", "-c", "small.c"]
-        subprocess.run(size, cwd=tmp_path, check=True)
-        shown = subprocess.check_output(["size", "small.o"], cwd=tmp_path, text=True)
-        text, data = map(int, shown.splitlines()[1].split()[:2])
-        print(f"{name}: {text + data} bytes")
-        assert text + data < (2048 if name == "lqr" else 20 * 1024)
-        undefined = ["nm", "--undefined-only", "small.o"]
-        assert subprocess.check_output(undefined, cwd=tmp_path, text=True) == ""
+        size = bytes_of(tmp_path, CALLS)
+        print(f"{name}: {size} bytes")
+        assert size < (2048 if name == "lqr" else 20 * 1024)
         states = [np.zeros((1000, 100, 2)) for _ in range(3)]
         library = compiled(controller, tmp_path, driver=DRIVER)
         pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in (*states, states[0].copy())]

@@ -61,10 +61,7 @@ def test_what_urdf_does_not_know_is_refused_by_its_name(keywords):
 
 
 @pytest.mark.long
-def test_the_command_writes_the_robot(tmp_path, refusal):
+def test_the_command_writes_the_robot(tmp_path):
     out = str(tmp_path / "chain.urdf")
     assert main(["export", "--chain", "multiarm 2", "--to", "urdf", "--out", out]) == 0
     assert (tmp_path / "chain.urdf").read_text() == to_urdf(Chain.preset("multiarm 2"))
-    given = ["export", "--chain", "multiarm 2", "--out"]
-    assert "--motors is for --to mjcf" in refusal(*given, out, "--to", "urdf", "--motors", "0")
-    assert "--chain is for --to mjcf or urdf" in refusal(*given, out[:-4] + "h", "--to", "c")

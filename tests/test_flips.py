@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from interrupt import Interrupt
 
 from npend_gym import Chain, Event, simulate
 from npend_gym.chaos import flip_times
@@ -87,9 +86,3 @@ def test_each_start_of_the_map_is_a_pixel_at_its_angles():
     assert (x, y) == pytest.approx(np.degrees([0.2005, -0.6495]), abs=1e-3)
     assert figure.axes[0].get_xlim() == pytest.approx(np.degrees([0.0, 1.0]))
     assert figure.axes[1].get_ylabel() == "time [s]"
-
-
-def test_control_c_is_answered_at_once():
-    starts = np.random.default_rng(5).uniform(-1.5, 1.5, (5000, 2))
-    with pytest.raises(KeyboardInterrupt), Interrupt():
-        flip_times(DOUBLE, starts + np.sign(starts), duration=1e4)

@@ -54,23 +54,8 @@ def html_of(notebook):
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the libraries below the kernel
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize(
-    ("name", "count", "texts"),
-    [
-        (
-            "gallery.ipynb",
-            5,
-            ["45 degrees: measured 2.086256 s, exact 2.086256 s", "T1 / T0 = 0.8337"],
-        ),
-        (
-            "chaos.ipynb",
-            6,
-            ["from 2.0 rad: chaotic: True, 1.3 per second", "damping 0: they add up to 0.00 1/s"],
-        ),
-        ("try_it.ipynb", 2, ["tip at -2.32 m after 2.0 s"]),
-    ],
-)
-def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
+@pytest.mark.parametrize("name", ["gallery.ipynb", "chaos.ipynb", "try_it.ipynb"])
+def test_a_notebook_prints_what_it_shows(name, tmp_path):
     shown = nbformat.read(DOCS / name, as_version=4)
     again = deepcopy(shown)
     client = nbclient.NotebookClient(
@@ -79,8 +64,6 @@ def test_a_notebook_prints_what_it_shows(name, count, texts, tmp_path):
     client.execute()
     same = same_text if name == "try_it.ipynb" else eq  # which shows what networks do
     assert all(map(same, printed(again), printed(shown))), printed(again)
-    assert pictures(again) == pictures(shown) == count
+    assert pictures(again) == pictures(shown) > 0
     players = [html_of(one).count("<iframe") for one in (again, shown)]
     assert players[0] == players[1] == (name == "try_it.ipynb")
-    text = "".join(printed(again))
-    assert all(expected in text for expected in texts)

@@ -312,8 +312,7 @@ PTX = """
 import json
 import numpy as np
 from npend_gym import Chain
-from npend_gym.physics.gpu import SHORT, kernel_for
-from npend_gym.physics.gpu_derivatives import adjoint_kernel
+from npend_gym.physics.gpu import SHORT, adjoint_kernel, kernel_for
 from npend_gym.physics.kernels import threads
 from npend_gym.physics.kernels.link_terms import count_terms
 

@@ -43,6 +43,8 @@ def test_steps_and_ends_of_episodes_are_those_of_dummyvecenv(keywords):
         mine, reference = ours.step(actions), theirs.step(actions)
         for a, b in zip(mine[:3], reference[:3], strict=True):
             np.testing.assert_array_equal(a, b)
+            assert a.dtype == b.dtype
+        assert ["terminal_observation" in info for info in mine[3]] == mine[2].tolist()
         for lane in np.flatnonzero(mine[2]):
             a, b = mine[3][lane], reference[3][lane]
             np.testing.assert_array_equal(a["terminal_observation"], b["terminal_observation"])

@@ -160,25 +160,46 @@ def test_links_without_losses_keep_their_energy(options):
     assert np.ptp(path.theta, axis=0).min() > 3.0
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 2.5e-4}])
-def test_torques_do_work_and_friction_and_drag_take_it(options):
+BOBS = Chain([1.0, 2.0, 0.5], [0.5, 1.0, 0.7], damping=[0.3, 0.1, 0.2])
+DRAGGED = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], 9.81, 0.05, [0.3, 0.1, 0.2], [0.2, 0.5, 0.1])
+SPRUNG = Chain.from_dict(
+    DRAGGED.as_dict() | {"stiffness": [300.0, 500.0, 200.0], "axial_damping": [5.0, 0.0, 8.0]}
+)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "rk4", "dt": 2.5e-4}], ids=["dop853", "rk4"])
+@pytest.mark.parametrize(
+    ("chain", "torque"),
+    [
+        (BOBS, [4.0, -1.0, 0.5]),
+        (DRAGGED, [0.0, 0.0, 0.0]),
+        pytest.param(SPRUNG, [4.0, -1.0, 0.5], marks=pytest.mark.long),
+        (MACHINE, [2.0, -1.0, 0.5]),
+    ],
+    ids=["bobs", "drag", "springs", "machine"],
+)
+def test_torques_do_work_and_what_resists_takes_it(chain, torque, options):
     nodes, weights = np.polynomial.legendre.leggauss(8)  # the power, integrated by pieces
-    edges, torque = np.linspace(0.0, 4.0, 401), np.array([2.0, -1.0, 0.5])
+    edges = np.linspace(0.0, 4.0, 401)
     middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     times = np.concatenate([[0.0], (middle[:, None] + half[:, None] * nodes).ravel(), [4.0]])
     path = simulate(
-        MACHINE, [2.5, -1.0, 3.0], 0.0, times, torque=torque, rtol=1e-13, atol=1e-14, **options
+        chain, [2.5, -1.0, 3.0], 0.0, times, torque=torque, rtol=1e-13, atol=1e-14, **options
     )
     speeds = np.diff(path.omega, axis=1, prepend=0.0)
-    u = speeds / MACHINE.friction_speed
-    friction = MACHINE.friction * u / np.sqrt(1.0 + u**2)
+    u = speeds / chain.friction_speed
     size = np.linalg.norm(path.velocities(), axis=2)
-    air = (MACHINE.drag + MACHINE.quadratic_drag * size) * size**2
-    power = np.sum((torque - friction - MACHINE.damping * speeds) * speeds - air, axis=1)
-    work = np.sum(power[1:-1].reshape(-1, 8) @ weights * half)
-    gained = path.energy()[-1] - path.energy()[0]
-    assert gained == pytest.approx(work, rel=1e-8)
-    assert np.abs(np.sum(friction * speeds, axis=1)).max() > 0.1
+    powers = [
+        torque * speeds,
+        -chain.friction * u / np.sqrt(1.0 + u**2) * speeds,
+        -chain.damping * speeds**2,
+        -(chain.drag + chain.quadratic_drag * size) * size**2,
+    ]
+    if chain.stiffness is not None:
+        powers.append(-chain.axial_damping * path.stretch_rate**2)
+    works = [half @ (power.sum(axis=1)[1:-1].reshape(-1, 8) @ weights) for power in powers]
+    assert path.energy()[-1] - path.energy()[0] == pytest.approx(sum(works), rel=1e-8)
+    assert min(abs(work) for work in works if work) > 1.0  # J: what there is matters
 
 
 @pytest.mark.parametrize("torque", [0.0, [0.0, 0.3]])
@@ -199,9 +220,11 @@ def test_a_motion_of_links_without_losses_keeps_the_volume_in_phase_space():
 
 def test_states_with_leading_axes_are_linearised_one_by_one():
     theta, omega = np.random.default_rng(0).normal(size=(2, 5, 2, 3))
-    together = linearise(MACHINE, theta, omega)
-    alone = linearise(MACHINE, theta[3, 1], omega[3, 1])
-    np.testing.assert_allclose(together.A[3, 1], alone.A, rtol=1e-13)
+    together = linearise(MACHINE, theta, omega, joints=(0, 2))
+    assert together.B.shape == (5, 2, 6, 2)
+    alone = linearise(MACHINE, theta[3, 1], omega[3, 1], joints=(0, 2))
+    for many, one in zip(together, alone, strict=True):
+        np.testing.assert_allclose(many[3, 1], one, rtol=1e-13)
 
 
 def test_the_ends_of_links_are_their_joints():

@@ -6,8 +6,9 @@ import re
 import numpy as np
 import pytest
 from accessibility import grave_findings
+from conftest import wait_for
 
-from npend_gym import Cart, Chain, pseudo_periods, simulate, theory
+from npend_gym import Cart, Chain, pseudo_periods, theory
 from npend_gym.cli import main
 from npend_gym.envs import EnvConfig
 from npend_gym.physics import Ensemble
@@ -46,15 +47,6 @@ def opened(open_page, path, **options):
     tab = open_page(path, **options)
     tab.wait_for_selector("body[data-ready]")
     return tab
-
-
-def wait_for(page, true, seconds=30):
-    """Wait until it is true; the page lets no text be run as a program."""
-    for _ in range(20 * seconds):
-        if true():
-            return
-        page.wait_for_timeout(50)
-    raise TimeoutError
 
 
 def page_of(open_page, tmp_path, chain):
@@ -143,23 +135,6 @@ def test_a_browser_computes_the_bits_of_links_machines_and_carts(open_page, tmp_
     assert not page.is_visible("#n")
     before = page.evaluate("[...globalThis.npend.chain.theta]")
     wait_for(page, lambda: page.evaluate("[...globalThis.npend.chain.theta]") != before)
-
-
-@pytest.mark.parametrize("name", CHAINS)
-def test_trajectories_agree_with_the_adaptive_method_to_1e_9_over_2_s(page, name):
-    chain = CHAINS[name]
-    theta = np.linspace(0.9, 0.5, chain.n)
-    torque = np.zeros(chain.n)
-    torque[0] = 3.0  # N m; more would whip the long chains, whose motion no method knows so well
-    start = theta.tolist(), [0.0] * chain.n
-    states, _ = advanced(page, chain, start, torque.tolist(), 0.1, 800, 20)
-    exact = simulate(
-        chain, theta, 0.0, np.linspace(0.0, 2.0, 21), torque=torque, rtol=1e-13, atol=1e-14
-    )
-    np.testing.assert_allclose(states[:, : chain.n], exact.theta[1:], rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(
-        states[:, chain.n : 2 * chain.n], exact.omega[1:], rtol=0.0, atol=1e-8
-    )
 
 
 def test_pseudo_periods_are_those_of_the_package(page):

@@ -9,6 +9,7 @@ import re
 import numpy as np
 import pytest
 from accessibility import grave_findings
+from conftest import wait_for
 from PIL import Image
 
 from npend_gym import Cart, Chain, simulate
@@ -70,39 +71,26 @@ def test_a_long_chain_is_shown_within_a_megabyte():
 
 
 @pytest.mark.long
-def test_the_player_plays_in_a_browser(browser, motion, tmp_path):
+def test_the_player_plays_in_a_browser(open_page, motion, tmp_path):
     path = tmp_path / "notebook.html"
     path.write_text(f"<!doctype html><title>cell</title>{motion._repr_html_()}", "utf-8")
-    context = browser.new_context(offline=True)
-    tab, wrong = context.new_page(), []
-    tab.on("console", lambda message: message.type != "error" or wrong.append(message.text))
-    tab.on("pageerror", lambda error: wrong.append(str(error)))
-    tab.goto(path.as_uri())
+    tab = open_page(path)
     frame = tab.frame_locator("iframe")
     assert frame.locator("#clock").inner_text() == "0.00 of 3.00 s"
     assert frame.locator("#chain").get_attribute("aria-label") == "Animation of 0: 3 pendulums"
     frame.locator("#play").click()
-    for _ in range(200):
-        if frame.locator("#clock").inner_text() > "0.30":
-            break
-        tab.wait_for_timeout(50)
+    wait_for(tab, lambda: frame.locator("#clock").inner_text() > "0.30")
     frame.locator("#play").click()
     assert "0.30" < frame.locator("#clock").inner_text() < "3"
-    assert wrong == []
-    context.close()
 
 
 @pytest.mark.long
-def test_the_player_is_accessible(browser, motion, tmp_path):
+def test_the_player_is_accessible(open_page, motion, tmp_path):
     pytest.importorskip("axe_playwright_python", reason="axe is not installed")
     path = tmp_path / "player.html"
     path.write_text(document_of(motion._repr_html_()), "utf-8")
     for scheme in ("light", "dark"):
-        context = browser.new_context(offline=True, color_scheme=scheme)
-        tab = context.new_page()
-        tab.goto(path.as_uri())
-        assert grave_findings(tab) == []
-        context.close()
+        assert grave_findings(open_page(path, color_scheme=scheme)) == []
 
 
 def test_a_motion_is_plotted_as_it_was_computed(motion):

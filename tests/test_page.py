@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from accessibility import grave_findings
+from conftest import wait_for
 
 from npend_gym import __version__, theory
 from npend_gym.cli import main
@@ -161,15 +162,6 @@ def go(page, time):
 
 def time_of(page):
     return float(page.input_value("#time"))
-
-
-def wait_for(page, true):
-    """Wait until it is true, at most 20 s; the page lets no text be run as a program."""
-    for _ in range(400):
-        if true():
-            return
-        page.wait_for_timeout(50)
-    raise TimeoutError
 
 
 def table(page):

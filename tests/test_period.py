@@ -6,6 +6,10 @@ from scipy.optimize import brentq
 
 from npend_gym import Chain, pseudo_periods, simulate, theory
 
+UNEVEN = Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3])
+SPRUNG = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], stiffness=[200.0, 150.0, 300.0])
+ON_SPRINGS = pytest.param(SPRUNG, marks=pytest.mark.long)
+
 
 @pytest.mark.parametrize(
     ("reading", "theta0", "share"),
@@ -68,11 +72,16 @@ def by_frames(chain, theta, reading, duration, dt=1e-3):
     ("reading", "chain", "start"),
     [
         *((reading, Chain.uniform(n), 0.6) for reading in ("bob", "link") for n in (2, 5, 12)),
-        ("bob", Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3]), [0.5, 0.4, 0.6, 0.3]),
+        ("bob", UNEVEN, [0.5, 0.4, 0.6, 0.3]),
+        pytest.param("bob", SPRUNG, 0.6, marks=pytest.mark.long),
+        pytest.param("link", SPRUNG, 0.6, marks=pytest.mark.long),
+        # the bob of a link is its far end
+        pytest.param("bob", Chain.preset("realaigym A.0"), 0.6, marks=pytest.mark.long),
     ],
 )
 def test_turning_points_are_those_seen_by_close_frames(reading, chain, start):
-    expected = by_frames(chain, start, reading, 12.0)
+    dt = 1e-4 if chain.friction.any() else 1e-3  # friction changes its sign within milliseconds
+    expected = by_frames(chain, start, reading, 12.0, dt)
     measured = pseudo_periods(chain, start, reading=reading, duration=11.9)
     np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
     assert np.isfinite(measured).sum() >= min(chain.n, 4)
@@ -123,19 +132,20 @@ def test_a_chain_has_one_period_of_its_centre_of_mass_in_every_release():
     assert np.isnan(pseudo_periods(Chain.uniform(4), 0.5, reading="com", duration=1.0)).all()
 
 
-def test_height_is_reached_again_at_the_reported_instant_and_not_before():
-    chain, start = Chain.uniform(5), 0.7
+@pytest.mark.parametrize("chain", [Chain.uniform(5), ON_SPRINGS], ids=["bobs", "springs"])
+def test_height_is_reached_again_at_the_reported_instant_and_not_before(chain):
+    start = 0.7
     periods = pseudo_periods(chain, start, reading="height", duration=20.0)
     times = np.linspace(0.0, 20.0, 4001)
     height = simulate(chain, start, 0.0, times).positions()[:, :, 1]
     lift = height - height[0]
-    for i in range(5):
+    for i in range(chain.n):
         end = periods[i] if np.isfinite(periods[i]) else 20.0
         assert (lift[(times > 0.05) & (times < end - 0.01), i] < 0.0).all()
         if np.isfinite(periods[i]):
             at = simulate(chain, start, 0.0, [0.0, periods[i]]).positions()[:, i, 1]
             assert at[1] == pytest.approx(at[0], abs=1e-8)
-    assert 0 < np.isfinite(periods).sum() < 5
+    assert 0 < np.isfinite(periods).sum() <= chain.n
 
 
 def test_mirrored_release_has_the_same_periods_to_the_last_bit():
@@ -187,6 +197,8 @@ def test_a_pivot_that_accelerates_upwards_is_gravity(reading):
     raised = pseudo_periods(weightless, 0.7, reading=reading, pivot_acceleration=(0.0, 9.81))
     at_rest = pseudo_periods(Chain.uniform(4, gravity=9.81), 0.7, reading=reading)
     np.testing.assert_allclose(raised, at_rest, rtol=1e-9)
+    falling = pseudo_periods(Chain.uniform(4), 0.7, reading=reading, pivot_acceleration=(0, -9.80))
+    np.testing.assert_allclose(falling, at_rest * np.sqrt(981.0), rtol=1e-8)
 
 
 def test_lengths_and_gravity_scale_time():
@@ -222,14 +234,15 @@ def test_bad_arguments_are_refused_with_their_rule(change, message):
 
 @pytest.mark.parametrize("reading", ["bob", "link", "height", "com"])
 @pytest.mark.parametrize("count", [1, 5, 27])
-def test_many_releases_have_the_bits_of_each_alone(uneven, reading, count):
+@pytest.mark.parametrize("chain", [UNEVEN, ON_SPRINGS], ids=["bobs", "springs"])
+def test_many_releases_have_the_bits_of_each_alone(chain, reading, count):
     rng = np.random.default_rng(count)
-    theta, omega = rng.uniform(-1.2, 1.2, (2, count, uneven.n))
+    theta, omega = rng.uniform(-1.2, 1.2, (2, count, chain.n))
     options = {"reading": reading, "duration": 4.0}
-    together = pseudo_periods(uneven, theta, omega, **options, threads=2)
-    assert together.shape == (count, uneven.n)
+    together = pseudo_periods(chain, theta, omega, **options, threads=2)
+    assert together.shape == (count, chain.n)
     for k in range(count):
-        alone = pseudo_periods(uneven, theta[k], omega[k], **options)
+        alone = pseudo_periods(chain, theta[k], omega[k], **options)
         np.testing.assert_array_equal(together[k], alone)
 
 

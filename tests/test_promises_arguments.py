@@ -74,6 +74,7 @@ CASES = [
     (NPendulumEnv, "amplitude", (*NO_NUMBERS, None, 1e6)),
     (NPendulumEnv, "spread", (*NO_NUMBERS, -0.1, 3.2, 1e6)),
     (NPendulumEnv, "render_mode", NO_CHOICES[:-2]),
+    (NPendulumEnv, "render_size", (8, 10**9, True)),
     (NPendulumVectorEnv, "num_envs", (*NO_COUNTS, 10**9)),
     (NPendulumVectorEnv, "threads", (*NO_COUNTS, 10**9)),
     (NPendulumVectorEnv, "max_episode_steps", NO_COUNTS[:-1]),
@@ -214,10 +215,12 @@ def test_a_bad_action_changes_neither_state_nor_generator_nor_another_lane(bad):
         np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
 
 
-NO_SEEDS = (-1, "x", 1.5, True, np.True_, [[1]], np.array(3), np.nan, {}, b"1")
+NO_SEEDS = (-1, "x", 1.5, True, np.True_, [[1]], [1, 2], np.array(3), np.nan, {}, b"1")
 NO_OPTIONS = (
     3, "x", [1], np.ones(2), {"nope": 1}, {"theta": np.nan}, {"theta": "up"}, {"masses": -1.0},
     {"omega": 1e9}, {"persist": 2}, {1: 2}, {"reset_mask": 1}, {"gravity": None}, {"start": 0.5},
+    {"reset_mask": [True] * 3}, {"reset_mask": np.ones(2, bool)}, {"reset_mask": np.zeros(3, bool)},
+    {"theta": [0.1] * 4},
 )  # fmt: skip
 NO_STATES = (None, 3, "state", np.zeros(3), np.zeros(1, [("version", "<u8")]))
 
@@ -227,12 +230,15 @@ def refused_calls(env):
     yield from (lambda seed=seed: env.reset(seed=seed) for seed in NO_SEEDS)
     yield from (lambda some=some: env.reset(seed=8, options=some) for some in NO_OPTIONS)
     yield lambda: env.reset(seed=-1, options={"theta": 0.1})
+    if isinstance(env, NPendulumVectorEnv):  # whose lanes are the first axis
+        yield lambda: env.reset(seed=8, options={"theta": [0.1, 0.2]})
     yield from (lambda state=state: env.set_state(state) for state in NO_STATES)
 
 
 def refused_after_reset(env):
     """Further ones, which are refused for another reason before the first reset."""
-    yield from (lambda bad=bad: env.step(bad) for bad in (None, "0", np.nan, [[[0.0]]], {}, -1j))
+    actions = None, "0", np.nan, np.zeros(3), [[[0.0]]], {}, -1j
+    yield from (lambda bad=bad: env.step(bad) for bad in actions)
     yield from (lambda bad=bad: setattr(env, "state", bad) for bad in (None, np.nan, [1.0], "x"))
 
 

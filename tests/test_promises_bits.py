@@ -1,4 +1,4 @@
-"""The same bits: after copies, in other processes, in pieces, on other machines."""
+"""The same bits: in other processes, in pieces, on other machines."""
 
 import hashlib
 import json
@@ -9,7 +9,7 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
-from lanes import assert_same
+from lanes import actions_for, assert_same, run
 from scripts import run_python
 
 import npend_gym  # noqa: F401 - registers the environments
@@ -18,67 +18,42 @@ from npend_gym.cli import main
 from npend_gym.compiled.packs import WIDTH
 from npend_gym.physics import memory, motion
 
-COUNTS = (1, 2, 5, 10, 50)
 
-
-def episodes(num_envs=None, threads=1, steps=40, first=0):
-    """Return a digest of some episodes; of lane 0, or lane `first`, where there are several."""
+def episodes():
+    """Return a digest of some episodes."""
     digest = hashlib.sha256()
-    for n in COUNTS:
-        rng = np.random.default_rng(n)
-        if num_envs is None:
-            env = gym.make("NPendulum-v0", n=n, damping=0.01)
-        else:
-            env = gym.make_vec(
-                "NPendulum-v0", num_envs=num_envs, n=n, damping=0.01, threads=threads
-            )
-        observation, info = env.reset(seed=3 if num_envs is None else 3 - first)
-        for _ in range(steps):
-            action = rng.uniform(-1.0, 1.0, 1)
-            if num_envs is None:
-                observation, reward, _, _, info = env.step(action)
-                seen = observation, reward, info["energy"], info["theta"]
-            else:
-                shown = env.step(np.tile(action, (num_envs, 1)))
-                infos = shown[4]
-                parts = shown[0], shown[1], infos["energy"], infos["theta"]
-                seen = [part[first] for part in parts]
-            for part in seen:
-                digest.update(np.asarray(part).tobytes())
-        env.close()
+    for n in (1, 2, 5, 10, 50):
+        envs = gym.make_vec("NPendulum-v0", num_envs=17, n=n, damping=0.01, threads=2)
+        for observation, *rest, info in run(envs, actions_for(envs, 40)):
+            for part in (observation, *rest, info["energy"], info["theta"]):
+                digest.update(part.tobytes())
+        envs.close()
     return digest.hexdigest()
 
 
 @pytest.fixture(scope="module")
-def alone():
+def here():
     return episodes()
-
-
-@pytest.mark.parametrize(
-    ("num_envs", "threads", "lane"), [(1, 1, 0), (2, 1, 1), (17, 2, 3), (40, 8, 2)]
-)
-def test_a_lane_is_the_single_env_whatever_stands_beside_it(alone, num_envs, threads, lane):
-    assert episodes(num_envs, threads, first=lane) == alone
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("flags", [[], ["-O"]])
-def test_another_process_computes_the_same_whatever_its_settings(alone, flags):
+def test_another_process_computes_the_same_whatever_its_settings(here, flags):
     code = "import test_promises_bits as t; print(t.episodes())"
     settings = {"PYTHONHASHSEED": "77", "LC_ALL": "tr_TR.UTF-8", "LANG": "tr_TR.UTF-8"}
     settings |= {"OMP_NUM_THREADS": "8", "NUMBA_NUM_THREADS": "2"}
     settings["PYTHONPATH"] = os.pathsep.join(["tests", *sys.path])
-    assert run_python(*flags, "-c", code, env=os.environ | settings).strip() == alone
+    assert run_python(*flags, "-c", code, env=os.environ | settings).strip() == here
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("way", ["fork", "spawn", "forkserver"])
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
-def test_however_a_worker_is_begun_it_computes_the_same(alone, way):
+def test_however_a_worker_is_begun_it_computes_the_same(here, way):
     if way not in multiprocessing.get_all_start_methods():
         pytest.skip(f"no {way} on this system")
     with multiprocessing.get_context(way).Pool(1) as pool:
-        assert pool.apply_async(episodes).get(timeout=120) == alone
+        assert pool.apply_async(episodes).get(timeout=120) == here
 
 
 @pytest.mark.parametrize("mode", ["passive", "swingup"])

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from disks import KINDS, LOSSES, FaultyDisk, KillingDisk, Log, after_power_cut, chosen
+from policy_files import random_policy
 
 from npend_gym import _files
 from npend_gym.experiments import BusyError, Campaign, CampaignPlan, DiskError, FlipMap, flip_map
@@ -63,6 +64,7 @@ def fail_once(number, kind, code, out, monkeypatch, expected):
     assert len(disk.done) > number, "the operation was never reached"
     if error is not None:
         assert str(out) in str(error), error
+        assert os.strerror(code) in str(error), error
         work(out)
     assert content(out) == expected
     shutil.rmtree(out)
@@ -122,18 +124,14 @@ def test_after_a_power_cut_at_any_moment_the_same_command_comes_to_the_same_byte
         shutil.rmtree(out)
 
 
-def policy_of(value, mode):
-    """A policy whose weights all are `value`, for an environment of this mode."""
-    ones = np.ones((1, 3), np.float32)
-    env = {"n": 1, "mode": mode, "observation": "sincos"}
-    made_by = {"trained_by": f"a test, {value}"}
-    return Policy(ones[0], [value * ones], [np.zeros(1, np.float32)], env, made_by)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_failure_while_a_policy_is_saved_never_mixes_old_and_new(kind, tmp_path, monkeypatch):
-    old, new, path = policy_of(1, "swingup"), policy_of(2, "balance"), tmp_path / "a.safetensors"
-    told, number, done = 0, 0, []
+    path, told, number, done = tmp_path / "a.safetensors", 0, 0, []
+    env = {"n": 1, "observation": "sincos"}
+    old, new = (
+        random_policy([(1, 3)], env | {"mode": mode}, seed, provenance={"seed": seed})
+        for seed, mode in enumerate(("swingup", "balance"))
+    )
     while number <= len(done):  # the last time, no operation fails
         for leftover in tmp_path.iterdir():
             leftover.unlink()
@@ -150,8 +148,9 @@ def test_a_failure_while_a_policy_is_saved_never_mixes_old_and_new(kind, tmp_pat
             assert str(path) in str(error)
             told += 1
         found, done = Policy.load(path), disk.done
-        which = old if found.weights[0][0, 0] == 1.0 else new
-        assert (found.env, found.provenance) == (which.env, which.provenance), done
+        which = old if found == old else new
+        assert found == which, done
+        assert found.provenance == which.provenance, done
         number += 1
     assert which is new
     assert told >= 4  # open, write, sync, replace

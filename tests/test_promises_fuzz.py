@@ -8,6 +8,7 @@ from gymnasium.error import Error
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+from test_env_combinations import HARDWARE, KEYWORDS, OF_CARTS, OF_LINKS
 
 import npend_gym  # noqa: F401 - registers the environments
 
@@ -16,37 +17,12 @@ CALLS = 2_000  # a night makes two million
 
 DTYPES = st.sampled_from(["f2", "f4", "f8", "i1", "i8", "u1", "?", "c16", "U3", "O"])
 ODD = st.sampled_from([None, "x", b"", {}, np.nan, 10**400, [[1], 2], np.zeros((3, 3)), 1j])
-SMALL, SHARE = (0.0, 0.01, 0.3), (0.0, 0.02, 0.1)
-KEYWORDS = {  # beside those that every environment gets
-    "mode": ("transition", "balance", "swingup"),
-    "base": ("pivot", "cart", "cart"),
-    "cart_mass": (None, 1.0, 0.2),
-    "max_force": (None, 10.0),
-    "rail": (None, 1.0, 2.4),
-    "rail_damping": SMALL,
-    "goal_env": (True, True, False),
-    "difficulty": (None, "easy", "hard", 0.3, "no such"),
-    "actuated": ([0], [1], [0, 1], []),
-    "dt": (None, 0.02, 0.1),
-    "damping": SMALL, "drag": SMALL, "quadratic_drag": SMALL,
-    "observe_context": (True, False),
-    "randomize": (
-        None, {"masses": [0.8, 1.2]}, {"gravity": {"low": 5.0, "high": 15.0}, "lengths": [1, 2]},
-        {"max_torque": [0.5, 1.0]}, {"motor_lag": {"low": 0.0, "high": 0.1}}, {"masses": [2, 1]},
-    ),
-    "angle_noise": SMALL, "velocity_noise": SMALL,
-    "angle_resolution": SMALL, "velocity_resolution": SMALL,
-    "observation_delay": SHARE, "action_delay": SHARE, "motor_lag": SHARE,
-    "torque_noise": SMALL, "torque_ripple": SMALL, "ripple_cycles": (1, 6),
-    "push_rate": (0.0, 0.5, 5.0), "push_force": (0.0, 1.0, 50.0),
-}  # fmt: skip
-PAIRS = [(name, value) for name, values in KEYWORDS.items() for value in values]
+# With values for two rods, which other chains refuse
+POOL = OF_LINKS | KEYWORDS | HARDWARE | OF_CARTS
 # What changes within a step is computed for each substep in turn; by default there are hundreds
 SUBSTEPS = st.sampled_from([1, 2, 5, 5, 20, 20, 20, None])
-EXTRAS = st.builds(
-    lambda pairs, substeps: dict(pairs) | {"substeps": substeps},
-    st.lists(st.sampled_from(PAIRS), max_size=8),
-    SUBSTEPS,
+EXTRAS = st.lists(st.sampled_from(sorted(POOL)), max_size=8, unique=True).flatmap(
+    lambda names: st.fixed_dictionaries({k: POOL[k](2) for k in names} | {"substeps": SUBSTEPS})
 )
 
 

@@ -137,14 +137,14 @@ class Moody(Mode):
 
 
 @pytest.mark.parametrize("vector", [False, True])
-def test_after_an_error_in_a_users_mode_a_reset_is_needed(vector):
+def test_after_an_error_in_a_users_mode_a_reset_is_needed_and_options_persist(vector):
     mode = Moody()
     env = (
         gym.make_vec("NPendulum-v0", 2, mode=mode)
         if vector
         else gym.make("NPendulum-v0", mode=mode)
     )
-    env.reset(seed=0)
+    env.reset(seed=0, options={"theta": 0.3, "persist": True})
     action = np.zeros(env.action_space.shape)
     mode.broken = True
     with pytest.raises(ZeroDivisionError):
@@ -152,7 +152,7 @@ def test_after_an_error_in_a_users_mode_a_reset_is_needed(vector):
     mode.broken = False
     with pytest.raises(ResetNeeded, match=r"was interrupted: call reset\(\) before step\(\)"):
         env.step(action)
-    env.reset(seed=0)
+    assert np.all(env.reset()[1]["theta"] == 0.3)
     env.step(action)
 
 

@@ -1,74 +1,15 @@
-"""The physics against another engine, and against what holds for every chain."""
+"""What holds for the motion of every chain."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-import npend_gym  # noqa: F401 - registers the environments
 from npend_gym import Chain, pseudo_periods, simulate, theory
 
 TIGHTEST = {"rtol": 1e-14, "atol": 1e-16}
-TORQUES = (4.0, -7.0, 2.0, 0.0)  # N m at the pivot, half a second each
 
 
 def uneven_chain(n, **others):
     return Chain(np.linspace(1.0, 0.4, n), np.linspace(0.6, 1.1, n), **others)
-
-
-def mujoco_path(chain, theta, dt):
-    """Return angles and velocities of MuJoCo's equivalent chain every half second, (4, 2, n)."""
-    mujoco = pytest.importorskip("mujoco")
-    spec = mujoco.MjSpec()
-    spec.option.timestep, spec.option.integrator = dt, mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.gravity = [0.0, 0.0, -chain.gravity]
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    body, above = spec.worldbody, 0.0
-    for mass, length in zip(chain.masses, chain.lengths, strict=True):
-        body = body.add_body(pos=[0.0, 0.0, -above])
-        body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, -1.0, 0.0])
-        # MuJoCo wants some inertia: so little that it is below the tolerances
-        body.mass, body.ipos, body.inertia = mass, [0.0, 0.0, -length], [1e-13] * 3
-        body.explicitinertial = True
-        above = length
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    data.qpos[:] = np.diff(theta, prepend=0.0)  # joint angles are relative
-    seen = []
-    for torque in TORQUES:
-        data.qfrc_applied[0] = torque
-        for _ in range(round(0.5 / dt)):
-            mujoco.mj_step(model, data)
-        seen.append([np.cumsum(data.qpos), np.cumsum(data.qvel)])
-    return np.array(seen)
-
-
-@pytest.mark.parametrize("n", [2, 3, 5])
-def test_mujocos_equivalent_chain_moves_alike_under_steps_of_torque(n):
-    chain, start = uneven_chain(n), np.linspace(0.9, 0.2, n)
-    reference = mujoco_path(chain, start, 1e-4)
-    for options, tolerance in ((TIGHTEST, 1e-9), ({}, 1e-6)):
-        theta, omega = start, np.zeros(n)
-        for k, torque in enumerate(TORQUES):
-            path = simulate(chain, theta, omega, [0.0, 0.5], torque=torque, **options)
-            theta, omega = path.theta[-1], path.omega[-1]
-            np.testing.assert_allclose(theta, reference[k, 0], rtol=0.0, atol=tolerance)
-            np.testing.assert_allclose(omega, reference[k, 1], rtol=0.0, atol=10.0 * tolerance)
-
-
-@pytest.mark.parametrize("n", [2, 3, 5])
-def test_the_environment_moves_as_mujocos_chain(n):
-    chain, start = uneven_chain(n), np.linspace(0.9, 0.2, n)
-    reference = mujoco_path(chain, start, 1e-4)
-    for substeps, tolerance in ((None, 2e-5), (400, 1e-9)):
-        env = gym.make(
-            "NPendulum-v0", n=n, masses=chain.masses, lengths=chain.lengths, max_torque=10.0,
-            dt=0.05, substeps=substeps,
-        )  # fmt: skip
-        _, info = env.reset(seed=0, options={"theta": start, "omega": 0.0})
-        for k, torque in enumerate(TORQUES):
-            for _ in range(10):
-                info = env.step(np.array([torque / 10.0]))[4]
-            np.testing.assert_allclose(info["theta"], reference[k, 0], rtol=0.0, atol=tolerance)
 
 
 def test_energy_is_kept_for_twenty_seconds_and_for_an_hour():

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
@@ -13,8 +14,9 @@ import numpy as np
 import psutil
 import pytest
 from interrupt import PATIENCE, Interrupt
+from test_simulate_many import DOUBLE, drive, slow_drive
 
-from npend_gym import Chain, pseudo_periods, simulate
+from npend_gym import Chain, Event, Signal, chaos, pseudo_periods, simulate
 from npend_gym.cli import main
 
 ROOT = Path(__file__).parent.parent
@@ -31,6 +33,28 @@ ENDLESS = {
         Chain.uniform(300), np.full((64, 300), 0.7), threads=2
     ),
 }
+
+
+def motion(theta=(2.0, 1.0), **given):
+    return simulate(DOUBLE, theta, 0.0, [0.0, 1e6], **given)
+
+
+ANGLES = np.random.default_rng(5).uniform(-1.5, 1.5, (5000, 2))
+LONG = {
+    "a torque in Python": partial(motion, torque=slow_drive),
+    "a compiled torque": partial(motion, torque=drive),
+    "a signal": partial(motion, torque=Signal([0.0, 1e7], [0.1, -0.1], "linear")),
+    "an event": partial(motion, events=[Event("velocity")]),
+    "motions": partial(motion, np.ones((40, 2))),
+    "motions in threads": partial(motion, np.ones((40, 2)), threads=2),
+    **{
+        measure.__name__: partial(measure, Chain.uniform(300), 1.0, duration=1e4)
+        for measure in (chaos.lyapunov_spectrum, chaos.megno, chaos.poincare_section)
+    },
+    "orbits": lambda: chaos.periodic_orbits(Chain.uniform(60), 59, amplitudes=[2.0]),
+    "flips": lambda: chaos.flip_times(DOUBLE, ANGLES + np.sign(ANGLES), duration=1e4),
+}
+ENDLESS |= {name: pytest.param(work, marks=pytest.mark.long) for name, work in LONG.items()}
 
 
 @pytest.mark.parametrize("work", ENDLESS.values(), ids=ENDLESS)

@@ -9,35 +9,24 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from campaign_tables import part_of
-from policy_files import header
+from campaign_tables import completed, part_of
+from policy_files import header, save_changed, small_policy
 from readers import resting_plans
-from safetensors.numpy import save_file
 
+from npend_gym._files import part_digest
 from npend_gym.cli import main
-from npend_gym.experiments import Campaign, CampaignPlan, analyse
-from npend_gym.experiments.parts import part_digest
+from npend_gym.experiments import CampaignPlan, analyse
 from npend_gym.rl import PlannedTransitions, Policy
 from npend_gym.rl.policies.shipped import find_policy
 
 PLAN = CampaignPlan(n=2, amplitude=[0.3, 0.7], trials=20, batch=20)
 
 
-def layer(outputs, inputs, value=0.5):
-    return np.full((outputs, inputs), value, np.float32)
-
-
 def write_policy(path, env=None, **arrays):
     """Write a policy of the swing-up of two rods, or one with other arrays and another env."""
-    given = {
-        "scale": np.ones(6, np.float32),
-        "weight0": layer(3, 6),
-        "bias0": np.zeros(3, np.float32),
-        "weight1": layer(1, 3),
-        "bias1": np.zeros(1, np.float32),
-    } | arrays
     described = {"n": 2, "mode": "swingup", "observation": "sincos"} if env is None else env
-    save_file(given, path, {"npend_gym": json.dumps({"env": described})})
+    about = json.dumps({"env": described})
+    save_changed(small_policy(scale=np.ones(6)), path, about, **arrays)
     return path
 
 
@@ -51,6 +40,8 @@ def write_policy(path, env=None, **arrays):
         (b"3", "must be an object"),
         (b"null", "must be an object"),
         (b'"env"', "must be an object"),
+        (b"{", "Expecting property name"),
+        (b"{}", "env must be an object"),
         (b"[" * 100_000, "nested too deep"),
         (b'{"env": {}, "x": ' + b"[" * 100_000 + b"]" * 100_000 + b"}", "nested too deep"),
         (b'{"env": {}, "x": ' + b"[" * 40 + b"]" * 40 + b"}", "nested deeper than 32"),
@@ -124,9 +115,8 @@ def test_a_mode_of_ones_own_is_imported_only_when_the_file_is_trusted(tmp_path, 
 
 @pytest.mark.parametrize("value", [1e20, 1e28, 1e31])
 def test_enormous_weights_act_within_bounds_without_a_warning_or_are_refused(value, tmp_path):
-    path = write_policy(
-        tmp_path / "a.safetensors", weight0=layer(3, 6, value), weight1=layer(1, 3, value)
-    )
+    weights = {f"weight{k}": np.full((m, n), value, "f4") for k, m, n in ((0, 4, 6), (2, 1, 4))}
+    path = write_policy(tmp_path / "a.safetensors", **weights)
     if value > 1e30:
         with pytest.raises(ValueError, match="overflow"):
             Policy.load(path)
@@ -156,9 +146,7 @@ def test_commands_refuse_a_policy_that_names_no_sound_environment(refusal, tmp_p
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     out = tmp_path_factory.mktemp("campaign")
-    with Campaign(PLAN, out) as running:
-        for _ in running.run(count=1):
-            pass
+    completed(PLAN, out)
     return out
 
 

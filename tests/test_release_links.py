@@ -10,7 +10,7 @@ from campaign_tables import part_of, read_part
 from scipy.special import ellipk
 from test_page import data_of
 
-from npend_gym import Cart, Chain, pseudo_periods, simulate, theory
+from npend_gym import Cart, Chain, pseudo_periods, theory
 from npend_gym.chain import as_chain, preset_name
 from npend_gym.cli import main
 from npend_gym.experiments import (
@@ -59,18 +59,6 @@ def test_one_body_has_the_period_of_the_physical_pendulum(centre, length):
     for reading, part in (("bob", 1.0), ("link", 1.0), ("height", 0.5)):
         periods = pseudo_periods(chain, amplitude, reading=reading)
         np.testing.assert_allclose(periods, part * exact, rtol=1e-9)
-
-
-def test_the_bob_of_a_link_is_its_far_end():
-    periods = pseudo_periods(CHAIN, 0.6)
-    times = np.linspace(0.0, 1.2 * periods.max(), 20_000)
-    motion = simulate(CHAIN, 0.6, 0.0, times)
-    speeds = motion.velocities()[..., 0]
-    for bob, period in enumerate(periods):
-        turns = np.flatnonzero((speeds[:-1, bob] > 0.0) & (speeds[1:, bob] <= 0.0))
-        k = turns[0]
-        share = speeds[k, bob] / (speeds[k, bob] - speeds[k + 1, bob])
-        assert times[k] + share * (times[1] - times[0]) == pytest.approx(period, abs=1e-7)
 
 
 def test_a_release_survives_json_and_is_read_back_from_its_folder(runs, tmp_path):

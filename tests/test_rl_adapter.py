@@ -97,18 +97,6 @@ def test_each_env_of_gymnasiums_vector_env_has_its_own_attributes_and_methods():
     env.set_attr("gravity", 3.0, indices=1)
     assert env.get_attr("gravity") == [9.8, 3.0, 9.8]
     assert len(env.env_method("reset", seed=0)) == COUNT
-    env.seed(0)
-    env.reset()
-    ended = 0
-    for _ in range(60):
-        _, rewards, dones, infos = env.step(np.ones(COUNT, int))
-        assert rewards.dtype == np.float32
-        for done, info in zip(dones, infos, strict=True):
-            assert done == ("terminal_observation" in info)
-            ended += done
-            if done:
-                assert info["episode"]["r"] == info["episode"]["l"]  # CartPole pays 1 a step
-    assert ended >= COUNT
 
 
 def test_pictures_of_all_lanes_are_put_side_by_side():
@@ -383,20 +371,14 @@ def test_every_name_of_an_environment_gives_the_same_episodes():
                 env.close()
 
 
-@pytest.mark.parametrize("inside", [False, True])
-def test_an_environment_with_a_wrapper_that_is_not_known_is_refused_by_its_name(inside):
+def test_an_environment_with_a_wrapper_that_is_not_known_is_refused_by_its_name():
     class Doubled(gym.vector.VectorWrapper):
         def __init__(self, env):
             super().__init__(env)
             self.observation_space = gym.spaces.Box(-9.0, 9.0, (COUNT, 6))
 
-    if inside:
-        wrappers = (gym.wrappers.TimeAwareObservation,)
-        env = gym.make_vec("NPendulum-v0", COUNT, vectorization_mode="sync", wrappers=wrappers)
-    else:
-        env = Doubled(gym.make_vec("NPendulum-v0", COUNT))
-    name = "TimeAwareObservation" if inside else "Doubled"
-    with pytest.raises(ValueError, match=f"wrapper {name} changes observations or actions"):
+    env = Doubled(gym.make_vec("NPendulum-v0", COUNT))
+    with pytest.raises(ValueError, match="wrapper Doubled changes observations or actions"):
         rl.evaluate(lambda shown, _: np.zeros((len(shown), 1)), env, episodes=2)
 
 
@@ -413,6 +395,7 @@ WRAPPERS = {
     ),
     "MaxAndSkipObservation": gym.wrappers.MaxAndSkipObservation,
     "FrameStackObservation": partial(gym.wrappers.FrameStackObservation, stack_size=2),
+    "TimeAwareObservation": gym.wrappers.TimeAwareObservation,
 }
 
 
@@ -549,18 +532,6 @@ def test_a_model_becomes_a_policy_of_its_own_environment_alone():
         rl.Policy.from_sb3(model, {"n": 1, "observation": "sincos"})
     with pytest.raises(ValueError, match="env must be that of the model, with 3 observed"):
         rl.Policy.from_sb3(model, {"n": 2, "observation": "sincos"})
-
-
-def test_hindsight_replay_learns_from_several_lanes():
-    from stable_baselines3 import SAC, HerReplayBuffer
-
-    keywords = {"n": 1, "goal_env": True, "reward_type": "sparse", "max_episode_steps": 20}
-    venv = gym.make_vec("npend/Transition-v1", num_envs=4, autoreset_mode="SAME_STEP", **keywords)
-    model = SAC(
-        "MultiInputPolicy", rl.SB3VecEnv(venv), learning_starts=100, seed=0,
-        replay_buffer_class=HerReplayBuffer, policy_kwargs={"net_arch": [8]},
-    )  # fmt: skip
-    assert model.learn(130).num_timesteps >= 130
 
 
 def test_options_of_all_lanes_may_be_one_number():

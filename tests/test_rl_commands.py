@@ -190,19 +190,6 @@ def test_a_task_says_how_many_rods_are_trained(refusal, tmp_path):
     assert "--env n must be left out" in refusal("train", "swingup-1", "--env", "n=2")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--set", "total_timesteps=0"], "total_timesteps must be at least 1"),
-        (["--algorithm", "imitation", "--set", "rounds=1"], "rounds must be at least 2"),
-        (["--env", "threads=2"], "shac does not use threads: leave it out; got 2"),
-    ],
-)
-def test_what_cannot_be_trained_is_refused_at_once(refusal, tmp_path, arguments, message):
-    assert message in refusal("train", "swingup-1", "-o", str(tmp_path), *arguments)
-    assert not list(tmp_path.glob("*.safetensors"))
-
-
 def test_an_episode_has_the_steps_of_its_environment(refusal, tmp_path):
     message = refusal("simulate", "swingup-1", "--interval", "0.5")
     assert "--interval must be left out with a policy" in message

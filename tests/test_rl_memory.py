@@ -1,7 +1,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from policy_files import save_changed
+from policy_files import random_policy, save_changed
 
 import npend_gym  # noqa: F401  registers the environments
 from npend_gym.rl import Policy, evaluate
@@ -10,14 +10,9 @@ K, LENGTH = 6, 3
 
 
 def policy_with_memory():
-    rng = np.random.default_rng(0)
-    sizes = [(8, LENGTH * (K + 1)), (1, 8)]
-    return Policy(
-        scale=rng.uniform(0.5, 2.0, (LENGTH, K + 1)).astype(np.float32),
-        weights=[rng.normal(size=size).astype(np.float32) for size in sizes],
-        biases=[rng.normal(size=size[:1]).astype(np.float32) for size in sizes],
-        env={"n": 2, "mode": "swingup", "observation": "sincos"},
-    )
+    rng, env = np.random.default_rng(0), {"n": 2, "mode": "swingup", "observation": "sincos"}
+    scale = rng.uniform(0.5, 2.0, (LENGTH, K + 1))
+    return random_policy([(8, LENGTH * (K + 1)), (1, 8)], env, rng, scale=scale)
 
 
 def action_for(policy, observations, actions):

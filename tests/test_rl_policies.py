@@ -3,7 +3,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from policy_files import small_policy
+from policy_files import random_policy, small_policy
 
 from npend_gym import Chain, rl
 from npend_gym.envs import EnvConfig
@@ -49,19 +49,17 @@ def test_keywords_are_kept_as_plain_values_or_refused_by_name(tmp_path):
 
 
 TRAINED = {"steps": 10, "seconds": 2.0, "return": 3.0}
+ABOUT = {"trained_by": "a test", "training": TRAINED}
 
 
 @pytest.mark.parametrize("depth", [1, 3])
 def test_an_ensemble_acts_with_the_mean_of_its_policies(depth, tmp_path):
     rng = np.random.default_rng(3)
     sizes = [(4, 6), (4, 4), (2, 4)] if depth == 3 else [(2, 6)]
+    env = {"n": 2, "mode": "calm", "observation": "sincos", "actuated": [0, 1]}
+    scale = np.full(6, 2.0)
     seeds = [
-        small_policy(
-            weights=[0.2 * rng.normal(size=size) for size in sizes],
-            biases=[0.1 * rng.normal(size=size[0]) for size in sizes],
-            env={"n": 2, "mode": "calm", "observation": "sincos", "actuated": [0, 1]},
-            provenance={"trained_by": "a test", "seed": seed, "training": TRAINED},
-        )
+        random_policy(sizes, env, rng, 0.15, scale=scale, provenance=ABOUT | {"seed": seed})
         for seed in range(3)
     ]
     rl.ensemble(seeds).save(tmp_path / "mean.safetensors")
@@ -78,13 +76,9 @@ def test_an_ensemble_acts_with_the_mean_of_its_policies(depth, tmp_path):
 
 def test_an_ensemble_in_an_ensemble_counts_as_its_members():
     rng = np.random.default_rng(4)
+    env, sizes = {"n": 2, "mode": "calm", "observation": "sincos"}, [(4, 6), (1, 4)]
     one, two, three = (
-        small_policy(
-            weights=[rng.normal(size=(4, 6)), 0.1 * rng.normal(size=(1, 4))],
-            biases=[rng.normal(size=4), 0.1 * rng.normal(size=1)],
-            provenance={"trained_by": "a test", "seed": seed, "training": TRAINED},
-        )
-        for seed in range(3)
+        random_policy(sizes, env, rng, 0.3, provenance=ABOUT | {"seed": seed}) for seed in range(3)
     )
     nested = rl.ensemble([rl.ensemble([one, two], weights=[2, 1]), three], weights=[2, 1])
     flat = rl.ensemble([one, two, three], weights=[4, 2, 3])
@@ -271,19 +265,23 @@ def test_a_policy_acts_on_measured_angles_as_on_what_its_environment_shows():
     np.testing.assert_allclose(one, actions[2], atol=1e-6)
 
 
-def test_what_no_environment_can_observe_is_refused():
-    config = EnvConfig(n=2, mode="transition")
-    with pytest.raises(
-        ValueError, match=r"theta must have the shape \(2,\) or \(B, 2\), got \(3,\)"
-    ):
-        observation_of(config, [0.0] * 3, [0.0] * 3)
-    with pytest.raises(ValueError, match="omega must have the shape of theta"):
-        observation_of(config, [0.0] * 2, [[0.0] * 2])
-    with pytest.raises(ValueError, match="goal must be given in mode 'transition'"):
-        observation_of(config, [0.0] * 2, [0.0] * 2)
-    told = EnvConfig(n=2, randomize={"masses": (0.9, 1.1)}, observe_context=True)
-    with pytest.raises(ValueError, match="observe_context must be False"):
-        observation_of(told, [0.0] * 2, [0.0] * 2)
+TRANSITION, ONE, AT_REST = {"n": 2, "mode": "transition"}, {"n": 1}, ([0.0] * 2, [0.0] * 2)
+TOLD = {"n": 2, "randomize": {"masses": (0.9, 1.1)}, "observe_context": True}
+ON_CART = Policy.pretrained("swingup-1-cart").env
+
+
+@pytest.mark.parametrize(("env", "state", "more", "message"), [
+    (TRANSITION, ([0.0] * 3, [0.0] * 3), {}, r"theta must have .* \(2,\) or \(B, 2\), got \(3,\)"),
+    (TRANSITION, ([0.0] * 2, [[0.0] * 2]), {}, "omega must have the shape of theta"),
+    (TRANSITION, AT_REST, {}, "goal must be given in mode 'transition'"),
+    (TOLD, AT_REST, {}, "observe_context must be False"),
+    (ON_CART, ([0.1], [0.0]), {"cart_position": np.nan}, "cart_position"),
+    (ONE, ([0.1], [0.0]), {"cart_position": 1.0}, "must be 0 for a chain without a cart"),
+    (ONE, ([0.1], [0.0]), {"goal": [0.0]}, "goal must be left out in mode"),
+])  # fmt: skip
+def test_what_no_environment_can_observe_is_refused(env, state, more, message):
+    with pytest.raises(ValueError, match=message):
+        observation_of(EnvConfig(**env), *state, **more)
 
 
 def test_an_observation_of_another_environment_is_refused_with_the_way_out():
@@ -337,14 +335,3 @@ def test_old_keywords_of_the_scores_name_the_new_place(name):
     for old, place in places.items():
         with pytest.raises(TypeError, match=f"{name} takes no keyword '{old}': it is .*{place}"):
             getattr(rl, name)(None, {}, **{old: None})
-
-
-def test_measurements_that_are_no_numbers_or_of_nothing_are_refused():
-    on_cart = Policy.pretrained("swingup-1-cart")
-    with pytest.raises(ValueError, match="cart_position"):
-        on_cart.act([0.1], [0.0], cart_position=np.nan)
-    config = EnvConfig(n=1, observation="sincos")
-    with pytest.raises(ValueError, match="must be 0 for a chain without a cart"):
-        observation_of(config, [0.1], [0.0], cart_position=1.0)
-    with pytest.raises(ValueError, match="goal must be left out in mode"):
-        observation_of(config, [0.1], [0.0], goal=[0.0])

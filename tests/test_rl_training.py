@@ -186,39 +186,6 @@ def test_a_model_is_judged_by_one_thread_of_pytorch():
         torch.set_num_threads(before)
 
 
-REFUSED = [
-    *(
-        (algorithm, ["--seed", seed], f"seed must be between 0 and 2147483647, got {seed}")
-        for algorithm in ("imitation", "shac")
-        for seed in ("-1", str(2**31), str(2**70))
-    ),
-    *(
-        ("shac", ["--env", setting], f"shac does not use {setting.partition('=')[0]}")
-        for setting in (
-            'randomize={"velocity_noise": {"low": 0, "high": 1}}', "velocity_noise=0.5",
-            "observation_delay=1", "action_delay=1", "motor_lag=0.05", "torque_noise=0.2",
-            "torque_levels=3", "max_episode_steps=200",
-        )
-    ),
-    ("imitation", ["--env", "max_episode_steps=200"], "imitation does not use max_episode_steps"),
-    ("imitation", ["--env", "torque_levels=3"], "imitation does not use torque_levels"),
-    ("imitation", ["--env", "observation=angles"], 'observation must be "sincos" for imitation'),
-    ("imitation", ["--env", "mode=passive"], "mode must be one with an expert"),
-    ("shac", ["--env", "observation=angles"], 'observation must be "sincos" for shac'),
-    ("shac", ["--env", "mode=passive"], "mode must be one that shac learns"),
-    ("shac", ["--env", "dampign=1"], "did you mean 'damping'"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("algorithm", "options", "text"), REFUSED)
-def test_a_trainer_refuses_what_it_cannot_learn_or_would_ignore(
-    algorithm, options, text, refusal, tmp_path
-):
-    command = ["train", "swingup-2", "--algorithm", algorithm, "--out", str(tmp_path)]
-    assert text in refusal(*command, *options)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.long
 def test_shac_takes_the_substeps_that_it_is_given():
     small = {"num_envs": 4, "total_timesteps": 80, "updates": 1}

@@ -121,10 +121,10 @@ def test_an_episode_that_was_only_looked_at_leaves_nothing_behind(both):
 
 
 def test_the_expert_of_goals_goes_by_the_state_and_not_by_the_clock(both):
-    from npend_gym.rl.training.experts import GoalPlans
+    from npend_gym.rl.training.chain_plans import PlanTracker
 
     config = config_of(**ONE_ROD)
-    expert = GoalPlans(config, both)
+    expert = PlanTracker(config, list(both.plans.values()), pairs=list(both.plans))
     hangs = {"theta": np.zeros((3, 1)), "omega": np.zeros((3, 1)), "goal": np.full((3, 1), np.pi)}
     expert.begin(np.zeros(3, np.int64))
     expert.tracking(hangs | {"time": np.zeros(3)})
@@ -138,11 +138,12 @@ def test_the_expert_of_goals_goes_by_the_state_and_not_by_the_clock(both):
 
 def test_pairs_of_which_a_student_failed_are_played_more_often(both):
     imitation = pytest.importorskip("npend_gym.rl.training.imitation")
-    from npend_gym.rl.training.experts import GoalPlans
+    from npend_gym.rl.training.chain_plans import PlanTracker
 
     small = {"seconds": 3.0, "num_envs": 400, "hidden": 8}
     settings = imitation.settings_of("transition-1", **small)
-    dagger = imitation.DAgger(settings, GoalPlans(config_of(**ONE_ROD), both))
+    plans, pairs = list(both.plans.values()), list(both.plans)
+    dagger = imitation.DAgger(settings, PlanTracker(config_of(**ONE_ROD), plans, pairs=pairs))
     up = list(both.plans).index(((False,), (True,)))
     everyone = np.zeros(40, np.int64)
     dagger.count(everyone + up, everyone > 0)  # all failed

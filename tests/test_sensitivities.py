@@ -3,12 +3,12 @@
 import dataclasses
 
 import numpy as np
-import oracle
 import pytest
 from lagrangian import all_accelerations
+from oracle import complex_slopes, dense_rk4, link_rates
 from scipy.integrate import DOP853
 from scipy.linalg import expm
-from test_derivatives import PARAMETERS, TINY, Varied
+from test_derivatives import PARAMETERS, Varied
 
 from npend_gym import Cart, Chain, Event, Signal, Trajectory, simulate
 from npend_gym.physics import accelerations
@@ -18,25 +18,6 @@ pytestmark = pytest.mark.long  # kernels of their own take long to compile
 
 TIMES = np.array([0.0, 0.05, 0.11, 0.3, 0.34])
 METHODS = {"rk4": {"method": "rk4", "dt": 0.02}, "dop853": {"rtol": 1e-8, "atol": 1e-10}}
-
-
-def rates_of(chain, torque):
-    def rates(y):
-        theta, omega = np.split(y, 2)
-        return np.concatenate([omega, oracle.link_accelerations(chain, theta, omega, torque)])
-
-    return rates
-
-
-def dense_rk4(rates, y, times, dt):
-    frames = [y]
-    for span in np.diff(times):
-        steps = int(np.ceil(span / dt - 1e-9))
-        h = span / steps
-        for _ in range(steps):
-            y = oracle.rk4_step(rates, y, h)
-        frames.append(y)
-    return np.array(frames)
 
 
 def dense_dop853(rates, y, times, lengths):
@@ -65,11 +46,6 @@ def dense_dop853(rates, y, times, lengths):
 def lengths_of(trajectory):
     steps = retaken(trajectory)[0].steps(trajectory.times)
     return steps.end - steps.begin
-
-
-def slopes(f, size):
-    """Return df/dx for (T, 2n) frames, shape (T, 2n, size), by complex steps."""
-    return np.stack([f(1j * TINY * e).imag / TINY for e in np.eye(size)], axis=-1)
 
 
 def torque_in_time(t, _theta, _omega):
@@ -193,7 +169,7 @@ def test_every_mechanism_has_the_derivatives_of_the_lagrangian(mechanism, drives
     columns = [part.reshape(TIMES.size, -1) for part in parts if part is not None]
     found = moved(np.zeros(2 * m + count))[:, :m]
     np.testing.assert_allclose(found, np.hstack(columns), rtol=0, atol=1e-12)
-    expected = slopes(moved, 2 * m + count)
+    expected = complex_slopes(moved, 2 * m + count)
     got = made.sensitivities(joints=range(3))  # and the force
     both = np.concatenate([got.A, got.B], axis=-1)
     assert np.abs(both - expected).max() <= 1e-12 * np.abs(expected).max()
@@ -205,7 +181,7 @@ def test_every_mechanism_has_the_derivatives_of_the_lagrangian(mechanism, drives
     assert np.abs(backward - product).max() <= 1e-12 * np.abs(expected).max() * weights.size
     for name in parameters:
         size = 1 if name == "gravity" else 3
-        expected = slopes(lambda change, name=name: moved(change, name), size)
+        expected = complex_slopes(lambda change, name=name: moved(change, name), size)
         scale = max(np.abs(expected).max(), 1e-3)
         got = made.sensitivities((), {name: [1.0] if name == "gravity" else np.eye(3)}).C
         assert np.abs(got - expected).max() <= 1e-12 * scale, name
@@ -247,8 +223,7 @@ def test_small_motions_change_as_the_linear_equations_say(method):
     np.testing.assert_allclose(got.B[:, 0, 0], swing, atol=1e-7)
 
     chain = Chain([1.0, 2.0, 0.5], [0.5, 1.0, 0.8], damping=0.1)
-    rates = rates_of(Varied.of(chain), np.zeros(3))
-    a = np.stack([rates(1j * TINY * e).imag / TINY for e in np.eye(6)], axis=-1)
+    a = complex_slopes(link_rates(Varied.of(chain), np.zeros(3)), 6)
     got = simulate(chain, 0.0, 0.0, times, **settings).sensitivities()
     np.testing.assert_allclose(got.A, [expm(a * t) for t in times], atol=1e-7)
 
@@ -279,30 +254,6 @@ def test_the_way_back_through_many_segments_is_the_way_forward(method):
     np.testing.assert_allclose(got.by_torque, expected[1], rtol=1e-11)
     together = [rows["lengths"][0], rows["lengths"][1] + rows["drag"][1]]
     np.testing.assert_allclose(together, expected[2], rtol=1e-11)
-
-
-def test_gradients_of_two_hundred_steps_of_five_rods_are_exact_to_nine_digits():
-    """As an environment takes them: 0.05 s each, of nine Runge-Kutta steps, a motor at the base."""
-    n, rng = 5, np.random.default_rng(5)
-    chain, times = Chain.uniform(n), 0.05 * np.arange(201.0)
-    theta = np.full(n, np.pi / 4)
-    made = simulate(chain, theta, 0.0, times, torque=20.0, method="rk4", dt=0.05 / 9)
-    bars = rng.normal(size=(2, 201, n))
-    got = made.gradient(*bars, parameters=["masses", "damping"])
-    assert all(np.all(np.isfinite(x)) for x in (*got[:3], *got.by_parameters.values()))
-    weights = np.concatenate([*bars], axis=1)
-    torque, start = np.eye(n)[0] * 20.0, np.concatenate([theta, np.zeros(n)])
-    direction = rng.normal(size=(5, n))
-
-    def along(step):
-        d = step * direction
-        varied = Varied.of(chain).changed("masses", d[3]).changed("damping", d[4])
-        y = start + np.concatenate([d[0], d[1]])
-        return np.sum(weights * dense_rk4(rates_of(varied, torque + d[2]), y, times, 0.05 / 9))
-
-    expected = along(1j * TINY).imag / TINY
-    gradient = [*got[:3], got.by_parameters["masses"], got.by_parameters["damping"]]
-    assert np.sum(direction * gradient) == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_trajectory_of_one_instant_is_its_start():

@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-from interrupt import Interrupt
 from lanes import assert_same
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -485,20 +484,3 @@ def test_the_energies_of_links_are_the_energy_of_the_chain():
             energy.energy_of_links(chain, theta, omega).sum(axis=-1),
             energy.energy(chain, theta, omega), rtol=1e-13,
         )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "keywords",
-    [
-        {"torque": slow_drive},
-        {"torque": drive},
-        {"torque": Signal([0.0, 1e7], [0.1, -0.1], "linear")},
-        {"events": [Event("velocity")]},
-        {"theta": np.ones((40, 2))},
-        {"theta": np.ones((40, 2)), "threads": 2},
-    ],
-)
-def test_control_c_is_answered_at_once(keywords):
-    theta = keywords.pop("theta", [2.0, 1.0])
-    with pytest.raises(KeyboardInterrupt), Interrupt():
-        simulate(DOUBLE, theta, 0.0, [0.0, 1e6], **keywords)

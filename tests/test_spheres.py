@@ -119,24 +119,3 @@ def test_balls_of_unequal_densities_hang_in_vacuum_and_parameters_of_chains_repl
     hollow = Chain.spheres(2, 0.02, 0.2, 90.0, inertias=2e-7, damping=1e-6)
     assert hollow.inertias.tolist() == [2e-7, 2e-7]
     assert hollow.damping.tolist() == [1e-6, 1e-6]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "keywords", "error", "message"),
-    [
-        ((0, 0.1, 1.0, 1.0), {}, ValueError, "n must be between 1"),
-        ((2, 0.0, 1.0, 1.0), {}, ValueError, "radius must be greater than zero"),
-        ((2, 0.1, 1.0, [1.0, 2.0, 3.0]), {}, ValueError, r"density must be one number or an array"),
-        ((2, 0.6, 1.0, 1.0), {}, ValueError, "apart from the ball above: that of ball 1 .* 1.2 m"),
-        ((1, 2.0, 1.0, 1.0), {}, ValueError, "apart from the pivot: that of ball 0 .* least 2 m"),
-        ((2, 0.1, 1.0, 1.0), {"fixed": 1}, TypeError, "fixed must be True or False"),
-        ((2, 0.1, 1.0, 500.0), {"fluid_density": 1000.0}, ValueError, "lighter balls rise; got"),
-        ((2, 0.1, 1.0, [5e3, 8e3]), {"fluid_density": 1.2}, ValueError, "has one gravity; got"),
-        ((2, 0.1, 1.0, 1.0), {"drag_coefficient": 0.4}, ValueError, "such as 1.2 for air"),
-        ((2, 0.1, 1.0, 1.0), {"viscosity": -1.0}, ValueError, "viscosity must be zero or more"),
-        ((2, 0.1, 1.0, 1.0), {"colour": 1}, TypeError, "colour"),
-    ],
-)  # fmt: skip
-def test_balls_that_cannot_hang_so_are_refused(arguments, keywords, error, message):
-    with pytest.raises(error, match=message):
-        Chain.spheres(*arguments, **keywords)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 from lanes import actions_for, assert_lanes_are_singles, assert_same, lane, run
+from test_env_links import CHAIN
 from test_hardware import EVERYTHING
 from test_randomize import RANDOMIZE
 
-import npend_gym  # noqa: F401 - registers the environments
+from npend_gym import Chain
 from npend_gym.envs.modes import MODES
 
 
@@ -52,6 +53,7 @@ KINDS["cart, drawn"] = {
         "rail_damping": {"low": 0.0, "high": 2.0},
     },
 }  # fmt: skip
+KINDS["fifty rods"] = {"n": 50}
 KINDS["sensors and motors"] = {"n": 2, "mode": "balance", "num_envs": 18} | EVERYTHING
 EACH_KIND = [  # the kernels of motors and sensors take long to compile
     pytest.param(kind, marks=pytest.mark.long) if "motors" in kind else kind for kind in KINDS
@@ -78,8 +80,14 @@ def test_every_lane_is_the_single_env_of_its_seed_to_the_last_bit(kind, autorese
 @pytest.mark.parametrize("threads", [2, 3])
 @pytest.mark.parametrize(
     "kind",
-    [{"mode": "passive"}, {"mode": "swingup"}, pytest.param(EVERYTHING, marks=pytest.mark.long)],
-    ids=["passive", "swingup", "sensors and motors"],
+    [
+        {"mode": "passive"},
+        {"mode": "swingup"},
+        DRAWN,
+        pytest.param({"n": 50}, marks=pytest.mark.long),
+        pytest.param(EVERYTHING, marks=pytest.mark.long),
+    ],
+    ids=["passive", "swingup", "drawn", "fifty rods", "sensors and motors"],
 )
 def test_threads_and_tiles_change_no_bit(kind, threads):
     keywords = {"n": 2, "max_episode_steps": 20} | kind
@@ -124,7 +132,7 @@ def test_same_step_gives_the_last_observation_and_info_of_those_that_are_done():
 
 
 def test_without_autoreset_a_done_lane_must_be_reset_by_mask():
-    env = make_vec(3, n=2, max_episode_steps=4, autoreset_mode=AutoresetMode.DISABLED)
+    env = make_vec(3, **DRAWN, max_episode_steps=4, autoreset_mode=AutoresetMode.DISABLED)
     env.reset(seed=0)
     action = np.zeros((3, 1), np.float32)
     for _ in range(4):
@@ -132,8 +140,11 @@ def test_without_autoreset_a_done_lane_must_be_reset_by_mask():
     assert truncated.all()
     with pytest.raises(RuntimeError, match="autoreset is disabled and lanes"):
         env.step(action)
-    env.reset(options={"reset_mask": truncated})
-    env.step(action)
+    alone = gym.make("NPendulum-v0", **DRAWN)
+    alone.reset(seed=1)
+    shown = env.reset(options={"reset_mask": truncated})
+    assert_same([lane(each, 1) for each in shown], list(alone.reset()))
+    assert_same(env.step(action)[0][1], alone.step(action[1])[0])
 
 
 def test_a_partial_reset_leaves_the_other_lanes_alone():
@@ -150,53 +161,40 @@ def test_a_partial_reset_leaves_the_other_lanes_alone():
     assert_same(observation[1], fresh)
 
 
-def test_options_have_a_leading_axis_or_are_numbers_for_all():
-    env = make_vec(2, n=3, mode="passive")
-    lengths = np.array([[1.0, 0.5, 0.25], [2.0, 1.0, 0.5]])
-    _, info = env.reset(
-        seed=0, options={"lengths": lengths, "gravity": np.array([9.0, 3.0]), "amplitude": 0.3}
-    )
-    for k in range(2):
-        single = gym.make("NPendulum-v0", n=3, mode="passive")
-        options = {"lengths": lengths[k], "gravity": [9.0, 3.0][k], "amplitude": 0.3}
-        _, alone = single.reset(seed=k, options=options)
-        for key in ("energy", "ideal_period", "theta", "tip_height"):
-            assert_same(info[key][k], alone[key])
+EACH = np.random.default_rng(0).uniform(0.7, 1.3, (19, 3))  # of 19 lanes and 3 rods
+SOME = EACH * (np.arange(19) % 2)[:, None]  # and 0 in every other lane
+PASSIVE = {"n": 3, "mode": "passive"}
+LINKS = {"inertias": 0.01 * EACH, "masses": EACH, "gravity": 9.0 * EACH[:, 0]}
+ROTORS = {"friction": 0.05 * EACH, "gear": 6.0 * EACH, "armature": 1e-3 * EACH}
+OPTIONS = {
+    "bobs": (PASSIVE, {"lengths": EACH, "gravity": 9.0 * EACH[:, 0], "amplitude": 0.3}),
+    "drag": (PASSIVE, {"drag": 0.5 * SOME, "quadratic_drag": SOME}),
+    "links": ({"chain": Chain.multiarm(3), "actuated": (0, 2), "dt": 0.02}, LINKS),
+    "machine": ({"chain": CHAIN, "actuated": (0, 2), "dt": 0.02}, LINKS | ROTORS),
+}
 
 
 @pytest.mark.parametrize(
-    ("call", "given", "error", "message"),
+    "kind",
     [
-        (
-            "options",
-            {"theta": [0.1, 0.2]},
-            ValueError,
-            r"\['theta'\] must be one number or .* \(3, 2\)",
-        ),
-        ("options", {"speed": 1.0}, ValueError, "options must be among"),
-        (
-            "options",
-            {"reset_mask": [True] * 3},
-            TypeError,
-            r"\['reset_mask'\] must be a bool array",
-        ),
-        ("options", {"reset_mask": np.ones(2, bool)}, ValueError, r"must have the shape \(3,\)"),
-        ("options", {"reset_mask": np.zeros(3, bool)}, ValueError, "be True somewhere"),
-        ("action", np.full((3, 1), np.nan), ValueError, "action must be finite"),
-        ("action", np.zeros(3), ValueError, r"action must have the shape \(3, 1\), got \(3,\)"),
-        ("action", [["a"], ["b"], ["c"]], TypeError, "action must hold real numbers"),
-        ("seed", [1, 2], ValueError, "seed must"),
+        # kernels of their own take long to compile
+        pytest.param(kind, marks=pytest.mark.long) if kind in ("links", "machine") else kind
+        for kind in OPTIONS
     ],
 )
-def test_bad_options_actions_and_seeds_are_refused_and_change_no_lane(call, given, error, message):
-    env, twin = make_vec(3, n=2), make_vec(3, n=2)
-    env.reset(seed=1)
-    twin.reset(seed=1)
-    with pytest.raises(error, match=message):
-        env.step(given) if call == "action" else env.reset(**{call: given})
-    good = np.full((3, 1), 0.2, np.float32)
-    assert_same(env.step(good), twin.step(good))
-    assert_same(env.reset(), twin.reset())
+def test_options_are_those_of_each_lane_or_numbers_for_all_to_the_last_bit(kind):
+    keywords, options = OPTIONS[kind]
+    envs = make_vec(19, threads=2, **keywords)
+    actions = actions_for(envs, 30)
+    plain = run(envs, actions, seed=3)
+    shown = [envs.reset(seed=3, options=options)] + [envs.step(action) for action in actions]
+    assert np.abs(shown[-1][0] - plain[-1][0]).max() > 0.01
+    for k in (0, 7, 18):
+        alone = gym.make("NPendulum-v0", **keywords)
+        own = {name: value[k] if np.ndim(value) else value for name, value in options.items()}
+        expected = [alone.reset(seed=3 + k, options=own)] + [alone.step(a[k]) for a in actions]
+        for many, one in zip(shown, expected, strict=True):
+            assert_same([lane(part, k) for part in many], list(one))
 
 
 def test_masks_of_the_pseudo_period_are_true_where_a_bob_has_completed():
@@ -249,16 +247,6 @@ def test_gymnasiums_worker_processes_can_run_it(context):
     for a, b in zip(run(env, actions), run(reference, actions), strict=True):
         assert_same(a[0], b[0])
     env.close()
-
-
-def test_every_lane_is_painted():
-    pytest.importorskip("pygame")
-    env = make_vec(3, n=2, render_mode="rgb_array")
-    env.reset(seed=0)
-    env.step(np.zeros((3, 1), np.float32))
-    frames = env.render()
-    assert len(frames) == 3
-    assert frames[0].shape == (480, 480, 3)
 
 
 def test_spaces_are_batches_of_the_single_ones():

@@ -20,9 +20,16 @@ from typing import Any
 
 from npend_gym import _interrupts
 from npend_gym._version import __version__
-from npend_gym.cli.common import FORMER, INTERRUPTED, Parser, dispatch, respelled, warn
+from npend_gym.cli.common import (
+    FORMER,
+    INTERRUPTED,
+    Parser,
+    dispatch,
+    open_closed_streams,
+    respelled,
+    warn,
+)
 from npend_gym.cli.options import add_options, tree
-from npend_gym.cli.streams import open_closed_streams
 
 COMMANDS = (
     "release", "simulate", "play", "campaign", "analyse", "chaos", "identify", "train", "evaluate",

@@ -21,8 +21,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,7 +73,10 @@ def run(
 
         print(estimate(campaign.plan).text(workers or os.cpu_count() or 1))
         return OK
-    with campaign, _sigterm_interrupts():
+    with campaign, ExitStack() as stack:
+        # clusters end a job by SIGTERM: it is treated as Ctrl-C
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        stack.callback(signal.signal, signal.SIGTERM, before)
         return _run(campaign, (backend, workers, address))
 
 
@@ -113,13 +115,3 @@ def _run(campaign: Campaign, workers: tuple[str, int | None, str | None]) -> int
     text, complete = finish(campaign)
     print(text)
     return code if code != OK or complete else FAILED
-
-
-@contextmanager
-def _sigterm_interrupts() -> Generator[None, None, None]:
-    """Treat SIGTERM, by which clusters end a job, as Ctrl-C."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -1,15 +1,16 @@
-"""What the commands share: exit codes, messages, progress, files written."""
+"""What the commands share: exit codes, messages, streams, progress, files written."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import difflib
 import errno
 import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -90,10 +91,33 @@ def warn(text: str) -> None:
     print(printable(text), file=sys.stderr)
 
 
+def open_closed_streams() -> None:
+    """Put stand-ins where the shell has closed streams, `npend ... >&-` or `2>&-`.
+
+    Writing fails to stdout, and vanishes to stderr: output that cannot be printed is a failure, as
+    for a closed pipe; messages are not. Python leaves `sys.stdout` or `sys.stderr` as None, and the
+    next file that is opened gets the number of the stream.
+    """
+    ways = os.O_RDONLY, os.O_RDONLY, os.O_WRONLY
+    for number, (name, way) in enumerate(zip(("stdin", "stdout", "stderr"), ways, strict=True)):
+        if getattr(sys, name) is not None:
+            continue
+        opened = os.open(os.devnull, way)  # gets the lowest number that is free
+        if opened != number:  # somebody has a file with the number of the stream: leave it
+            continue
+        os.set_inheritable(number, True)
+        if name != "stdin":
+            setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+
+
 def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dict[str, Any]) -> int:
-    """Run a command and return its exit code; an expected failure is reported in one line."""
+    """Run a command and return its exit code; an expected failure is reported in one line.
+
+    A command that fails leaves no new folder that is empty.
+    """
     try:
-        code = run(options)
+        with _empty_folders_removed(options.values()):
+            code = run(options)
         sys.stdout.flush()  # output that cannot be printed fails here, not at the exit
     except (ValueError, TypeError) as error:
         command.error(str(error))
@@ -106,6 +130,20 @@ def dispatch(command: Parser, run: Callable[[dict[str, Any]], int], options: dic
         warn(f"{command.prog}: interrupted")
         return INTERRUPTED
     return code
+
+
+@contextlib.contextmanager
+def _empty_folders_removed(options: Iterable[Any]) -> Generator[None]:
+    """Remove new folders among these options, or above them, where an error ends the block."""
+    paths = [path for each in options if isinstance(each, Path) for path in (each, *each.parents)]
+    missing = [path for path in paths if not path.exists()]
+    try:
+        yield
+    except BaseException:
+        for path in missing:
+            with contextlib.suppress(OSError):  # there is none, or it holds something
+                path.rmdir()
+        raise
 
 
 def _failed(message: str) -> int:

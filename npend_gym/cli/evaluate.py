@@ -103,12 +103,17 @@ def run(
     about = {"name": name, "provenance": provenance(made, seed)}
     result: dict[str, Any] = about | {"evaluation": row}
     if row["success"] == 0.0:
-        warn(_failure(name, changed, robust))
+        failure = f"{name} succeeds in no episode"
+        if changed:
+            failure += f": --env gives it another {', '.join(changed)} than it was made for"
+        warn(failure + ("; no criterion can be survived more often" if robust else ""))
     text = [report.evaluation_text(row, threshold)]
     if scores:
         for score in (rl.performance, rl.recovery):
-            result[score.__name__] = score(model, judged, seed=seed).as_row()
-            text.append(_line(score.__name__, result[score.__name__]))
+            found = score(model, judged, seed=seed).as_row()
+            result[score.__name__] = found
+            rest = ", ".join(f"{key} {value:g}" for key, value in found.items() if key != "score")
+            text.append(f"{score.__name__} {found['score']:.3f}: {rest}")
     written: list[Path] = []
     if robust:
         show = progress("criterion")
@@ -124,20 +129,6 @@ def run(
         if not as_json:
             show_written(written)
     return OK
-
-
-def _failure(name: str, changed: Sequence[str], robust: bool) -> str:
-    """Return what a policy or controller that never succeeds should be asked about."""
-    text = f"{name} succeeds in no episode"
-    if changed:
-        text += f": --env gives it another {', '.join(changed)} than it was made for"
-    return text + ("; no criterion can be survived more often" if robust else "")
-
-
-def _line(name: str, row: dict[str, float]) -> str:
-    """Return a score and what it is made of."""
-    rest = ", ".join(f"{key} {value:g}" for key, value in row.items() if key != "score")
-    return f"{name} {row['score']:.3f}: {rest}"
 
 
 def chosen(

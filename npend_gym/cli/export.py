@@ -66,6 +66,10 @@ def run(
     controller : name, optional
         A controller in place of a policy, for c: LQR, damping or plan.
     """
+    from npend_gym import export
+    from npend_gym._files import replacing
+    from npend_gym.chain import as_chain
+
     prepare_file(out, (_SUFFIXES[to],))
     of_c = {"prefix": prefix, "relative": relative, "controller": controller}
     _refuse([name for name, value in of_c.items() if value not in (None, False)], to, "c")
@@ -73,13 +77,24 @@ def run(
     if controller is None and (task is not None or env):
         raise ValueError("--task and --env are for a --controller: a policy has its environment")
     if to in ("mjcf", "urdf"):
-        _write_chain(policy, to, out, chain, trust=trust, **model)
-        show_file(out)
-        return OK
-    if chain is not None:
-        raise ValueError("--chain is for --to mjcf or urdf")
-    _, found, _ = chosen(policy, controller, task, dict(env), trust=trust)
-    _write_policy(found, to, out, prefix, relative=relative)
+        if chain is None:
+            raise ValueError(f"--to {to} needs --chain")
+        if policy is not None or trust:
+            raise ValueError(f"policy must be left out with --to {to}, which writes a chain")
+        whole = as_chain(chain)
+        text = export.to_mjcf(whole, **model) if to == "mjcf" else export.to_urdf(whole)
+        with replacing(out) as file:
+            file.write(text)
+    else:
+        if chain is not None:
+            raise ValueError("--chain is for --to mjcf or urdf")
+        found: Any = chosen(policy, controller, task, dict(env), trust=trust)[1]
+        if to == "c":
+            export.to_c(found, out, "npend" if prefix is None else prefix, relative=relative)
+        elif to == "onnx":
+            export.to_onnx(found, out)
+        else:
+            export.to_torch(found, out)
     show_file(out)
     return OK
 
@@ -87,28 +102,3 @@ def run(
 def _refuse(given: list[str], to: str, format_of_them: str) -> None:
     if given and to != format_of_them:
         raise ValueError(f"--{given[0]} is for --to {format_of_them}")
-
-
-def _write_chain(
-    policy: str | None, to: str, out: Path, chain: Any, *, trust: bool, **model: Any
-) -> None:
-    from npend_gym._files import replacing
-    from npend_gym.chain import as_chain
-    from npend_gym.export import to_mjcf, to_urdf
-
-    if chain is None:
-        raise ValueError(f"--to {to} needs --chain")
-    if policy is not None or trust:
-        raise ValueError(f"policy must be left out with --to {to}, which writes a chain")
-    text = to_mjcf(as_chain(chain), **model) if to == "mjcf" else to_urdf(as_chain(chain))
-    with replacing(out) as file:
-        file.write(text)
-
-
-def _write_policy(policy: Any, to: str, out: Path, prefix: str | None, *, relative: bool) -> None:
-    from npend_gym.export import to_c, to_onnx, to_torch
-
-    if to == "c":
-        to_c(policy, out, "npend" if prefix is None else prefix, relative=relative)
-    else:
-        {"onnx": to_onnx, "torch": to_torch}[to](policy, out)

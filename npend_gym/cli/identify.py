@@ -18,8 +18,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,11 +75,22 @@ def run(
     from npend_gym.identification.fit import Problem
     from npend_gym.report import identification_report as report
 
+    def show(message: Warning | str, *_: Any) -> None:
+        warn(f"npend identify: {message}")
+
     single = {"lengths": lengths, "masses": masses, "centres": centres, "gravity": gravity}
     single = {name: value for name, value in single.items() if value is not None}
-    with _warnings_in_lines():
+    with warnings.catch_warnings():
+        # each in one line, and at once: what follows may take minutes
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = show
         motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
-        problem = Problem(motion, _known(chain, single), **chosen)
+        if chain is not None and single:
+            raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")
+        if chain is None and lengths is None:
+            raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
+        known: Any = {"masses": 1.0} | single if chain is None else chain
+        problem = Problem(motion, known, **chosen)
         if out is not None:
             prepare_results(out, "npend identify")
         result = problem.solve()
@@ -93,27 +103,3 @@ def run(
         if not as_json:
             show_written(written)
     return OK
-
-
-@contextmanager
-def _warnings_in_lines() -> Generator[None, None, None]:
-    """Print each warning as one line, at once: what follows may take minutes."""
-
-    def show(message: Warning | str, *_: Any) -> None:
-        warn(f"npend identify: {message}")
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = show
-        yield
-
-
-def _known(chain: Any, single: dict[str, Any]) -> Any:
-    """Return what is known of the chain."""
-    if chain is not None:
-        if single:
-            raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")
-        return chain
-    if "lengths" not in single:
-        raise ValueError("--lengths or --chain must be given: angles do not determine lengths")
-    return {"masses": 1.0} | single

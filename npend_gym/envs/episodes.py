@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from npend_gym.envs.modes import left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import Lanes, Seeds
-from npend_gym.envs.settings import OF_LANES
+from npend_gym.envs.settings import HARDWARE, OF_LANES
 from npend_gym.envs.snapshots import Snapshots, States
 from npend_gym.envs.starts import (
     BY_PYTHON,
@@ -221,7 +221,13 @@ class Episodes:
 
     def beginnings(self) -> Beginnings:
         """Return how the episodes began, after `start` and before a step."""
-        return self.outputs.beginnings(self.angles)
+        members, config, count = self._memory.members, self.config, self.count
+        limits = np.tile(members[Setting.max_torque], (config.joints.size, 1)).T
+        limits[:, config.joints == config.n] = members[Setting.max_force][:, None]
+        goals = self._memory.read(Pose.GOAL) if config.mode.has_goals else np.zeros((count, 0))
+        settings = {name: members[getattr(Setting, name)].copy() for name in HARDWARE}
+        chains, context = self._memory.parameters, self._context[:count].copy()
+        return Beginnings(self.angles, chains, limits, goals, context, settings)
 
     @property
     def angles(self) -> FloatArray:
@@ -309,21 +315,14 @@ class Episodes:
 
     # -- for pictures -----------------------------------------------------------------------
 
-    def positions(self) -> FloatArray:
-        """Return the positions of the bobs [m], shape (B, n, 2), from the middle of a rail."""
-        from_pivot = energy.positions(self._memory.parameters, self._memory.read(Rod.THETA))
-        return from_pivot + self._pivots()
+    def places(self, of: Callable[..., FloatArray] = energy.positions) -> FloatArray:
+        """Return the positions [m], (B, k, 2), from the middle of a rail, that `of` returns.
 
-    def bodies(self) -> FloatArray:
-        """Return the centres of mass of links that are bodies [m], (B, n, 2); else (B, 0, 2)."""
-        from_pivot = energy.bodies(self._memory.parameters, self._memory.read(Rod.THETA))
-        return from_pivot + self._pivots()
-
-    def _pivots(self) -> FloatArray:
-        """Return the positions of the pivots [m], (B, 1, 2)."""
-        places = np.zeros((self.count, 1, 2))
+        It is a function of `npend_gym.physics.energy`, which gives them from the pivot.
+        """
+        places = of(self._memory.parameters, self._memory.read(Rod.THETA))
         if self.config.has_cart:
-            places[:, 0, 0] = self._memory.read_base(Rod.THETA)
+            places[..., 0] += self._memory.read_base(Rod.THETA)[:, None]
         return places
 
     def action(self, lane: int) -> FloatArray:

@@ -6,22 +6,23 @@ observations, the quantities that modes judge by, and the numbers of the info.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.compiled.arrays import NumbersOf, bare, packs
 from npend_gym.compiled.jit import inlined_kernel, kernel, spliced_kernel
 from npend_gym.compiled.packs import WIDTH, any_of, where
-from npend_gym.envs.mode_kernels import judged, left_rail_kernel, rail_factor_kernel
-from npend_gym.envs.modes import Quantities
+from npend_gym.envs.modes import Mode, Quantities, left_rail, rail_factor
 from npend_gym.envs.observing import ObsArray, observe, within
 from npend_gym.envs.rows import (
+    NUMBER_OF,
+    OF_LANE,
     Block,
     Episode,
     Flag,
     Output,
     Pose,
-    Quantity,
     Setting,
     Task,
     Wiring,
@@ -40,6 +41,8 @@ from npend_gym.physics.kernels.layout import (
 )
 
 _first_row = inlined_kernel(first_row)
+_left_rail: Any = spliced_kernel(left_rail)
+_rail_factor: Any = spliced_kernel(rail_factor)
 
 
 @inlined_kernel
@@ -123,15 +126,8 @@ def _measure(
     )  # fmt: skip
     if task[Task.MODE] == 0.0 or task[Task.GOALS] > 0.0:
         judging = outputs[_first_row(Block.QUANTITIES, n) :]
-        judging[Quantity.height, g] = quantities.height
-        judging[Quantity.tip, g] = quantities.tip
-        judging[Quantity.energy, g] = quantities.energy
-        judging[Quantity.kinetic_energy, g] = quantities.kinetic_energy
-        judging[Quantity.energy_fraction, g] = quantities.energy_fraction
-        judging[Quantity.mean_squared_action, g] = quantities.mean_squared_action
-        judging[Quantity.closeness, g] = quantities.closeness
-        judging[Quantity.goal_distance, g] = quantities.goal_distance
-        judging[Quantity.rail_position, g] = quantities.rail_position
+        for row, quantity in enumerate(quantities[:OF_LANE]):
+            judging[row, g] = quantity
     outputs[Output.TIME, g] = numbers[Member.TIME, g]
     outputs[Output.ENERGY, g] = energy
     outputs[Output.ENERGY_ERROR, g] = drift / where(scale > 0.0, scale, 1.0)
@@ -145,6 +141,49 @@ def _measure(
     return quantities
 
 
+@spliced_kernel
+def _never(_: None, quantities: Quantities[Any]) -> Any:
+    """Return False for each lane."""
+    return quantities.height != quantities.height
+
+
+@spliced_kernel
+def _no_mode(_: int, quantities: Quantities[Any]) -> tuple[Any, Any, Any]:
+    """Return what stands where Python judges: no reward, no failure, no success."""
+    no = _never(None, quantities)
+    return 0.0 * quantities.height, no, no
+
+
+def _dispatch(modes: Sequence[type[Mode]]) -> Any:
+    """Return a kernel: number of a mode, quantities -> reward, failed, achieved.
+
+    Formulas are compiled as they stand, with None as their `self`. They are spliced: as functions,
+    each would be compiled on its own first, for longer than the formula takes.
+    """
+    if not modes:
+        return _no_mode
+    first, others = modes[0], _dispatch(modes[1:])
+    number, always_achieved = NUMBER_OF[first], first.achieved is Mode.achieved
+    reward: Any = spliced_kernel(first.reward)
+    failed: Any = _never if first.failed is Mode.failed else spliced_kernel(first.failed)
+    achieved: Any = _never if always_achieved else spliced_kernel(first.achieved)
+
+    @spliced_kernel
+    def judge(mode: int, quantities: Quantities[Any]) -> tuple[Any, Any, Any]:
+        if mode != number:
+            return others(mode, quantities)
+        has_failed = failed(None, quantities)
+        # `Mode.achieved`: the goal is met unless the episode has failed
+        unless = where(has_failed, 0.0, 1.0) > 0.0
+        met = unless if always_achieved else achieved(None, quantities)
+        return reward(None, quantities), has_failed, met
+
+    return judge
+
+
+_judged: Any = _dispatch(list(NUMBER_OF))
+
+
 @inlined_kernel
 def _judge(
     numbers: FloatArray, g: int, quantities: Quantities[Any], outputs: FloatArray,
@@ -155,11 +194,11 @@ def _judge(
     Where Python judges, it does so afterwards. A lane that starts has no reward and no end.
     """
     mode = int(task[Task.MODE])
-    reward, failed, achieved = judged(mode, quantities)
+    reward, failed, achieved = _judged(mode, quantities)
     if task[Task.RAIL] > 0.0:
         place = quantities.rail_position
-        left = left_rail_kernel(place)
-        reward = where(left, 0.0, reward * rail_factor_kernel(place))
+        left = _left_rail(place)
+        reward = where(left, 0.0, reward * _rail_factor(place))
         achieved, failed = achieved & (abs(place) <= 1.0), failed | left
     if task[Task.SPARSE] > 0.0:
         reward = where(achieved, 1.0, 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import math
 import textwrap
@@ -124,7 +123,7 @@ def _described(parameters: Sequence[inspect.Parameter]) -> Iterator[str]:
     for each in parameters:
         if each.name in FIELDS:
             about = FIELDS[each.name].metadata
-            choices = getattr(about["rule"], "choices", None)
+            choices = getattr(about["rule"], "keywords", {}).get("options")
             kind = "{" + ", ".join(map(repr, choices)) + "}" if choices else each.annotation
             text = textwrap.fill(about["text"], 88, break_on_hyphens=False)
             yield f"    {each.name} : {kind}\n{textwrap.indent(text, 8 * ' ')}"
@@ -144,9 +143,8 @@ def check_names(owner: type, keywords: Mapping[str, Any]) -> None:
     for name in keywords:
         if name not in EnvKeywords.__annotations__:
             valid = list(inspect.signature(owner).parameters)
-            close = [*filter(None, [_OTHER_NAMES.get(name)])]
-            close = close or difflib.get_close_matches(name, valid, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ";"
+            other = _OTHER_NAMES.get(name)
+            hint = f"; did you mean {other!r}?" if other else _checks.nearest(name, valid)
             hint = "; a seed is given to reset(seed=...)." if name == "seed" else hint
             raise TypeError(
                 f"{owner.__name__} got an unexpected keyword argument {name!r}{hint} "

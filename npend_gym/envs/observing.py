@@ -47,32 +47,6 @@ def _write_columns(numbers: FloatArray, width: int, columns: ObsArray) -> None:
             columns[k, i] = numbers[i * width + k]
 
 
-@inlined_kernel
-def _observe_angles(theta: FloatArray, angles: FloatArray, n: int) -> None:
-    """Write the wrapped angles of a group."""
-    for i in range(n):
-        angle = wrapped(theta[i])
-        angles[i] = where(angle > _BELOW_PI_32, -_PI_32, angle)
-
-
-@inlined_kernel
-def _observe_speeds(
-    omega: FloatArray, speeds: FloatArray, n: int, limit: float, per_speed: FloatArray
-) -> None:
-    """Write the scaled angular velocities of a group."""
-    for i in range(n):
-        speeds[i] = within(omega[i] * per_speed[i], limit)
-
-
-@inlined_kernel
-def _observe_cart(
-    theta: FloatArray, omega: FloatArray, cart: FloatArray, n: int, task: FloatArray
-) -> None:
-    """Write place and velocity of the carts of a group."""
-    cart[0] = within(theta[n] / task[Task.RAIL], MAX_CART_ENTRY)
-    cart[1] = within(omega[n] * task[Task.PER_CART_SPEED], MAX_CART_ENTRY)
-
-
 @spliced_kernel
 def observe(
     view: NumbersOf, width: int, rods: FloatArray, g: int, theta: FloatArray, omega: FloatArray,
@@ -85,23 +59,28 @@ def observe(
     """
     n, shown = omega.size // width - 1, scratch[Scratch.OBSERVED]
     rows, column = observation[g * width : (g + 1) * width], n
+    angles, speeds, numbers = view(theta), view(omega), view(shown)
     sines, velocities = task[Task.FORM] == SINCOS, task[Task.VELOCITIES] > 0.0
     if sines:
         column = 2 * n
         _write_columns(scratch[Scratch.SIN], width, rows[:, :n])
         _write_columns(scratch[Scratch.COS], width, rows[:, n:column])
     else:
-        _observe_angles(view(theta), view(shown), n)
+        for i in range(n):
+            angle = wrapped(angles[i])
+            numbers[i] = where(angle > _BELOW_PI_32, -_PI_32, angle)
         _write_columns(shown, width, rows[:, :n])
     if velocities:
         if sines:
-            _observe_speeds(view(omega), view(shown), n, task[Task.SPEED_LIMIT], per_speed)
+            for i in range(n):
+                numbers[i] = within(speeds[i] * per_speed[i], task[Task.SPEED_LIMIT])
             _write_columns(shown, width, rows[:, column : column + n])
         else:
             _write_columns(omega, width, rows[:, column : column + n])
         column += n
     if task[Task.RAIL] > 0.0:
-        _observe_cart(view(theta), view(omega), view(shown), n, task)
+        numbers[0] = within(angles[n] / task[Task.RAIL], MAX_CART_ENTRY)
+        numbers[1] = within(speeds[n] * task[Task.PER_CART_SPEED], MAX_CART_ENTRY)
         entries = 2 if velocities else 1
         _write_columns(shown, width, rows[:, column : column + entries])
         column += entries

@@ -18,8 +18,7 @@ from npend_gym.envs.goals import of_lane, with_goals
 from npend_gym.envs.hardware import Motors
 from npend_gym.envs.info import COUNTS, NUMBERS, OF_RODS, TABLE, TRUTHS, BatchInfo, Info
 from npend_gym.envs.modes import Quantities
-from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, Setting, first_row
-from npend_gym.envs.settings import HARDWARE
+from npend_gym.envs.rows import OF_LANE, Block, Flag, Output, Pose, first_row
 from npend_gym.physics.kernels.layout import Rod
 from npend_gym.physics.memory import Memory
 
@@ -132,16 +131,6 @@ class Outputs:
         self.observations: NDArray[np.float32] = np.empty(observations, np.float32)
         self.rows: FloatArray = np.empty(rows)  # of `Output`, then of the blocks of `Block`
         self.flags: BoolArray = np.empty(flags, np.bool_)
-
-    def beginnings(self, state: FloatArray) -> Beginnings:
-        """Return how the present episodes began, in these states."""
-        members, config, count = self._memory.members, self.config, self.count
-        limits = np.tile(members[Setting.max_torque], (config.joints.size, 1)).T
-        limits[:, config.joints == config.n] = members[Setting.max_force][:, None]
-        goals = self._memory.read(Pose.GOAL) if config.mode.has_goals else np.zeros((count, 0))
-        settings = {name: members[getattr(Setting, name)].copy() for name in HARDWARE}
-        chains, context = self._memory.parameters, self._context[:count].copy()
-        return Beginnings(state, chains, limits, goals, context, settings)
 
     @property
     def observation(self) -> Any:

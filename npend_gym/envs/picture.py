@@ -16,6 +16,7 @@ from npend_gym.envs.config import EnvConfig
 from npend_gym.envs.episodes import BoolArray, Episodes
 from npend_gym.envs.info import Info
 from npend_gym.envs.progress import CallGuard
+from npend_gym.physics import energy
 from npend_gym.window import Window
 
 RENDER_MODES = ("human", "rgb_array")
@@ -55,7 +56,7 @@ class Camera:
 
     def follow(self, episodes: Episodes) -> None:
         """Add the tips' places to the traces and, in "human" mode, show the picture."""
-        for lane, tip in enumerate(episodes.positions()[:, -1]):
+        for lane, tip in enumerate(episodes.places()[:, -1]):
             trace = self._traces.setdefault(lane, deque(maxlen=_TRACE_LENGTH))
             trace.append(tip)
         for lane, push in enumerate(episodes.pushes().tolist()):
@@ -85,7 +86,7 @@ class Camera:
         if self._painter is None:
             return None
         info = episodes.outputs.info()
-        places = zip(episodes.positions(), episodes.bodies(), strict=True)
+        places = zip(episodes.places(), episodes.places(energy.bodies), strict=True)
         frames = tuple(
             self._painter.paint(self._scene(episodes, info, lane, *of_lane))
             for lane, of_lane in enumerate(places)

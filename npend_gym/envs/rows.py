@@ -64,11 +64,10 @@ Output: Any = OutputFields(*range(len(OutputFields._fields)))
 Flag: Any = FlagFields(*range(len(FlagFields._fields)))
 
 # Blocks of rows of `outputs` after those of `Output`: n rows for the rods of each, and the last,
-# written where Python judges and in modes with goals, with the rows of `Quantity`
+# written where Python judges and in modes with goals, with the first OF_LANE of `Quantities`
 BlockFields: Any = _named("BlockFields", [*map(str.upper, OF_RODS), "COSINES", "QUANTITIES"])
 Block: Any = BlockFields(*range(len(BlockFields._fields)))
-Quantity: Any = Quantities(*range(len(Quantities._fields)))  # type: ignore[arg-type]
-OF_LANE = Quantity.theta  # number of quantities before the angles and angular velocities
+OF_LANE = Quantities._fields.index("theta")  # number of quantities that are one for each lane
 
 
 def first_row(block: int, n: int) -> int:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, InitVar, dataclass, field, fields
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -46,17 +47,6 @@ def keyword(
     return field(default=default, metadata=about)
 
 
-class OneOf:
-    """The rule of a keyword that is one of some texts."""
-
-    def __init__(self, *choices: str) -> None:
-        self.choices = choices
-
-    def __call__(self, name: str, value: Any) -> str:
-        """Return the value, or raise a ValueError that names the choices."""
-        return _checks.choice(name, value, self.choices)
-
-
 def _error(text: str, limit: Limit | None = None) -> Any:
     """Return a field for what a lane's motor or sensor does not do ideally; 0 is ideal."""
     return keyword(0.0, text, _checks.nonnegative_number, of_lane=True, limit=limit)
@@ -67,10 +57,6 @@ def angle(name: str, value: Any) -> float:
     number = _checks.number(name, value)
     warn_of_degrees(name, _checks.within(name, np.array(number), 0.5 * MAX_ANGLE))
     return number
-
-
-def _cycles(name: str, value: Any) -> int:
-    return _checks.count(name, value, high=MAX_RIPPLE_CYCLES)
 
 
 _LATER = Limit(MAX_DELAY, "steps; make dt larger for a longer delay")
@@ -115,7 +101,12 @@ class MotorSettings:
         "Cogging of the motors [N m]: torque_ripple sin(ripple_cycles phi), with phi the angle of "
         "the joint relative to the rod above."
     )
-    ripple_cycles: int = keyword(6, "Cycles of the ripple a turn.", _cycles, of_lane=True)
+    ripple_cycles: int = keyword(
+        6,
+        "Cycles of the ripple a turn.",
+        partial(_checks.count, high=MAX_RIPPLE_CYCLES),
+        of_lane=True,
+    )
     push_rate: float = _error(
         "Mean rate of pushes [1/s]. A push is a random horizontal force on the tip, for one step."
     )
@@ -133,7 +124,7 @@ class CartSettings:
         "What the chain hangs from: a pivot at rest, or a cart on a horizontal rail. A chain that "
         "has a cart of its own, ``Chain(..., base=Cart(mass))``, stands on that, and needs no "
         "`base`.",
-        OneOf("pivot", "cart"),
+        partial(_checks.choice, options=("pivot", "cart")),
     )
     max_force: float | None = keyword(
         None,
@@ -161,9 +152,10 @@ class SensorSettings:
     """What the sensors show of the chain, and their errors."""
 
     observation: str = keyword(
-        "angles", "The form of the observation, as in the table.",
-        OneOf("angles", "sincos", "scaled"),
-    )  # fmt: skip
+        "angles",
+        "The form of the observation, as in the table.",
+        partial(_checks.choice, options=("angles", "sincos", "scaled")),
+    )
     observe_velocities: bool = keyword(
         True,
         "Whether the velocities of rods and cart are observed. Without them the state is partially "
@@ -236,7 +228,11 @@ class Settings(PictureSettings, SensorSettings, CartSettings, MotorSettings):
         "fastest normal mode to turn by at most 1/16 rad in each, and more while a rod would turn "
         'by more than 1/20 rad. ``info["energy_error"]`` shows how well the energy is kept.',
     )
-    reward_type: str = keyword("dense", "As the section on rewards says.", OneOf("dense", "sparse"))
+    reward_type: str = keyword(
+        "dense",
+        "As the section on rewards says.",
+        partial(_checks.choice, options=("dense", "sparse")),
+    )
     goal_env: bool = keyword(
         False,
         'In mode "transition", with reward_type="sparse": observations are a Dict with goals.',

@@ -87,6 +87,8 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     ) -> tuple[ObsArray, dict[str, Any]]:
         """Begin a new episode in every lane, or in those of ``options["reset_mask"]``.
 
+        Errors and returns are those of `NPendulumEnv.reset`, of all lanes.
+
         Parameters
         ----------
         seed : int or sequence of int, optional
@@ -97,16 +99,6 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
             "amplitude", "gravity", "cart_position", "cart_velocity" (B,); a number stands for all.
             With "persist", bool or (B,), they hold in later episodes too, until the lane is reset
             with options.
-
-        Returns
-        -------
-        observation : ndarray, float32, shape (B, 2n) or (B, 3n)
-        info : dict
-
-        Raises
-        ------
-        ValueError, TypeError
-            If seed or options break a rule; no lane has then changed.
         """
         mask, checked = self._begin_lanes(seed, options)
         episodes = self._episodes
@@ -123,16 +115,8 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     ) -> tuple[ObsArray, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Advance every lane by `dt`; actions beyond the box are clipped.
 
-        Raises
-        ------
-        ValueError, TypeError
-            If the actions are not numbers, not finite or of the wrong shape; no lane has then
-            changed.
-        ResetNeeded
-            Before the first reset, after a call of `step` or `reset` that was interrupted, or
-            with autoreset disabled where a lane is done.
-        EnvInUse
-            While another thread is inside `step` or `reset`; nothing has changed then.
+        Errors are those of `NPendulumEnv.step`. With autoreset disabled, `ResetNeeded` is also
+        raised while a lane is done.
         """
         ready = self._calls.ready
         if not ready:
@@ -194,26 +178,16 @@ class NPendulumVectorEnv(ManyLanes, VectorEnv[ObsArray, Any, Any]):
     def set_state(
         self, state: States, lanes: ArrayLike | None = None
     ) -> tuple[ObsArray, dict[str, Any]]:
-        """Let all lanes, or some, continue from states, to the last bit as where they were taken.
+        """Let all lanes, or some, continue from states: records (k,).
+
+        Errors and returns are those of `NPendulumEnv.set_state`, of all lanes.
 
         Parameters
         ----------
         state : ndarray, shape (k,)
-            From `get_state` of an environment made with the same keywords, with any number of
-            lanes; of a single environment too.
+            From `get_state` of environments made with the same keywords.
         lanes : array_like of int or bool, optional
             The k lanes; all by default, as they must be before the first reset.
-
-        Returns
-        -------
-        observation, info
-            Of all lanes, as `reset` returns them.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If a state is none, of another version or environment, or has a number that no state
-            has; no lane has changed then.
         """
         chosen = checked_lanes(lanes, self.num_envs)
         before = self._calls.progress

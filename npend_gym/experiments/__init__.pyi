@@ -14,7 +14,6 @@ from npend_gym.experiments.campaign.plan import Task as Task
 from npend_gym.experiments.campaign.statistics import Outlier as Outlier
 from npend_gym.experiments.campaign.statistics import Statistics as Statistics
 from npend_gym.experiments.campaign.task import Record as Record
-from npend_gym.experiments.draws import starts as starts
 from npend_gym.experiments.fits import Estimate as Estimate
 from npend_gym.experiments.fits import power_law as power_law
 from npend_gym.experiments.flip_map import FlipMap as FlipMap
@@ -23,4 +22,5 @@ from npend_gym.experiments.release import Run as Run
 from npend_gym.experiments.release import bob_rows as bob_rows
 from npend_gym.experiments.release import measure as measure
 from npend_gym.experiments.release import run_release as run_release
+from npend_gym.experiments.release import starts as starts
 from npend_gym.experiments.release import summary_rows as summary_rows

@@ -22,7 +22,6 @@ from npend_gym._threads import check_threads
 from npend_gym._version import __version__
 from npend_gym.chain import Chain
 from npend_gym.chaos import flip_times
-from npend_gym.experiments.parts import read_part, write_part
 from npend_gym.physics.arguments import check_rtol
 
 _MAP, _PART = "map.npz", ".float64"
@@ -179,7 +178,7 @@ class FlipMap:
                 self.chain, starts, duration=self.duration, rtol=self.rtol, threads=threads
             )
             result[self._rows(k)] = times
-            write_part(self._about(part=k), parts / f"{k}", times.tobytes(), _PART)
+            _files.write_part(self._about(part=k), parts / f"{k}", times.tobytes(), _PART)
         about = json.dumps(provenance(self.as_dict()))
         with _files.replacing(out / _MAP, binary=True) as file:
             np.savez_compressed(file, times=result, first=first, second=second, about=about)
@@ -205,7 +204,7 @@ class FlipMap:
         rows = self._rows(k)
         size = 8 * (rows.stop - rows.start) * self.size
         for path in parts.glob(f"{k}-*{_PART}"):
-            data = read_part(self._about(part=k), path, size)
+            data = _files.read_part(self._about(part=k), path, size)
             if data is not None and len(data) == size:
                 return np.frombuffer(data).reshape(-1, self.size)
         return None

@@ -12,14 +12,15 @@ from numpy.typing import ArrayLike
 
 from npend_gym import _checks, theory
 from npend_gym._checks import FloatArray
+from npend_gym._streams import Purpose
 from npend_gym.chain import MAX_RODS, STANDARD_GRAVITY, Chain
+from npend_gym.compiled.philox import first_units, keys_of
 from npend_gym.experiments.chains import (
     check_time_scale,
     plain_fields,
     released_chain,
     take_chain,
 )
-from npend_gym.experiments.draws import starts
 from npend_gym.experiments.sensing import Sensor, sensed_periods
 from npend_gym.period import check_reading, pseudo_periods
 
@@ -165,6 +166,41 @@ class ReleaseExperiment:
         return plain_fields(self, "n_values")
 
 
+def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -> FloatArray:
+    """Return the starting angles of trials `first` to `first` + `count` - 1, counted from 0.
+
+    They are the same in the release experiment, in campaigns and in mode "passive". Trial t of seed
+    s starts where the environment does that is reset with seed s + t:
+
+        start = amplitude + spread * np.random.Generator(np.random.Philox(key=s + t)).random()
+
+    It depends on nothing else: not on N, on the other trials, or on how they are divided among
+    workers. So trial t of every chain starts from the same angle, and seeds that differ by less
+    than the number of trials share trials.
+
+    Parameters
+    ----------
+    seed : int
+        At least 0.
+    first, count : int
+    amplitude, spread : float
+        A trial starts at `amplitude` plus one draw from [0, spread) [rad].
+
+    Returns
+    -------
+    ndarray, shape (count,)
+        [rad]
+
+    Examples
+    --------
+    >>> from npend_gym import experiments
+    >>> experiments.starts(0, 0, 3, 0.785, 0.017).round(3).tolist()
+    [0.785, 0.79, 0.793]
+    """
+    keys = keys_of(_checks.count("seed", seed, low=0) + first, count)
+    return amplitude + spread * first_units(keys, step=0, purpose=Purpose.START, episode=0)
+
+
 @dataclass(frozen=True)
 class Run:
     """One release: the pseudo-period of every bob [s], NaN where it did not complete.
@@ -273,11 +309,11 @@ def _summary(experiment: ReleaseExperiment, n: int, runs: Sequence[Run]) -> dict
     done = np.isfinite(periods)
     means = np.array([run.mean for run in runs])
     measured = float(np.nanmean(means)) if done.any() else math.nan
-    starts = np.array([run.start for run in runs])
+    angles = np.array([run.start for run in runs])
     timed = np.isfinite(means) | (not done.any())
-    models = theory.models(chain, starts[timed])
+    models = theory.models(chain, angles[timed])
     if not timed.all():  # `com` is of all runs, or not a number
-        models = models._replace(law=theory.models(chain, starts).law)
+        models = models._replace(law=theory.models(chain, angles).law)
     com = float(np.mean([run.com for run in runs]))
     return {
         "n": n,

@@ -6,9 +6,7 @@ from npend_gym.physics.equations import accelerations as accelerations
 from npend_gym.physics.equations import tensions as tensions
 from npend_gym.physics.events import Event as Event
 from npend_gym.physics.gpu import DeviceChains as DeviceChains
-from npend_gym.physics.gpu_derivatives import (
-    DifferentiableDeviceChains as DifferentiableDeviceChains,
-)
+from npend_gym.physics.gpu import DifferentiableDeviceChains as DifferentiableDeviceChains
 from npend_gym.physics.gpu_simulation import simulate_on_device as simulate_on_device
 from npend_gym.physics.integration import IntegrationError as IntegrationError
 from npend_gym.physics.linearisation import Linearisation as Linearisation

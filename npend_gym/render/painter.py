@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from npend_gym import _checks, _extras
 from npend_gym._palette import INK, PAPER, rgb
-from npend_gym.render.drawing import SAMPLES, draw_scene
-from npend_gym.render.scene import Scene
+from npend_gym.render.drawing import SAMPLES, Scene, draw_scene
 
 Frame = NDArray[np.uint8]
 

@@ -43,35 +43,29 @@ def finish(campaign: Campaign) -> tuple[str, bool]:
 
 def fit_rows(analysis: Analysis) -> list[dict[str, Any]]:
     """Return a row for every fitted number, with its confidence interval."""
-    return [row for group in analysis.groups for row in _group_rows(group)]
-
-
-def _group_rows(group: CellGroup) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
-
-    def add(fit: PowerFit | AmplitudeLaw, cells: str, exact: dict[str, float | None]) -> None:
-        rows.extend(
-            {
-                "group": group.label,
-                "cells": cells,
-                "n": _joined({result.n for result in fit.points}),
-                "parameter": name,
-                "value": getattr(fit, name).value,
-                "+-": getattr(fit, name).error,
-                "exact": value,
-                "largest_residual": float(np.abs(fit.residuals).max()),
-            }
-            for name, value in exact.items()
-        )
-
-    for power in group.powers:
-        cells = f"amplitude {power.amplitude:.6g}, spread {power.spread:.6g} rad"
-        add(power, cells, {"p": 0.5})
-    for law in group.laws:
-        largest = max(abs(result.start) for result in law.points)
-        add(law, f"{len(law.points)} cells up to {largest:.3g} rad",
-            {"c": law.exact, "b": None, "d": None})  # fmt: skip
-    return rows
+    fits: list[tuple[CellGroup, PowerFit | AmplitudeLaw, str, dict[str, float | None]]] = []
+    for group in analysis.groups:
+        for power in group.powers:
+            cells = f"amplitude {power.amplitude:.6g}, spread {power.spread:.6g} rad"
+            fits.append((group, power, cells, {"p": 0.5}))
+        for law in group.laws:
+            largest = max(abs(result.start) for result in law.points)
+            cells = f"{len(law.points)} cells up to {largest:.3g} rad"
+            fits.append((group, law, cells, {"c": law.exact, "b": None, "d": None}))
+    return [
+        {
+            "group": group.label,
+            "cells": cells,
+            "n": _joined({result.n for result in fit.points}),
+            "parameter": name,
+            "value": getattr(fit, name).value,
+            "+-": getattr(fit, name).error,
+            "exact": value,
+            "largest_residual": float(np.abs(fit.residuals).max()),
+        }
+        for group, fit, cells, exact in fits
+        for name, value in exact.items()
+    ]
 
 
 def _joined(n_values: set[int]) -> str:

@@ -112,26 +112,15 @@ def _law(
         for name, look in player.MODELS.items()
         if any(name in values for values in curves.values())
     ]  # fmt: skip
-    bobs = [
-        [run.n, float(t), f"N = {run.n}, trial {run.trial}, bob {bob}: {t:.4f} s"]
-        for run in runs
-        for bob, t in enumerate(run.periods, start=1)
-        if math.isfinite(t)
+    bobs = [(run, f"bob {k}", float(t)) for run in runs for k, t in enumerate(run.periods, start=1)]
+    means = [(run, "mean", run.mean) for run in runs]
+    centres = [(run, "centre of mass", run.com) for run in runs]
+    blue, pink = {"color": "blue", "kind": "points"}, {"color": "pink", "kind": "points"}
+    series += [
+        {"name": "each bob", "points": _finite(bobs), **blue, "style": "small"},
+        {"name": "mean of a trial", "points": _finite(means), **blue, "style": ""},
+        {"name": "centre of mass", "points": _finite(centres), **pink},
     ]
-    means = [
-        [run.n, run.mean, f"N = {run.n}, trial {run.trial}, mean: {run.mean:.4f} s"]
-        for run in runs
-        if math.isfinite(run.mean)
-    ]
-    for name, style, points in (("each bob", "small", bobs), ("mean of a trial", "", means)):
-        look = {"color": "blue", "kind": "points", "style": style}
-        series.append({"name": name, "points": points, **look})
-    centres = [
-        [run.n, run.com, f"N = {run.n}, trial {run.trial}, centre of mass: {run.com:.4f} s"]
-        for run in runs
-        if math.isfinite(run.com)
-    ]
-    series.append({"name": "centre of mass", "points": centres, "color": "pink", "kind": "points"})
     heights = [point[1] for one in series for point in one["points"]] or [1.0]
     axis = {"log": True}
     return {
@@ -139,3 +128,12 @@ def _law(
         "x": {"low": 0.8 * min(grid), "high": 1.25 * max(grid), **axis},
         "y": {"low": 0.8 * min(heights), "high": 1.25 * max(heights), **axis},
     }
+
+
+def _finite(measured: Sequence[tuple[Run, str, float]]) -> list[list[Any]]:
+    """Return the points of the diagram, for finite values: N, the value [s], what is said of it."""
+    return [
+        [run.n, value, f"N = {run.n}, trial {run.trial}, {name}: {value:.4f} s"]
+        for run, name, value in measured
+        if math.isfinite(value)
+    ]

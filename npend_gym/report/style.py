@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from functools import wraps
 from importlib.resources import as_file, files
 from typing import Any, ParamSpec
 
@@ -35,13 +34,7 @@ def context() -> Generator[None, None, None]:
 
 def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
     """Draw in the package's style, whatever the user's own."""
-
-    @wraps(draw)
-    def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
-        with context():
-            return draw(*args, **kwargs)
-
-    return styled
+    return context()(draw)
 
 
 def panels(

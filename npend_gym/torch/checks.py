@@ -40,10 +40,6 @@ class DivergedError(FloatingPointError):
             "differentiated: take smaller torques, shorter steps or more substeps"
         )
 
-    def in_step(self, step: int) -> DivergedError:
-        """Return the error with the number of the step."""
-        return DivergedError(self.lanes, step)
-
 
 def check_bars(bars: Sequence[FloatArray]) -> None:
     """Refuse gradients that a step cannot take back."""

@@ -255,7 +255,7 @@ class DifferentiableVectorEnv(ManyLanes):
             try:
                 self._theta, self._omega = applied(Step, call, *state, loads)
             except DivergedError as error:
-                raise error.in_step(self._taken) from None
+                raise DivergedError(error.lanes, self._taken) from None
 
     def _outcome(
         self, clipped: Tensor, fresh: Tensor | None

@@ -48,23 +48,6 @@ def test_the_command_prints_and_writes_the_same_table(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("--n 0", "n must be between"),
-        ("--amplitudes 0", "amplitudes must be greater than zero"),
-        ("--amplitudes 3.2", "amplitudes must lie within pi"),
-        ("--amplitudes 0.1,60", "amplitudes must lie within pi rad, got 60: 60 degrees are"),
-        ("--threads 0", "threads must be between 1 and"),
-    ],
-)
-def test_bad_grids_are_refused_before_a_folder_is_made(arguments, message, capsys, tmp_path):
-    with pytest.raises(SystemExit):
-        main(["--only", "com-law", *arguments.split(), "--out", str(tmp_path / "new")])
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "new").exists()
-
-
-@pytest.mark.parametrize(
     "chain",
     [
         Chain.uniform(1), Chain.uniform(4), Chain([1.0, 0.5, 2.0], [1.0, 0.3, 0.7]),

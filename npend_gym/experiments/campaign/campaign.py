@@ -23,7 +23,6 @@ from npend_gym.experiments.campaign import engine
 from npend_gym.experiments.campaign.parts import RELEASES, TABLES, write_cells
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task, digest_of
 from npend_gym.experiments.campaign.task import Record, run_task
-from npend_gym.experiments.parts import read_part
 
 filelock: Any = _extras.require("filelock", "campaign", "campaigns")
 
@@ -128,7 +127,9 @@ def check_folder(plan: CampaignPlan, out: Path, *, clean: bool = False) -> Folde
     damaged = incomplete = 0
     for task in plan.tasks():
         here = [found.pop((table, task.place), []) for table in TABLES]
-        whole = [[one for one in each if read_part(plan.digest, one) is not None] for each in here]
+        whole = [
+            [one for one in each if _files.read_part(plan.digest, one) is not None] for each in here
+        ]
         damaged += sum(map(len, here)) - sum(map(len, whole))
         kept = [paths[0] for paths in whole if paths] if all(whole) else []
         incomplete += any(whole) and not kept

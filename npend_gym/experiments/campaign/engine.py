@@ -33,9 +33,21 @@ class WorkersLostError(RuntimeError):
 
 @dataclass(frozen=True)
 class WorkerLost:
-    """In place of a result: every attempt at the task ended with the loss of its worker."""
+    """How a pool of workers ended before its tasks were done.
 
-    reason: str
+    In place of a result: every attempt at the task ended so.
+    """
+
+    running: list[Any]  # tasks, in the order of dispatch
+    returned: int  # results before it
+    error: Exception | None
+
+    @property
+    def reason(self) -> str:
+        """What the backend says."""
+        text = str(self.error or "the backend gave up").strip()
+        kind = type(self.error).__name__ if self.error else "lost"
+        return f"{kind}: {text.splitlines()[0]}"
 
 
 @contextmanager
@@ -141,27 +153,12 @@ def run(work: Callable[[_T], _R], tasks: Iterable[_T]) -> Iterator[tuple[_T, _R 
             if loss is None or loss.returned or loss.running:
                 break  # otherwise the workers were not ready yet: it has not been tried
         if loss is not None and not loss.returned:
-            yield task, WorkerLost(loss.reason)
-
-
-@dataclass
-class _Loss:
-    """How a pool of workers ended before its tasks were done."""
-
-    running: list[Any]  # in the order of dispatch
-    returned: int  # results before it
-    error: Exception | None
-
-    @property
-    def reason(self) -> str:
-        text = str(self.error or "the backend gave up").strip()
-        kind = type(self.error).__name__ if self.error else "lost"
-        return f"{kind}: {text.splitlines()[0]}"
+            yield task, loss
 
 
 def _in_one_pool(
     work: Callable[[_T], _R], tasks: Iterable[_T]
-) -> Generator[tuple[_T, _R], None, _Loss | None]:
+) -> Generator[tuple[_T, _R], None, WorkerLost | None]:
     """Yield tasks and results, until all are done or a worker is lost; return that loss."""
     running: dict[_T, None] = {}
     returned, error = 0, None
@@ -181,7 +178,7 @@ def _in_one_pool(
             yield task, result
     except Exception as raised:  # noqa: BLE001 - each backend has its own for a lost worker
         error = raised
-    return _Loss([*running], returned, error) if running or error else None
+    return WorkerLost([*running], returned, error) if running or error else None
 
 
 def _labelled(work: Callable[[_T], _R], task: _T) -> tuple[_T, _R]:

@@ -14,7 +14,6 @@ from npend_gym import _checks, _extras, _files, theory
 from npend_gym._checks import FloatArray
 from npend_gym._provenance import provenance
 from npend_gym.experiments.campaign.plan import OF_CHAIN, CampaignPlan, Task
-from npend_gym.experiments.parts import read_part, write_part
 
 pa: Any = _extras.require("pyarrow", "campaign", "campaigns")  # it has no types
 pq: Any = _extras.require("pyarrow.parquet", "campaign", "campaigns")
@@ -41,7 +40,7 @@ def write_parts(
     """Write the parts of a task below `out`, whole or not at all; return that of RELEASES."""
     about = provenance({"plan": plan.digest, "task": task.id}, plan.seed)
     _, releases = (
-        write_part(plan.digest, out / name / task.place, _parquet(table, about), ".parquet")
+        _files.write_part(plan.digest, out / name / task.place, _parquet(table, about), ".parquet")
         for name, table in (
             (BOBS, _bobs(plan, task, periods)),
             (RELEASES, _releases(plan, task, starts, periods)),
@@ -171,7 +170,7 @@ def _read_bounded(plan: CampaignPlan, path: Path, rows: int) -> Any:
     """Return a part as a table, if it takes no more memory than this number of rows needs."""
     if not path.is_file() or path.stat().st_size > len(_RELEASE) * (16 * rows + 4096):
         raise ValueError("it is no file of such a size")
-    data = read_part(plan.digest, path)
+    data = _files.read_part(plan.digest, path)
     if data is None:  # pyarrow may end the process on damage
         raise ValueError("its bytes are not those that its name says")
     file = pq.ParquetFile(pa.BufferReader(data), **_THRIFT)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from npend_gym._checks import FloatArray
-from npend_gym.experiments import draws
+from npend_gym.experiments import release
 from npend_gym.experiments.campaign.parts import write_parts
 from npend_gym.experiments.campaign.plan import CampaignPlan, Task
 from npend_gym.period import pseudo_periods
@@ -87,7 +87,7 @@ def _starts(plan: CampaignPlan, task: Task, index: int) -> FloatArray:
     """Return the starting angles [rad] of the releases of a cell that are in the task."""
     cell, base = plan.cell(index), index * plan.trials
     first, last = max(task.first - base, 0), min(task.last - base, plan.trials)
-    return draws.starts(plan.seed, first, last - first, cell["amplitude"], cell["spread"])
+    return release.starts(plan.seed, first, last - first, cell["amplitude"], cell["spread"])
 
 
 def _periods(plan: CampaignPlan, angles: FloatArray, cell: Mapping[str, Any]) -> FloatArray:

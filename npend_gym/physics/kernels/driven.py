@@ -8,13 +8,8 @@ from typing import Any, NamedTuple
 
 from npend_gym._checks import FloatArray
 from npend_gym.compiled.callbacks import call_function
-from npend_gym.compiled.jit import chosen_by_type, inlined_kernel
-from npend_gym.physics.kernels.dynamics import (
-    AnyArrays,
-    accelerations,
-    accelerations_kept,
-    derivative,
-)
+from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, inner_kernel
+from npend_gym.physics.kernels.dynamics import AnyArrays, accelerations, accelerations_kept
 from npend_gym.physics.kernels.link_terms import Base, LinkArrays, MachineArrays
 from npend_gym.physics.kernels.springs import SpringArrays
 from npend_gym.physics.kernels.tensions import ChainArrays
@@ -132,26 +127,12 @@ def driven_accelerations(
     raise NotImplementedError
 
 
-@inlined_kernel
-def _steady_slope(
-    t: Any, y: FloatArray, torque: FloatArray, chain: AnyArrays, work: FloatArray, dydt: FloatArray
-) -> None:
-    derivative(y, torque, chain, work, dydt)
-
-
-@inlined_kernel
-def _driven_slope(
-    t: Any, y: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray, dydt: FloatArray
-) -> None:
-    size = y.size // 2
-    for i in range(size):
-        dydt[i] = y[size + i]
-    driven_accelerations(t, y[:size], y[size:], torque, chain, work, dydt[size:])
-
-
-@chosen_by_type("torque", {0: _steady_slope, Driven: _driven_slope, Sampled: _driven_slope})
+@inner_kernel
 def slope(
     t: Any, y: FloatArray, torque: Torque, chain: AnyArrays, work: FloatArray, dydt: FloatArray
 ) -> None:
     """Write the time derivative of the state y = (q, u) at the instant `t` into `dydt`."""
-    raise NotImplementedError
+    size = y.size // 2
+    for i in range(size):
+        dydt[i] = y[size + i]
+    driven_accelerations(t, y[:size], y[size:], torque, chain, work, dydt[size:])

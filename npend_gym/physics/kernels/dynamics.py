@@ -19,30 +19,10 @@ from npend_gym._checks import FloatArray
 from npend_gym.chain import ChainParameters
 from npend_gym.compiled.arrays import aligned_zeros
 from npend_gym.compiled.jit import chosen_by_type, inner_kernel, kernel
+from npend_gym.physics.kernels import links, springs, tensions
 from npend_gym.physics.kernels.link_terms import LinkArrays, MachineArrays, link_arrays
-from npend_gym.physics.kernels.links import (
-    link_energies,
-    links_respond,
-    machine_damped,
-    machine_energies,
-    machine_power,
-    machine_respond,
-    solve_links,
-    solve_links_kept,
-    solve_machine,
-    solve_machine_kept,
-)
-from npend_gym.physics.kernels.springs import SpringArrays, solve_springs, springs_respond
-from npend_gym.physics.kernels.tensions import (
-    ChainArrays,
-    any_damped,
-    bob_energies,
-    chain_arrays,
-    damping_power,
-    solve_tensions,
-    solve_tensions_kept,
-    tensions_respond,
-)
+from npend_gym.physics.kernels.springs import SpringArrays
+from npend_gym.physics.kernels.tensions import ChainArrays, chain_arrays
 
 WORK_ROWS = 7
 ANSWER_ROWS = 3  # of `respond`
@@ -75,10 +55,10 @@ def copy(source: FloatArray, target: FloatArray) -> None:
 @chosen_by_type(
     "chain",
     {
-        ChainArrays: solve_tensions,
-        LinkArrays: solve_links,
-        MachineArrays: solve_machine,
-        SpringArrays: solve_springs,
+        ChainArrays: tensions.solve_tensions,
+        LinkArrays: links.solve_links,
+        MachineArrays: links.solve_machine,
+        SpringArrays: springs.solve_springs,
     },
 )
 def accelerations(
@@ -97,10 +77,10 @@ def accelerations(
 @chosen_by_type(
     "chain",
     {
-        ChainArrays: solve_tensions_kept,
-        LinkArrays: solve_links_kept,
-        MachineArrays: solve_machine_kept,
-        SpringArrays: solve_springs,
+        ChainArrays: tensions.solve_tensions_kept,
+        LinkArrays: links.solve_links_kept,
+        MachineArrays: links.solve_machine_kept,
+        SpringArrays: springs.solve_springs,
     },
 )
 def accelerations_kept(
@@ -114,10 +94,10 @@ def accelerations_kept(
 @chosen_by_type(
     "chain",
     {
-        ChainArrays: tensions_respond,
-        LinkArrays: links_respond,
-        MachineArrays: machine_respond,
-        SpringArrays: springs_respond,
+        ChainArrays: tensions.tensions_respond,
+        LinkArrays: links.links_respond,
+        MachineArrays: links.machine_respond,
+        SpringArrays: springs.springs_respond,
     },
 )
 def respond(
@@ -145,7 +125,12 @@ def derivative(
 
 
 @chosen_by_type(
-    "chain", {ChainArrays: damping_power, LinkArrays: damping_power, MachineArrays: machine_power}
+    "chain",
+    {
+        ChainArrays: tensions.damping_power,
+        LinkArrays: tensions.damping_power,
+        MachineArrays: links.machine_power,
+    },
 )
 def joint_power(u: FloatArray, chain: AnyArrays) -> float:
     """Return the power that damping and dry friction take [W]."""
@@ -153,7 +138,12 @@ def joint_power(u: FloatArray, chain: AnyArrays) -> float:
 
 
 @chosen_by_type(
-    "chain", {ChainArrays: any_damped, LinkArrays: any_damped, MachineArrays: machine_damped}
+    "chain",
+    {
+        ChainArrays: tensions.any_damped,
+        LinkArrays: tensions.any_damped,
+        MachineArrays: links.machine_damped,
+    },
 )
 def any_power(chain: AnyArrays) -> bool:
     """Return whether `joint_power` may differ from zero."""
@@ -162,7 +152,11 @@ def any_power(chain: AnyArrays) -> bool:
 
 @chosen_by_type(
     "chain",
-    {ChainArrays: bob_energies, LinkArrays: link_energies, MachineArrays: machine_energies},
+    {
+        ChainArrays: tensions.bob_energies,
+        LinkArrays: links.link_energies,
+        MachineArrays: links.machine_energies,
+    },
 )
 def energies(
     omega: FloatArray, carried: FloatArray, mass: FloatArray, velocity: FloatArray,

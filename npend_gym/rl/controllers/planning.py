@@ -19,7 +19,7 @@ from npend_gym._checks import FloatArray
 from npend_gym.envs import EnvConfig
 from npend_gym.envs.goals import checked_equilibrium
 from npend_gym.rl.controllers.mpc import MPC
-from npend_gym.rl.controllers.regulators import StateFeedback, regulator, riccati, state_weights
+from npend_gym.rl.controllers.regulators import StateFeedback, riccati, state_weights
 from npend_gym.rl.controllers.step_model import (
     StepModel,
     at_rest,
@@ -266,7 +266,8 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
     start, goal = (np.remainder(nominal.states[k, : config.n], 2.0 * np.pi) for k in (0, -1))
     joints, costs = b.shape[2], np.empty((len(a) + 1, *a.shape[1:]))
     gains, hessians = np.empty((len(a), joints, a.shape[2])), np.empty((len(a), joints, joints))
-    s = costs[-1] = riccati(config, goal, 1.0)[1]
+    at_goal, s = riccati(config, goal, 1.0)
+    costs[-1] = s
     for k in reversed(range(len(a))):
         hessians[k] = np.eye(joints) + b[k].T @ s @ b[k]
         gains[k] = np.linalg.solve(hessians[k], b[k].T @ s @ a[k])
@@ -274,5 +275,6 @@ def track(config: EnvConfig, nominal: NominalTrajectory, settle: float) -> Plann
         s = costs[k] = 0.5 * (s + s.T)
     return PlannedTransition(
         nominal, gains, costs, np.diagonal(hessians, axis1=1, axis2=2),
-        regulator(config, start), regulator(config, goal), settle,
+        StateFeedback(config, start, riccati(config, start, 1.0)[0]),
+        StateFeedback(config, goal, at_goal), settle,
     )  # fmt: skip

@@ -133,14 +133,7 @@ def lqr(
     check_config(config)
     checked_equilibrium("angle", _checks.vector("angle", angle, config.n))
     weight = _checks.positive_number("action_weight", action_weight)
-    return regulator(config, angle, weight)
-
-
-def regulator(
-    config: EnvConfig, angle: float | FloatArray, action_weight: float = 1.0
-) -> StateFeedback:
-    """Return what `lqr` does, also about angles that are an equilibrium but nearly."""
-    return StateFeedback(config, angle, riccati(config, angle, action_weight)[0])
+    return StateFeedback(config, angle, riccati(config, angle, weight)[0])
 
 
 def riccati(

@@ -7,7 +7,7 @@ dfki-ric-underactuated-lab/double_pendulum has the numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -127,7 +127,32 @@ class WrongModel:
     def groups(self, name: str, trial: Trial) -> list[Group]:
         """Return an environment for each parameter, with lanes for each rod and value."""
         del name
-        return list(_wrong(trial.config, trial.values))
+        chain, values = trial.config.chain, trial.values
+        groups: list[Group] = []
+        for parameter in _PARAMETERS:
+            nominal: FloatArray = getattr(chain, parameter)
+            rods = [i for i in range(chain.n) if nominal[i] != 0.0 or parameter in _WHERE_ZERO]
+            if not rods or (parameter in _OF_LINKS and chain.has_bobs):
+                continue
+            tried = np.tile(nominal, (len(rods), values, 1))
+            for row, i in zip(tried, rods, strict=True):
+                row[:, i] = (
+                    np.linspace(*_FACTORS, values) * nominal[i]
+                    if nominal[i] != 0.0
+                    else np.linspace(0.0, _WHERE_ZERO[parameter], values)
+                )
+            keywords: dict[str, Any] = {}
+            # options give friction to environments alone that were made with some
+            if parameter == "friction":
+                keywords["randomize"] = {parameter: {"low": 0.0, "high": float(tried.max())}}
+            group = Group(
+                [f"{parameter}[{i}]" for i in rods for _ in range(values)],
+                np.concatenate([row[:, i] for row, i in zip(tried, rods, strict=True)]),
+                keywords=keywords,
+                options={parameter: tried.reshape(-1, chain.n)},
+            )
+            groups.append(group)
+        return groups
 
 
 @dataclass(frozen=True)
@@ -186,30 +211,3 @@ CRITERIA: Mapping[str, Any] = MappingProxyType(
     }
 )
 """The criteria of `robustness` by name: six that are published and make the score, and two more."""
-
-
-def _wrong(config: EnvConfig, values: int) -> Iterator[Group]:
-    """Yield the rollouts with wrong parameters of the chain."""
-    chain = config.chain
-    names = [n for n in _PARAMETERS if not (n in _OF_LINKS and chain.has_bobs)]
-    for name in names:
-        nominal: FloatArray = getattr(chain, name)
-        rods = [i for i in range(chain.n) if nominal[i] != 0.0 or name in _WHERE_ZERO]
-        if not rods:
-            continue
-        tried = np.tile(nominal, (len(rods), values, 1))
-        for row, i in zip(tried, rods, strict=True):
-            row[:, i] = (
-                np.linspace(*_FACTORS, values) * nominal[i]
-                if nominal[i] != 0.0
-                else np.linspace(0.0, _WHERE_ZERO[name], values)
-            )
-        keywords: dict[str, Any] = {}
-        if name == "friction":  # options give it to environments alone that were made with some
-            keywords["randomize"] = {name: {"low": 0.0, "high": float(tried.max())}}
-        yield Group(
-            [f"{name}[{i}]" for i in rods for _ in range(values)],
-            np.concatenate([row[:, i] for row, i in zip(tried, rods, strict=True)]),
-            keywords=keywords,
-            options={name: tried.reshape(-1, chain.n)},
-        )

@@ -6,6 +6,7 @@ dfki-ric-underactuated-lab/double_pendulum have the definitions and the numbers.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -21,14 +22,6 @@ from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
 UP = 0.9  # of the chain's length: the tip above it is up
 _SAMPLING = 0.002  # s: their time step, by which the smoothness of the torque is judged
-# What counts as most, for their robot
-_MOST = {
-    "swing_up_time": 20.0,  # s
-    "energy": 60.0,  # J
-    "torque_cost": 20.0,  # N^2 m^2 s
-    "smoothness": 0.1,  # N m
-    "velocity_cost": 400.0,  # rad^2/s
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,12 +169,11 @@ def _most(config: EnvConfig) -> dict[str, float]:
     """Return what counts as most of each criterion, in the scale of the chain."""
     chain, robot = config.chain, Chain.realaigym("C.1", motors=False)
     energy = chain.lifting_energy / robot.lifting_energy
-    time = np.sqrt(chain.total_length / robot.total_length)
-    scales = {
-        "swing_up_time": time,
-        "energy": energy,
-        "torque_cost": energy**2 * time,
-        "smoothness": energy,
-        "velocity_cost": 1.0 / time,
+    time = math.sqrt(chain.total_length / robot.total_length)
+    return {  # the numbers are for their robot
+        "swing_up_time": 20.0 * time,  # s
+        "energy": 60.0 * energy,  # J
+        "torque_cost": 20.0 * (energy**2 * time),  # N^2 m^2 s
+        "smoothness": 0.1 * energy,  # N m
+        "velocity_cost": 400.0 * (1.0 / time),  # rad^2/s
     }
-    return {name: _MOST[name] * float(scale) for name, scale in scales.items()}

@@ -17,7 +17,7 @@ from npend_gym.rl.evaluation.criteria import CRITERIA, Group, Trial
 from npend_gym.rl.evaluation.models import Model, as_controller
 from npend_gym.rl.evaluation.rollouts import Controller, Lanes, Observer, rollout
 from npend_gym.rl.evaluation.seeds import HELD_OUT
-from npend_gym.rl.evaluation.settings import EnvLike, Setting, judging, setting_of
+from npend_gym.rl.evaluation.settings import EnvLike, judging, setting_of
 
 
 class Outcome(NamedTuple):
@@ -183,14 +183,22 @@ def robustness(
     outcomes: dict[str, Outcome] = {}
     for name in progress(criteria):
         criterion = criteria[name]
-        groups = criterion.groups(name, trial)
-        if groups:
-            survived = _survived(observer, nominal, groups, seed)
-            outcomes[name] = Outcome(
-                [parameter for group in groups for parameter in group.parameters],
-                np.concatenate([group.values for group in groups]),
-                survived, criterion.unit, criterion.scored,
-            )  # fmt: skip
+        groups: list[Group] = criterion.groups(name, trial)
+        if not groups:
+            continue
+        lanes = Lanes([group.make(nominal) for group in groups])
+        success: BoolArray = np.zeros(lanes.num_envs, np.bool_)
+        options = [group.options for group in groups]
+        for running, _, _, info in rollout(observer, lanes, seed, options):
+            success = np.where(running, info["success"], success)
+        parts = zip(groups, lanes.split(success), strict=True)
+        outcomes[name] = Outcome(
+            [parameter for group in groups for parameter in group.parameters],
+            np.concatenate([group.values for group in groups]),
+            np.concatenate([group.survived(part) for group, part in parts]),
+            criterion.unit,
+            criterion.scored,
+        )
     if not outcomes:
         raise ValueError(f"criteria must have one that fits this environment, got {list(criteria)}")
     arguments = {
@@ -202,16 +210,3 @@ def robustness(
         "seconds": seconds,
     }
     return Robustness(outcomes, provenance(arguments, seed))
-
-
-def _survived(
-    controller: Controller, nominal: Setting, groups: list[Group], seed: int
-) -> BoolArray:
-    """Play the rollouts of a criterion; return which of its values were survived."""
-    lanes = Lanes([group.make(nominal) for group in groups])
-    success: BoolArray = np.zeros(lanes.num_envs, np.bool_)
-    options = [group.options for group in groups]
-    for running, _, _, info in rollout(controller, lanes, seed, options):
-        success = np.where(running, info["success"], success)
-    parts = zip(groups, lanes.split(success), strict=True)
-    return np.concatenate([group.survived(part) for group, part in parts])

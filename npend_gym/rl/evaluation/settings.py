@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
@@ -34,13 +33,7 @@ _OF_MAKING = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")
 
 def judging(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Decorate a function that judges a model in an environment, by PyTorch in one thread."""
-
-    @functools.wraps(function)
-    def in_one_thread(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        with one_torch_thread():
-            return function(*args, **kwargs)
-
-    return _keywords_moved(in_one_thread)
+    return _keywords_moved(one_torch_thread()(function))
 
 
 class Setting(NamedTuple):

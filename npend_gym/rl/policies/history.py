@@ -18,9 +18,6 @@ class History:
     start, and the action 0.
     """
 
-    # in a training run, see its checkpoints
-    changes: tuple[str, ...] = ("frames", "_action", "_begins")
-
     def __init__(self, length: int, observed: int, joints: int) -> None:
         self._shape, self._observed = (length, observed + joints), observed
         self.reset(0)

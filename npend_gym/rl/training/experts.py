@@ -8,7 +8,7 @@ chains with noisy actions come less far away.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,15 +28,14 @@ from npend_gym.rl.controllers.planning import (
 )
 from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of, wrapped
 from npend_gym.rl.controllers.transcription import NominalTrajectory
-from npend_gym.rl.controllers.transitions import Pair, PlannedTransitions, planned_transitions
+from npend_gym.rl.controllers.transitions import Pair, planned_transitions
 from npend_gym.rl.evaluation.seeds import episode_seeds
 from npend_gym.rl.evaluation.settings import keywords_of, setting_of
 from npend_gym.rl.policies.observations import observation_of
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.policies.shipped import find_policy
-from npend_gym.rl.training.chain_plans import ChainPlans, Changes, wrong_chains
+from npend_gym.rl.training.chain_plans import ChainPlans, Changes, PlanTracker, wrong_chains
 from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL
-from npend_gym.rl.training.plan_tracker import PlanTracker
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
 _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64)  # standard deviation of actions, in each lane
@@ -48,51 +47,15 @@ _STATE = "theta", "omega", "cart_position", "cart_velocity"  # in `info`
 _WIDTHS, _REACH = (1.0, 2.0, 4.0, 8.0), 15.0  # of changes, in steps
 
 
-class Expert(Protocol):
-    """What is asked of an expert."""
-
-    chains: Sequence[Changes]  # which it knows; the first is the nominal one
-    pairs: Sequence[Pair]  # of equilibria, between which it leads; none where the task has no goals
-
-    def begin(self, which: NDArray[np.int64], round_: int) -> None:
-        """Begin a round, in lanes with the chains, or pairs, of these numbers, (B,)."""
-
-    def tracking(self, info: dict[str, Any]) -> Tracking:
-        """Return the actions, and how far the states are from where they should be."""
-        ...
-
-
-class GoalPlans(PlanTracker):
-    """The expert of a mode with goals: a plan for each pair of equilibria."""
-
-    chains: Sequence[Changes] = ()
-
-    def __init__(self, config: EnvConfig, plans: PlannedTransitions) -> None:
-        self.pairs: Sequence[Pair] = list(plans.plans)
-        super().__init__(config, list(plans.plans.values()))
-
-
-class Rescuer(Protocol):
-    """Who acts where an expert has lost a chain."""
-
-    begins: float  # cost of a deviation from which it acts
-
-    def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
-        """Return in which lanes it acts, (B,), with the chains of these numbers, in a round."""
-        ...
-
-    def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
-        """Return the actions in some lanes; `info` is of these alone."""
-        ...
-
-
 class Rescued:
     """An expert that leaves a chain that it has lost to a rescuer, until that brings it back.
 
     `tracking` tells lower costs than `lost` where the rescuer helps: there no chain is ever lost.
     """
 
-    def __init__(self, expert: Expert, rescuer: Rescuer, lost: float) -> None:
+    def __init__(
+        self, expert: PlanTracker, rescuer: PolicyRescuer | Replanning, lost: float
+    ) -> None:
         self._expert, self._rescuer, self._lost = expert, rescuer, lost
         self.chains: Sequence[Changes] = expert.chains
         self.pairs: Sequence[Pair] = expert.pairs
@@ -114,11 +77,15 @@ class Rescued:
         return tracking._replace(actions=actions, relative_cost=below)
 
 
+Expert = PlanTracker | Rescued
+
+
 class PolicyRescuer:
     """A policy without a memory; it helps every chain."""
 
     def __init__(self, policy: Policy, begins: float) -> None:
-        self._policy, self.begins = policy, begins
+        self._policy = policy
+        self.begins: float = begins  # cost of a deviation from which it acts
 
     def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
         """Return in which lanes it acts: in all."""
@@ -171,7 +138,8 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         return None  # it would be the same expert
     if config.mode.has_goals:
         options: dict[str, Any] = {"settle": 0.0, "tries": settings.guesses, "seed": settings.seed}
-        return GoalPlans(config, planned_transitions(config, settings.seconds, **options))
+        of_pairs = planned_transitions(config, settings.seconds, **options).plans
+        return PlanTracker(config, list(of_pairs.values()), pairs=list(of_pairs))
     wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
     chains = wrong_chains(config.chain, settings.seed) if wrong else []
     if not swings_up:
