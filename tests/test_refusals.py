@@ -49,6 +49,7 @@ REFUSED = [
     ("simulate --plot a.jpg", "plot must be a file that ends in .png or .pdf, got a.jpg"),
     ("simulate --n 0 --film a.gif", "n must be between 1"),
     ("simulate --fps 0 --film a.gif", "fps must be greater than zero"),
+    ("simulate -n 1 --fps 60 --film a.gif", "fps must be at most 50 in a GIF"),
     ("simulate --speed -1 --film a.gif", "speed must be greater than zero"),
     ("simulate --size 241 --film a.gif", "size must be even"),
     ("simulate --size 8 --film a.gif", "size must be between"),
@@ -102,12 +103,70 @@ REFUSED = [
     ("evaluate swingup-1 --env dampign=1", "did you mean 'damping'"),
     ("evaluate swingup-1 --env chain=none.json", "must be one of acrobot"),
     ("evaluate swingup-1 --env damping", "must be NAME=VALUE, got damping"),
+    ("evaluate swingup-1 --env max_torque=-1 --out {new}", "max_torque must be zero or more"),
     ("train swingup-2-fast", 'task must be like "swingup-2" or "swingup-2-robust"'),
     ("train swing-2", 'task must be like "swingup-2"'),
     ("train calm", 'task must be like "swingup-2"'),
     ("train calm-2 --algorithm dqn", "algorithm must be one of shac, imitation"),
     ("train calm-2 --set gama=0.9", "--set must name one of total_timesteps"),
-]
+    ("train swingup-1 --set total_timesteps=0", "total_timesteps must be at least 1"),
+    ("train swingup-1 --env threads=2", "shac does not use threads: leave it out; got 2"),
+    ("train swingup-1 --algorithm imitation --set rounds=1", "rounds must be at least 2"),
+    ("train swingup-1 --out {new}/a --seed -1", "seed must be between 0 and 2147483647"),
+    ("train swingup-1 --set critic_hidden=0.5", "critic_hidden must be an integer, got 0.5"),
+    *(
+        (f"train swingup-1 --algorithm imitation --set {setting}", message)
+        for setting, message in (
+            ("minibatch_size=0", "minibatch_size must be at least 1, got 0"),
+            ("learning_rate=-1", "learning_rate must be zero or more, got -1"),
+            ("averaging=1", "averaging must lie from 0 to below 1, got 1"),
+            ("plan_seed=-1", "plan_seed must be at least 0, got -1"),
+            ("max_states=1", "max_states must be at least 512, got 1"),
+            ("kept=2", "kept must be at most 1, got 2"),
+            ("obs_scale=0", "obs_scale must be greater than zero"),
+            ("demonstrator=5", "demonstrator must be a text, got 5"),
+            ("errors=5", "errors must be a dict, got 5"),
+        )
+    ),
+    ("train swingup-2 --algorithm imitation --seed -1", "seed must be between 0 and 2147483647"),
+    *(
+        (f"train swingup-2 --algorithm shac --seed {seed}", f"and 2147483647, got {seed}")
+        for seed in (-1, 2**31, 2**70)
+    ),
+    *(
+        (f"train swingup-2 --algorithm shac --env {setting}", "shac does not use " + name)
+        for name, setting in [
+            ("randomize", 'randomize={{"velocity_noise":{{"low":0,"high":1}}}}'),
+            *((name, f"{name}=1") for name in (
+                "velocity_noise", "observation_delay", "action_delay", "motor_lag", "torque_noise",
+            )),
+            *((name, f"{name}=3") for name in ("torque_levels", "max_episode_steps")),
+        ]
+    ),
+    *(
+        (f"train swingup-2 --algorithm imitation --env {name}=3", f"imitation does not use {name}")
+        for name in ("max_episode_steps", "torque_levels")
+    ),
+    *(
+        (f"train swingup-2 --algorithm {name} --env {setting}", message)
+        for name, setting, message in (
+            ("imitation", "observation=angles", 'observation must be "sincos" for imitation'),
+            ("imitation", "mode=passive", "mode must be one with an expert"),
+            ("shac", "observation=angles", 'observation must be "sincos" for shac'),
+            ("shac", "mode=passive", "mode must be one that shac learns"),
+            ("shac", "dampign=1", "did you mean 'damping'"),
+        )
+    ),
+    # exports
+    ("export --to mjcf --out a.xml", "--to mjcf needs --chain"),
+    ("export --chain acrobot --to mjcf --out a.xml calm-1", "policy must be left out with --to"),
+    ("export calm-1 --to c --out a.h --motors 1", "--motors is for --to mjcf"),
+    ("export --chain acrobot --to urdf --out a.urdf --motors 0", "--motors is for --to mjcf"),
+    ("export --chain acrobot --to c --out a.h", "--chain is for --to mjcf or urdf"),
+    ("export calm-1 --to c --prefix 1a --out {new}/a.h", "prefix must be a letter"),
+    ("export calm-1 --to c --out policy.c", "out must be a file that ends in .h"),
+    ("export calm --to c --prefix arm --relative --out a.h", "policy must be a file or one of"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("line", "message"), REFUSED)

@@ -80,7 +80,7 @@ def test_a_share_of_the_reward_is_for_a_tip_where_recovery_counts_it_as_up():
     ({"updates": 0}, "updates must be"),
     ({"horizon": 0}, "horizon must be"),
     ({"gamma": 1.0}, "gamma must lie from 0 to below 1"),
-    ({"uptime": -0.1}, "uptime must lie from 0 to below 1"),
+    ({"uptime": 1.0}, "uptime must lie from 0 to below 1"),
 ])  # fmt: skip
 def test_settings_that_cannot_teach_are_refused_by_name(changes, message):
     from npend_gym.rl.training import shac

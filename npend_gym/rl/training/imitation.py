@@ -48,6 +48,7 @@ from npend_gym.rl.training.optimizers import Optimizer
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
+    check_settings,
     env_of_task,
     network,
     observation_scale,
@@ -286,11 +287,22 @@ def train(
     config = used_config("imitation", settings.env, OF_ENV)
     if not isinstance(config.mode, (SwingUp, Balance, Calm, Transition)):
         raise ValueError(f"mode must be one with an expert, got {config.mode!r}")
+    if not isinstance(cast("Any", settings.errors), dict):
+        raise TypeError(f"errors must be a dict, got {_checks.show(settings.errors)}")
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
+    check_settings(settings)
     _checks.count("rounds", settings.rounds, low=2)
+    _checks.count("max_states", settings.max_states, low=settings.num_envs)
+    if settings.plan_seed is not None:
+        _checks.count("plan_seed", settings.plan_seed, low=0)
+    if settings.averaging >= 1.0:
+        raise ValueError(f"averaging must lie from 0 to below 1, got {settings.averaging}")
     for name in ("student_fraction", "kept"):
         _checks.positive_number(name, getattr(settings, name))
+    for name in ("student_fraction", "expert_fraction", "kept"):
+        if getattr(settings, name) > 1.0:
+            raise ValueError(f"{name} must be at most 1, got {getattr(settings, name)}")
     if settings.rescuer and not isinstance(config.mode, SwingUp):
         raise ValueError(
             f'rescuer must be left out in mode "{config.mode.name}", it helps in swing-ups alone; '
@@ -342,6 +354,12 @@ _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
     "errors": {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
                PUSHES: 0.18},
 }  # fmt: skip
+_FIVE: dict[str, Any] = _LONG | {
+    "plan_seed": 0, "tries": 4, "variants": 300, "first_level": 0.1, "standing": 220, "length": 10,
+    "rounds": 240, "hidden": 288, "muon_learning_rate": 0.015,
+    "errors": {NOTHING: 0.2, CHAIN: 0.25, "torque_noise": 0.15, "motor_lag": 0.06, "delay": 0.2,
+               PUSHES: 0.14},
+}  # fmt: skip
 _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
     "obs_scale": (0.5, 0.5, 4.0),
@@ -366,6 +384,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
     "swingup-3-robust": _THREE,
     "swingup-4-robust": _FOUR,
+    "swingup-5-robust": _FIVE,
     "calm-2-robust": {"rounds": 20, "hidden": 48},
     "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
     "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
@@ -393,7 +412,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
     "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
 }
-_FROM_ANGLES = ("swingup-5", "swingup-3-robust", "swingup-4-robust")  # no velocities are observed
+_FROM_ANGLES = "swingup-5", *(f"swingup-{n}-robust" for n in (3, 4, 5))  # without velocities
 
 
 def settings_of(task: str, **changes: Any) -> Settings:

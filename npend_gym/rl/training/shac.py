@@ -34,6 +34,7 @@ from npend_gym.rl.training.short_horizons import Collector, Horizons, Task
 from npend_gym.rl.training.tasks import (
     Curve,
     TrainingSettings,
+    check_settings,
     env_of_task,
     network,
     policy_of,
@@ -216,8 +217,7 @@ def train(
                 f"shac does not use randomize[{name!r}], only parameters of the chain and "
                 "max_torque: leave it out, or train by imitation"
             )
-    for name in ("total_timesteps", "num_envs", "horizon", "updates", "batch_size"):
-        _checks.count(name, getattr(settings, name))
+    check_settings(settings)
     _checks.count("memory", settings.memory, low=settings.num_envs * settings.horizon)
     for name in ("gamma", "uptime"):
         if not 0.0 <= getattr(settings, name) < 1.0:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from npend_gym import _files
+from npend_gym import _checks, _files
 from npend_gym._provenance import provenance
 from npend_gym.chain import Chain
 from npend_gym.envs.modes import MODES
@@ -33,6 +33,25 @@ class TrainingSettings:
 
     def __post_init__(self) -> None:
         training_seed(self.seed)
+
+
+def check_settings(settings: TrainingSettings) -> None:
+    """Refuse settings that cannot be: texts that are none, numbers that are negative.
+
+    Counts and scales that are positive by default must be positive.
+    """
+    for each in fields(settings):
+        name, default, value = each.name, each.default, getattr(settings, each.name)
+        if isinstance(default, str):
+            if not isinstance(value, str):
+                raise TypeError(f"{name} must be a text, got {_checks.show(value)}")
+        elif isinstance(default, int):
+            _checks.count(name, value, low=min(default, 1))
+        elif isinstance(default, float):
+            _checks.nonnegative_number(name, value)
+        elif isinstance(default, tuple):
+            size = len(cast("tuple[float, ...]", default))
+            _checks.positive(name, _checks.vector(name, value, size))
 
 
 # Of a "robust" task: a new chain in every episode, 20 % about the default, with damped joints
