@@ -357,8 +357,8 @@ _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
 _FIVE: dict[str, Any] = _LONG | {
     "plan_seed": 0, "tries": 4, "variants": 300, "first_level": 0.1, "standing": 220, "length": 10,
     "rounds": 240, "hidden": 288, "muon_learning_rate": 0.015,
-    "errors": {NOTHING: 0.2, CHAIN: 0.25, "torque_noise": 0.15, "motor_lag": 0.06, "delay": 0.2,
-               PUSHES: 0.14},
+    "errors": {NOTHING: 0.13, CHAIN: 0.32, "torque_noise": 0.15, "motor_lag": 0.08, "delay": 0.22,
+               PUSHES: 0.1},
 }  # fmt: skip
 _ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
     "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
