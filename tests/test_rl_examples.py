@@ -210,14 +210,14 @@ def test_the_configs_of_robust_policies_draw_the_chains_of_the_task(task):
 
 def test_the_records_of_robust_policies_say_which_chains_they_were_shown():
     pytest.importorskip("torch")
-    from npend_gym.rl.training import imitation
+    from npend_gym.rl.training.imitation_settings import ERRORS
     from npend_gym.rl.training.tasks import env_of_task
 
     trained = Policy.pretrained("swingup-1-robust")
     assert trained.env["randomize"] == trained.provenance["arguments"]["env"]["randomize"]
     assert trained.env["randomize"] == env_of_task("swingup-1-robust")["randomize"]
     imitates = Policy.pretrained("calm-2-robust").provenance["arguments"]  # nominal chain in `env`
-    assert imitates["errors"] == imitation.ERRORS
+    assert imitates["errors"] == ERRORS
 
 
 @pytest.mark.parametrize("config", CONFIGS)

@@ -25,6 +25,7 @@ from npend_gym.rl.training.experts import (  # noqa: E402
     plan_of,
     steadied,
 )
+from npend_gym.rl.training.imitation_settings import ERRORS  # noqa: E402
 
 TWO = {"n": 2, "mode": "swingup", "observation": "sincos"}
 CHAINS = [
@@ -318,7 +319,7 @@ def test_what_is_wrong_follows_from_the_task():
     assert not three.env["observe_velocities"]
     assert three.errors["delay"] > 0.0
     assert imitation.settings_of("swingup-3").errors == {}
-    assert imitation.settings_of("balance-2-robust").errors == imitation.ERRORS
+    assert imitation.settings_of("balance-2-robust").errors == ERRORS
     with pytest.raises(ValueError, match="errors must be"):
         ErrorLanes(setting_of(TWO), 12, {"noise": 1.0}, 100)
     with pytest.raises(ValueError, match='rescuer must be left out in mode "transition"'):

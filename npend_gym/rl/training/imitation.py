@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -41,60 +41,24 @@ from npend_gym.rl.policies.history import History
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.training.checkpoints import Checkpoint, Stopwatch
 from npend_gym.rl.training.dataset import Dataset, differences
-from npend_gym.rl.training.error_lanes import CHAIN, NOTHING, PUSHES, SEVERAL, ErrorLanes
+from npend_gym.rl.training.error_lanes import ErrorLanes
 from npend_gym.rl.training.experts import Expert, expert_of
+from npend_gym.rl.training.imitation_settings import TASKS, Settings, settings_of
 from npend_gym.rl.training.keywords import OF_ENV, used_config
 from npend_gym.rl.training.optimizers import Optimizer
 from npend_gym.rl.training.tasks import (
     Curve,
-    TrainingSettings,
     check_settings,
-    env_of_task,
     network,
     observation_scale,
     policy_of,
 )
 
+__all__ = ["TASKS", "Settings", "settings_of", "train"]  # what a `Trainer` has
+
 _AVERAGED = 20  # updates, after which the student follows the learner
 _EVEN = 0.3  # of the episodes with goals are between all pairs alike
 _REMEMBERED, _SELDOM = 0.88, 0.01  # of a pair's failures after an episode; the least share of them
-
-
-@dataclass(frozen=True)
-class Settings(TrainingSettings):
-    """The settings of a training run; its result depends on nothing else."""
-
-    seconds: float = 4.5  # of a planned trajectory
-    guesses: int = 4  # that may lead to trajectories, each an expert
-    plan_seed: int | None = None  # of the first guess; by default another for each `seed`
-    tries: int = 1  # for each of them; the least sensitive trajectory counts
-    variants: int = 0  # of a plan that are tried, to keep what noise leads less astray from
-    demonstrator: str = ""  # a policy, of the package or a file, whose way is the plan
-    rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
-    errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
-    first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
-    margin: float = 0.0  # by which they grow beyond the largest
-    rounds: int = 24  # after a first one, in which the expert acts alone
-    num_envs: int = 512
-    expert_fraction: float = 0.25  # of the environments: the expert acts, with noise
-    student_fraction: float = 0.25  # of the environments: the student acts, and nobody takes over
-    noise_std: float = 0.1  # largest standard deviation of the noise on the expert's actions
-    take_over: float = 3.0  # from this cost on the expert acts; 1 is the mean at the start
-    hand_back: float = 1.0  # below it the student acts again
-    lost: float = 100.0  # nothing more is learned from an environment that has been beyond
-    standing: int = 120  # steps after the trajectory; success needs 100
-    kept: float = 0.25  # fraction of the states that come into the dataset
-    max_states: int = 1_000_000  # in the dataset; then new ones take the place of old ones
-    first_updates: int = 1000  # after the first round
-    updates: int = 500  # after every other round
-    minibatch_size: int = 1024
-    learning_rate: float = 2e-3  # of Adam; falls to zero along a cosine
-    muon_learning_rate: float = 0.0  # of Muon for the matrices; 0: Adam learns them too
-    averaging: float = 0.0  # of the student's parameters: what is left of them after an update
-    length: int = 1  # observations that the student is given
-    hidden: int = 192
-    obs_scale: tuple[float, float, float] = (0.3, 0.3, 1.5)  # of sines, cosines, speeds [rad/s]
-    change_scale: tuple[float, float, float] = (0.1, 0.1, 1.0)  # of their changes in a step
 
 
 class DAgger:
@@ -329,97 +293,3 @@ def train(
         curve.append(counts | score | {"distance": round(dagger.distance, 4)})
     dagger.lanes.close()
     return dagger.policy(curve[-1]), curve
-
-
-# What is wrong in robust training, and in which share of the environments
-ERRORS = {
-    NOTHING: 0.05, CHAIN: 0.35, "velocity_noise": 0.1, "torque_noise": 0.05, "motor_lag": 0.02,
-    "delay": 0.1, PUSHES: 0.28, SEVERAL: 0.05,
-}  # fmt: skip
-_ROBUST: dict[str, Any] = {
-    "errors": ERRORS, "first_level": 0.4, "guesses": 1, "plan_seed": 5, "rounds": 120,
-    "num_envs": 320, "student_fraction": 0.35, "expert_fraction": 0.2, "kept": 0.4,
-    "first_updates": 400, "minibatch_size": 512, "averaging": 0.998, "length": 5, "hidden": 256,
-}  # fmt: skip
-_LONG = _ROBUST | {"seconds": 7.0, "rounds": 400, "updates": 600}
-_THREE: dict[str, Any] = {
-    "seconds": 4.0, "plan_seed": 11, "standing": 160, "rounds": 125, "length": 10,
-    "updates": 400, "minibatch_size": 1024, "muon_learning_rate": 0.02,
-    "rescuer": "mpc", "margin": 0.6,  # so that sensors a whole step late are no rare case
-    "errors": {NOTHING: 0.05, CHAIN: 0.42, "torque_noise": 0.08, "motor_lag": 0.02, "delay": 0.26,
-               PUSHES: 0.14, SEVERAL: 0.03},
-}  # fmt: skip
-_FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
-    "demonstrator": "swingup-4", "variants": 300, "first_level": 0.2, "standing": 220, "length": 10,
-    "errors": {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
-               PUSHES: 0.18},
-}  # fmt: skip
-_FIVE: dict[str, Any] = _LONG | {
-    "plan_seed": 0, "tries": 4, "variants": 300, "first_level": 0.1, "standing": 220, "length": 10,
-    "rounds": 240, "hidden": 288, "muon_learning_rate": 0.015,
-    "errors": {NOTHING: 0.13, CHAIN: 0.32, "torque_noise": 0.15, "motor_lag": 0.08, "delay": 0.22,
-               PUSHES: 0.1},
-}  # fmt: skip
-_ROBOT: dict[str, Any] = {  # of RealAIGym: steps of 0.02 s
-    "seconds": 3.0, "plan_seed": 1, "rounds": 60, "standing": 220, "length": 6, "hidden": 128,
-    "obs_scale": (0.5, 0.5, 4.0),
-}  # fmt: skip
-_QUICK: dict[str, Any] = {"guesses": 1, "averaging": 0.998}
-_FOUR_POLES: dict[str, Any] = _QUICK | {
-    "seconds": 10.0, "plan_seed": 4, "variants": 100, "rounds": 80, "hidden": 256,
-    "muon_learning_rate": 0.015,
-}  # fmt: skip
-_FIVE_POLES: dict[str, Any] = _FOUR_POLES | {
-    "seconds": 14.0, "plan_seed": 0, "tries": 4, "variants": 60, "rounds": 180,
-}  # fmt: skip
-_POLES: dict[str, Any] = {"seconds": 3.0, "rounds": 8, "averaging": 0.998, "hidden": 64}
-TASKS: dict[str, dict[str, Any]] = {
-    "swingup-1": _QUICK | {"seconds": 3.0, "plan_seed": 0, "rounds": 4, "hidden": 32},
-    "swingup-2": _QUICK | {"seconds": 3.0, "plan_seed": 0, "rounds": 10, "hidden": 64},
-    "swingup-3": _QUICK | {"seconds": 4.0, "plan_seed": 4, "rounds": 10},
-    "swingup-4": _QUICK | {"seconds": 5.0, "plan_seed": 10, "rounds": 24, "variants": 100},
-    "swingup-5": _LONG | {"errors": {}, "plan_seed": 11, "variants": 300, "rounds": 300},
-    "swingup-2-robust": {"rescuer": "swingup-2"},
-    "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
-    "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
-    "swingup-3-robust": _THREE,
-    "swingup-4-robust": _FOUR,
-    "swingup-5-robust": _FIVE,
-    "calm-2-robust": {"rounds": 20, "hidden": 48},
-    "swingup-2-cart": {"seconds": 6.0, "rounds": 30, "averaging": 0.998},
-    "swingup-3-cart": _QUICK | {"seconds": 8.0, "plan_seed": 0, "rounds": 55},
-    "swingup-4-cart": _FOUR_POLES,
-    "swingup-5-cart": _FIVE_POLES,
-    "transition-2": {
-        "seconds": 4.0,
-        "rounds": 45,
-        "first_updates": 1500,
-        "muon_learning_rate": 0.01,
-        "averaging": 0.998,
-    },
-    "transition-3": {
-        "seconds": 5.0,
-        "guesses": 8,
-        "rounds": 150,
-        "num_envs": 1024,
-        "first_updates": 1500,
-        "kept": 0.15,
-        "max_states": 2_000_000,
-        "muon_learning_rate": 0.015,
-        "averaging": 0.998,
-        "hidden": 320,
-    },
-    "balance-4-cart": _POLES | {"obs_scale": (0.005, 1.0, 0.03)},
-    "balance-5-cart": _POLES | {"obs_scale": (0.002, 1.0, 0.01)},
-}
-_FROM_ANGLES = "swingup-5", *(f"swingup-{n}-robust" for n in (3, 4, 5))  # without velocities
-
-
-def settings_of(task: str, **changes: Any) -> Settings:
-    """Return the settings for a task such as "swingup-3", or "swingup-3-robust" with `errors`."""
-    env = env_of_task(task)
-    robust = _ROBUST if env.pop("randomize", None) else {}  # errors are drawn by `ErrorLanes`
-    if task in _FROM_ANGLES:
-        env["observe_velocities"] = False
-    fields: dict[str, Any] = {"env": env, **robust, **TASKS.get(task, {}), **changes}
-    return Settings(**fields)
