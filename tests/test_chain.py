@@ -156,17 +156,14 @@ def spheres(n, radius, density, **options):
     [
         (two_rods(inertias=-0.1), "inertias must be zero or more, got"),
         (two_rods(inertias=[0.1, np.nan]), "inertias must be finite"),
-        (two_rods(centres="middle"), "centres must hold real numbers, got 'middle'"),
         (two_rods(centres=[np.inf, 1.0]), "centres must be finite"),
         (two_rods(centres=[1.0, 0.0]), "those of link 1 are 0; give it an inertia"),
         (two_rods(friction=-1.0), "friction must be zero or more"),
         (two_rods(friction=1.0, friction_speed=0.0), "dry friction needs a speed"),
-        (two_rods(friction=1.0, friction_speed=None), "friction_speed must hold real"),
         (two_rods(friction_speed=1e-40), "friction_speed must be at least 1e-30"),
         (two_rods(armature=-1.0), "armature must be zero or more"),
         (two_rods(gear=[6.0, 0.0]), "gear must not be zero"),
         (two_rods(gear=np.nan), "gear must be finite"),
-        (two_rods(gear="6:1"), "gear must hold real numbers"),
         (two_rods(gear=[1.0, 2.0, 3.0]), r"gear must be one number or .* \(2,\)"),
         (two_rods(masses=[]), "masses must be one number or a list"),
         (two_rods(masses=[[1.0]]), "masses must be one number or a list"),
@@ -175,17 +172,14 @@ def spheres(n, radius, density, **options):
         (two_rods(lengths=[1.0, -2.0]), "lengths must be greater than zero"),
         (two_rods(masses=np.nan), "masses must be finite"),
         (two_rods(lengths=np.inf), "lengths must be finite"),
-        (two_rods(masses="1"), "masses must hold real numbers"),
         (two_rods(gravity=-9.81), "gravity must be zero or more"),
         (two_rods(gravity=np.nan), "gravity must be finite"),
-        (two_rods(gravity=[9.81]), "gravity must be a real number"),
         (two_rods(gravity=1e-40), "gravity must be zero or at least 1e-30"),
         (two_rods(damping=-0.1), "damping must be zero or more"),
         (two_rods(damping=1e-40), "damping must be zero or at least 1e-30"),
         (two_rods(damping=[0.1] * 3), r"damping must be one number or .* \(2,\)"),
         (two_rods(drag=1e-40), "drag must be zero or at least 1e-30"),
         # from a dict, of equal rods, of rods with a mass
-        (lambda: Chain.from_dict([1.0, 2.0]), "a chain must be a dict of parameters"),
         (
             lambda: Chain.from_dict({"masses": 1.0}),
             "has no 'lengths'; its keys are masses, lengths, g",
@@ -199,8 +193,6 @@ def spheres(n, radius, density, **options):
             "lengths must be greater than zero",
         ),
         (lambda: Chain.uniform(0), "n must be between 1 and 1000000, got 0"),
-        (lambda: Chain.uniform(2.0), "n must be an integer"),
-        (lambda: Chain.uniform(2, mass=[1.0, 2.0]), "mass must be a real number"),
         (lambda: Chain.uniform(2, length=0.0), "length must be greater than zero"),
         (lambda: Chain.rods(-1.0, 1.0), "masses must be zero or more"),
         (lambda: Chain.rods(0.0, 1.0), "masses of rod and tip must be greater than"),
@@ -212,7 +204,6 @@ def spheres(n, radius, density, **options):
         (lambda: Chain.realaigym("B.0"), "design must be one of A.0, C.0, C.1"),
         (lambda: Chain.realaigym("A.0", "9"), "model must be one of"),
         (lambda: Chain.multiarm(4), "arms must be between 1 and 3, got 4"),
-        (lambda: Chain.multiarm("1"), "arms must be an integer"),
         (lambda: Chain.dm_control("cheetah"), "domain must be one of acrobot, cart"),
         (lambda: Chain.dm_control("cartpole", 0), "num_poles must be between 1"),
         # balls
@@ -221,12 +212,10 @@ def spheres(n, radius, density, **options):
         (spheres(2, 0.1, [1.0, 2.0, 3.0]), "density must be one number or an array"),
         (spheres(2, 0.6, 1.0), "apart from the ball above: that of ball 1 .* 1.2 m"),
         (spheres(1, 2.0, 1.0), "apart from the pivot: that of ball 0 .* least 2 m"),
-        (spheres(2, 0.1, 1.0, fixed=1), "fixed must be True or False"),
         (spheres(2, 0.1, 500.0, fluid_density=1000.0), "lighter balls rise; got"),
         (spheres(2, 0.1, [5e3, 8e3], fluid_density=1.2), "has one gravity; got"),
         (spheres(2, 0.1, 1.0, drag_coefficient=0.4), "such as 1.2 for air"),
         (spheres(2, 0.1, 1.0, viscosity=-1.0), "viscosity must be zero or more"),
-        (spheres(2, 0.1, 1.0, colour=1), "colour"),
         # on springs, and on a cart
         (sprung(stiffness=-1.0), "stiffness must be greater than zero"),
         (sprung(stiffness=np.inf), "stiffness must be finite"),
@@ -237,16 +226,37 @@ def spheres(n, radius, density, **options):
             (sprung(**{name: 0.1}), f"stiffness is for point masses.*{name}")
             for name in ("inertias", "centres", "friction", "armature")
         ),
-        (lambda: Cart("1"), "mass of a cart must be a real number"),
         (lambda: Cart(1.0, -1.0), "damping of a cart must be zero or more"),
-        (two_rods(base=1.0), "base must be None or a Cart"),
         (two_rods(base={"weight": 1.0}), "base must have the keys"),
         (two_rods(base={"mass": -1.0}), "a cart must be greater than"),
-        (two_rods(stifness=1.0), "'stifness'; did you mean 'stiffness'"),
     ],
 )
 def test_a_chain_that_cannot_be_is_refused_by_name(call, message):
-    with pytest.raises((ValueError, TypeError), match=message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (two_rods(centres="middle"), "centres must hold real numbers, got 'middle'"),
+        (two_rods(friction=1.0, friction_speed=None), "friction_speed must hold real"),
+        (two_rods(gear="6:1"), "gear must hold real numbers"),
+        (two_rods(masses="1"), "masses must hold real numbers"),
+        (two_rods(gravity=[9.81]), "gravity must be a real number"),
+        (lambda: Chain.from_dict([1.0, 2.0]), "a chain must be a dict of parameters"),
+        (lambda: Chain.uniform(2.0), "n must be an integer"),
+        (lambda: Chain.uniform(2, mass=[1.0, 2.0]), "mass must be a real number"),
+        (lambda: Chain.multiarm("1"), "arms must be an integer"),
+        (spheres(2, 0.1, 1.0, fixed=1), "fixed must be True or False"),
+        (spheres(2, 0.1, 1.0, colour=1), "colour"),
+        (lambda: Cart("1"), "mass of a cart must be a real number"),
+        (two_rods(base=1.0), "base must be None or a Cart"),
+        (two_rods(stifness=1.0), "'stifness'; did you mean 'stiffness'"),
+    ],
+)
+def test_a_chain_of_another_type_than_it_can_be_is_refused_by_name(call, message):
+    with pytest.raises(TypeError, match=message):
         call()
 
 

@@ -95,7 +95,6 @@ REFUSED = [
     # tasks
     ({"mode": "nowhere:Patient"}, "mode 'nowhere:Patient' cannot be imported"),
     ({"mode": f"{__name__}:Impatient"}, "cannot be imported: .*Impatient"),
-    ({"mode": f"{__name__}:NAMED"}, "must name a class derived from npend_gym.envs.Mode"),
     ({"mode": ":Patient"}, 'the name of a class, "package.module:Class"'),
     ({"mode": Patient}, "passive, swingup, balance, calm, transition, an instance"),
     ({"goal_env": True}, "goal_env must be False in mode 'swingup'"),
@@ -103,17 +102,12 @@ REFUSED = [
         {"goal_env": True, "mode": "transition"},
         "type must be \"sparse\" with goal_env=True.*'dense'",
     ),
-    ({"goal_env": 1, "mode": "transition"}, "goal_env must be"),
     ({"reward_type": "rare"}, "reward_type must be one of dense, sparse; got"),
     ({"observation": "pixels"}, "observation must be one of angles, sincos, scaled; got"),
-    ({"observe_context": 1}, OBSERVED),
-    ({"observe_context": "yes"}, OBSERVED),
-    ({"observe_context": None}, OBSERVED),
     # chains
     ({"chain": TRIPLE, "masses": 1.0}, "masses cannot be given together with chain"),
     ({"chain": TRIPLE, "n": 2}, "n must be left out .* its number of links, 3; got"),
     ({"chain": "acrobat"}, "or one of acrobot, .*; got 'acrobat'"),
-    ({"chain": 3}, "chain must be an npend_gym.Chain, a dict .*; got 3"),
     ({"chain": {"masses": [1.0]}}, "the dict of a chain has no 'lengths'"),
     ({"chain": Chain.uniform(2, stiffness=1e4)}, "chain must have rigid rods in an environment"),
     ({"n": 1, "centres": 0.0, "inertias": 1.0}, "centres must put the chain's"),
@@ -142,7 +136,6 @@ REFUSED = [
     ({"difficulty": "harder"}, "difficulty must be one of easy, medium, hard, or"),
     ({"difficulty": -0.2}, "difficulty must be greater than zero, got -0.2"),
     ({"difficulty": np.nan}, "difficulty must be finite, got nan"),
-    ({"difficulty": ["easy"]}, r"difficulty must be a real number, got \['easy'\]"),
     (
         {"difficulty": "hard", "max_torque": 2.0},
         "difficulty cannot be given together with max_torque.*difficulty='hard' and max",
@@ -152,7 +145,6 @@ REFUSED = [
         "difficulty must be left out in mode 'passive', which has no motor; got 'easy'",
     ),
     ({"torque_levels": 1}, "torque_levels must be between 2 and 65536, got 1"),
-    ({"torque_levels": 2.0}, "torque_levels must be an integer, got 2.0"),
     (
         {"torque_levels": 300, "actuated": (0, 1)},
         r"torque_levels to the power of the actuated joints.*at most 65536; got 300 \*\* 2",
@@ -179,7 +171,25 @@ REFUSED = [
 
 @pytest.mark.parametrize(("keywords", "message"), REFUSED)
 def test_keywords_that_are_wrong_are_refused_by_name_with_the_reason(keywords, message):
-    with pytest.raises((ValueError, TypeError), match=message):
+    with pytest.raises(ValueError, match=message):
+        EnvConfig(**keywords)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"mode": f"{__name__}:NAMED"}, "must name a class derived from npend_gym.envs.Mode"),
+        ({"goal_env": 1, "mode": "transition"}, "goal_env must be"),
+        ({"observe_context": 1}, OBSERVED),
+        ({"observe_context": "yes"}, OBSERVED),
+        ({"observe_context": None}, OBSERVED),
+        ({"chain": 3}, "chain must be an npend_gym.Chain, a dict .*; got 3"),
+        ({"difficulty": ["easy"]}, r"difficulty must be a real number, got \['easy'\]"),
+        ({"torque_levels": 2.0}, "torque_levels must be an integer, got 2.0"),
+    ],
+)
+def test_keywords_of_a_wrong_type_are_refused_by_name(keywords, message):
+    with pytest.raises(TypeError, match=message):
         EnvConfig(**keywords)
 
 
