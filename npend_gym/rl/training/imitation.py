@@ -255,13 +255,11 @@ def train(
         raise TypeError(f"errors must be a dict, got {_checks.show(settings.errors)}")
     if settings.errors and config.observe_context:
         raise ValueError("observe_context must be False with errors, which no policy observes")
-    check_settings(settings)
+    check_settings(settings, below_one=("averaging",))
     _checks.count("rounds", settings.rounds, low=2)
     _checks.count("max_states", settings.max_states, low=settings.num_envs)
     if settings.plan_seed is not None:
         _checks.count("plan_seed", settings.plan_seed, low=0)
-    if settings.averaging >= 1.0:
-        raise ValueError(f"averaging must lie from 0 to below 1, got {settings.averaging}")
     for name in ("student_fraction", "kept"):
         _checks.positive_number(name, getattr(settings, name))
     for name in ("student_fraction", "expert_fraction", "kept"):

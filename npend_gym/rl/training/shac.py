@@ -217,11 +217,8 @@ def train(
                 f"shac does not use randomize[{name!r}], only parameters of the chain and "
                 "max_torque: leave it out, or train by imitation"
             )
-    check_settings(settings)
+    check_settings(settings, below_one=("gamma", "uptime"))
     _checks.count("memory", settings.memory, low=settings.num_envs * settings.horizon)
-    for name in ("gamma", "uptime"):
-        if not 0.0 <= getattr(settings, name) < 1.0:
-            raise ValueError(f"{name} must lie from 0 to below 1, got {getattr(settings, name)}")
     torch.manual_seed(settings.seed)
     config = with_wider_ranges(config, settings.margin)  # so that their ends are common
     task = Task(config, settings.gamma, settings.obs_scale, settings.uptime)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -35,10 +36,10 @@ class TrainingSettings:
         training_seed(self.seed)
 
 
-def check_settings(settings: TrainingSettings) -> None:
+def check_settings(settings: TrainingSettings, below_one: Sequence[str] = ()) -> None:
     """Refuse settings that cannot be: texts that are none, numbers that are negative.
 
-    Counts and scales that are positive by default must be positive.
+    Counts and scales that are positive by default must be positive, and some numbers `below_one`.
     """
     for each in fields(settings):
         name, default, value = each.name, each.default, getattr(settings, each.name)
@@ -48,7 +49,8 @@ def check_settings(settings: TrainingSettings) -> None:
         elif isinstance(default, int):
             _checks.count(name, value, low=min(default, 1))
         elif isinstance(default, float):
-            _checks.nonnegative_number(name, value)
+            if _checks.nonnegative_number(name, value) >= 1.0 and name in below_one:
+                raise ValueError(f"{name} must lie from 0 to below 1, got {value}")
         elif isinstance(default, tuple):
             size = len(cast("tuple[float, ...]", default))
             _checks.positive(name, _checks.vector(name, value, size))
