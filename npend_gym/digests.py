@@ -62,19 +62,19 @@ GOLDEN: dict[str, str] = {
     "vector environment, passive":
         "db2eb2a8d54e4d4dc68ef6bd5fb98283d558a8484f269876f9c9e50e016dc42b",
     "vector environment, swingup":
-        "5becaf00bc3c03f55c9b5067688c1e952f10a3e25d54aa0feb066f5c01fd6424",
+        "ba788c5d91aedefbf1663eb30ca8ee9ffc7de2cbac986dbde966d525c3d2472c",
     "vector environment, balance":
-        "96f482f4a346c6b5c2c5dfce08df6835f76b9e8adc33b34d4260e43a7297de41",
+        "7bb665f1888bc6a618b4f3a20f510acdf4244b16476ce3300b7e75a2a15c9e60",
     "vector environment, calm":
         "4600019c204e57df25af02e3b177fbfb945845c258cf722ebe82dad5becca12e",
     "vector environment, transition":
-        "a9bbbaf93c5f6ca6a7c49a2e137fd63b72dd03b15f12b4ff033b6c7aee08fff9",
+        "ee077b019e615995d5c008cdef34cd985437cb37fc1f612e6a51c6e57aa37b52",
     "simulate, links":
         "0b76b87e9437f8ccb2a3b3e4df8881ef8fe0647364f5d7c2587c7aefe1a313c7",
     "simulate, machine":
         "84b23e7b54a64b7520b4de5cbf0616b50889d21bbe7b9e8dfddf534b173f91a9",
     "vector environment, machine":
-        "f1bf7257665a9da4817a078c7b1a266284d2e9171c9ebe083e22e37ff16ac4af",
+        "e2bc33623022f06c43b028b0666b328862a642c4ba48c2f5c281d7aa1fd1e4e6",
 }
 # fmt: on
 

@@ -235,7 +235,8 @@ def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> Floa
     if reading == COM:
         side = centre_of_mass(rods, theta)[..., :1]
     else:
-        side = theta if reading == LINK else positions(rods, theta)[..., 0]
+        turns = np.round(theta * (0.5 / np.pi))
+        side = theta - 2.0 * np.pi * turns if reading == LINK else positions(rods, theta)[..., 0]
     return np.where(side < 0.0, -1.0, 1.0)
 
 

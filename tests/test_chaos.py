@@ -23,6 +23,15 @@ def test_exponents_without_damping_come_in_pairs_and_add_up_to_zero_at_any_time(
     np.testing.assert_array_equal(np.sort(found.history[-1])[::-1], found.exponents)
 
 
+@pytest.mark.parametrize("name", [None, "realaigym C.1"])
+def test_exponents_of_a_chain_at_rest_with_dry_friction_are_its_decay_rates(name):
+    chain = Chain([1.0], [0.3], friction=1.0) if name is None else Chain.preset(name)
+    rates = np.sort(np.linalg.eigvals(linearise(chain, 0.0).A).real)[::-1]
+    found = chaos.lyapunov_spectrum(chain, 0.0, duration=8.0).exponents
+    assert found.sum() == pytest.approx(rates.sum(), rel=1e-6)
+    np.testing.assert_allclose(found, rates, rtol=0.1, atol=0.2)
+
+
 @pytest.mark.parametrize("damping", [0.05, 30.0])
 def test_exponents_of_a_damped_chain_add_up_to_the_mean_divergence_of_its_flow(damping):
     chain, duration = Chain([1.0, 0.5], [1.0, 0.7], damping=[damping, 0.5 * damping]), 4.0

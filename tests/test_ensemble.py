@@ -164,7 +164,7 @@ def with_parameters(**parameters):
     ("call", "message"),
     [
         (lambda: Ensemble(CHAINS[0], 0), "size must be at least 1"),
-        (lambda: Ensemble([]), "chain must be an npend_gym.Chain"),
+        (lambda: Ensemble([]), r"chain must be one npend_gym\.Chain or more, got none"),
         (lambda: Ensemble(CHAINS[0], 2, joints=(3,)), "joint must be between 0 and 2"),
         (lambda: Ensemble([CHAINS[0], Chain.uniform(2)]), "the same number of rods, got 3 and 2"),
         (lambda: ensemble().set_state([7], 0.1), "members must be indices below 5"),

@@ -19,6 +19,7 @@ from npend_gym import Cart, Chain
 from npend_gym.envs import (
     EnvConfig,
     EnvKeywords,
+    Mode,
     NPendulumEnv,
     NPendulumVectorEnv,
     ResetNeeded,
@@ -209,18 +210,137 @@ def test_a_start_on_an_instance_of_a_mode_of_ones_own_is_used():
 
 
 @pytest.mark.parametrize(
-    ("theta", "message"),
+    ("start", "message"),
     [
-        ([np.nan, 0.0], "the angles of mode.start must be finite"),
-        (np.zeros(3), r"the angles of mode.start must be .*shape \(2,\), got shape \(3,\)"),
+        (([np.nan, 0.0], 0.0), "the angles of mode.start must be finite"),
+        ((np.zeros(3), 0.0), r"the angles of mode.start must be .*\(2,\), got shape \(3,\)"),
+        (np.zeros(2), r"start of mode 'patient' must .*two arrays of shape \(2,\).*got array"),
+        (([0.0, 0.0], 0.0, 0.0), r"start of mode .*; got \(\[0.0, 0.0\], 0.0, 0.0\)"),
+        (None, "start of mode 'patient' .*; got None"),
     ],
 )
-def test_a_start_of_a_mode_that_is_no_state_is_refused_by_its_name(theta, message):
+def test_a_start_of_a_mode_that_is_no_state_is_refused_by_its_name(start, message):
     mode = Patient()
-    mode.start = lambda *_: (theta, np.zeros(2))
+    mode.start = lambda *_: start
     env = gym.make("NPendulum-v0", mode=mode, n=2)
     with pytest.raises(ValueError, match=message):
         env.reset(seed=0)
+
+
+class Judged(SwingUp):
+    """A task that returns what it is made with; "achieved" is that of `Mode`."""
+
+    achieved = Mode.achieved
+
+    def __init__(self, method="", value=None):
+        if method:
+            setattr(self, method, value if callable(value) else lambda _: value)
+
+
+NAN = np.nan
+THREE = r", or an array of them of shape \(3,\), got"
+
+
+@pytest.mark.parametrize("reward_type", ["dense", "sparse"])
+@pytest.mark.parametrize("method", ["failed", "achieved"])
+@pytest.mark.parametrize(
+    ("value", "error", "got"),
+    [
+        (NAN, TypeError, "nan"),
+        (0.5, TypeError, "0.5"),
+        ("no", TypeError, "'no'"),
+        (None, TypeError, "None"),
+        (np.zeros(3), TypeError, r"\[0.0, 0.0, 0.0\]"),
+        ([True, [False]], TypeError, r"\[True, \[False\]\]"),
+        (np.zeros((3, 1), bool), ValueError, r"\[\[False\], \[False\], \[False\]\]"),
+    ],
+)
+def test_a_failure_or_success_of_a_mode_that_is_no_truth_is_refused(
+    reward_type, method, value, error, got
+):
+    mode = Judged(method, value)
+    envs = gym.make_vec("NPendulum-v0", 3, n=2, mode=mode, reward_type=reward_type)
+    with pytest.raises(
+        error, match=f"{method} of mode 'swingup' must be True or False{THREE} {got}"
+    ):
+        envs.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "message"),
+    [
+        (NAN, ValueError, "finite, got nan in lane 0"),
+        (lambda q: q.tip / np.array([1.0, 0.0, 1.0]), ValueError, "finite, got -inf in lane 1"),
+        (1j, TypeError, f"a finite number{THREE} 1j"),
+        ("1", TypeError, f"a finite number{THREE} '1'"),
+        (None, TypeError, f"a finite number{THREE} None"),
+        (np.zeros(2), ValueError, rf"a finite number{THREE} \[0.0, 0.0\]"),
+        (lambda q: q.theta, ValueError, rf"a finite number{THREE} \[\["),
+    ],
+)
+def test_a_reward_of_a_mode_that_is_no_finite_number_is_refused(value, error, message):
+    envs = gym.make_vec("NPendulum-v0", 3, n=2, mode=Judged("reward", value))
+    envs.reset(seed=0)
+    with (
+        np.errstate(divide="ignore"),
+        pytest.raises(error, match=f"reward of mode 'swingup' must be {message}"),
+    ):
+        envs.step(np.zeros((3, 1)))
+
+
+@pytest.mark.parametrize(("method", "value"), [("failed", 0.5), ("reward", "1"), ("reward", NAN)])
+def test_a_single_environment_refuses_what_a_mode_may_not_return(method, value):
+    env = gym.make("NPendulum-v0", n=2, mode=Judged(method, value)).unwrapped
+    with pytest.raises((TypeError, ValueError), match=f"{method} of mode 'swingup' must be"):
+        env.reset(seed=0), env.step(np.zeros(1))
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_comparisons_of_a_mode_may_be_multiplied_and_a_reward_may_be_a_truth(make):
+    env = make("NPendulum-v0", n=2, mode=Judged("failed", lambda q: (q.tip < 0.0) * (q.tip > -9.0)))
+    env.reset(seed=0)
+    assert np.all(env.step(np.zeros(env.action_space.shape))[2])
+    env = make("NPendulum-v0", n=2, mode=Judged("reward", lambda q: q.tip < 0.0))
+    env.reset(seed=0)
+    assert np.all(env.step(np.zeros(env.action_space.shape))[1] == 1.0)
+
+
+def test_a_lane_that_diverges_is_truncated_even_if_its_reward_is_not_finite():
+    mode = Judged("reward", lambda q: np.where(q.mean_squared_action > 0.0, NAN, 1.0))
+    envs = gym.make_vec("NPendulum-v0", 2, n=2, mode=mode, max_torque=1e25, substeps=1)
+    envs.reset(seed=0)
+    _, reward, _, truncated, info = envs.step(np.array([[0.0], [1.0]]))
+    assert truncated.tolist() == info["diverged"].tolist() == [False, True]
+    assert reward[0] == 1.0
+
+
+@pytest.mark.parametrize(("method", "missing"), [("start", "reward"), ("reward", "start")])
+def test_a_mode_without_a_start_or_a_reward_is_refused_by_name(method, missing):
+    mode = type("Half", (Mode,), {method: lambda *_: (0.0, 0.0)})()
+    env = gym.make("NPendulum-v0", mode=mode).unwrapped
+    with pytest.raises(NotImplementedError, match=f"mode 'custom' must define {missing}"):
+        env.reset(seed=0), env.step(np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error", "rule"),
+    [
+        ("dt", 0.0, ValueError, "greater than zero, got 0.0"),
+        ("dt", -0.02, ValueError, "greater than zero, got -0.02"),
+        ("dt", NAN, ValueError, "finite, got nan"),
+        ("dt", "0.02", TypeError, "a real number, got '0.02'"),
+        ("hold", -1.0, ValueError, "zero or more, got -1.0"),
+        ("hold", np.inf, ValueError, "finite, got inf"),
+        ("hold", "1", TypeError, "a real number, got '1'"),
+        ("torque_share", -0.5, ValueError, "zero or more, got -0.5"),
+        ("torque_share", NAN, ValueError, "finite, got nan"),
+        ("torque_share", None, TypeError, "a real number, got None"),
+    ],
+)
+def test_the_numbers_of_a_mode_keep_the_rules_of_keywords(name, value, error, rule):
+    mode = type("Own", (Patient,), {name: value})()
+    with pytest.raises(error, match=f"^{name} of mode 'patient' must be {rule}"):
+        EnvConfig(mode=mode)
 
 
 def test_a_mode_says_how_wide_its_starts_are_unless_the_keyword_does():

@@ -246,5 +246,8 @@ def test_the_command_writes_what_the_function_writes(tmp_path, refusal):
     assert "give either a policy, or --controller" in refusal(*options, "calm-1")
     to_torch = ["export", "--controller", "LQR", "--to", "torch", "-o", str(tmp_path / "a.pt2")]
     assert "--controller is for --to c" in refusal(*to_torch)
+    of_mpc = ["export", "--controller", "MPC", "--to", "c", "-o", str(written)]
+    message = "--controller must be one of LQR, damping, plan; got 'MPC'"
+    assert message in refusal(*of_mpc)
     with_settings = ["export", "calm-1", "--to", "c", "-o", str(written), "--env", "dt=0.1"]
     assert "--task and --env are for a --controller" in refusal(*with_settings)

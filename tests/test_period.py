@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from npend_gym import Chain, pseudo_periods, simulate, theory
+from npend_gym import Chain, NPendulumEnv, pseudo_periods, simulate, theory
+from npend_gym.period import READINGS
 
 UNEVEN = Chain([1.0, 0.5, 2.0, 0.8], [1.0, 0.7, 0.4, 1.3])
 SPRUNG = Chain([1.0, 0.5, 2.0], [1.0, 0.7, 0.4], stiffness=[200.0, 150.0, 300.0])
@@ -45,10 +46,10 @@ def test_mean_over_bobs_from_a_quarter_pi_is_the_known_one(n, reading, mean):
     assert measured.mean() == pytest.approx(mean, abs=1e-7)
 
 
-def by_frames(chain, theta, reading, duration, dt=1e-3):
+def by_frames(chain, theta, reading, duration, dt=1e-3, omega=0.0):
     """The slow, obvious reading: signs of the signal at close frames, roots between them."""
     times = np.arange(0.0, duration, dt)
-    path = simulate(chain, theta, 0.0, times, rtol=1e-12, atol=1e-13)
+    path = simulate(chain, theta, omega, times, rtol=1e-12, atol=1e-13)
     signal = path.omega if reading == "link" else path.velocities()[:, :, 0]
     periods = np.full(chain.n, np.nan)
     for i in range(chain.n):
@@ -85,6 +86,29 @@ def test_turning_points_are_those_seen_by_close_frames(reading, chain, start):
     measured = pseudo_periods(chain, start, reading=reading, duration=11.9)
     np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-8)
     assert np.isfinite(measured).sum() >= min(chain.n, 4)
+
+
+@pytest.mark.parametrize("speed", [-0.001, -0.005, 0.001])
+def test_a_sign_that_counts_at_the_start_is_not_forgotten(speed):
+    # inwards the upper bob turns after a millisecond, within the first step
+    chain, start, omega = Chain.uniform(2), [0.1, 0.6], [speed, 0.0]
+    expected = by_frames(chain, start, "bob", 4.0, 1e-4, omega)
+    np.testing.assert_allclose(pseudo_periods(chain, start, omega), expected, atol=1e-8)
+    for substeps in (None, 1, 20):
+        env = NPendulumEnv(n=2, mode="passive", substeps=substeps)
+        env.reset(seed=0, options={"theta": start, "omega": omega})
+        infos = [env.step(0)[-1] for _ in range(300)]
+        np.testing.assert_allclose(infos[-1]["pseudo_periods"], expected, atol=2e-3)
+
+
+def test_whole_turns_of_a_rod_change_no_period():
+    start = np.array([-0.5, 0.4])
+    for reading in READINGS:
+        periods = [
+            pseudo_periods(Chain.uniform(2), start + turns, reading=reading)
+            for turns in ([0.0, 0.0], [2.0 * np.pi, -2.0 * np.pi])
+        ]
+        np.testing.assert_allclose(*periods, rtol=0, atol=1e-7)
 
 
 def com_by_frames(chain, start, duration, **options):

@@ -33,6 +33,14 @@ def test_a_policy_computes_the_same_as_pytorchs_network():
     ({"limit": -1.0}, "limit must be"),
     ({"provenance": {"env": {}}}, r"provenance\['env'\] must be left out"),
     ({"provenance": {"crc32": 5}}, r"provenance\['crc32'\] must be left out"),
+    ({"weights": [np.zeros((1, 4))], "biases": [np.zeros(1)]}, r"weights\[0\] .* \(m, 6\) and"),
+    ({"weights": [np.zeros((1, 6))]}, "one entry for each layer, got 1 and 3"),
+    ({"weights": [], "biases": []}, "weights and biases must have one entry"),
+    ({"scale": np.zeros(6)}, "overflow"),
+    ({"scale": np.full(6, np.inf)}, "must be finite"),
+    ({"offset": np.zeros(5)}, r"offset must have the shape of scale, \(6,\), got \(5,\)"),
+    ({"env": {"n": 1, "observation": "sincos"}}, "observes 3 numbers .* policy is for 6 and 1"),
+    ({"env": {"n": 2, "actuated": [0, 1], "observation": "sincos"}}, "2 motors"),
 ])  # fmt: skip
 def test_a_network_that_no_file_could_hold_is_refused_at_once(given, message):
     with pytest.raises(ValueError, match=message):
@@ -147,14 +155,18 @@ def test_policies_are_equal_where_their_numbers_and_their_environments_are(tmp_p
     others = [
         replace(policy, scale=np.full(6, 3.0, np.float32)),
         replace(policy, biases=[bias + 1.0 for bias in policy.biases]),
-        replace(policy, env=policy.env | {"n": 3}),
-        replace(policy, env={"chain": chain}),
+        replace(policy, env=policy.env | {"mode": "balance"}),
+        replace(policy, env={"chain": chain, "observation": "sincos"}),
     ]
     assert all(policy != other for other in others)
     assert policy not in others
     assert policy != "swingup-1"
-    assert others[-1] == replace(policy, env={"chain": Chain.from_dict(chain.as_dict())})
-    arrays = (replace(policy, env={"masses": np.array([1.0, mass])}) for mass in (2.0, 2.0, 3.0))
+    copied = {"chain": Chain.from_dict(chain.as_dict()), "observation": "sincos"}
+    assert others[-1] == replace(policy, env=copied)
+    arrays = (
+        replace(policy, env=policy.env | {"masses": np.array([1.0, mass])})
+        for mass in (2.0, 2.0, 3.0)
+    )
     first, same, different = arrays
     assert first == same != different
 
@@ -277,7 +289,11 @@ ON_CART = Policy.pretrained("swingup-1-cart").env
     (TOLD, AT_REST, {}, "observe_context must be False"),
     (ON_CART, ([0.1], [0.0]), {"cart_position": np.nan}, "cart_position"),
     (ONE, ([0.1], [0.0]), {"cart_position": 1.0}, "must be 0 for a chain without a cart"),
-    (ONE, ([0.1], [0.0]), {"goal": [0.0]}, "goal must be left out in mode"),
+    (ONE, ([0.1], [0.0]), {"goal": [0.0]}, "goal must be left out in mode 'swingup'"),
+    (
+        TRANSITION | {"goal_env": True, "reward_type": "sparse"}, AT_REST, {"goal": [0.0, 0.0]},
+        "goal must be left out with goal_env=True",
+    ),
 ])  # fmt: skip
 def test_what_no_environment_can_observe_is_refused(env, state, more, message):
     with pytest.raises(ValueError, match=message):

@@ -242,6 +242,7 @@ def test_a_cart_has_no_noise_of_torques_and_is_pushed_like_all():
         ),
         ({"goal_env": True, "mode": "transition", "reward_type": "sparse"}, {}, "goal_env"),
         ({"mode": "passive"}, {}, "mode must be one with a motor"),
+        ({"max_torque": 0.0}, {}, "max_torque must be greater than zero"),
         ({}, {"values": 1}, "values must be at least 2"),
         ({"n": 3}, {"criteria": {"x": Pushes((3,))}}, "joints must be between 0 and 2, got 3"),
         ({"n": 3}, {"criteria": {"x": Pushes(())}}, "joints must name at least one joint"),

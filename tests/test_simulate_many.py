@@ -81,6 +81,8 @@ def test_chains_may_differ_and_motions_and_energies_are_those_of_each(mechanism,
 def test_chains_that_do_not_fit_each_other_or_their_starts_are_refused():
     with pytest.raises(ValueError, match=r"shape \(B, 2\) for B = 3 chains, got \(2, 2\)"):
         simulate([DOUBLE] * 3, np.ones((2, 2)), 0.0, TIMES)
+    with pytest.raises(ValueError, match=r"chain must be one npend_gym\.Chain or more, got none"):
+        simulate([], 1.0, 0.0, TIMES)
     for others in ([DOUBLE, ON_CART], [DOUBLE, ON_SPRINGS]):
         with pytest.raises(ValueError, match="must all have"):
             simulate(others, np.ones((2, 2)), 0.0, TIMES)
@@ -402,7 +404,10 @@ def fails_in_python(t, theta, omega):
         ({"torque": fails_in_python}, "torque raised RuntimeError soon after t = .*no more"),
         ({"torque": lambda t, theta, omega: [1, 2, 3]}, r"shape \(\) or \(2,\), got"),
         ({"torque": Signal([0, 1], [1, 1])}, "sampled over the whole motion, 0 to 5 s"),
-        ({"torque": Signal([0, 9], [[1, 1, 1]])}, "must have the shape"),
+        (
+            {"torque": Signal([0, 9], [[1, 1, 1]])},
+            r"must have the shape \(K,\) or \(K, 2\), got \(1, 3\)",
+        ),
         ({"force": lambda t: 1.0}, r"must have base=Cart\(mass\)"),
         ({"torque": fails_late, "method": "rk4", "dt": 0.1}, "torque raised ZeroDivisionError"),
         ({"torque": nan_late, "method": "rk4", "dt": 0.1}, "torque must return finite numbers"),
@@ -471,6 +476,51 @@ def test_a_terminal_event_ends_the_motion_there():
     last = np.searchsorted(TIMES, many.t_events[0][0][0])
     assert np.all(np.isnan(many.theta[0, last:]))
     assert not np.any(np.isnan(many.theta[1]))
+
+
+@pytest.mark.parametrize("terminal", [None, False, 0, True, 1, 2, np.int64(3), 99])
+@pytest.mark.parametrize("direction", [-1, 0, 1])
+def test_a_motion_ends_at_the_occurrence_that_terminal_counts_as_in_scipy(terminal, direction):
+    def watched(function):
+        function.terminal, function.direction = terminal, direction
+        return function
+
+    motion = simulate(
+        Chain([1.0], [1.0]), 1.0, 0.0, TIMES,
+        events=[watched(lambda _, theta, _omega: theta[0] - 0.2), Event("angular_velocity")],
+    )  # fmt: skip
+    peer = solve_ivp(
+        lambda _, y: [y[1], -9.81 * np.sin(y[0])], (0, 5), [1, 0], rtol=1e-11, atol=1e-13,
+        max_step=0.02, events=[watched(lambda _, y: y[0] - 0.2), lambda _, y: y[1]],
+    )  # fmt: skip
+    assert motion.status == peer.status
+    assert motion.times[-1] == pytest.approx(peer.t[-1], abs=1e-8)
+    np.testing.assert_allclose(motion.t_events[0], peer.t_events[0], atol=1e-8)
+    np.testing.assert_allclose(motion.t_events[1], peer.t_events[1][1:], atol=1e-8)
+    if terminal is not None:
+        event = Event("angle", 0, 0.2, direction, terminal)
+        of_each = simulate(Chain([1.0], [1.0]), [[1.0], [0.1]], 0.0, TIMES, events=event)
+        assert of_each.status.tolist() == [motion.status, 0]
+        np.testing.assert_array_equal(of_each.t_events[0][0], motion.t_events[0])
+
+
+@pytest.mark.parametrize(
+    ("terminal", "error", "message"),
+    [
+        (-1, ValueError, "terminal must be at least 0, got -1"),
+        (2.0, TypeError, "terminal must be an integer, got 2.0"),
+        ("2", TypeError, "terminal must be an integer, got '2'"),
+    ],
+)
+def test_a_terminal_that_counts_no_occurrences_is_refused(terminal, error, message):
+    def event(_t, theta, _omega):
+        return theta[0]
+
+    event.terminal = terminal
+    with pytest.raises(error, match=message):
+        simulate(DOUBLE, 1.0, 0.0, TIMES, events=event)
+    with pytest.raises(error, match=message):
+        Event("angle", terminal=terminal)
 
 
 def test_the_energies_of_links_are_the_energy_of_the_chain():

@@ -270,6 +270,11 @@ def test_bad_tensors_are_refused_by_name(given, keywords, error, text):
         step(Chain.uniform(2), *given, **({"dt": 0.05} | keywords))
 
 
+def test_a_chain_with_springs_is_refused_before_the_shapes_of_its_states():
+    with pytest.raises(ValueError, match="must have rigid rods"):
+        step(Chain.uniform(2, stiffness=500.0), TWO, dt=0.05)
+
+
 def test_an_ensemble_refuses_a_joint_that_is_named_twice():
     with pytest.raises(ValueError, match=r"joints must name each joint once, got \[1, 1\]"):
         Ensemble(Chain.uniform(2), 3, joints=(1, 1))

@@ -118,11 +118,12 @@ def motion_of(
 
 
 def fastest_decay(chain: Chain) -> float:
-    """Return a bound of the rate [1/s] at which dampers and drag act; 0 without them."""
+    """Return a bound of the rate [1/s] at which dampers, drag and dry friction act, or 0."""
     rate = mechanism_of([chain]).axial_rates()[1]
     lighter = _lighter(chain)
-    if np.any(chain.damping) or np.any(chain.drag):
-        rate = max(rate, lighter * decay_rate(chain.hung(), chain.damping, chain.drag))
+    damping = chain.damping + chain.friction / chain.friction_speed  # where friction is steepest
+    if np.any(damping) or np.any(chain.drag):
+        rate = max(rate, lighter * decay_rate(chain.hung(), damping, chain.drag))
     if chain.base is not None:
         rate = max(rate, lighter * chain.base.damping / chain.base.mass)
     return rate

@@ -30,6 +30,7 @@ FILLS: dict[str, tuple[str, ...]] = {
     "npend_gym.cli.evaluate:run": ("trust", "task", "env"),
     "npend_gym.export.mjcf:to_mjcf": ("motors", "limits", "timestep"),
 }
+_IN_C = "LQR", "damping", "plan"  # controllers that a header can have
 _SUFFIXES = {"c": ".h", "onnx": ".onnx", "torch": ".pt2", "mjcf": ".xml", "urdf": ".urdf"}
 
 
@@ -66,7 +67,7 @@ def run(
     controller : name, optional
         A controller in place of a policy, for c: LQR, damping or plan.
     """
-    from npend_gym import export
+    from npend_gym import _checks, export
     from npend_gym._files import replacing
     from npend_gym.chain import as_chain
 
@@ -88,6 +89,8 @@ def run(
     else:
         if chain is not None:
             raise ValueError("--chain is for --to mjcf or urdf")
+        if controller is not None:
+            _checks.choice("--controller", controller, _IN_C)
         found: Any = chosen(policy, controller, task, dict(env), trust=trust)[1]
         if to == "c":
             export.to_c(found, out, "npend" if prefix is None else prefix, relative=relative)

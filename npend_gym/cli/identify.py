@@ -84,7 +84,12 @@ def run(
         # each in one line, and at once: what follows may take minutes
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show
-        motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
+        try:
+            motion = read_motion(*files, columns=columns, degrees=degrees, relative=relative)
+        except OSError as error:
+            raise ValueError(
+                f"files must be CSV files: {error.filename} cannot be read: {error.strerror}"
+            ) from error
         if chain is not None and single:
             raise ValueError(f"--{next(iter(single))} must be left out with --chain, which has it")
         if chain is None and lengths is None:

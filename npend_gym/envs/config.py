@@ -20,6 +20,7 @@ from npend_gym.envs.keywords import (
     DEFAULTS,
     EnvKeywords,
     action_table,
+    check_mode,
     check_names,
     check_weight,
     checked_cart,
@@ -103,7 +104,7 @@ class EnvConfig(Settings):
         given: dict[str, Any] = DEFAULTS | keywords
         given |= {name: rule(name, given[name]) for name, rule in RULES.items()}
         chain = check_weight(described_chain(keywords))
-        mode = find_mode(given["mode"])
+        mode = check_mode(find_mode(given["mode"]))
         given |= checked_cart(chain, given, keywords, mode)
         on_cart = given["base"] == "cart"
         if on_cart:

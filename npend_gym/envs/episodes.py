@@ -19,7 +19,7 @@ from npend_gym.envs.config import EnvConfig, task_numbers
 from npend_gym.envs.hardware import Motors, Sensors, fit_hardware
 from npend_gym.envs.inputs import CART_STATE, EQUILIBRIA, KeptOptions
 from npend_gym.envs.kernels import step_many, step_one
-from npend_gym.envs.modes import left_rail, rail_factor
+from npend_gym.envs.modes import Quantities, left_rail, rail_factor
 from npend_gym.envs.outputs import Beginnings, Outputs
 from npend_gym.envs.rows import NUMBER_OF, ROWS, Episode, Flag, Output, Pose, Setting, Task, Wiring
 from npend_gym.envs.seeds import Lanes, Seeds
@@ -206,7 +206,14 @@ class Episodes:
         for row, k in enumerate(chosen):
             episode, amplitude = members[[Episode.EPISODE, Episode.AMPLITUDE], k].tolist()
             rng = generator(self.seeds.values[int(k)], 0, Purpose.START, int(episode))
-            angles, speeds = config.mode.start(rng, config.n, amplitude, config.spread)
+            pair: Any = config.mode.start(rng, config.n, amplitude, config.spread)
+            is_one = getattr(pair, "ndim", 2) != 2 or not hasattr(pair, "__len__")
+            if is_one or len(pair) != 2:
+                raise ValueError(
+                    f"start of mode {config.mode.name!r} must return two arrays of shape "
+                    f"({config.n},), angles and angular velocities; got {_checks.show(pair)}"
+                )
+            angles, speeds = pair
             theta[row] = _checks.vector("the angles of mode.start", angles, config.n)
             omega[row] = _checks.vector("the velocities of mode.start", speeds, config.n)
         return theta, omega
@@ -295,23 +302,47 @@ class Episodes:
 
     def _judge_by_python(self, *, observes: bool) -> None:
         """Write reward, end and success as a mode of the user's own judges."""
-        mode, members, results = self.config.mode, self._memory.members, self.outputs
+        members, results = self._memory.members, self.outputs
         outputs, flags = results.rows[:, : self.count], results.flags[:, : self.count]
         quantities = results.quantities(of_only_lane=self.count == 1)
         held, starts = members[Episode.STEPS_HELD], members[Episode.STARTING] > 0.0
         judged = starts if observes else np.ones(self.count, np.bool_)
         left = left_rail(quantities.rail_position)
-        achieved = np.logical_and(mode.achieved(quantities), np.logical_not(left))
+        failed = self._returned_by("failed", quantities)
+        achieved = self._returned_by("achieved", quantities) & np.logical_not(left)
         held[judged] *= np.broadcast_to(achieved, (self.count,))[judged]
         flags[Flag.SUCCESS] = held > self._task[Task.HOLD_STEPS]
         if not observes:
             is_sparse = self.config.reward_type == "sparse"
-            reward = (mode.achieved if is_sparse else mode.reward)(quantities)
+            reward = achieved if is_sparse else self._returned_by("reward", quantities)
             factor = 1.0 if is_sparse else rail_factor(quantities.rail_position)
-            outputs[Output.REWARD] = np.where(left, 0.0, reward * factor)
-            outputs[Output.REWARD, starts] = 0.0
-            flags[Flag.TERMINATED] = np.logical_or(mode.failed(quantities), left) & ~starts
+            rewards = outputs[Output.REWARD]
+            rewards[:] = np.where(left | starts, 0.0, reward * factor)
+            wrong = np.flatnonzero(~(np.isfinite(rewards) | flags[Flag.DIVERGED]))
+            if wrong.size > 0:
+                raise ValueError(
+                    f"reward of mode {self.config.mode.name!r} must be finite, "
+                    f"got {rewards[wrong[0]]:g} in lane {wrong[0]}"
+                )
+            flags[Flag.TERMINATED] = (failed | left) & ~starts
         members[Episode.STARTING], members[Member.ACTIVE] = 0.0, 1.0
+
+    def _returned_by(self, method: str, quantities: Quantities[Any]) -> NDArray[Any]:
+        """Return what a method of the mode returns, of shape () or (B,), or say what is wrong."""
+        mode, is_reward = self.config.mode, method == "reward"
+        value = getattr(mode, method)(quantities)
+        try:
+            out = np.asarray(value)
+        except ValueError:  # lists of several lengths
+            out = np.array(None)
+        is_kind = out.dtype.kind in ("biuf" if is_reward else "biu")  # True * True is an integer
+        if is_kind and out.shape in ((), (self.count,)):
+            return out if is_reward else out.astype(np.bool_, copy=False)
+        rule = "a finite number" if is_reward else "True or False"
+        raise (ValueError if is_kind else TypeError)(
+            f"{method} of mode {mode.name!r} must be {rule}, or an array of them of shape "
+            f"({self.count},), got {_checks.show(out.tolist() if out.shape else value)}"
+        )
 
     # -- for pictures -----------------------------------------------------------------------
 

@@ -244,6 +244,14 @@ def motor_limit(keywords: Mapping[str, Any], name: str, mode: Mode, whole: float
     return DIFFICULTIES[difficulty] * whole
 
 
+def check_mode(mode: Mode) -> Mode:
+    """Return a mode, or say which of its numbers breaks the rule of keywords."""
+    _checks.positive_number(f"dt of mode {mode.name!r}", mode.dt)
+    for name in ("hold", "torque_share"):
+        _checks.nonnegative_number(f"{name} of mode {mode.name!r}", getattr(mode, name))
+    return mode
+
+
 def width_of_starts(spread: Any, mode: Mode) -> float:
     """Return `spread`, or that of the mode where it is None [rad]."""
     if hasattr(mode, "nearness"):

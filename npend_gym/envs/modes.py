@@ -104,11 +104,11 @@ class Mode:
         self, rng: np.random.Generator, n: int, amplitude: float, spread: float
     ) -> tuple[FloatArray, FloatArray]:
         """Draw the starting angles [rad] and angular velocities [rad/s], each of shape (n,)."""
-        raise NotImplementedError
+        raise NotImplementedError(f"mode {self.name!r} must define start")
 
     def reward(self, quantities: Quantities[Any]) -> Any:
         """Return the reward of the step, between 0 and 1."""
-        raise NotImplementedError
+        raise NotImplementedError(f"mode {self.name!r} must define reward")
 
     def failed(self, quantities: Quantities[Any]) -> Any:
         """Return whether the episode has failed and so terminates; by default it never does."""

@@ -107,7 +107,7 @@ def _config_of(policy: Policy) -> EnvConfig:
     """Return the settings of a policy's environment, checked for what sensors can show."""
     if not policy.env:
         raise ValueError("env of the policy must say for which environment it is made, got {}")
-    check_env(policy.env, policy.observed, len(policy.biases[-1]), trust=True)
+    check_env(policy.env, policy.observed, len(policy.biases[-1]))
     if policy.config.observe_context:
         raise ValueError("observe_context must be False, because sensors do not measure it")
     return policy.config

@@ -35,6 +35,8 @@ def row_count(kind: Kind) -> int:
 
 def check_names(names: Iterable[str], kind: Kind) -> list[str]:
     """Return the names of parameters, refused where this kind of chains has no such thing."""
+    if isinstance(names, str):
+        raise TypeError(f"parameters must be a list of names such as ('masses',), got {names!r}")
     known, chosen = _DIFFERENTIABLE[kind], [*names]
     for name in chosen:
         _checks.choice("parameter", name, (*_ROWS,))
@@ -56,11 +58,16 @@ def check_directions(
     """
     names = check_names(parameters or (), kind)
     directions = {name: _checks.array(name, (parameters or {})[name]) for name in names}
-    count = max((len(value) if value.ndim else 0 for value in directions.values()), default=0)
+    rows = {name: () if name == "gravity" else (n,) for name in names}
+    count = max(
+        (len(x) for name, x in directions.items() if x.ndim == 1 + len(rows[name])), default=0
+    )
     for name, value in directions.items():
-        expected = (count,) if name == "gravity" else (count, n)
-        if value.shape != expected:
-            raise ValueError(f"{name} must have the shape {expected}, got {value.shape}")
+        if value.shape != (count, *rows[name]):
+            shape, known = f"(K, {n})" if rows[name] else "(K,)", f" = {count}" if count else ""
+            raise ValueError(
+                f"{name} must have the shape {shape} for K{known} directions, got {value.shape}"
+            )
     changed = np.zeros((count, row_count(kind) if names else 0, n))
     for name, value in directions.items():
         changed[:, _ROWS[name]] = value[:, None] if name == "gravity" else value

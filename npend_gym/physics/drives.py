@@ -202,7 +202,7 @@ def _check_width(name: str, given: Signal, shapes: tuple[tuple[int, ...], ...]) 
     if shape not in shapes:
         raise ValueError(
             f"{name}: values of the signal must have the shape "
-            + " or ".join(str(("K", *each)) for each in shapes)
+            + " or ".join(str(("K", *each)).replace("'", "") for each in shapes)
             + f", got {np.shape(given.values)}"
         )
 

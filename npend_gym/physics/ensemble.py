@@ -26,6 +26,15 @@ from npend_gym.physics.memory import Memory, Plan
 from npend_gym.physics.substeps import MAX_ROTATION, MAX_SUBSTEPS
 
 
+def check_rigid(springs: object) -> None:
+    """Raise an error for chains with springs."""
+    if springs is not None:
+        raise ValueError(
+            "chains of an ensemble must have rigid rods, because equal steps do not resolve "
+            "the vibrations of springs: leave out stiffness, or use simulate"
+        )
+
+
 def checked_joints(joints: Sequence[int], n: int) -> list[int]:
     """Return joints of a chain of n rods, refused where one is named twice."""
     listed = [_checks.count("joint", j, low=0, high=n - 1) for j in joints]
@@ -102,11 +111,7 @@ class Ensemble(Members):
     ) -> None:
         self.size: int
         mechanism, self.size = check_chains(chains, size)
-        if mechanism.springs is not None:
-            raise ValueError(
-                "chains of an ensemble must have rigid rods, because equal steps do not resolve "
-                "the vibrations of springs: leave out stiffness, or use simulate"
-            )
+        check_rigid(mechanism.springs)
         self.n: int = mechanism.n
         self.joints: NDArray[Any] = np.array(checked_joints(joints, self.n), np.int64)
         super().__init__(

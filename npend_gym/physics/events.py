@@ -40,8 +40,8 @@ class Event:
         The event is where the quantity less `value` is zero.
     direction : {-1, 0, 1}
         Falling zeros alone, all, or rising ones alone.
-    terminal : bool
-        Whether the motion ends at the first of them.
+    terminal : bool or int
+        Whether the motion ends at the first of them; a number k ends it at the k-th, 0 never.
 
     Raises
     ------
@@ -62,7 +62,7 @@ class Event:
     rod: int = -1
     value: float = 0.0
     direction: int = 0
-    terminal: bool = False
+    terminal: bool | int = False
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -70,7 +70,7 @@ class Event:
         _checks.number("value", self.value)
         _checks.count("rod", self.rod, low=-MAX_RODS, high=MAX_RODS)
         _checks.count("direction", self.direction, low=-1, high=1)
-        _checks.truth("terminal", self.terminal)
+        _end_at(self.terminal)
         if self.quantity == "flip" and (self.value, self.direction) != (0.0, 0):
             raise ValueError(
                 "value and direction must be 0 for a flip, which has no sign; got "
@@ -107,7 +107,7 @@ class Watched(NamedTuple):
 
     function: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]  # of many states at once
     direction: int
-    terminal: bool
+    end_at: int  # its occurrence that ends the motion, counted from 1; 0 is none
 
 
 class Occurrence(NamedTuple):
@@ -123,7 +123,7 @@ class Watch:
     Attributes
     ----------
     end : Occurrence or None
-        The first terminal one, after which nothing is kept.
+        The one that ends the motion, after which nothing is kept.
     """
 
     def __init__(self, events: Any, chain: Chain) -> None:
@@ -133,14 +133,15 @@ class Watch:
         self.end: Occurrence | None = None
 
     def look(self, steps: TakenSteps) -> bool:
-        """Keep the events in some steps; return whether a terminal one is among them."""
+        """Keep the events in some steps; return whether one of them ends the motion."""
         for part in steps.parts(max(1, 2 * _RODS_AT_ONCE // steps.states.shape[1])):
             each_event = zip(self._events, self._last, strict=True)
             looked = [_occurrences(event, last, part) for event, last in each_event]
             new, self._last = [found for found, _ in looked], [last for _, last in looked]
-            last = [found[0] for event, found in zip(self._events, new, strict=True)
-                    if event.terminal and found]  # fmt: skip
-            self.end = end = min(last, key=lambda each: each.time, default=None)
+            each_event = zip(self._events, self._found, new, strict=True)
+            ends = [found[event.end_at - len(kept) - 1] for event, kept, found in each_event
+                    if 0 < event.end_at <= len(kept) + len(found)]  # fmt: skip
+            self.end = end = min(ends, key=lambda each: each.time, default=None)
             for kept, found in zip(self._found, new, strict=True):
                 kept += [each for each in found if end is None or each.time <= end.time]
             if end is not None:
@@ -193,8 +194,15 @@ def watched(events: Any, chain: Chain) -> list[Watched]:
                 f"{_checks.show(event)}"
             )
         direction = int(np.sign(getattr(event, "direction", 0)))
-        found.append(Watched(function, direction, bool(getattr(event, "terminal", False))))
+        found.append(Watched(function, direction, _end_at(getattr(event, "terminal", False))))
     return found
+
+
+def _end_at(terminal: Any) -> int:
+    """Return the occurrence at which a motion ends, counted from 1; 0 where it does not."""
+    if terminal is None or isinstance(terminal, (bool, np.bool_)):
+        return 1 if terminal else 0
+    return _checks.count("terminal", terminal, low=0)
 
 
 def _of_event(event: Event, chain: Chain) -> Callable[..., FloatArray]:

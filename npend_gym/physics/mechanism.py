@@ -99,6 +99,13 @@ class Mechanism(NamedTuple):
             )
 
 
+def first_of(chains: Sequence[Chain]) -> Chain:
+    """Return the first chain, refused where there is none."""
+    if not chains:
+        raise ValueError("chain must be one npend_gym.Chain or more, got none")
+    return check_chain(chains[0])
+
+
 def mechanism_of(chains: Sequence[Chain], accelerated: FloatArray | None = None) -> Mechanism:
     """Return chains of one kind side by side.
 
@@ -114,7 +121,7 @@ def mechanism_of(chains: Sequence[Chain], accelerated: FloatArray | None = None)
     ValueError, TypeError
         If one is no chain, or they are not of one kind.
     """
-    first = check_chain(chains[0] if chains else None)
+    first = first_of(chains)
     for chain in chains:
         if check_chain(chain).n != first.n:
             raise ValueError(

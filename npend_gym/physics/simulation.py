@@ -16,7 +16,7 @@ from npend_gym.chain import Chain, check_chain
 from npend_gym.physics.arguments import check_settings
 from npend_gym.physics.events import Event, EventFunction, Watch, watched
 from npend_gym.physics.integration import check_times
-from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism
+from npend_gym.physics.mechanism import AXIAL, PIVOT, Mechanism, first_of
 from npend_gym.physics.motion import packs_of
 from npend_gym.physics.signals import TimeVarying
 from npend_gym.physics.start import Start
@@ -139,7 +139,7 @@ def simulate(
     chains = (check_chain(chain),) if single else tuple(cast("Sequence[Chain]", chain))
     angles, speeds = _checks.array("theta", theta), _checks.array("omega", omega)
     one = single and max(angles.ndim, speeds.ndim) < 2
-    instants = check_times(times, check_chain(chains[0] if chains else None).n)
+    instants = check_times(times, first_of(chains).n)
     drives = {"torque": torque, "force": force, "pivot_acceleration": pivot_acceleration}
     places = {"position": position, "velocity": velocity}
     axial = {"stretch": stretch, "stretch_rate": stretch_rate}

@@ -29,7 +29,8 @@ class DifferentiableVectorEnv(ManyLanes):
     """Many N-pendulums as tensors: rewards and observations have gradients by all past actions.
 
     Episodes are those of `NPendulumVectorEnv` with the same keywords: the same starts of the same
-    seeds, and the same states to the last bit. Observations and rewards agree to rounding.
+    seeds, and without lag, ripple and pushes the same states to the last bit. All else agrees to
+    rounding.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from npend_gym import _checks
 from npend_gym.chain import Chain, ChainParameters, check_chain
-from npend_gym.physics.ensemble import checked_joints
+from npend_gym.physics.ensemble import check_rigid, checked_joints
 from npend_gym.torch.autograd import Call, Step, applied, uncompiled
 from npend_gym.torch.checks import as_tensors
 from npend_gym.torch.compiled_steps import CompiledSteps
@@ -86,7 +86,7 @@ def step(
     >>> theta.grad.shape
     torch.Size([2])
     """
-    check_chain(chain)
+    check_rigid(check_chain(chain).stiffness)
     steps = _kept_steps(chain, tuple(joints))
     given = dict(parameters or {})
     tensors = as_tensors({"theta": theta, "omega": omega, "torque": torque} | given)

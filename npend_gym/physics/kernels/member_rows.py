@@ -19,7 +19,7 @@ from npend_gym.compiled.jit import chosen_by_type, inlined_kernel, kernel
 from npend_gym.compiled.sincos import sincos
 from npend_gym.physics.kernels.layout import Member, Model, Rod
 from npend_gym.physics.kernels.link_terms import Parameter, joint_terms_of, link_terms_of
-from npend_gym.physics.kernels.turning_points import speed_threshold
+from npend_gym.physics.kernels.turning_points import latest_sign, speed_threshold
 
 Indices = NDArray[np.int64]
 
@@ -85,7 +85,7 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
     """Begin to measure member `k` from its present state: time, work, turning points."""
     g, lane = k // width, k % width
     rows, total, fastest = rods[g], 0.0, 0.0
-    position, velocity, moment = 0.0, 0.0, 0.0
+    position, velocity, moment, momentum, mass = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         r = i * width + lane
         length, omega = rows[Rod.LENGTH, r], rows[Rod.OMEGA, r]
@@ -95,18 +95,24 @@ def begin_to_measure(members: FloatArray, rods: FloatArray, k: int, width: int, 
         position += length * s
         velocity += length * (omega * c)
         moment += rows[Rod.CARRIED, r] * s
+        momentum += rows[Rod.CARRIED, r] * (omega * c)
+        mass += rows[Rod.MASS, r]
         rows[Rod.ORIENTATION, r] = -1.0 if position < 0.0 else 1.0
         rows[Rod.VELOCITY, r] = velocity
         rows[Rod.PERIOD, r] = rows[Rod.ZERO, r] = math.nan
-        rows[Rod.SIGN, r] = rows[Rod.RISEN, r] = 0.0
+        rows[Rod.RISEN, r] = 0.0
     last = n * width + lane
     rows[Rod.ORIENTATION, last] = -1.0 if moment < 0.0 else 1.0
     rows[Rod.PERIOD, last] = math.nan if members[Member.WITH_COM, k] > 0.0 else 0.0
     rows[Rod.ZERO, last] = math.nan
-    rows[Rod.SIGN, last] = rows[Rod.RISEN, last] = 0.0
+    rows[Rod.RISEN, last] = 0.0
     mean = total / n
     natural = math.sqrt(members[Member.GRAVITY, k] / mean)
-    members[Member.THRESHOLD, k] = _speed_threshold(natural, fastest) * mean
+    threshold = members[Member.THRESHOLD, k] = _speed_threshold(natural, fastest) * mean
+    for i in range(n + 1):
+        r = i * width + lane
+        now = rows[Rod.VELOCITY, r] if i < n else momentum / mass
+        rows[Rod.SIGN, r] = latest_sign(rows[Rod.ORIENTATION, r] * now, threshold, 0.0)
     members[Member.TIME, k] = members[Member.WORK, k] = 0.0
     members[Member.COMPLETED, k] = members[Member.DIVERGED, k] = 0.0
 

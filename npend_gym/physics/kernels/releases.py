@@ -34,6 +34,7 @@ from npend_gym.physics.kernels.turning_points import (
     Record,
     Rule,
     follow_interval,
+    latest_sign,
     may_turn,
 )
 
@@ -244,7 +245,12 @@ def observe_release(
     for part in range(0 if first else 1, _SUBINTERVALS + 1):  # 0: the start itself
         begun = taken & (solver.clock[0] <= (0.0 if part == 0 else math.inf))
         right = part / _SUBINTERVALS
-        if _mark(solver, right, begun, release, rods) and part > 0:
+        found = _mark(solver, right, begun, release, rods)
+        if part == 0:
+            for i in range(release.record.period.size):
+                sign = latest_sign(release.scratch[_RIGHT, i], release.threshold[0], 0.0)
+                release.record.sign[i] = where(begun, sign, release.record.sign[i])
+        elif found:
             left = (part - 1) / _SUBINTERVALS
             for k in range(width):
                 own = lane(release, k)

@@ -161,6 +161,12 @@ def _update_record(
 
 
 @inlined_kernel
+def latest_sign(signal: Any, threshold: Any, sign: Any) -> Any:
+    """Return the sign of the signal where it counts, else the one before; floats or packs."""
+    return where(signal > threshold, 1.0, where(signal < -threshold, -1.0, sign))
+
+
+@inlined_kernel
 def may_turn(
     record: Record, i: int, threshold: float, signal: float, slope: float, signal_end: float,
     slope_end: float,
@@ -171,7 +177,7 @@ def may_turn(
     not known yet.
     """
     sign = record.sign[i]
-    new = where(signal_end > threshold, 1.0, where(signal_end < -threshold, -1.0, sign))
+    new = latest_sign(signal_end, threshold, sign)
     event = (slope * slope_end < 0.0) | (new != sign)
     event = event | ((signal <= 0.0) & (signal_end > 0.0))
     event = event | ((signal >= 0.0) & (signal_end < 0.0))

@@ -43,6 +43,11 @@ class DisturbedEnvs:
 
     def __init__(self, setting: Setting, num_envs: int, disturbance: Disturbance) -> None:
         config = setting.config
+        if config.max_torque == 0.0:
+            raise ValueError(
+                "max_torque must be greater than zero, because disturbances are torques in "
+                "proportion to it; got 0"
+            )
         self.config: EnvConfig = config
         self.num_envs: int = num_envs
         self.disturbance: Disturbance = disturbance

@@ -1,4 +1,4 @@
-"""What a policy's file must hold, whoever wrote it: a network, and an environment that fits it."""
+"""What a policy must be, whoever made it: a network, and an environment that fits it."""
 
 from __future__ import annotations
 
@@ -38,41 +38,49 @@ def check_functions(given: Any) -> dict[str, Any]:
     return functions
 
 
-def check_network(
-    arrays: dict[str, Float32Array], offset: Float32Array | None, functions: dict[str, Any]
-) -> Layers:
-    """Return the scale, the weights and the biases of a network, checked together.
-
-    `functions` are those of `check_functions`. Signals must not overflow.
-    """
+def layers_of(arrays: dict[str, Float32Array]) -> Layers:
+    """Return the scale, the weights and the biases among the arrays of a file."""
     depth = (len(arrays) - 1) // 2
     names = ["scale"] + [f"{kind}{k}" for k in range(depth) for kind in ("weight", "bias")]
-    if depth == 0 or sorted(arrays) != sorted(names):
+    if sorted(arrays) != sorted(names):
         raise ValueError(f"it holds {_checks.show(sorted(arrays))}")
-    for name, array in arrays.items():
-        if array.ndim not in (1, 2) or array.size == 0:
-            raise ValueError(f"it holds {name} of shape {array.shape}")
-    scale = arrays["scale"]
-    weights = [arrays[f"weight{k}"] for k in range(depth)]
-    biases = [arrays[f"bias{k}"] for k in range(depth)]
+    weights, biases = ([arrays[f"{kind}{k}"] for k in range(depth)] for kind in ("weight", "bias"))
+    return arrays["scale"], weights, biases
+
+
+def check_network(layers: Layers, offset: Float32Array | None, functions: dict[str, Any]) -> None:
+    """Raise an error for layers that form no network, or in which signals may overflow.
+
+    `functions` are those of `check_functions`.
+    """
+    scale, weights, biases = layers
+    if not len(weights) == len(biases) > 0:
+        raise ValueError(
+            f"weights and biases must have one entry for each layer, got {len(weights)} and "
+            f"{len(biases)}"
+        )
+    if scale.ndim not in (1, 2) or scale.size == 0:
+        raise ValueError(
+            f"scale must have the shape (k,) or (length, k + joints), got {scale.shape}"
+        )
     if scale.ndim == 2 and scale.shape[1] <= biases[-1].size:
         raise ValueError(
-            f"frames of shape {scale.shape} have no room for observations and "
+            f"scale of shape {scale.shape} has no room for observations and "
             f"{biases[-1].size} actions"
         )
-    inputs = (scale.size,)
-    for weight, bias in zip(weights, biases, strict=True):
-        if bias.ndim != 1 or weight.shape != bias.shape + inputs:
+    inputs = scale.size
+    for k, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        if bias.ndim != 1 or bias.size == 0 or weight.shape != (bias.size, inputs):
             raise ValueError(
-                f"a layer for inputs of shape {inputs} has weights of shape {weight.shape} and "
-                f"biases of shape {bias.shape}"
+                f"weights[{k}] and biases[{k}] must have the shapes (m, {inputs}) and (m,), got "
+                f"{weight.shape} and {bias.shape}"
             )
-        inputs = bias.shape
+        inputs = bias.size
     if offset is not None and offset.shape != scale.shape:
-        raise ValueError(f"its offset has the shape {offset.shape}, its scale {scale.shape}")
-    layers = scale, weights, biases
+        raise ValueError(f"offset must have the shape of scale, {scale.shape}, got {offset.shape}")
+    if not all(np.isfinite(array).all() for array in (scale, *weights, *biases)):
+        raise ValueError("scale, weights and biases must be finite")
     _check_signals(layers, offset, functions)
-    return layers
 
 
 def _check_signals(layers: Layers, offset: Float32Array | None, functions: dict[str, Any]) -> None:
@@ -93,19 +101,17 @@ def _check_signals(layers: Layers, offset: Float32Array | None, functions: dict[
             bound = np.ones(bias.size) if functions["activation"] == "tanh" else signal
     if not largest <= _MAX_SIGNAL:
         raise ValueError(
-            f"its numbers overflow: with observations of up to {_MAX_OBSERVED:g} a signal may "
-            f"reach {largest:.3g}"
+            f"scale, weights and biases overflow: with observations of up to {_MAX_OBSERVED:g} a "
+            f"signal may reach {largest:.3g}"
         )
 
 
-def check_env(env: dict[str, Any], observed: int, actions: int, *, trust: bool) -> None:
-    """Raise an error for keywords that describe no environment for a policy of this size.
+def check_trust(env: dict[str, Any], *, trust: bool) -> None:
+    """Raise an error where keywords in a file name code or other files.
 
-    Nothing is known of them but that they are from JSON. With `trust` a mode "package.module:Class"
-    may be imported.
+    With `trust` a mode "package.module:Class" may be imported.
     """
-    from npend_gym.envs.config import EnvConfig  # heavy
-    from npend_gym.envs.modes import MODES
+    from npend_gym.envs.modes import MODES  # heavy
 
     mode = env.get("mode", "swingup")
     if isinstance(mode, str) and ":" in mode and mode not in MODES and not trust:
@@ -119,6 +125,15 @@ def check_env(env: dict[str, Any], observed: int, actions: int, *, trust: bool) 
             f"its chain must be a preset's name or parameters, got {_checks.show(chain)}: a policy "
             "reads no other file"
         )
+
+
+def check_env(env: dict[str, Any], observed: int, actions: int) -> None:
+    """Raise an error for plain keywords that describe no environment for a policy of this size.
+
+    They may be from a file that nobody trusts, after `check_trust`.
+    """
+    from npend_gym.envs.config import EnvConfig  # heavy
+
     if "n" in env:  # each rod is observed by one number at least
         _checks.count("n", env["n"], high=max(1, observed))
     _check_lists(env, max(observed, _MAX_ENTRIES))

@@ -65,7 +65,7 @@ def write_policy(path: Path, arrays: dict[str, Float32Array], about: dict[str, A
 
 
 def read_policy(path: Path) -> tuple[dict[str, Float32Array], dict[str, Any]]:
-    """Return the arrays, all of finite float32 numbers, and the description, which has an "env"."""
+    """Return the arrays, all of float32 numbers, and the description, which has an "env"."""
     if path.suffix == ".npz":
         raise ValueError(f"policies are {_SUFFIX} files, got {path}; {_conversion(path)}")
     _check_suffix(path)
@@ -102,8 +102,8 @@ def _read_parts(path: Path) -> tuple[dict[str, Float32Array], str]:
     # an error of Python is about a type that NumPy lacks
     except (SafetensorError, TypeError, AttributeError) as error:
         raise ValueError(str(error)) from error
-    if any(a.dtype != np.float32 or not np.isfinite(a).all() for a in arrays.values()):
-        raise ValueError("its arrays must be finite float32 numbers")
+    if any(array.dtype != np.float32 for array in arrays.values()):
+        raise ValueError("its arrays must be float32 numbers")
     if _ABOUT not in metadata:
         raise ValueError(f'its header has no description, the entry "{_ABOUT}" of its metadata')
     return arrays, metadata[_ABOUT]

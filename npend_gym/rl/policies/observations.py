@@ -38,7 +38,8 @@ def observation_of(
     cart_position, cart_velocity : array_like, shape () or (B,)
         Of a cart [m], [m/s].
     goal : array_like, shape (n,) or (B, n), optional
-        ``info["goal"]``, in the mode "transition".
+        ``info["goal"]``, in the mode "transition"; left out with `goal_env`, where the goal is an
+        entry of its own.
 
     Returns
     -------
@@ -84,7 +85,8 @@ def observation_of(
         raise ValueError("cart_position and cart_velocity must be 0 for a chain without a cart")
     if (goal is not None) != config.observes_goals:
         needed = "given" if config.observes_goals else "left out"
-        raise ValueError(f"goal must be {needed} in mode {config.mode.name!r}")
+        where = "with goal_env=True" if config.goal_env else f"in mode {config.mode.name!r}"
+        raise ValueError(f"goal must be {needed} {where}")
     if goal is not None:
         parts.append(np.broadcast_to(np.cos(_rows("goal", goal, config.n)), angles.shape))
     return np.concatenate(parts, axis=-1).astype(np.float32)

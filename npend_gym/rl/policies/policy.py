@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike
 
 from npend_gym._extras import require
 from npend_gym.chain import plain_keywords
-from npend_gym.rl.policies.checks import USUAL, check_env, check_functions, check_network
+from npend_gym.rl.policies.checks import (
+    USUAL,
+    check_env,
+    check_functions,
+    check_network,
+    check_trust,
+    layers_of,
+)
 from npend_gym.rl.policies.files import (
     CHECKSUM,
     POLICY_FILE,
@@ -70,7 +77,10 @@ class Policy:
     ------
     ValueError
         If `limit`, `activation` or `output` is none of these, or `provenance` has a name that a
-        file gives another meaning: "env", "network" or "crc32".
+        file gives another meaning: "env", "network" or "crc32"; if the layers do not fit each
+        other, `scale` or `env`, or a signal in them may overflow.
+    TypeError
+        If a keyword in `env` has the wrong type.
 
     Examples
     --------
@@ -95,18 +105,21 @@ class Policy:
     _history: History | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_functions(self._functions)
+        functions = check_functions(self._functions)
         for name in _RESERVED & self.provenance.keys():
             raise ValueError(f"provenance[{name!r}] must be left out: a file has its own")
         numbers = {"scale": self.scale, "weights": self.weights, "biases": self.biases}
         for name, given in (numbers | {"offset": self.offset}).items():
             object.__setattr__(self, name, _as_float32(given))  # as a file holds them
+        check_network((self.scale, self.weights, self.biases), self.offset, functions)
         history = None
         if self.scale.ndim == 2:
             length, entries = self.scale.shape
             joints = len(self.biases[-1])
             history = History(length, entries - joints, joints)
         object.__setattr__(self, "_history", history)
+        if self.env:
+            check_env(plain_keywords(self.env), self.observed, len(self.biases[-1]))
 
     @property
     def _functions(self) -> dict[str, Any]:
@@ -192,6 +205,8 @@ class Policy:
         begins = None if info is None else np.atleast_1d(info["time"]) == 0.0
         if begins is not None and begins.all():
             history.reset(begins.size)
+        if not len(history.frames):
+            raise ValueError("call reset(num_envs) before a policy with memory acts")
         expected = (len(history.frames), self.observed)
         if np.shape(observation) != expected:
             raise ValueError(
@@ -321,13 +336,10 @@ class Policy:
         try:
             functions = check_functions(about.pop("network", {}))
             offset = arrays.pop("offset", None)
-            layers = check_network(arrays, offset, functions)
-            policy = cls(*layers, env, about, offset, **functions)
-            if env:
-                check_env(env, policy.observed, len(policy.biases[-1]), trust=trust)
+            check_trust(env, trust=trust)
+            return cls(*layers_of(arrays), env, about, offset, **functions)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path} is no policy: {error}") from error
-        return policy
 
     @classmethod
     def from_hub(

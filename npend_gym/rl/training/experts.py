@@ -38,7 +38,8 @@ from npend_gym.rl.training.chain_plans import ChainPlans, Changes, PlanTracker, 
 from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
-_NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64)  # standard deviation of actions, in each lane
+# standard deviation of actions in each lane, over the largest on the expert's
+_NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64) / 0.1
 _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends
 _GROWS, _SHRINKS = 1.8, 0.93  # after a variant that is better, or not
@@ -165,7 +166,7 @@ def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition
     else:
         options: dict[str, Any] = {"tries": settings.tries, "guess": "mpc", "seed": seed}
         plan = planned_swing_up(config, settings.seconds, **options)
-    return steadied(config, plan, settings.variants, seed)
+    return steadied(config, plan, settings.variants, seed, settings.noise_std)
 
 
 def _regulator(settings: Any, config: EnvConfig, chains: list[Changes]) -> ChainPlans:
@@ -181,7 +182,7 @@ def _regulator(settings: Any, config: EnvConfig, chains: list[Changes]) -> Chain
 
 
 def steadied(
-    config: EnvConfig, plan: PlannedTransition, variants: int, seed: int
+    config: EnvConfig, plan: PlannedTransition, variants: int, seed: int, noise_std: float
 ) -> PlannedTransition:
     """Return the plan, or that of its variants along which noise leads least far astray.
 
@@ -190,13 +191,14 @@ def steadied(
     """
     if variants == 0:
         return plan
-    rng, size, least = np.random.default_rng([seed, 3]), _CHANGE, astray(config, plan)
+    rng, size = np.random.default_rng([seed, 3]), _CHANGE
+    least = astray(config, plan, noise_std)
     for _ in range(variants):
         states, actions = plan.nominal
         change = _smooth_change(rng, len(actions))[:, None]
         wanted = np.clip(actions + size * change, -1.0, 1.0)
         variant = replanned(config, plan.nominal, like=NominalTrajectory(states, wanted))
-        if variant is not None and (cost := astray(config, variant)) < least:
+        if variant is not None and (cost := astray(config, variant, noise_std)) < least:
             plan, least, size = variant, cost, min(_LARGEST, _GROWS * size)
         else:
             size = _SHRINKS * size if size > _SMALLEST else _LARGEST
@@ -212,7 +214,7 @@ def _smooth_change(rng: np.random.Generator, steps: int) -> FloatArray:
     return change
 
 
-def astray(config: EnvConfig, plan: PlannedTransition) -> float:
+def astray(config: EnvConfig, plan: PlannedTransition, noise_std: float) -> float:
     """Return how far noise of the actions leads from a plan that is tracked: a mean logarithm.
 
     It is that of the largest cost of the deviation in a lane, over the mean at the start.
@@ -227,7 +229,7 @@ def astray(config: EnvConfig, plan: PlannedTransition) -> float:
         known = worst < _LOST
         worst[known] = np.maximum(worst, tracking.relative_cost)[known]
         lost_at[known] = min(k, plans.steps)
-        noise = _NOISE[:, None] * rng.normal(size=tracking.actions.shape)
+        noise = noise_std * _NOISE[:, None] * rng.normal(size=tracking.actions.shape)
         actions = (tracking.actions + noise).clip(-1.0, 1.0)
         *_, info = envs.step(np.where(known[:, None], actions, 0.0))
     envs.close()

@@ -69,9 +69,10 @@ _FOUR: dict[str, Any] = _LONG | {  # the plan is that of a policy
     "errors": {NOTHING: 0.1, CHAIN: 0.32, "torque_noise": 0.16, "motor_lag": 0.04, "delay": 0.2,
                PUSHES: 0.18},
 }  # fmt: skip
-_FIVE: dict[str, Any] = _LONG | {
-    "plan_seed": 0, "tries": 4, "variants": 300, "first_level": 0.1, "standing": 220, "length": 10,
-    "rounds": 240, "hidden": 288, "muon_learning_rate": 0.015,
+_STEADY: dict[str, Any] = _LONG | {"plan_seed": 0, "tries": 4, "muon_learning_rate": 0.015}
+_FIVE: dict[str, Any] = _STEADY | {
+    "variants": 300, "first_level": 0.1, "standing": 220, "length": 10, "rounds": 240,
+    "hidden": 288,
     "errors": {NOTHING: 0.13, CHAIN: 0.32, "torque_noise": 0.15, "motor_lag": 0.08, "delay": 0.22,
                PUSHES: 0.1},
 }  # fmt: skip
@@ -93,7 +94,7 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-2": _QUICK | {"seconds": 3.0, "plan_seed": 0, "rounds": 10, "hidden": 64},
     "swingup-3": _QUICK | {"seconds": 4.0, "plan_seed": 4, "rounds": 10},
     "swingup-4": _QUICK | {"seconds": 5.0, "plan_seed": 10, "rounds": 24, "variants": 100},
-    "swingup-5": _LONG | {"errors": {}, "plan_seed": 11, "variants": 300, "rounds": 300},
+    "swingup-5": _STEADY | {"errors": {}, "variants": 160, "rounds": 100},
     "swingup-2-robust": {"rescuer": "swingup-2"},
     "swingup-2-acrobot-robust": _ROBOT | {"rescuer": "swingup-2-acrobot"},
     "swingup-2-pendubot-robust": _ROBOT | {"rescuer": "swingup-2-pendubot"},
