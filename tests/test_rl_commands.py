@@ -119,7 +119,7 @@ def test_the_task_chooses_the_algorithm():
 
     tasks = ("swingup-2", "calm-20", "swingup-3", "transition-2", "calm-5")
     assert [_algorithm(task, None) for task in tasks] == [
-        "shac", "shac", "imitation", "shac", "shac",
+        "shac", "shac", "imitation", "imitation", "shac",
     ]  # fmt: skip
     assert _algorithm("swingup-2", "imitation") == "imitation"
 

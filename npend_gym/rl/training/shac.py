@@ -273,7 +273,6 @@ TASKS: dict[str, dict[str, Any]] = {
     "swingup-1": {"total_timesteps": 20_000},
     "swingup-2": {"total_timesteps": 144_000},
     "swingup-1-robust": {"total_timesteps": 160_000, "episode": 128, "margin": 1.0},
-    "transition-2": {"total_timesteps": 200_000},
     "balance-1": {"total_timesteps": 20_000},
     "balance-2": {"total_timesteps": 60_000},
     "balance-3": {"total_timesteps": 144_000},
