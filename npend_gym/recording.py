@@ -218,6 +218,13 @@ def record_first_trials(
     return recordings
 
 
+def _of_one(given: Any) -> Any:
+    """Return an array, or each of a dictionary, with a leading axis of one."""
+    if isinstance(given, dict):
+        return {key: np.asarray(value)[None] for key, value in given.items()}
+    return given[None]
+
+
 def record_episode(
     policy: Callable[[NDArray[np.float32], Any], NDArray[Any]],
     keywords: Mapping[str, Any],
@@ -254,8 +261,8 @@ def record_episode(
     observation, info = env.reset(seed=seed)
     infos, done = [info], False
     while not done:
-        batch = {key: np.asarray(value)[None] for key, value in info.items()}
-        action = np.asarray(policy(observation[None], batch))[0].astype(env.action_space.dtype)
+        action = np.asarray(policy(_of_one(observation), _of_one(info)))[0]
+        action = action.astype(env.action_space.dtype)
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated or info["time"] >= seconds - 0.5 * config.dt
         infos.append(info)

@@ -137,6 +137,9 @@ def test_a_chain_draws_itself_to_scale_with_its_data():
     cells = re.findall(r"<td>(.*?)</td>", shown)
     assert cells == ["4", "1", "1", "0.5", "1", "0.25"]
     assert "gravity 1.62 m/s^2" in shown
+    sprung = Chain([4.0, 1.0], [1.0, 0.5], stiffness=500.0, base=Cart(2.0))._repr_html_()
+    assert "on a cart of 2 kg" in sprung
+    assert "<th>stiffness [N/m]</th>" in sprung
 
 
 @pytest.mark.parametrize("chain", [Chain.uniform(1), Chain.uniform(1000), Chain.realaigym("C.1")])

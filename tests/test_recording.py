@@ -88,6 +88,15 @@ def test_an_episode_is_recorded_step_by_step():
     assert recording.caption == "swingup by sine, n = 2"
 
 
+def test_an_episode_with_a_goal_is_recorded():
+    def agent(observation, _):
+        assert observation["desired_goal"].shape == (1, 2)
+        return np.array([[0.5]])
+
+    keywords = {"n": 1, "mode": "transition", "goal_env": True, "reward_type": "sparse"}
+    assert record_episode(agent, keywords, seconds=0.5).torque.tolist() == [0.5] * 11
+
+
 @pytest.mark.parametrize(
     ("keywords", "action", "expected"),
     [

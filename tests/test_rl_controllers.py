@@ -132,6 +132,15 @@ def test_modal_damping_calms_the_chain_faster_than_brakes_of_other_strength(n, k
     assert slowest[1.0] < min(slowest[0.5], slowest[2.0])
 
 
+@pytest.mark.parametrize("limit", [1e-3, 1e6])
+def test_modal_damping_is_the_same_brake_for_motors_of_any_strength(limit):
+    brakes = [
+        regulators.modal_damping(config_of(n=2, mode="calm", max_torque=each)).gain * each
+        for each in (20.0, limit)
+    ]
+    np.testing.assert_allclose(*brakes, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     "lag",
     # the kernels of motors take long to compile

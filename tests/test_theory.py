@@ -35,6 +35,31 @@ def test_amplitude_series_converges_to_the_elliptic_integral():
     assert theory.amplitude_correction(1.0, 0) == 0.0
 
 
+def test_the_period_of_a_pendulum_keeps_its_digits_near_zero_and_near_the_top():
+    small = np.array([1e-9, 1e-5, 1e-3])
+    np.testing.assert_allclose(
+        theory.amplitude_correction(small), small**2 / 16 + 11 * small**4 / 3072, rtol=1e-13
+    )
+    left = np.array([1e-6, 1e-8, 1e-12])  # K(k) is ln(4/k') where k' is small
+    expected = 2.0 / np.pi * np.log(4.0 / np.cos(0.5 * (np.pi - left)))
+    np.testing.assert_allclose(theory.pendulum_factor(np.pi - left), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("masses", "lengths"), [([1e-3, 1e3], [0.01, 100.0]), ([1e-9, 1e9], [1.0, 1.0])]
+)
+def test_slow_modes_keep_their_digits_beside_fast_ones(masses, lengths):
+    # of two rods: m_1 l_1 l_2 x^2 - (m_1 + m_2) (l_1 + l_2) g x + (m_1 + m_2) g^2 = 0, x = omega^2
+    whole, g = sum(masses), 9.81
+    a, b, c = masses[0] * lengths[0] * lengths[1], whole * sum(lengths) * g, whole * g * g
+    slow = np.sqrt(2.0 * c / (b + np.sqrt(b * b - 4.0 * a * c)))
+    chain = Chain(masses, lengths, gravity=g)
+    assert 2.0 * np.pi / theory.fundamental_period(chain) == pytest.approx(slow, rel=1e-13)
+    omega, modes = theory.normal_modes(chain)
+    assert omega[0] == pytest.approx(slow, rel=1e-13)
+    assert modes[:, 0].min() > 0.0 > modes[:, 1].min()
+
+
 def test_the_corrected_model_of_several_angles_has_their_mean_correction():
     chain, angles = Chain.uniform(3), [0.3, -0.6]
     each = [theory.models(chain, angle).corrected for angle in angles]
@@ -109,6 +134,7 @@ def test_without_gravity_a_period_is_not_a_number():
         (lambda: theory.release_profile(1.1), ValueError, "s must lie between 0"),
         (lambda: theory.com_period(0), ValueError, "chain must be at least 1"),
         (lambda: theory.com_period(2.5), TypeError, "chain must be an integer"),
+        (lambda: theory.com_period(Chain([1e-9, 1e9], 1.0)), ValueError, "within a factor of 1e"),
         (lambda: theory.com_period(2, 3.2), ValueError, "amplitude must lie between"),
         (lambda: theory.small_angle_periods(Chain.uniform(20_000)), ValueError, "n must be"),
     ],

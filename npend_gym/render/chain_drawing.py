@@ -19,7 +19,8 @@ _MOST_LINKS, _MOST_ROWS = 200, 12
 _UNITS = {
     "masses": "kg", "lengths": "m", "damping": "N m s/rad", "drag": "N s/m",
     "quadratic_drag": "N s^2/m^2", "centres": "m", "inertias": "kg m^2", "friction": "N m",
-    "friction_speed": "rad/s", "armature": "kg m^2", "gear": "1",
+    "friction_speed": "rad/s", "armature": "kg m^2", "gear": "1", "stiffness": "N/m",
+    "axial_damping": "N s/m",
 }  # fmt: skip
 
 
@@ -89,7 +90,9 @@ def _table(chain: Chain, title: str) -> str:
     """Return the parameters: a row for each link, or one for all where they are equal."""
     drags = ("drag", "quadratic_drag") if chain.has_drag else ()
     damping = ("damping",) if chain.damping.any() else ()
-    names = ["masses", "lengths", *damping, *drags, *chain.repeated(1).beyond_ideal()]
+    springs = ("stiffness", "axial_damping") if chain.stiffness is not None else ()
+    names = ["masses", "lengths", *damping, *drags, *springs, *chain.repeated(1).beyond_ideal()]
+    base = "" if chain.base is None else f"; on a cart of {chain.base.mass:g} kg"
     columns = [np.asarray(getattr(chain, name)) for name in names]
     equal = chain.n > 1 and all(np.all(column == column[0]) for column in columns)
     rows = [("each", 0)] if equal else [(str(k), k) for k in range(min(chain.n, _MOST_ROWS))]
@@ -101,6 +104,6 @@ def _table(chain: Chain, title: str) -> str:
     if not equal and chain.n > _MOST_ROWS:
         body += f'<tr><td colspan="{len(names) + 1}">and {chain.n - _MOST_ROWS} more</td></tr>'
     return (
-        f"<table><caption>{title}; gravity {chain.gravity:g} m/s^2</caption>"
+        f"<table><caption>{title}; gravity {chain.gravity:g} m/s^2{base}</caption>"
         f"<thead><tr><th>link</th>{heads}</tr></thead><tbody>{body}</tbody></table>"
     )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh_tridiagonal
-from scipy.special import ellipk
+from scipy.special import ellipkm1
 
 from npend_gym import _checks
 from npend_gym._checks import FloatArray
@@ -15,6 +15,7 @@ from npend_gym.chain import MAX_DENSE, STANDARD_GRAVITY, Chain, check_hung
 from npend_gym.theory.rope import SLOWEST, com_ratio
 
 MAX_TERMS = 100_000  # of the amplitude series
+_SMALL, _ENOUGH = 0.05, 6  # rad, below which the limit less 1 would lose digits; terms there
 
 
 def ideal_period(chain: Chain) -> float:
@@ -74,9 +75,11 @@ def amplitude_correction(theta0: ArrayLike, terms: int | None = None) -> FloatAr
     >>> float(theory.amplitude_correction(np.pi / 4).round(4))
     0.04
     """
-    m = _modulus("theta0", theta0)
+    given = _within_pi("theta0", theta0)
     if terms is None:
-        return np.asarray(2.0 * ellipk(m) / np.pi - 1.0)
+        limit, small = pendulum_factor(given) - 1.0, np.abs(given) < _SMALL
+        return np.where(small, amplitude_correction(np.where(small, given, 0.0), _ENOUGH), limit)
+    m = np.sin(0.5 * given) ** 2
     term, total = np.ones_like(m), np.zeros_like(m)
     for k in range(1, _checks.count("terms", terms, low=0, high=MAX_TERMS) + 1):
         term = term * ((2 * k - 1) / (2 * k)) ** 2 * m
@@ -99,15 +102,17 @@ def pendulum_factor(amplitude: ArrayLike) -> FloatArray:
     >>> theory.pendulum_factor([0.0, np.pi / 2]).round(4).tolist()
     [1.0, 1.1803]
     """
-    return np.asarray(2.0 * ellipk(_modulus("amplitude", amplitude)) / np.pi)
+    # K of the modulus sin(a/2), by what is left to 1 of its square: exact near pi too
+    left = np.cos(0.5 * _within_pi("amplitude", amplitude)) ** 2
+    return np.asarray(2.0 * ellipkm1(left) / np.pi)
 
 
-def _modulus(name: str, angle: ArrayLike) -> FloatArray:
-    """Return sin^2(a/2), of angles within pi."""
+def _within_pi(name: str, angle: ArrayLike) -> FloatArray:
+    """Return angles [rad], refused where they do not lie within pi."""
     given = _checks.array(name, angle)
     if np.any(np.abs(given) >= np.pi):
         raise ValueError(f"{name} must lie between -pi and pi, got {_checks.show(angle)}")
-    return np.sin(0.5 * given) ** 2
+    return given
 
 
 def pendulum_period(

@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import eigh, eigh_tridiagonal
+from scipy.linalg import eigh, eigh_tridiagonal, svd
 
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.chain import MAX_DENSE, Chain, ChainParameters, check_hung
 from npend_gym.chain.inertia import link_inertia, rotor_inertia
+
+_SPREAD = 1e-9  # of squares of frequencies, below which rounding spoils the smallest
 
 
 def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
@@ -47,6 +49,10 @@ def normal_modes(chain: Chain) -> tuple[FloatArray, FloatArray]:
     _checks.count("n", chain.n, high=MAX_DENSE)
     if chain.has_bobs:
         squares, vectors = eigh_tridiagonal(*_stiffness(chain))
+        if squares[0] < _SPREAD * squares[-1]:
+            # of a bidiagonal matrix all singular values are exact, small ones too
+            _, values, rows = svd(_factor(chain), lapack_driver="gesvd")
+            squares, vectors = values[::-1] ** 2, rows[::-1].T
         modes = vectors / np.sqrt(chain.lengths * chain.carried_masses)[:, None]
     else:
         direction = _resting(chain)
@@ -130,15 +136,17 @@ def _any_above(chains: ChainParameters, mu: float, *forces: FloatArray) -> BoolA
 
 
 def _frequency(chain: Chain, k: int) -> float:
-    if not chain.has_bobs:
-        none = np.zeros(chain.n)
-        return math.sqrt(_eigenvalue(chain, k, chain.gravity * np.abs(chain.lift), none, none))
-    if chain.n == 1:  # older SciPy refuses matrices of one entry
-        return math.sqrt(float(_stiffness(chain)[0][0]))
-    square = eigh_tridiagonal(
-        *_stiffness(chain), eigvals_only=True, select="i", select_range=(k, k), tol=0.0
-    )[0]
-    return math.sqrt(max(float(square), 0.0))
+    if chain.has_bobs:
+        diagonal, beside = _stiffness(chain)
+        if chain.n == 1:  # older SciPy refuses matrices of one entry
+            return math.sqrt(float(diagonal[0]))
+        (square,) = eigh_tridiagonal(
+            diagonal, beside, eigvals_only=True, select="i", select_range=(k, k), tol=0.0
+        )
+        if square >= _SPREAD * diagonal.max():
+            return math.sqrt(square)
+    none = np.zeros(chain.n)
+    return math.sqrt(_eigenvalue(chain, k, chain.gravity * np.abs(chain.lift), none, none))
 
 
 def _stiffness(chain: Chain) -> tuple[FloatArray, FloatArray]:
@@ -147,6 +155,12 @@ def _stiffness(chain: Chain) -> tuple[FloatArray, FloatArray]:
     scale = np.sqrt(chain.gravity * chain.carried_masses / chain.lengths)
     at_joint = np.concatenate([[0.0], v])
     return (at_joint[:-1] + v) * scale**2, -v[:-1] * scale[:-1] * scale[1:]
+
+
+def _factor(chain: Chain) -> FloatArray:
+    """Return the upper bidiagonal F with F' F = K^(1/2) M^(-1) K^(1/2), shape (n, n)."""
+    scale, root = np.sqrt(chain.gravity * chain.carried_masses / chain.lengths), chain.masses**-0.5
+    return np.diag(scale * root) - np.diag(scale[1:] * root[:-1], 1)
 
 
 def _resting(chain: Chain | ChainParameters) -> FloatArray:

@@ -21,6 +21,7 @@ _SAMPLES = 8  # of the fastest mode's period, between which reversals are looked
 _FRAMES = 256  # looked at together
 _WINDOW = 10.0  # periods of the slowest mode, after which a bob is given up
 _HALVINGS = 44  # of the time between two samples
+_MOST_APART = 1e6  # frequencies: sampling takes seconds then
 _MODES_UP_TO = 200  # rods: equal rods beyond have the limit of the rope, to 2e-7
 
 
@@ -128,7 +129,13 @@ def _second_reversals(frequencies: FloatArray, strengths: FloatArray) -> FloatAr
     """
     count = len(strengths)
     step = 2.0 * math.pi / (_SAMPLES * frequencies[-1])
-    last = math.ceil(_WINDOW * _SAMPLES * frequencies[-1] / frequencies[0])
+    ratio = float(frequencies[-1] / frequencies[0])
+    if not ratio <= _MOST_APART:
+        raise ValueError(
+            f"chain must have frequencies within a factor of {_MOST_APART:g}, because all of its "
+            f"modes are sampled; got a factor of {ratio:.3g}"
+        )
+    last = math.ceil(_WINDOW * _SAMPLES * ratio)
     risen, found = np.zeros(count, np.bool_), np.full(count, np.nan)
     for first in range(1, last, _FRAMES):
         open_ = np.flatnonzero(np.isnan(found))

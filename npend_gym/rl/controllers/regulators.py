@@ -194,7 +194,11 @@ def modal_damping(config: EnvConfig) -> StateFeedback:
         return float(np.abs(np.linalg.eigvals(closed_loop[np.ix_(moving, moving)])).max())
 
     grid = np.linspace(-8.0, 4.0, 121)
-    start = min(grid.tolist(), key=spectral_radius)
+    before, start = math.nan, min(grid.tolist(), key=spectral_radius)
+    # a motor that is far weaker or stronger than the chain's weight
+    while start != before and start in (grid[0], grid[-1]):
+        grid += 12.0 if start == grid[-1] else -12.0
+        before, start = start, min([start, *grid.tolist()], key=spectral_radius)
     best: Any = minimize_scalar(
         spectral_radius, bounds=(start - 0.1, start + 0.1), method="bounded"
     )
