@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -220,9 +220,10 @@ def record_first_trials(
 
 def _of_one(given: Any) -> Any:
     """Return an array, or each of a dictionary, with a leading axis of one."""
-    if isinstance(given, dict):
-        return {key: np.asarray(value)[None] for key, value in given.items()}
-    return given[None]
+    if not isinstance(given, dict):
+        return given[None]
+    entries = cast("dict[str, Any]", given)
+    return {key: np.asarray(value)[None] for key, value in entries.items()}
 
 
 def record_episode(

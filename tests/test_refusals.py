@@ -123,7 +123,8 @@ REFUSED = [
             ("plan_seed=-1", "plan_seed must be at least 0, got -1"),
             ("max_states=1", "max_states must be at least 512, got 1"),
             ("kept=2", "kept must be at most 1, got 2"),
-            ("obs_scale=0", "obs_scale must be greater than zero"),
+            ("obs_scale=1", "obs_scale must be 3 numbers, got 1"),
+            ("obs_scale=[0,1,1]", "obs_scale must be greater than zero"),
             ("demonstrator=5", "demonstrator must be a text, got 5"),
             ("errors=5", "errors must be a dict, got 5"),
         )

@@ -137,6 +137,9 @@ def test_figures_show_every_release(runs):
     plan = ReleaseExperiment(n_values=(3,), trials=4, masses=[1, 2, 3], lengths=[1, 0.5, 0.2])
     several = run_release(plan)
     assert len(period_of_each_bob(plan, several).axes) == 1
+    many = ReleaseExperiment(n_values=(2,), trials=20)
+    (legend,) = period_of_each_bob(many, run_release(many)).legends
+    assert len(legend.get_texts()) == 3
     period_against_n(plan, several)
 
 

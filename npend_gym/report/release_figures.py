@@ -18,6 +18,7 @@ _IDEAL, _CORRECTED, _FUNDAMENTAL, _LAW = ORANGE, AMBER, GREEN, PINK
 _MEASURED, _BOB = BLUE, shade(0.3)
 _BESIDE = 0.94  # times N: where the bobs stand, so that means do not hide them
 _TRIALS = (shade(0.15), BLUE, BLACK)
+_NAMED = 12  # trials in the legend; of more, all have one entry
 
 
 @styled
@@ -71,7 +72,7 @@ def _plain_log_ticks(axes: Any) -> None:
 def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figure:
     """Draw the pseudo-period of every bob along the chain, a panel for each N."""
     n_values = sorted({run.n for run in runs})
-    columns = min(2, len(n_values))
+    columns, few = min(2, len(n_values)), experiment.trials <= _NAMED
     rows = -(-len(n_values) // columns)
     figure = Figure(figsize=(1.2 + 3.2 * columns, 0.8 + 2.4 * rows))
     for k, n in enumerate(n_values, start=1):
@@ -85,7 +86,7 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
             size = min(7.0, max(3.5, 60.0 / n)) * shrink
             axes.plot(
                 bobs, run.periods, "o", color=color, markersize=size, markeredgewidth=0,
-                label=f"trial {run.trial}",
+                label=f"trial {run.trial}" if few else "every trial" if run.trial == 1 else None,
             )  # fmt: skip
         models = theory.models(chain, experiment.amplitude)
         if np.isfinite(models.ideal):

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -211,12 +210,12 @@ class DAgger:
 
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the student as a policy, with memory where it is given several observations."""
-        settings = self.settings
-        made = policy_of(self.student, torch.ones(1), "imitation", settings, last)
-        first = torch.from_numpy(made.weights[0]) @ self.to_inputs.T
-        frames = np.ones(self.history.frames.shape[1:], np.float32)
-        scale = frames if settings.length > 1 else frames[0, : len(self.to_inputs)]
-        return replace(made, scale=scale, weights=[first.numpy(), *made.weights[1:]])
+        mean = copy.deepcopy(self.student)
+        first = cast("nn.Linear", mean[0])
+        first.weight = nn.Parameter(first.weight.detach() @ self.to_inputs.T)
+        frames = torch.ones(self.history.frames.shape[1:])
+        scale = frames if self.settings.length > 1 else frames[0, : len(self.to_inputs)]
+        return policy_of(mean, scale, "imitation", self.settings, last)
 
 
 def begin(settings: Settings, config: Any) -> tuple[DAgger, int, int]:

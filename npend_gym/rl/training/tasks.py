@@ -53,6 +53,8 @@ def check_settings(settings: TrainingSettings, below_one: Sequence[str] = ()) ->
                 raise ValueError(f"{name} must lie from 0 to below 1, got {value}")
         elif isinstance(default, tuple):
             size = len(cast("tuple[float, ...]", default))
+            if np.ndim(value) == 0:
+                raise ValueError(f"{name} must be {size} numbers, got {_checks.show(value)}")
             _checks.positive(name, _checks.vector(name, value, size))
 
 
