@@ -207,8 +207,8 @@ class Episodes:
             episode, amplitude = members[[Episode.EPISODE, Episode.AMPLITUDE], k].tolist()
             rng = generator(self.seeds.values[int(k)], 0, Purpose.START, int(episode))
             pair: Any = config.mode.start(rng, config.n, amplitude, config.spread)
-            is_one = getattr(pair, "ndim", 2) != 2 or not hasattr(pair, "__len__")
-            if is_one or len(pair) != 2:
+            is_pair = type(pair) in (tuple, list) or np.ndim(pair) == 2
+            if not is_pair or len(pair) != 2:
                 raise ValueError(
                     f"start of mode {config.mode.name!r} must return two arrays of shape "
                     f"({config.n},), angles and angular velocities; got {_checks.show(pair)}"
