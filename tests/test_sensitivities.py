@@ -296,14 +296,14 @@ def test_motions_without_derivatives_are_refused_by_name():
     with pytest.raises(TypeError, match=r"list of names such as \('masses',\), got 'masses'"):
         made.gradient(1.0, 0.0, "masses")
     for name, value, rule in (
-        ("masses", [[1.0, 2.0, 3.0]], r"\(K, 2\) for K = 1 directions, got \(1, 3\)"),
+        ("masses", [[1.0, 2.0, 3.0]], r"\(1, 2\), got \(1, 3\)"),
         ("masses", [1.0, 2.0, 3.0], r"\(K, 2\) for K directions, got \(3,\)"),
         ("gravity", 1.0, r"\(K,\) for K directions, got \(\)"),
     ):
         with pytest.raises(ValueError, match=f"{name} must have the shape {rule}"):
             made.sensitivities(parameters={name: value})
     two = {"masses": np.ones((2, 2)), "gravity": [1.0]}
-    with pytest.raises(ValueError, match=r"gravity .* \(K,\) for K = 2 directions, got \(1,\)"):
+    with pytest.raises(ValueError, match=r"gravity must have the shape \(2,\), got \(1,\)"):
         made.sensitivities(parameters=two)
     with pytest.raises(ValueError, match="joint must"):
         made.sensitivities(joints=[2])

@@ -63,11 +63,10 @@ def check_directions(
         (len(x) for name, x in directions.items() if x.ndim == 1 + len(rows[name])), default=0
     )
     for name, value in directions.items():
-        if value.shape != (count, *rows[name]):
-            shape, known = f"(K, {n})" if rows[name] else "(K,)", f" = {count}" if count else ""
-            raise ValueError(
-                f"{name} must have the shape {shape} for K{known} directions, got {value.shape}"
-            )
+        if value.shape != (expected := (count, *rows[name])):
+            any_number = f"(K, {n})" if rows[name] else "(K,)"
+            rule = expected if count else f"{any_number} for K directions"
+            raise ValueError(f"{name} must have the shape {rule}, got {value.shape}")
     changed = np.zeros((count, row_count(kind) if names else 0, n))
     for name, value in directions.items():
         changed[:, _ROWS[name]] = value[:, None] if name == "gravity" else value
