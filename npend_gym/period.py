@@ -232,11 +232,12 @@ def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> Floa
     """
     if reading == HEIGHT:
         return np.ones_like(theta)
-    if reading == COM:
+    if reading == LINK:
+        side = theta - 2.0 * np.pi * np.round(theta * (0.5 / np.pi))  # no whole turns
+    elif reading == COM:
         side = centre_of_mass(rods, theta)[..., :1]
     else:
-        turns = np.round(theta * (0.5 / np.pi))
-        side = theta - 2.0 * np.pi * turns if reading == LINK else positions(rods, theta)[..., 0]
+        side = positions(rods, theta)[..., 0]
     return np.where(side < 0.0, -1.0, 1.0)
 
 

@@ -72,7 +72,10 @@ def _plain_log_ticks(axes: Any) -> None:
 def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Figure:
     """Draw the pseudo-period of every bob along the chain, a panel for each N."""
     n_values = sorted({run.n for run in runs})
-    columns, few = min(2, len(n_values)), experiment.trials <= _NAMED
+    names = {1: "every trial"}
+    if experiment.trials <= _NAMED:
+        names = {trial: f"trial {trial}" for trial in range(1, experiment.trials + 1)}
+    columns = min(2, len(n_values))
     rows = -(-len(n_values) // columns)
     figure = Figure(figsize=(1.2 + 3.2 * columns, 0.8 + 2.4 * rows))
     for k, n in enumerate(n_values, start=1):
@@ -86,7 +89,7 @@ def period_of_each_bob(experiment: ReleaseExperiment, runs: Sequence[Run]) -> Fi
             size = min(7.0, max(3.5, 60.0 / n)) * shrink
             axes.plot(
                 bobs, run.periods, "o", color=color, markersize=size, markeredgewidth=0,
-                label=f"trial {run.trial}" if few else "every trial" if run.trial == 1 else None,
+                label=names.get(run.trial),
             )  # fmt: skip
         models = theory.models(chain, experiment.amplitude)
         if np.isfinite(models.ideal):

@@ -38,7 +38,7 @@ from npend_gym.rl.training.chain_plans import ChainPlans, Changes, PlanTracker, 
 from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
-# standard deviation of actions in each lane, over the largest on the expert's
+# standard deviation of the noise in each lane, over `noise_std`
 _NOISE = np.repeat([0.02, 0.03, 0.04, 0.06], 64) / 0.1
 _LOST, _AFTER = 300.0, 10  # cost over the mean at the start; steps after the plan
 _CHANGE, _SMALLEST, _LARGEST = 0.15, 0.01, 0.4  # of actions, over their limit: at first, and ends

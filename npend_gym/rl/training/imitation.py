@@ -211,7 +211,7 @@ class DAgger:
     def policy(self, last: dict[str, Any]) -> Policy:
         """Return the student as a policy, with memory where it is given several observations."""
         mean = copy.deepcopy(self.student)
-        first = cast("nn.Linear", mean[0])
+        first = cast("nn.Linear", mean[0])  # takes observations, not the inputs made of them
         first.weight = nn.Parameter(first.weight.detach() @ self.to_inputs.T)
         frames = torch.ones(self.history.frames.shape[1:])
         scale = frames if self.settings.length > 1 else frames[0, : len(self.to_inputs)]
