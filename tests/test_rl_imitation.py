@@ -15,7 +15,7 @@ pytestmark = pytest.mark.long  # plans take seconds
 torch = pytest.importorskip("torch")
 
 from npend_gym.rl.training import imitation  # noqa: E402
-from npend_gym.rl.training.chain_plans import ChainPlans  # noqa: E402
+from npend_gym.rl.training.chain_plans import ChainPlans, wrong_chains  # noqa: E402
 from npend_gym.rl.training.error_lanes import ErrorLanes  # noqa: E402
 from npend_gym.rl.training.experts import (  # noqa: E402
     Replanning,
@@ -199,6 +199,11 @@ def test_a_chain_that_its_plan_has_lost_stands_up_where_it_is_planned_again():
 
 
 SHARES = {"nothing": 1.0, "model": 2.0, "velocity_noise": 1.0, "delay": 1.0, "pushes": 1.0}
+
+
+def test_wrong_chains_come_in_the_same_order_in_every_process():
+    first_rod = [next(iter(changes)) for changes in wrong_chains(Chain.uniform(2), 0)[:20]]
+    assert first_rod == 8 * ["masses"] + 8 * ["lengths"] + 4 * ["damping"]
 
 
 def test_lanes_with_wrong_chains_move_as_these_chains_do(plans):

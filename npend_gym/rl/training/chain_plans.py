@@ -129,7 +129,7 @@ def wrong_chains(chain: Chain, seed: int) -> list[Changes]:
     nominal = parameters(chain)
     for i in range(n):
         one: FloatArray = np.arange(n) == i
-        for name in nominal.keys() - {"damping"}:
+        for name in (name for name in nominal if name != "damping"):
             every += [{name: np.where(one, k, 1.0) * nominal[name]} for k in _FACTORS]
         every += [{"damping": nominal["damping"] + one * value} for value in _DAMPINGS]
     for name, (count, low, high) in _ALL.items():
