@@ -8,6 +8,8 @@ import inspect
 import math
 import numbers
 from collections.abc import Callable, Iterable
+from os import PathLike
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
@@ -36,8 +38,9 @@ def show(value: object) -> str:
 
 def array(name: str, value: Any) -> FloatArray:
     """Return `value` as a new C-ordered array of finite float64 numbers, of any shape."""
+    unmasked(name, value)
     try:
-        raw = None if _holds_text(value) else np.asarray(value)
+        raw = None if _holds_others(value) else np.asarray(value)
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
             f"{name} must be a number or a rectangular array, got {show(value)}"
@@ -54,16 +57,28 @@ def array(name: str, value: Any) -> FloatArray:
     return within(name, out, LARGEST)
 
 
-def _holds_text(value: Any, depth: int = 0) -> bool:
-    """Whether text is somewhere in a list: NumPy would make room for as much in every entry."""
+def unmasked(name: str, value: Any) -> Any:
+    """Return `value`, refused where it is an array with masked entries."""
+    if hasattr(value, "mask") and np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} must have no masked entries, got {show(value)}; leave them out, or fill them"
+        )
+    return value
+
+
+def _holds_others(value: Any, depth: int = 0) -> bool:
+    """Whether text or a boolean is somewhere in a list.
+
+    NumPy would make room for as much text in every entry, and take the boolean for a number.
+    """
     if not isinstance(value, (list, tuple)) or depth > _MAX_DEPTH:
         return False
     entries = cast("list[Any]", value)
     kinds = set(map(type, entries))
-    if not kinds.isdisjoint((str, bytes)):
+    if not kinds.isdisjoint((str, bytes, bool, np.bool_)):
         return True
     inner = not kinds.isdisjoint((list, tuple))
-    return inner and any(_holds_text(each, depth + 1) for each in entries)
+    return inner and any(_holds_others(each, depth + 1) for each in entries)
 
 
 def within(name: str, value: FloatArray, limit: float) -> FloatArray:
@@ -175,8 +190,23 @@ def truth(name: str, value: Any) -> bool:
 def choice(name: str, value: Any, options: tuple[str, ...]) -> str:
     """Return `value`, which must be one of `options`."""
     if not isinstance(value, str) or value not in options:
-        raise ValueError(f"{name} must be one of {', '.join(options)}; got {show(value)}")
+        text = "" if isinstance(value, str) else ", as a string"
+        raise ValueError(f"{name} must be one of {', '.join(options)}{text}; got {show(value)}")
     return value
+
+
+def listed(name: str, value: Any, example: str) -> list[Any]:
+    """Return the entries of `value`, which must be a list or the like, such as `example`."""
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise TypeError(f"{name} must be a list such as {example}, got {show(value)}")
+    return list(cast("Iterable[Any]", value))
+
+
+def path(name: str, value: Any) -> Path:
+    """Return `value` as a path."""
+    if not isinstance(value, (str, PathLike)):
+        raise TypeError(f"{name} must be a string or path-like, got {show(value)}")
+    return Path(cast("str | PathLike[str]", value))
 
 
 def nearest(name: object, valid: Iterable[str]) -> str:

@@ -139,7 +139,7 @@ def sha256(path: Path) -> str | None:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file of people or programs, in UTF-8.
+    """Return the text of a file of people or programs, in UTF-8, without a byte order mark.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def read_text(path: Path) -> str:
         text = file.read(_MAX_TEXT + 1)
     if len(text) > _MAX_TEXT:
         raise ValueError(f"it has more than {_MAX_TEXT} bytes")
-    return text.decode("utf-8")
+    return text.decode("utf-8-sig")
 
 
 def parse_json(text: str) -> dict[str, Any]:

@@ -93,7 +93,7 @@ def record_release(experiment: ReleaseExperiment, run: Run, interval: float) -> 
     _check_size(seconds / interval, run.n)
     times = interval * np.arange(math.ceil(seconds / interval - 1e-9) + 1)
     motion = simulate(chain, run.start, 0.0, times)
-    periods = np.where(run.periods <= times[-1], run.periods, np.nan)
+    periods = _recorded(run.periods, motion)
     caption = f"release from {np.degrees(run.start):.3g} degrees, n = {run.n}"
     arguments = experiment.as_dict() | {"n_values": [run.n], "trial": run.trial, "start": run.start}
     return Recording(
@@ -157,9 +157,14 @@ def record_simulation(
     given = {"chain": chain, "theta": first, "omega": motion.omega[0]}
     made = provenance(plain_keywords(given | {"seconds": seconds, "reading": reading}))
     return [
-        Recording(_at(motion, some), periods, np.zeros(some.size), reading, caption, made)
-        for some in instants
+        Recording(one, _recorded(periods, one), np.zeros(one.times.size), reading, caption, made)
+        for one in (_at(motion, some) for some in instants)
     ]
+
+
+def _recorded(periods: FloatArray, motion: Trajectory) -> FloatArray:
+    """Return pseudo-periods, NaN where they end after the recorded motion."""
+    return np.where(periods <= motion.times[-1], periods, np.nan)
 
 
 def _at(motion: Trajectory, instants: FloatArray) -> Trajectory:

@@ -184,11 +184,13 @@ def check_parameter(name: str, value: FloatArray) -> FloatArray:
 
 def gear_ratios(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return gear ratios of `shape`, of which None and infinity (of any sign) mean infinity."""
-    if value is None or (np.ndim(value) == 0 and value == np.inf):
+    if value is None or (np.isscalar(value) and value == np.inf):
         return np.full(shape, np.inf)
-    given = np.array(value, dtype=object)
-    infinite = np.array([one is None or one in (np.inf, -np.inf) for one in given.flat], np.bool_)
-    infinite = infinite.reshape(given.shape)
+    given = np.array(_checks.unmasked(name, value), dtype=object)
+    ends = (None, np.inf, -np.inf)
+    # entries of a ragged array are arrays themselves, which `broadcast` refuses
+    infinite = [not isinstance(one, np.ndarray) and one in ends for one in given.flat]
+    infinite = np.array(infinite, np.bool_).reshape(given.shape)
     finite = _checks.broadcast(name, np.where(infinite, 1.0, given).tolist(), shape)
     return np.where(infinite, np.inf, finite)
 

@@ -221,7 +221,7 @@ class NamedChains:
         """
         _checks.choice("design", design, tuple(dict.fromkeys(of for of, _ in REALAIGYM)))
         models = [number for of, number in REALAIGYM if of == design]
-        model = _checks.choice("model", model or models[0], (*models,))
+        model = _checks.choice("model", models[0] if model is None else model, (*models,))
         m, l, r, about_joint, b, cf, rotor = map(np.array, REALAIGYM[design, model])
         inertias = about_joint - m * r**2
         if np.any(inertias < 0.0):
@@ -277,12 +277,14 @@ class NamedChains:
         Raises
         ------
         TypeError, ValueError
-            If `domain` is another, or `num_poles` is no count.
+            If `domain` is another, or `num_poles` is no count, or not 1 for "acrobot".
         """
         n = _checks.count("num_poles", num_poles, high=MAX_RODS)
         if _checks.choice("domain", domain, ("acrobot", "cartpole")) == "cartpole":
             base = Cart(1.0, damping=5e-4)
             return _capsules(cls, np.full(n, 0.1), np.full(n, 0.045), 2e-6, base)
+        if n != 1:
+            raise ValueError(f"num_poles must be left out for acrobot, which has no cart; got {n}")
         return _capsules(cls, np.ones(2), np.array([0.05, 0.049]), 0.05)
 
     @classmethod

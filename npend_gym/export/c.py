@@ -81,7 +81,8 @@ def to_c(
     >>> "static inline void lqr_controller_act(" in Path("lqr.h").read_text()
     True
     """
-    if not re.fullmatch(r"[A-Za-z]\w*", prefix, re.ASCII):
+    is_text = isinstance(prefix, str)  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not (is_text and re.fullmatch(r"[A-Za-z]\w*", prefix, re.ASCII)):
         raise ValueError(f"prefix must be a letter, then letters, digits or _, got {prefix!r}")
     if isinstance(policy, Policy):
         kind, config = "policy", _config_of(policy)

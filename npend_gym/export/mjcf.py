@@ -14,6 +14,7 @@ from npend_gym.chain import Chain, check_chain
 
 MIN_INERTIA = 2e-15  # kg m^2, what MuJoCo takes for the inertia of a moving body at least
 OF_POINT_MASS = 1e-13  # inertia of a point mass over its m c^2: rounding, for a motion
+_MAX_BODIES = 496  # which make 500 elements inside each other: MuJoCo reads no more
 
 
 def to_mjcf(
@@ -47,7 +48,7 @@ def to_mjcf(
     ValueError
         If MuJoCo has no such thing as the chain's `drag`, `quadratic_drag`, or armature of joints
         behind the first with a finite `gear`; a motor is at no joint, or two are at one; or there
-        are limits without motors.
+        are limits without motors. If there are more than 496 bodies, which MuJoCo cannot read.
 
     Notes
     -----
@@ -67,6 +68,8 @@ def to_mjcf(
     <motor name="motor0" joint="joint0" gear="1" ctrlrange="-5.0 5.0" />
     """
     check_known(check_chain(chain), "MuJoCo", ("drag", "quadratic_drag", "gear"))
+    bodies = chain.n + (chain.base is not None)
+    _checks.count("the number of bodies in MuJoCo", bodies, high=_MAX_BODIES)
     root = ET.Element("mujoco", model=f"chain of {chain.n}")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     step = _checks.positive_number("timestep", timestep)
@@ -144,7 +147,8 @@ def _motors(
 ) -> None:
     """Add the motors, in their order."""
     last = chain.n - (chain.base is None)
-    joints = [_checks.count("a motor", joint, low=0, high=last) for joint in motors]
+    joints = _checks.listed("motors", motors, "[0]")
+    joints = [_checks.count("a motor", joint, low=0, high=last) for joint in joints]
     if len(set(joints)) < len(joints):
         raise ValueError(f"motors must be at different joints, got {joints}")
     ends = None

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._extras import require
 from npend_gym.chain import Cart, Chain
@@ -62,8 +63,10 @@ def from_mjcf(source: str | PathLike[str]) -> Chain:
     is_text = isinstance(source, str) and source.lstrip().startswith("<")
     load = mujoco.MjModel.from_xml_string if is_text else mujoco.MjModel.from_xml_path
     try:
+        if not is_text and not _checks.path("source", source).is_file():
+            raise ValueError(f"source must be XML or a file of it, got {_checks.show(source)}")
         model = load(source if is_text else str(Path(source)))
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise ValueError(f"MuJoCo cannot read the model: {error}") from error
     return _Reader(mujoco, model).chain()
 

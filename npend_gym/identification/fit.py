@@ -245,7 +245,7 @@ class Problem:
             values=found,
             standard_errors=errors.errors,
             correlation=errors.correlation,
-            chain_errors=model.chain_errors(chain, errors.covariance),
+            chain_errors=model.chain_errors(chain, errors.errors, errors.covariance),
             offsets=values[OFFSET],
             given_rmse=given.rmse if given else math.inf if judged else math.nan,
             segments=tuple(segments),

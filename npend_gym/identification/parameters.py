@@ -41,7 +41,7 @@ INERTIA, LIFT, DAMPING, FRICTION, DRAG, QUADRATIC_DRAG, ARMATURE, LENGTH, OFFSET
 _RESISTING = QUANTITIES[DAMPING:LENGTH]  # they are parameters of `Chain` too
 DEFAULT_FIT = ("inertia", "lift", "damping", "friction", "quadratic_drag")
 _LEAST = 1e-9  # inertia of a link, of the largest one
-_MARGIN = 1e-3  # by which a mass exceeds the smallest one that its link can have
+MARGIN = 1e-3  # by which a mass exceeds the smallest one that its link can have
 
 
 def values_of(chain: Chain) -> FloatArray:
@@ -93,7 +93,9 @@ class Model:
 
     def scale(self, values: FloatArray) -> FloatArray:
         """Return sizes of the fitted values that matter to the motion, shape (k,)."""
-        inertia, lift = np.abs(values[INERTIA]), np.abs(values[LIFT]).max()
+        inertia = np.abs(values[INERTIA])
+        # the lift of a balanced wheel is zero but for noise
+        lift = max(np.abs(values[LIFT]).max(), (inertia / self.chain.lengths).max())
         gravity = self.chain.gravity or STANDARD_GRAVITY
         rate = np.sqrt(gravity / self.chain.lengths.mean())
         sizes = np.ones(self.free.shape)
@@ -118,10 +120,8 @@ class Model:
         inertias[np.abs(inertias) < 1e-12 * values[INERTIA]] = 0.0  # rounding
         if np.any(inertias < 0.0):
             return None
-        resisting = values[DAMPING:LENGTH]
-        resisting = np.where(resisting < _checks.SMALLEST, 0.0, resisting)
         given = {"masses": masses, "lengths": lengths, "centres": centres, "inertias": inertias}
-        given |= dict(zip(_RESISTING, resisting, strict=True))
+        given |= _resisting(values)
         kept = ("gravity", "friction_speed", "gear")
         return Chain(**given, **{name: getattr(self.chain, name) for name in kept})
 
@@ -150,17 +150,28 @@ class Model:
                 out[name][k, link] = 1.0
         return out
 
-    def chain_errors(self, chain: Chain, covariance: FloatArray) -> dict[str, FloatArray]:
-        """Return standard errors of parameters of `chain`, by the covariance of what is fitted."""
-        return {
-            name: np.sqrt(
-                np.einsum("ki,kl,li->i", slope, covariance[: len(slope), : len(slope)], slope)
-            )
-            for name, slope in self.directions(chain).items()
-        }
+    def chain_errors(
+        self, chain: Chain, errors: FloatArray, covariance: FloatArray
+    ) -> dict[str, FloatArray]:
+        """Return standard errors of parameters of `chain`, by those of what is fitted.
+
+        NaN where the data do not determine a parameter: `errors` of what it depends on are
+        infinite, and the covariance does not contain that.
+        """
+        out = dict[str, FloatArray]()
+        for name, slope in self.directions(chain).items():
+            own = slice(len(slope))
+            out[name] = np.sqrt(np.einsum("ki,kl,li->i", slope, covariance[own, own], slope))
+            out[name][slope[np.isinf(errors[own])].any(axis=0)] = np.nan
+        return out
 
     def chain_of(self, values: FloatArray) -> Chain:
-        """Return the `possible_chain`; ValueError if there is none."""
+        """Return the `possible_chain`; ValueError if there is none.
+
+        It is the given chain but for what resists, where nothing else is fitted.
+        """
+        if not self.free[[INERTIA, LIFT, LENGTH]].any():
+            return Chain.from_dict(self.chain.as_dict() | _resisting(values))
         chain = self.possible_chain(values)
         if chain is None:
             raise ValueError(
@@ -169,6 +180,12 @@ class Model:
                 "kg m"
             )
         return chain
+
+
+def _resisting(values: FloatArray) -> dict[str, FloatArray]:
+    """Return the parameters of `Chain` that resist motion, of values (9, n)."""
+    rows = values[DAMPING:LENGTH]
+    return dict(zip(_RESISTING, np.where(rows < _checks.SMALLEST, 0.0, rows), strict=True))
 
 
 def _carried(masses: FloatArray) -> FloatArray:
@@ -195,10 +212,10 @@ def possible_masses(chain: Chain, values: FloatArray) -> FloatArray | None:
     def masses(factor: float) -> FloatArray | None:
         out, below = np.empty(chain.n), 0.0
         for i in reversed(range(chain.n)):
-            room = inertia[i] - below * lengths[i] ** 2 * (1.0 + _MARGIN)
+            room = inertia[i] - below * lengths[i] ** 2 * (1.0 + MARGIN)
             if not room > smallest:
                 return None
-            least = (lift[i] - lengths[i] * below) ** 2 / room * (1.0 + _MARGIN)
+            least = (lift[i] - lengths[i] * below) ** 2 / room * (1.0 + MARGIN)
             out[i] = max(factor * chain.masses[i], least, _checks.SMALLEST)
             below += out[i]
         return out
@@ -231,7 +248,8 @@ def new_model(chain: Chain, fit: Sequence[str] | None, *, driven: bool) -> Model
     link 0 alone, and the length of the last link changes nothing but drag. Without gravity no angle
     tells an offset, and no torque a length.
     """
-    names = list(DEFAULT_FIT + ("armature",) * driven if fit is None else fit)
+    default = DEFAULT_FIT + ("armature",) * driven
+    names = _checks.listed("fit", default if fit is None else fit, '["damping"]')
     free = np.zeros((len(QUANTITIES), chain.n), np.bool_)
     for name in names:
         free[QUANTITIES.index(_checks.choice("fit", name, QUANTITIES))] = True

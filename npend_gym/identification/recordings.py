@@ -66,7 +66,9 @@ def read_motion(
     [0.5, 0.5]
     """
     named = _check_columns(columns)
-    motions = [_read_file(Path(path), named, degrees, relative) for path in paths]
+    degrees, relative = _checks.truth("degrees", degrees), _checks.truth("relative", relative)
+    files = [_checks.path("each of paths", path) for path in paths]
+    motions = [_read_file(path, named, degrees, relative) for path in files]
     if not motions:
         raise ValueError("paths must name a file at least")
     first = motions[0]
@@ -113,13 +115,6 @@ def _is_read(name: str) -> bool:
 
 def _read_file(path: Path, columns: dict[str, str], degrees: bool, relative: bool) -> Motion:
     table = _read_table(path, columns)
-    for name in ("time", "theta0"):
-        if name not in table:
-            raise ValueError(
-                f"{path} must have the column {name}, got {_checks.show(', '.join(table))}: the "
-                "columns are time, theta0, theta1, ..., and may be tau0, ... and piece; other "
-                "names are given by columns"
-            )
     theta, torques = (_numbered(kind, table, path) for kind in ("theta", "tau"))
     if len(torques) > len(theta):
         raise ValueError(f"{path} must have an angle for each torque, got {', '.join(table)}")
@@ -159,6 +154,15 @@ def _read_table(path: Path, columns: dict[str, str]) -> dict[str, FloatArray]:
                     f"the line {_checks.show(header[0])}"
                 )
             names = _names(header, columns, path)
+            for name in ("time", "theta0"):
+                if name not in names:
+                    given = (f"{k} as {columns[k]}" if k in columns else k for k in header)
+                    raise ValueError(
+                        f"{path} must have the column {name}, got "
+                        f"{_checks.show(', '.join(given))}: its first line must name time, theta0, "
+                        "theta1, ..., and may name tau0, ... and piece; other names are given by "
+                        "columns"
+                    )
             cells = {k: array("d") for k, name in enumerate(names) if _is_read(name)}
             for line in filter(any, lines):
                 where = f"{path}, line {lines.line_num}"

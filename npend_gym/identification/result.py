@@ -28,7 +28,8 @@ class Identification:
     correlation : ndarray, shape (k, k)
         Correlation of the errors.
     chain_errors : dict of str to ndarray, shape (n,)
-        Standard errors of parameters of `chain` by name, the masses taken as exact.
+        Standard errors of parameters of `chain` by name, the masses taken as exact. NaN where the
+        data do not determine a parameter.
     offsets : ndarray, shape (n,)
         Measured less true angles [rad]; zero where they were not fitted.
     given_rmse : float

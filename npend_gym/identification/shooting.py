@@ -20,6 +20,7 @@ from npend_gym.physics.derivatives import DifferentiableEnsemble
 from npend_gym.physics.kernels.layout import MAX_SPEED
 from npend_gym.physics.substeps import default_substeps
 
+_STIFFER = 1000  # times the substeps of the given chain: a trial chain that needs more is refused
 _NUMBERS = 4_000_000  # of the derivatives at all nodes, that are kept at a time
 
 
@@ -59,6 +60,7 @@ class Shooting:
         parts = 1 if several else math.ceil(interval / longest - 1e-9)
         self._step = max(1, several) * interval / parts
         self._least = self._step * rate
+        self._most = _STIFFER * default_substeps(model.chain, self._step)
         self._ensembles = dict[int, DifferentiableEnsemble]()  # by their size
         steps = math.ceil(float(self._times.max()) / self._step - 1e-6)
         self._joints = range(1 if motion.torque is None else motion.links)
@@ -84,16 +86,19 @@ class Shooting:
         """Return simulated less measured angles [rad], (S, M n), zero where none is measured.
 
         Their derivatives are the exact ones of the Runge-Kutta steps that were taken. None where no
-        chain has these values, (k,), or one leaves all bounds. `states`, (S, 2n), are the first of
-        each segment.
+        chain has these values, (k,), or one leaves all bounds, or needs far more substeps than the
+        given one. `states`, (S, 2n), are the first of each segment.
         """
         values = self.model.unpack(fitted)
         chain, (theta, omega) = self.model.possible_chain(values), np.split(states, 2, axis=1)
         bounded = np.abs(theta).max() <= MAX_ANGLE and np.abs(omega).max() <= MAX_SPEED
         if chain is None or not bounded:
             return None
+        substeps = default_substeps(chain, self._step)
+        if substeps > self._most:
+            return None
         ensemble = self._ensemble(chain, theta, omega)
-        substeps = max(math.ceil(self._least), default_substeps(chain, self._step))
+        substeps = max(math.ceil(self._least), substeps)
         nodes = ensemble.rollout(self._torque, self._step, substeps)
         if ensemble.diverged.any():
             return None

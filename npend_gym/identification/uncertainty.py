@@ -17,6 +17,7 @@ from npend_gym.identification.parameters import (
     INERTIA,
     LENGTH,
     LIFT,
+    MARGIN,
     OFFSET,
     Model,
     weighs,
@@ -177,9 +178,9 @@ def _scale(chain: Chain) -> str:
 
 def _other_masses(chain: Chain, found: Chain) -> list[str]:
     """Return which masses of the chain `found` are not those given."""
-    moved = np.flatnonzero(np.abs(found.masses - chain.masses) > 1e-6 * chain.masses)
+    moved = np.flatnonzero(np.abs(found.masses - chain.masses) > 2.0 * MARGIN * chain.masses)
     return [
-        f"masses[{i}]: {found.masses[i]:.3g} kg was taken for the given {chain.masses[i]:.3g} kg, "
+        f"masses[{i}]: {found.masses[i]:.4g} kg was taken for the given {chain.masses[i]:.4g} kg, "
         "with which no link has the fitted inertia and lift: check the given masses and centres"
         for i in moved.tolist()
     ]
