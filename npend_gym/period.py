@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -28,8 +30,8 @@ from npend_gym.physics.kernels.turning_points import (
 from npend_gym.physics.mechanism import in_frame_of_pivot, mechanism_of
 from npend_gym.physics.motion import Motion, pack_of, packs_of
 
-_CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
-READINGS = tuple(_CODES)
+CODES = {"bob": BOB, "link": LINK, "height": HEIGHT, "com": COM}
+READINGS = tuple(CODES)
 
 _WINDOW = 10.0  # fundamental periods, after which a bob is given up
 _HEIGHT_TOLERANCE = 10.0  # times rtol times the chain's length: below it a height is the start's
@@ -92,7 +94,8 @@ def pseudo_periods(
     Raises
     ------
     ValueError, TypeError
-        If an argument breaks its rule, or the window has no scale: no gravity, but motion.
+        If an argument breaks its rule, or no period sets the window: without gravity, in motion,
+        or where a link is balanced on its joint.
     IntegrationError
         If the integration cannot go on.
 
@@ -128,12 +131,10 @@ def pseudo_periods(
         return np.full(theta.shape, np.nan)
     if duration is None:
         felt = in_frame_of_pivot(chain.hung(), pivot_acceleration)
-        if felt.gravity == 0.0:
-            raise ValueError("duration must be given where gravity is 0: no period sets a window")
-        duration = _WINDOW * theory.fundamental_period(felt)
+        duration = _WINDOW * slowest_period(felt)
     mechanism_of([chain]).check_vibrations(duration)
 
-    given = _CODES[reading], duration, rtol, pivot_acceleration
+    given = CODES[reading], duration, rtol, pivot_acceleration
     periods = np.empty_like(releases[0])
 
     def follow(share: slice, call: Call) -> None:
@@ -141,6 +142,17 @@ def pseudo_periods(
 
     share_out(_shares(len(periods)), threads, follow)
     return periods.reshape(theta.shape)
+
+
+def slowest_period(chain: Chain) -> float:
+    """Return the fundamental period [s], by which windows are chosen, refused where it is NaN."""
+    period = theory.fundamental_period(chain)
+    if math.isnan(period):
+        raise ValueError(
+            "duration must be given where gravity is 0 or a link is balanced on its joint: "
+            "no period sets a window"
+        )
+    return period
 
 
 def check_reading(reading: str) -> str:
@@ -219,13 +231,13 @@ def _release(
         per_rod = np.broadcast_to(chain.lift / whole, theta.shape)
     settings = {"rtol": rtol, "atol": 1e-2 * rtol}
     motion = pack_of(states, slice(0, lanes), settings, lanes)
-    record = new_record(innermost(per_rod), innermost(_orientation(rods, theta, reading)))
+    record = new_record(innermost(per_rod), innermost(orientation(rods, theta, reading)))
     threshold = _threshold(in_frame_of_pivot(chain, accelerated), omega, reading, rtol)
     scratch = aligned_zeros(RELEASE_ROWS, n * lanes)
     return motion, Release(reading, threshold, record, scratch)
 
 
-def _orientation(rods: ChainParameters, theta: FloatArray, reading: int) -> FloatArray:
+def orientation(rods: Chain | ChainParameters, theta: FloatArray, reading: int) -> FloatArray:
     """Return +1 for rods released from positive angles (or from zero), -1 from negative ones.
 
     For COM (lanes, 1): for the side on which the centre of mass is.

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
-from npend_gym.chain import Chain
+from npend_gym.chain import Chain, check_chain
 from npend_gym.chaos.variations import count_parts, fastest_rate, motion_of, tangents
 from npend_gym.physics import mass_matrix, simulate
 from npend_gym.physics.mechanism import in_frame_of_pivot
@@ -37,6 +38,8 @@ class Growth:
 
     def exponent(self, until: float = 1.0) -> float:
         """Return the largest Lyapunov exponent [1/s] as estimated at the fraction `until`."""
+        if not 0.0 <= (until := _checks.number("until", until)) <= 1.0:
+            raise ValueError(f"until must be between 0 and 1, got {until:g}")
         k = max(1, round(until * self.times.size)) - 1
         return float(self.logarithm[k] / self.times[k])
 
@@ -183,9 +186,11 @@ def neighbour_distance(
     >>> apart.shape
     (6,)
     """
+    n = check_chain(chain).n
+    start, apart = _checks.vector("theta", theta, n), _checks.vector("change", change, n)
     first, second = (
-        simulate(chain, start, 0.0, times, rtol=1e-13, atol=1e-14).theta
-        for start in (np.asarray(theta), theta + np.asarray(change))
+        simulate(chain, each, 0.0, times, rtol=1e-13, atol=1e-14).theta
+        for each in (start, start + apart)
     )
     return np.abs(second - first).max(axis=1)
 

@@ -115,7 +115,7 @@ def poincare_section(
     more: dict[str, Any] = {"pivot_acceleration": pivot_acceleration}
     given = {"duration": float(duration), "rod": rod, "angle": angle, "direction": direction}
     given["rtol"] = check_rtol(rtol)
-    event, times = _Passage(rod, angle, direction), np.linspace(0.0, duration, parts + 1)
+    event, times = _Passage(rod % n, angle, direction), np.linspace(0.0, duration, parts + 1)
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for part in progress(range(parts)):
         ends = times[part : part + 2]

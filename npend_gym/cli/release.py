@@ -74,6 +74,8 @@ def run(
         raise ValueError(f"{option} must be left out with results, which have their own")
     if results is not None:
         experiment, runs = report.read(results)
+        if len(runs) < (planned := len(experiment.runs())):
+            warn(f"{results} has {len(runs)} of {planned} releases: the run was interrupted")
     else:
         experiment = ReleaseExperiment(**release)
     if page is not None:

@@ -74,6 +74,15 @@ def take_chain(described: Any, n_name: str) -> None:
     object.__setattr__(described, n_name, (chain.n,))
 
 
+def take_count(described: Any, name: str, *, low: int = 1, high: int) -> None:
+    """Check an integer field of an experiment or a plan, and keep it as Python's.
+
+    NumPy's overflow, and are no JSON.
+    """
+    value = _checks.count(name, getattr(described, name), low=low, high=high)
+    object.__setattr__(described, name, value)
+
+
 def _same(value: Any, other: Any) -> bool:
     """Return whether two fields are equal, a value being equal to a list of that value alone."""
     return np.array_equal(np.ravel(np.array(value, object)), np.ravel(np.array(other, object)))

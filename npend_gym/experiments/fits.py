@@ -30,7 +30,7 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
     Parameters
     ----------
     x, y : array_like, shape (k,)
-        Positive numbers, at least two.
+        Positive numbers, at least two, of which x are not all equal.
 
     Returns
     -------
@@ -40,7 +40,8 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
     Raises
     ------
     ValueError
-        If a number is not positive, or there are not as many x as y, or fewer than two.
+        If a number is not positive, there are not as many x as y, or fewer than two, or all x are
+        equal.
 
     Examples
     --------
@@ -53,8 +54,12 @@ def power_law(x: ArrayLike, y: ArrayLike) -> Estimate:
     xs, ys = (_checks.positive(k, _checks.array(k, v)) for k, v in (("x", x), ("y", y)))
     if xs.shape != ys.shape or xs.ndim != 1 or xs.size < 2:
         raise ValueError(f"x and y must be at least two each, got shapes {xs.shape}, {ys.shape}")
-    fit = linregress(np.log(xs), np.log(ys))
-    return Estimate(float(fit.slope), float(_student(ys.size - 2) * fit.stderr))
+    logs = np.log(xs), np.log(ys)
+    if np.ptp(logs[0]) == 0.0:
+        raise ValueError(f"x must hold two different numbers, got {_checks.show(xs.tolist())}")
+    fit = linregress(*logs)
+    error = 0.0 if np.ptp(logs[1]) == 0.0 else fit.stderr  # where SciPy has NaN
+    return Estimate(float(fit.slope), float(_student(ys.size - 2) * error))
 
 
 def estimates(values: FloatArray, covariance: FloatArray, points: int) -> list[Estimate]:

@@ -109,7 +109,7 @@ class FlipMap:
 
     def run(
         self,
-        out: Path,
+        out: Path | str,
         *,
         threads: int = 1,
         progress: Callable[[Iterable[int]], Iterable[int]] = iter,
@@ -122,7 +122,7 @@ class FlipMap:
 
         Parameters
         ----------
-        out : Path
+        out : Path or str
             A folder. Parts of the map stand in a folder of it until all are done.
         threads : int
             That share the starts. No result depends on it.
@@ -145,7 +145,7 @@ class FlipMap:
         OSError
             If the folder cannot be written to.
         """
-        threads = check_threads(threads)
+        out, threads = Path(out), check_threads(threads)
         text = json.dumps(self.as_dict(), sort_keys=True)
         parts = out / f"parts-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
         finished = self._finished(out)

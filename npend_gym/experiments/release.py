@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from npend_gym.experiments.chains import (
     plain_fields,
     released_chain,
     take_chain,
+    take_count,
 )
 from npend_gym.experiments.sensing import Sensor, sensed_periods
 from npend_gym.period import check_reading, pseudo_periods
@@ -105,8 +106,9 @@ class ReleaseExperiment:
 
     def __post_init__(self) -> None:
         take_chain(self, "n_values")
-        _checks.count("trials", self.trials, high=MAX_TRIALS_PER_N)
-        _checks.count("seed", self.seed, low=0, high=2**63 - 1)
+        take_count(self, "trials", high=MAX_TRIALS_PER_N)
+        take_count(self, "seed", low=0, high=2**63 - 1)
+        _checks.number("damping", self.damping)
         check_reading(self.reading)
         self.sensor.check()
         amplitude = abs(_checks.number("amplitude", self.amplitude))
@@ -118,17 +120,16 @@ class ReleaseExperiment:
             )
         if self.duration is not None:
             _checks.positive_number("duration", self.duration)
-        n_values: Any = self.n_values
-        if not isinstance(n_values, (Sequence, np.ndarray)):
-            raise TypeError(f"n_values must be a list of integers, got {_checks.show(n_values)}")
-        if len(self.n_values) == 0:
+        given: Any = self.n_values
+        if not isinstance(given, (Sequence, np.ndarray)):
+            raise TypeError(f"n_values must be a list of integers, got {_checks.show(given)}")
+        n_values: list[Any] = [*cast("Iterable[Any]", given)]
+        if not n_values:
             raise ValueError("n_values must name at least one number of pendulums, got none")
-        for n in self.n_values:
-            _checks.count("n", n, high=MAX_RODS)
-        if len(set(self.n_values)) < len(self.n_values):
-            raise ValueError(
-                f"n_values must name each number once, got {_checks.show(self.n_values)}"
-            )
+        counts = tuple(_checks.count("n", n, high=MAX_RODS) for n in n_values)
+        if len(set(counts)) < len(counts):
+            raise ValueError(f"n_values must name each number once, got {_checks.show(n_values)}")
+        object.__setattr__(self, "n_values", counts)
         check_time_scale(self.chain_of(self.n_values[0]))
         if not self.has_any_n:  # else rods are alike, and no other n has another time scale
             for n in self.n_values:
@@ -183,6 +184,7 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
     seed : int
         At least 0.
     first, count : int
+        At least 0.
     amplitude, spread : float
         A trial starts at `amplitude` plus one draw from [0, spread) [rad].
 
@@ -197,7 +199,9 @@ def starts(seed: int, first: int, count: int, amplitude: float, spread: float) -
     >>> experiments.starts(0, 0, 3, 0.785, 0.017).round(3).tolist()
     [0.785, 0.79, 0.793]
     """
-    keys = keys_of(_checks.count("seed", seed, low=0) + first, count)
+    given = {"seed": seed, "first": first, "count": count}
+    seed, first, count = (_checks.count(name, value, low=0) for name, value in given.items())
+    keys = keys_of(seed + first, count)
     return amplitude + spread * first_units(keys, step=0, purpose=Purpose.START, episode=0)
 
 

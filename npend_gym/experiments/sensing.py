@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from npend_gym import _checks, theory
+from npend_gym import _checks
 from npend_gym._checks import FloatArray
 from npend_gym._streams import Purpose
 from npend_gym.chain import Chain
 from npend_gym.compiled.normal import make_normal
 from npend_gym.compiled.philox import generator
+from npend_gym.period import CODES, orientation, slowest_period
 from npend_gym.physics import Trajectory, simulate
 from npend_gym.physics.energy import sincos
 from npend_gym.physics.kernels.turning_points import speed_threshold
@@ -62,8 +63,8 @@ def sensed_periods(
     n, periods = chain.n, np.full(chain.n, math.nan)
     if chain.gravity == 0.0:
         return periods
-    slowest = theory.fundamental_period(chain.hung())
-    for window in [duration] if duration is not None else [one * slowest for one in _WINDOWS]:
+    windows = [duration] if duration else [one * slowest_period(chain.hung()) for one in _WINDOWS]
+    for window in windows:
         if window / sensor.interval * n > _MOST_SAMPLES:
             raise ValueError(
                 f"a release must give at most {_MOST_SAMPLES} samples, got one of {n} bobs every "
@@ -71,11 +72,18 @@ def sensed_periods(
                 "shorter duration"
             )
         times: FloatArray = sensor.interval * np.arange(math.floor(window / sensor.interval) + 1.0)
-        shown = _shown(simulate(chain, start, 0.0, times), reading, sensor, seed)
-        side = -1.0 if start < 0.0 and reading != "height" else 1.0
+        motion = simulate(chain, start, 0.0, times)
+        signal = signals(motion, reading)
+        shown = _shown(motion, signal, reading, sensor, seed)
         threshold = max(_least(chain, reading), _DEVIATIONS * sensor.noise)
-        found = [_completed(crossings(times, side * one, threshold), reading) for one in shown.T]
-        periods[:] = found  # one for all bobs, where the reading is that of the chain
+        sides = orientation(chain, motion.theta[0], CODES[reading])
+        if reading == "height":  # a bob that first rises is back on its way down
+            first = np.argmax(np.abs(signal) > threshold, axis=0)
+            sides = np.where(signal[first, np.arange(n)] > 0.0, -1.0, 1.0)
+        periods[:] = [  # one for all bobs, where the reading is that of the chain
+            _completed(crossings(times, side * one, threshold), reading)
+            for side, one in zip(sides, shown.T, strict=True)
+        ]
         if np.all(np.isfinite(periods)):
             break
     return periods
@@ -103,17 +111,21 @@ def signals(motion: Trajectory, reading: str) -> FloatArray:
     return momentum[:, None] / chain.masses.sum()
 
 
-def _shown(motion: Trajectory, reading: str, sensor: Sensor, seed: int) -> FloatArray:
+def _shown(
+    motion: Trajectory, signal: FloatArray, reading: str, sensor: Sensor, seed: int
+) -> FloatArray:
     """Return what the sensor shows of a motion; a height is measured from where the bob hangs."""
-    signal = signals(motion, reading)
-    hanging = 0.0
+    hanging, chain = 0.0, motion.chain
     if reading == "height":
-        hanging = -np.cumsum(motion.chain.lengths) - motion.positions()[0, :, 1]
+        lengths = chain.lengths
+        if chain.stiffness is not None:
+            lengths = lengths + chain.gravity * chain.carried_masses / chain.stiffness
+        hanging = -np.cumsum(lengths) - motion.positions()[0, :, 1]
     shown = sensor.scale * (signal - hanging) + hanging + sensor.offset
     if sensor.noise == 0.0:
         return shown
     pairs = -(-signal.shape[1] // 2)
-    units = generator(seed, motion.chain.n, Purpose.SENSOR, 0).random((len(signal), 2, pairs))
+    units = generator(seed, chain.n, Purpose.SENSOR, 0).random((len(signal), 2, pairs))
     first, second = np.ascontiguousarray(units.transpose(1, 0, 2))
     make_normal(first.reshape(-1), second.reshape(-1))
     return shown + sensor.noise * np.hstack([first, second])[:, : signal.shape[1]]

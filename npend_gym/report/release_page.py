@@ -34,11 +34,14 @@ def page(
     n_values = ", ".join(str(row["n"]) for row in rows)
     start, spread = math.degrees(experiment.amplitude), math.degrees(experiment.spread)
     trials = f"{experiment.trials} trials" if experiment.trials > 1 else "one trial"
+    measured, planned = f"{trials} for each N", len(experiment.runs())
+    if len(runs) < planned:
+        measured = f"{len(runs)} of {planned} releases: the run was interrupted"
     texts = {
         "title": f"Release of N = {n_values} pendulums",
         "about": f"Released from rest at {start:.4g} degrees plus up to {spread:.3g} degrees; "
-        f'reading "{experiment.reading}", seed {experiment.seed}, {trials} for '
-        "each N. The animation shows the first.",
+        f'reading "{experiment.reading}", seed {experiment.seed}, {measured}. '
+        "The animation shows the first.",
         "legend": legend(experiment),
         "command": command(experiment),
     }

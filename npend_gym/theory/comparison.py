@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +39,7 @@ class Models(NamedTuple):
         T1, the period of the slowest normal mode, see `fundamental_period`.
     law : float
         Of the centre of mass: T(N, a) of `large_n_com_period` for equal rods, and `com_period` for
-        other chains, NaN for more than 2000 of their rods.
+        other chains, NaN for more than 2000 of their rods, or frequencies 10^6 apart.
     """
 
     ideal: float
@@ -60,8 +61,9 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
     [4.4857, 4.665, 3.9076, 4.0233]
     """
     angle = _checks.array("angle", angle)
-    if not np.all(np.abs(angle) < math.pi):
-        raise ValueError(f"angle must lie between -pi and pi, got {_checks.show(angle.tolist())}")
+    if not angle.size or not np.all(np.abs(angle) < math.pi):
+        given = _checks.show(angle.tolist())
+        raise ValueError(f"angle must be one or more, between -pi and pi, got {given}")
     if not check_chain(chain).is_hung:
         return Models(*[math.nan] * len(Models._fields))
     ideal = ideal_period(chain) if chain.has_bobs else math.nan
@@ -70,6 +72,7 @@ def models(chain: Chain, angle: ArrayLike) -> Models:
     if chain.is_uniform and chain.gravity > 0.0:
         small = float(large_n_com_period(chain.n, 0.0, float(chain.lengths[0]), chain.gravity))
     elif chain.n <= _LAW_UP_TO:
-        small = float(com_period(chain))
+        with suppress(ValueError):  # frequencies too far apart to be sampled
+            small = float(com_period(chain))
     law = small * float(pendulum_factor(angle).mean())
     return Models(ideal, corrected, fundamental_period(chain), law)

@@ -136,7 +136,7 @@ def _second_reversals(frequencies: FloatArray, strengths: FloatArray) -> FloatAr
             f"modes are sampled; got a factor of {ratio:.3g}"
         )
     last = math.ceil(_WINDOW * _SAMPLES * ratio)
-    risen, found = np.zeros(count, np.bool_), np.full(count, np.nan)
+    fallen, found = np.zeros(count, np.bool_), np.full(count, np.nan)
     for first in range(1, last, _FRAMES):
         open_ = np.flatnonzero(np.isnan(found))
         if open_.size == 0:
@@ -144,11 +144,12 @@ def _second_reversals(frequencies: FloatArray, strengths: FloatArray) -> FloatAr
         # the last frame of one block is the first of the next
         times = step * np.arange(first, first + _FRAMES + 1)
         above = strengths[open_] @ np.sin(np.outer(frequencies, times)) < 0.0
-        ever = np.logical_or.accumulate(np.column_stack([risen[open_], above]), axis=1)[:, 1:]
+        # a signal that is above from the start has not risen: it must have been below before
+        ever = np.logical_or.accumulate(np.column_stack([fallen[open_], ~above]), axis=1)[:, 1:]
         falls = ever[:, :-1] & above[:, :-1] & ~above[:, 1:]
         frame, hit = falls.argmax(axis=1), falls.any(axis=1)
         found[open_[hit]] = times[frame[hit]]
-        risen[open_] = ever[:, -1]
+        fallen[open_] = ever[:, -1]
     done = np.flatnonzero(np.isfinite(found))
     low = found[done]
     high = low + step

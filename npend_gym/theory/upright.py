@@ -142,7 +142,7 @@ def least_action(
     ------
     ValueError, TypeError
         If an argument breaks its rule, there is no unstable pole, poles are complex or coincide, or
-        `seconds` are too few for the fastest one.
+        `seconds` are too few for the fastest one; or if its growth in `dt` and `delay` overflows.
 
     Notes
     -----
@@ -161,9 +161,18 @@ def least_action(
     0.189
     """
     seconds = _checks.positive_number("seconds", seconds)
-    modes = _modes(a, b, limit, dt, lag)
-    news = modes.news(_checks.nonnegative_number("delay", delay))
-    mean_square, level = modes.mean_square(news), modes.return_level(news)
+    delay = _checks.nonnegative_number("delay", delay)
+    try:
+        with np.errstate(over="raise"):
+            modes = _modes(a, b, limit, dt, lag)
+            news = modes.news(delay)
+        with np.errstate(over="raise", invalid="raise"):
+            mean_square, level = modes.mean_square(news), modes.return_level(news)
+    except (FloatingPointError, OverflowError) as error:
+        raise ValueError(
+            "dt and delay must be short enough for the growth of the unstable modes in them, which "
+            f"overflows; got {_checks.show(dt)} and {delay:g} s"
+        ) from error
     rate = float(modes.poles[-1]) / (math.pi * math.log(2.0))
     if seconds * rate < 2.0:
         raise ValueError(
@@ -190,8 +199,8 @@ def _modes(a: ArrayLike, b: ArrayLike, limit: float, dt: float, lag: float) -> U
 
 def _square(a: ArrayLike) -> FloatArray:
     matrix = _checks.array("a", a)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.shape[0] % 2:
-        raise ValueError(f"a must have the shape (2m, 2m), got {matrix.shape}")
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or len(matrix) % 2 or not matrix.size:
+        raise ValueError(f"a must have the shape (2m, 2m), m > 0, got {matrix.shape}")
     return matrix
 
 
@@ -251,7 +260,7 @@ def hardness(
         known = {"delay": delay, "lag": lag}
         return least_action(a, b, limit=limit, dt=dt, seconds=seconds, **known).noise
 
-    poles, largest = _modes(a, b, limit, dt, 0.0).poles, noise(0.0, 0.0)
+    largest, poles = noise(0.0, 0.0), _modes(a, b, limit, dt, 0.0).poles
     wanted, first = share * largest, 0.1 / float(poles[-1])
     delay = _root(lambda delay: math.log(noise(delay, 0.0) / wanted), first)
     lag = _root(lambda lag: math.log(noise(0.0, lag) / wanted), first)

@@ -22,6 +22,7 @@ from npend_gym.experiments.chains import (
     released_chain,
     swept_values,
     take_chain,
+    take_count,
 )
 from npend_gym.experiments.release import (
     PAPER_AMPLITUDE,
@@ -114,9 +115,9 @@ class CampaignPlan:
         take_chain(self, "n")
         for name in SWEPT:
             object.__setattr__(self, name, swept_values(name, getattr(self, name)))
-        _checks.count("trials", self.trials, high=MAX_TRIALS_PER_CELL)
+        take_count(self, "trials", high=MAX_TRIALS_PER_CELL)
         if self.batch is not None:
-            _checks.count("batch", self.batch, high=MAX_BATCH)
+            take_count(self, "batch", high=MAX_BATCH)
         _checks.count("the number of cells, the product of all lists,", self.cells, high=MAX_CELLS)
         chains = math.prod(len(self._sweep(name)) for name in OF_CHAIN)
         _checks.count("the number of chains, the product of their lists,", chains, high=MAX_CHAINS)
