@@ -7,7 +7,8 @@ import pytest
 from npend_gym import Chain
 from npend_gym.envs import EnvConfig
 from npend_gym.rl import Policy, evaluate
-from npend_gym.rl.controllers.planning import planned_swing_up
+from npend_gym.rl.controllers.planning import Tracking, planned_swing_up
+from npend_gym.rl.controllers.step_model import state_of
 from npend_gym.rl.evaluation.settings import setting_of
 
 pytestmark = pytest.mark.long  # plans take seconds
@@ -202,7 +203,7 @@ SHARES = {"nothing": 1.0, "model": 2.0, "velocity_noise": 1.0, "delay": 1.0, "pu
 
 
 def test_wrong_chains_come_in_the_same_order_in_every_process():
-    first_rod = [next(iter(changes)) for changes in wrong_chains(Chain.uniform(2), 0)[:20]]
+    first_rod = [next(iter(changes)) for changes in wrong_chains(Chain.uniform(2), 0, 4)[:20]]
     assert first_rod == 8 * ["masses"] + 8 * ["lengths"] + 4 * ["damping"]
 
 
@@ -283,14 +284,32 @@ def test_errors_grow_beyond_the_largest_of_the_criteria_by_a_margin():
     lanes.close()
 
 
-def test_the_way_of_a_policy_is_a_plan():
-    config = EnvConfig(n=3, mode="swingup", observation="sincos")
-    policy = Policy.pretrained("swingup-3")
-    plan = plan_of(policy, config, 7.0)
+def test_motors_with_a_lag_are_given_actions_whose_mean_is_that_of_the_expert():
+    lanes = ErrorLanes(setting_of(TWO), 12, {"motor_lag": 1.0, "nothing": 1.0}, 100)
+    rng, nominal = np.random.default_rng(0), {"masses": np.ones(2)}
+    lanes.reset(0, [nominal], rng)
+    for _ in range(10):
+        wanted = rng.uniform(-0.3, 0.3, (12, 1))
+        saying = Tracking(wanted, np.zeros((12, 4)), np.ones(12), np.ones(12))
+        given = lanes.against_lag(saying).actions
+        *_, info = lanes.step(given)
+        np.testing.assert_allclose(info["torque"] / lanes.config.max_torque, wanted)
+    assert np.all(given[6:] == wanted[6:])
+    assert np.all(given[:6] != wanted[:6])
+    lanes.close()
+
+
+@pytest.mark.parametrize(("name", "seconds"), [("swingup-3", 7.0), ("swingup-2-cart", 9.0)])
+def test_the_way_of_a_policy_is_a_plan(name, seconds):
+    policy = Policy.pretrained(name)
+    config = policy.config
+    plan = plan_of(policy, config, seconds)
     env = gym.make("NPendulum-v0", **policy.env)
-    observation, info = env.reset(options={"theta": [0.0] * 3, "omega": [0.0] * 3})
+    at_rest = dict.fromkeys(("theta", "omega"), [0.0] * config.n)
+    at_rest |= dict.fromkeys(("cart_position", "cart_velocity"), 0.0) if config.has_cart else {}
+    observation, info = env.reset(options=at_rest)
     for state in plan.nominal.states[:-1]:
-        np.testing.assert_allclose([*info["theta"], *info["omega"]], state, atol=1e-4)
+        np.testing.assert_allclose(state_of(config, info), state, atol=1e-3)
         observation, *_, info = env.step(policy(observation))
     env.close()
     with pytest.raises(ValueError, match="must stand after 2 s"):
@@ -317,6 +336,24 @@ def test_of_the_variants_of_a_plan_one_is_kept_from_which_noise_leads_less_astra
     goal = np.cos(better.nominal.states[-1, :3])
     np.testing.assert_allclose(goal, -1.0)
     assert np.abs(better.nominal.actions).max() < 0.9
+
+
+def test_of_the_variants_of_a_plan_one_is_kept_that_leads_wrong_chains_less_astray():
+    config = EnvConfig(n=2, mode="swingup")
+    plan = planned_swing_up(config, 3.0, tries=1, seed=1)
+    lengths, far = np.ones((16, 2)), []
+    lengths[:8, 0] = lengths[8:, 1] = np.linspace(0.95, 1.05, 8)
+    for each in (steadied(config, plan, 20, 0, 0.1, weight) for weight in (0.0, 1.0)):
+        envs = setting_of({"n": 2, "mode": "swingup"}).make(16)
+        _, info = envs.reset(seed=0, options={"lengths": lengths})
+        plans, cost = ChainPlans(config, each), np.zeros(16)
+        plans.begin(np.zeros(16, np.int64))
+        for _ in range(plans.steps):
+            tracking = plans.tracking(info)
+            cost = np.maximum(cost, tracking.relative_cost)
+            *_, info = envs.step(tracking.actions)
+        far.append(np.log(cost).mean())
+    assert far[1] < far[0] - 0.1
 
 
 def test_what_is_wrong_follows_from_the_task():

@@ -91,6 +91,7 @@ class Lanes:
         sizes = [env.num_envs for env in self.envs]
         self.num_envs: int = sum(sizes)
         self._firsts = np.cumsum([0, *sizes[:-1]])
+        self.began: list[dict[str, Any]] = []  # the info of each environment after `reset`
 
     def split(self, values: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the parts of an array, (B, ...), that belong to each of the environments."""
@@ -99,7 +100,9 @@ class Lanes:
     def reset(self, seed: int, options: Sequence[dict[str, Any]]) -> tuple[Any, dict[str, Any]]:
         """Begin an episode in every lane, of seeds `seed`, `seed` + 1, ..., with options by env."""
         given = zip(self.envs, self._firsts.tolist(), options, strict=True)
-        return _joined([env.reset(seed=seed + k, options=of_env) for env, k, of_env in given])
+        results = [env.reset(seed=seed + k, options=of_env) for env, k, of_env in given]
+        self.began = [info for _, info in results]
+        return _joined(results)
 
     def step(self, action: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Step all environments."""

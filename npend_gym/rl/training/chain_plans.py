@@ -9,6 +9,7 @@ with the chain.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,7 +28,8 @@ _BACK, _AHEAD = 2, 4  # steps within which the nearest state of a plan is sought
 _START = 0.05  # rad and rad/s, as far as episodes start from the beginning of a plan
 
 # Of one rod or joint at a time: what parameters of the chain are multiplied by, or their values
-_FACTORS = 0.75, 0.8125, 0.875, 0.9375, 1.0625, 1.125, 1.1875, 1.25
+_SMALLEST, _LARGEST = 0.75, 1.25
+_SLIGHTLY = 0.95, 0.97, 0.985, 1.015, 1.03, 1.05  # to compare plans
 _DAMPINGS = 0.025, 0.05, 0.075, 0.1  # N m s/rad, added
 # Of all rods or joints: how many chains, between which factors or values
 _ALL = {"masses": (20, 0.88, 1.12), "lengths": (40, 0.93, 1.07), "damping": (20, 0.00625, 0.13)}
@@ -123,20 +125,40 @@ def parameters(chain: Chain) -> dict[str, FloatArray]:
     return {name: getattr(chain, name) for name in names}
 
 
-def wrong_chains(chain: Chain, seed: int) -> list[Changes]:
-    """Return parameters of chains, by name, (n,) each: of one rod wrong, of all, of each."""
+def wrong_chains(chain: Chain, seed: int, factors: int) -> list[Changes]:
+    """Return parameters of chains, by name, (n,) each: of one rod wrong, of all, of each.
+
+    Parameters of one rod are multiplied by a number of factors below 1, and as many above.
+    """
     n, rng, every = chain.n, np.random.default_rng(seed), list[Changes]()
     nominal = parameters(chain)
+    tried = np.delete(np.linspace(_SMALLEST, _LARGEST, 2 * factors + 1), factors)  # not 1
     for i in range(n):
+        every += [_one_wrong(nominal, name, i, k) for name in _never_zero(nominal) for k in tried]
         one: FloatArray = np.arange(n) == i
-        for name in (name for name in nominal if name != "damping"):
-            every += [{name: np.where(one, k, 1.0) * nominal[name]} for k in _FACTORS]
         every += [{"damping": nominal["damping"] + one * value} for value in _DAMPINGS]
     for name, (count, low, high) in _ALL.items():
         every += [_scaled(nominal, name, np.full(n, k)) for k in np.linspace(low, high, count)]
     for name, (count, low, high) in _EACH.items():
         every += [_scaled(nominal, name, drawn) for drawn in rng.uniform(low, high, (count, n))]
     return every
+
+
+def slightly_wrong(chain: Chain) -> list[Changes]:
+    """Return parameters of chains, by name, (n,) each: of one rod slightly wrong."""
+    nominal, rods = parameters(chain), range(chain.n)
+    triples = itertools.product(_never_zero(nominal), rods, _SLIGHTLY)
+    return [_one_wrong(nominal, *triple) for triple in triples]
+
+
+def _never_zero(nominal: Changes) -> list[str]:
+    return [name for name in nominal if name != "damping"]
+
+
+def _one_wrong(nominal: Changes, name: str, i: int, factor: float) -> Changes:
+    """Return a parameter that is wrong for rod i alone."""
+    value = nominal[name]
+    return {name: np.where(np.arange(value.size) == i, factor, 1.0) * value}
 
 
 def _scaled(nominal: Changes, name: str, by: FloatArray) -> Changes:

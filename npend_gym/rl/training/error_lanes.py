@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from npend_gym import _checks
 from npend_gym._checks import BoolArray, FloatArray
 from npend_gym.envs import EnvConfig
+from npend_gym.rl.controllers.planning import Tracking
 from npend_gym.rl.evaluation.criteria import CRITERIA, Criterion, Pushes
 from npend_gym.rl.evaluation.disturbances import DisturbedEnvs, Pulses
 from npend_gym.rl.evaluation.rollouts import Lanes
@@ -25,6 +26,34 @@ NOTHING, CHAIN, PUSHES, SEVERAL = "nothing", "model", "pushes", "several"
 KINDS = (NOTHING, *CRITERIA, SEVERAL)
 _HALF = 0.5  # of the errors in a lane with several, and of those lanes that have a wrong chain
 _GROWTH, _JUDGED = 1.25, 12  # of a level, after at least so many episodes
+
+
+class Follower:
+    """Motors of B lanes that follow the actions u as lag y' = u - y, with lags (B, 1) [s].
+
+    Within a step of dt seconds the mean of y is u + share (y - u).
+    """
+
+    def __init__(self, lag: FloatArray, dt: float, joints: int) -> None:
+        rate = dt / np.where(lag > 0.0, lag, 1.0)
+        self._left = np.where(lag > 0.0, np.exp(-rate), 0.0)
+        self._share = np.where(lag > 0.0, -np.expm1(-rate) / rate, 0.0)
+        self._followed = np.zeros((len(lag), joints))
+
+    def asked(self, actions: FloatArray) -> FloatArray:
+        """Return the actions in a step whose mean is to be `actions`, (B, joints)."""
+        return (actions - self._share * self._followed) / (1.0 - self._share)
+
+    def act(self, actions: FloatArray) -> None:
+        """Follow actions for a step."""
+        self._followed = actions + self._left * (self._followed - actions)
+
+
+def _lags(config: EnvConfig, info: dict[str, Any]) -> FloatArray:
+    """Return the lag of the motors of every lane [s], (B,), which may be drawn."""
+    if "motor_lag" in config.context_names:
+        return info["context"][:, config.context_names.index("motor_lag")]
+    return np.full(len(info["time"]), config.motor_lag)
 
 
 class ErrorLanes:
@@ -125,10 +154,20 @@ class ErrorLanes:
                     values = np.array([each[parameter] for each in chains])
                     options[parameter] = values[self.which[part]]
             given.append(options)
-        return self.lanes.reset(seed, given)
+        began = self.lanes.reset(seed, given)
+        drawn = zip(self.lanes.envs, self.lanes.began, strict=True)
+        lags = [_lags(getattr(env, "unwrapped", env).config, info) for env, info in drawn]
+        lag = np.concatenate(lags)
+        self._follower = Follower(lag[:, None], self.config.dt, self.config.joints.size)
+        return began
+
+    def against_lag(self, tracking: Tracking) -> Tracking:
+        """Return what an expert says, with the actions that motors with a lag must be given."""
+        return tracking._replace(actions=self._follower.asked(tracking.actions))
 
     def step(self, action: FloatArray) -> tuple[Any, FloatArray, dict[str, Any]]:
         """Step all lanes with actions, (B, joints); return observations, rewards and info."""
+        self._follower.act(action)
         observation, reward, _, _, info = self.lanes.step(action)
         return observation, reward, info
 

@@ -2,7 +2,7 @@
 
 A student's actions are never quite the expert's. How far this leads astray differs much from plan
 to plan, so that some cannot be learned. Variants of a plan can be tried, to keep those along which
-chains with noisy actions come less far away.
+noisy actions and slightly wrong chains lead less far away.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from npend_gym.rl.controllers.planning import (
     replanned,
     track,
 )
-from npend_gym.rl.controllers.step_model import StepModel, at_rest, state_of, wrapped
+from npend_gym.rl.controllers.step_model import StepModel, at_rest, beyond, state_of, wrapped
 from npend_gym.rl.controllers.transcription import NominalTrajectory
 from npend_gym.rl.controllers.transitions import Pair, planned_transitions
 from npend_gym.rl.evaluation.seeds import episode_seeds
@@ -34,7 +34,14 @@ from npend_gym.rl.evaluation.settings import keywords_of, setting_of
 from npend_gym.rl.policies.observations import observation_of
 from npend_gym.rl.policies.policy import Policy
 from npend_gym.rl.policies.shipped import find_policy
-from npend_gym.rl.training.chain_plans import ChainPlans, Changes, PlanTracker, wrong_chains
+from npend_gym.rl.training.chain_plans import (
+    ChainPlans,
+    Changes,
+    PlanTracker,
+    parameters,
+    slightly_wrong,
+    wrong_chains,
+)
 from npend_gym.rl.training.error_lanes import CHAIN, SEVERAL
 
 _START, _STANDS = 1e-9, 0.01  # rad and rad/s from hanging and from standing
@@ -114,7 +121,8 @@ class Replanning(MPC):
         self._plans = plans
 
     def helps(self, which: NDArray[np.int64], round_: int) -> BoolArray:
-        """Return in which lanes it acts."""
+        """Forget the episodes before, and return in which lanes it acts."""
+        self.reset()
         return (which == 0) & (round_ % _REPLANNED == 0)
 
     def actions(self, info: dict[str, Any], lanes: NDArray[np.int64]) -> FloatArray:
@@ -142,7 +150,7 @@ def expert_of(settings: Any, config: EnvConfig, guess: int) -> Expert | None:
         of_pairs = planned_transitions(config, settings.seconds, **options).plans
         return PlanTracker(config, list(of_pairs.values()), pairs=list(of_pairs))
     wrong = {CHAIN, SEVERAL} & {name for name, share in settings.errors.items() if share > 0.0}
-    chains = wrong_chains(config.chain, settings.seed) if wrong else []
+    chains = wrong_chains(config.chain, settings.seed, settings.chain_factors) if wrong else []
     if not swings_up:
         return _regulator(settings, config, chains)
     try:
@@ -166,7 +174,8 @@ def _swing_up(settings: Any, config: EnvConfig, guess: int) -> PlannedTransition
     else:
         options: dict[str, Any] = {"tries": settings.tries, "guess": "mpc", "seed": seed}
         plan = planned_swing_up(config, settings.seconds, **options)
-    return steadied(config, plan, settings.variants, seed, settings.noise_std)
+    errors = settings.noise_std, settings.chain_weight
+    return steadied(config, plan, settings.variants, seed, *errors)
 
 
 def _regulator(settings: Any, config: EnvConfig, chains: list[Changes]) -> ChainPlans:
@@ -182,23 +191,24 @@ def _regulator(settings: Any, config: EnvConfig, chains: list[Changes]) -> Chain
 
 
 def steadied(
-    config: EnvConfig, plan: PlannedTransition, variants: int, seed: int, noise_std: float
+    config: EnvConfig, plan: PlannedTransition, variants: int, seed: int, *errors: float
 ) -> PlannedTransition:
-    """Return the plan, or that of its variants along which noise leads least far astray.
+    """Return the plan, or that of its variants along which errors lead least far `astray`.
 
-    Each is a motion to the same end. Its actions are closest to the actions of the best one so far
-    with a smooth random change. The change grows after a success and else shrinks.
+    `errors` are what that function takes. Each variant is a motion to the same end. Its actions are
+    closest to the actions of the best one so far with a smooth random change. The change grows
+    after a success and else shrinks.
     """
     if variants == 0:
         return plan
     rng, size = np.random.default_rng([seed, 3]), _CHANGE
-    least = astray(config, plan, noise_std)
+    least = astray(config, plan, *errors)
     for _ in range(variants):
         states, actions = plan.nominal
         change = _smooth_change(rng, len(actions))[:, None]
         wanted = np.clip(actions + size * change, -1.0, 1.0)
         variant = replanned(config, plan.nominal, like=NominalTrajectory(states, wanted))
-        if variant is not None and (cost := astray(config, variant, noise_std)) < least:
+        if variant is not None and (cost := astray(config, variant, *errors)) < least:
             plan, least, size = variant, cost, min(_LARGEST, _GROWS * size)
         else:
             size = _SHRINKS * size if size > _SMALLEST else _LARGEST
@@ -214,28 +224,39 @@ def _smooth_change(rng: np.random.Generator, steps: int) -> FloatArray:
     return change
 
 
-def astray(config: EnvConfig, plan: PlannedTransition, noise_std: float) -> float:
-    """Return how far noise of the actions leads from a plan that is tracked: a mean logarithm.
+def astray(
+    config: EnvConfig, plan: PlannedTransition, noise_std: float, chain_weight: float = 0.0
+) -> float:
+    """Return how far errors lead from a plan that is tracked: a mean logarithm.
 
-    It is that of the largest cost of the deviation in a lane, over the mean at the start.
+    It is that of the largest cost of the deviation in a lane, over the mean at the start. The
+    actions of some lanes have noise. Others have a slightly wrong chain, which the feedback does
+    not know; `chain_weight` is the weight of their mean.
     """
     plans, rng = ChainPlans(config, plan), np.random.default_rng(0)
-    envs = setting_of(keywords_of(config)).make(_NOISE.size, max_episode_steps=None)
-    _, info = envs.reset(seed=0)
-    plans.begin(np.zeros(_NOISE.size, np.int64))
-    worst, lost_at = np.zeros(_NOISE.size), np.full(_NOISE.size, plans.steps)
+    nominal = parameters(config.chain)
+    wrong = slightly_wrong(config.chain) if chain_weight > 0.0 else []
+    chains = [nominal] * _NOISE.size + [nominal | dict(changes) for changes in wrong]
+    options = {name: np.array([each[name] for each in chains]) for name in nominal}
+    size, std = len(chains), np.zeros((len(chains), 1))
+    std[: _NOISE.size, 0] = noise_std * _NOISE
+    envs = setting_of(keywords_of(config)).make(size, max_episode_steps=None)
+    _, info = envs.reset(seed=0, options=options if wrong else None)
+    plans.begin(np.zeros(size, np.int64))
+    worst, lost_at = np.zeros(size), np.full(size, plans.steps)
     for k in range(plans.steps + _AFTER):
         tracking = plans.tracking(info)
         known = worst < _LOST
         worst[known] = np.maximum(worst, tracking.relative_cost)[known]
         lost_at[known] = min(k, plans.steps)
-        noise = noise_std * _NOISE[:, None] * rng.normal(size=tracking.actions.shape)
+        noise = std * rng.normal(size=tracking.actions.shape)
         actions = (tracking.actions + noise).clip(-1.0, 1.0)
         *_, info = envs.step(np.where(known[:, None], actions, 0.0))
     envs.close()
     lost = worst >= _LOST  # the later, the better
     worst[lost] = _LOST * np.exp(1.0 - 0.5 * lost_at[lost] / plans.steps)
-    return float(np.log(worst).mean())
+    of_noise, of_chains = np.split(np.log(worst), [_NOISE.size])
+    return float(of_noise.mean() + (chain_weight * of_chains.mean() if wrong else 0.0))
 
 
 def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransition:
@@ -246,10 +267,15 @@ def plan_of(policy: Policy, config: EnvConfig, seconds: float) -> PlannedTransit
     n, step = config.n, StepModel(config)
     motion, actions = [np.full((1, config.state_size), _START)], list[FloatArray]()
     for _ in range(round(seconds / config.dt)):
-        theta, omega = motion[-1][:, :n], motion[-1][:, config.state_size // 2 :][:, :n]
-        actions.append(policy(observation_of(policy.config, theta, omega)).astype(np.float64))
+        q, u = np.split(motion[-1], 2, axis=1)
+        state: dict[str, Any] = {"theta": q[:, :n], "omega": u[:, :n]}
+        if config.has_cart:
+            state |= {"cart_position": q[:, n], "cart_velocity": u[:, n]}
+        actions.append(policy(observation_of(policy.config, **state)).astype(np.float64))
         motion.append(step(motion[-1], actions[-1]))
     nominal = NominalTrajectory(np.concatenate(motion), np.concatenate(actions))
     if np.abs(wrapped(config, nominal.states[-1] - at_rest(config, np.pi))).max() > _STANDS:
         raise ValueError(f"the expert's chain must stand after {seconds:g} s: give it more seconds")
+    if beyond(config, nominal.states, 1.0).any():
+        raise ValueError("the expert's cart must stay on the rail: give another demonstrator")
     return track(config, nominal, 0.0)

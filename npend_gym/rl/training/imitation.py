@@ -129,7 +129,8 @@ class DAgger:
         std = (settings.noise_std * by_expert * rng.random(size))[:, None]
         taken, known, steps_taken = by_expert, np.ones(size, np.bool_), 0.0
         for _ in range(self.episode_steps):
-            inputs, tracking = self.inputs(observation, info), expert.tracking(info)
+            inputs = self.inputs(observation, info)
+            tracking = lanes.against_lag(expert.tracking(info))
             cost = tracking.relative_cost
             known &= cost < settings.lost
             self.dataset.add(inputs, tracking, known & (rng.random(size) < settings.kept), rng)

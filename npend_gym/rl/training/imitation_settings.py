@@ -17,10 +17,12 @@ class Settings(TrainingSettings):
     guesses: int = 4  # that may lead to trajectories, each an expert
     plan_seed: int | None = None  # of the first guess; by default another for each `seed`
     tries: int = 1  # for each of them; the least sensitive trajectory counts
-    variants: int = 0  # of a plan that are tried, to keep what noise leads less astray from
+    variants: int = 0  # of a plan that are tried, to keep what errors lead less astray from
+    chain_weight: float = 0.0  # of slightly wrong chains beside noise, where these are compared
     demonstrator: str = ""  # a policy, of the package or a file, whose way is the plan
     rescuer: str = ""  # acts where an expert has lost the chain: such a policy, or "mpc"
     errors: dict[str, float] = field(default_factory=dict[str, float])  # shares of `KINDS`
+    chain_factors: int = 4  # below 1 and above, of each parameter of a rod that may be wrong
     first_level: float = 1.0  # of errors of sensors and motors at first, over the largest
     margin: float = 0.0  # by which they grow beyond the largest
     rounds: int = 24  # after a first one, in which the expert acts alone
